@@ -1,0 +1,9 @@
+"""The package's one exception base: every message says what was expected, what came, where, and what to do."""
+
+
+class VpsciError(Exception):
+    """Base of every error that this package raises on purpose; the command line prints it without a traceback."""
+
+
+class InvalidInput(VpsciError, ValueError):
+    """Data, a parameter or a file does not hold what was promised (also a `ValueError`)."""

@@ -1,0 +1,182 @@
+"""Parameters as one table: a frozen dataclass per room, declared once, read from ROS 2 parameter files.
+
+A configuration class lists its fields with `parameter(...)`. The same fields are checked here when a YAML file is
+read (`build`), declared on nodes (`vpsci_ros.nodes.declare`), and printed in the README, so that name, default, unit
+and range are written down exactly once. Parameter files have the layout of ROS 2, so that the same file serves
+`ros2 run ... --ros-args --params-file FILE`, `vpsci graph --params FILE` and the commands that run in process.
+"""
+
+import dataclasses
+import difflib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+import yaml
+
+from vpsci_ros.errors import InvalidInput
+
+EVERY_NODE = "/**"
+T = TypeVar("T")
+_TYPES = (bool, int, float, str, list[int], list[float], list[str])
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One row of a parameter table: name, default, description, unit, inclusive range, choices, read-only."""
+
+    name: str
+    type: Any
+    default: Any
+    description: str
+    unit: str
+    low: float | None
+    high: float | None
+    choices: tuple[str, ...] | None
+    read_only: bool
+
+    def check(self, value: Any, where: str) -> Any:
+        """Return `value` in the parameter's type.
+
+        :raises InvalidInput: wrong type, not finite, out of range or not among the choices; `where` opens the message.
+        """
+        if isinstance(value, tuple):
+            value = list(value)
+        if self.type is float and type(value) is int:
+            value = float(value)
+        if self.type == list[float] and isinstance(value, list):
+            value = [float(v) if type(v) is int else v for v in value]
+        if not _is_of(value, self.type):
+            raise InvalidInput(f"{where}: {self.name} must be {_type_name(self.type)}, got {value!r}")
+        for item in value if isinstance(value, list) else [value]:
+            if isinstance(item, float) and math.isnan(item):
+                raise InvalidInput(f"{where}: {self.name} is not a number; give a value in {self.unit or 'range'}")
+            if isinstance(item, (int, float)) and not isinstance(item, bool):
+                low = -math.inf if self.low is None else self.low
+                high = math.inf if self.high is None else self.high
+                if not low <= item <= high:
+                    bounds = f"{low:g} to {high:g} {self.unit}".rstrip()
+                    raise InvalidInput(f"{where}: {self.name} = {item} is out of range; expected {bounds}")
+            if self.choices is not None and item not in self.choices:
+                raise InvalidInput(
+                    f"{where}: {self.name} = {item!r} is unknown; expected one of {', '.join(self.choices)}"
+                )
+        return value
+
+
+def parameter(
+    default: Any,
+    description: str,
+    *,
+    unit: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] | None = None,
+    read_only: bool = True,
+) -> Any:
+    """Declare a configuration field that is also a ROS 2 parameter; a list default is given as a list."""
+    metadata = {
+        "description": description,
+        "unit": unit,
+        "low": low,
+        "high": high,
+        "choices": choices,
+        "read_only": read_only,
+    }
+    if isinstance(default, list):
+        return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def table(config: type) -> list[Parameter]:
+    """Return the parameter table of a configuration class, in the order of its fields."""
+    hints = get_type_hints(config)
+    rows = []
+    for field in dataclasses.fields(config):
+        if hints[field.name] not in _TYPES:
+            raise TypeError(f"{config.__name__}.{field.name}: {hints[field.name]} cannot be a ROS 2 parameter")
+        factory = field.default_factory
+        default = field.default if factory is dataclasses.MISSING else factory()
+        rows.append(Parameter(field.name, hints[field.name], default, **field.metadata))
+    return rows
+
+
+def build(config: type[T], values: Mapping[str, Any], where: str) -> T:
+    """Build `config` from `values`; missing keys take their defaults.
+
+    :param where: what the values come from ("params/x.yaml, node learner"), the opening of each error message.
+    :raises InvalidInput: an unknown key, a wrong type, a value out of range, or fields that contradict each other.
+    """
+    rows = {row.name: row for row in table(config)}
+    refuse_unknown(values, rows, where)
+    checked = {name: rows[name].check(value, where) for name, value in values.items()}
+    try:
+        return config(**checked)
+    except InvalidInput as error:
+        raise InvalidInput(f"{where}: {error}") from None
+
+
+def refuse_unknown(values: Mapping[str, Any], known: Mapping[str, Any], where: str) -> None:
+    """Raise `InvalidInput` naming the first key of `values` that is not in `known`, with the nearest known name."""
+    for name in values:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(sorted(known))}"
+            raise InvalidInput(f"{where}: unknown parameter {name!r}; {hint}")
+
+
+def load_parameter_file(path: str | Path, configs: Mapping[str, tuple[type, ...]]) -> dict[str, dict[str, Any]]:
+    """Read a ROS 2 parameter file and return the values of every section in `configs`, `/**` merged in.
+
+    :param configs: section (node) name -> the configuration classes whose fields the section may hold.
+    :raises InvalidInput: unreadable YAML, an unknown section or key, wrong types or ranges.
+    """
+    path = Path(path)
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InvalidInput(f"{path}: no such parameter file; the package's own are in params/") from None
+    except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
+        raise InvalidInput(f"{path}: not readable as YAML: {error}") from None
+    if not isinstance(document, dict):
+        raise InvalidInput(f"{path}: expected sections 'node: ros__parameters: ...', got {type(document).__name__}")
+    known = {name: {row.name: row for config in classes for row in table(config)} for name, classes in configs.items()}
+    sections: dict[str, dict[str, Any]] = {}
+    for name, section in document.items():
+        where = f"{path}, {name}"
+        if name != EVERY_NODE and name not in known:
+            raise InvalidInput(f"{where}: unknown section; expected {EVERY_NODE} or one of {', '.join(known)}")
+        body = section.get("ros__parameters") if isinstance(section, dict) and len(section) == 1 else None
+        if not isinstance(body, dict):
+            raise InvalidInput(f"{where}: expected one key ros__parameters with a mapping below it, got {section!r}")
+        rows = {k: v for n in known for k, v in known[n].items()} if name == EVERY_NODE else known[name]
+        refuse_unknown(body, rows, where)
+        sections[name] = {key: rows[key].check(value, where) for key, value in body.items()}
+    shared = sections.pop(EVERY_NODE, {})
+    return {name: {k: v for k, v in shared.items() if k in known[name]} | sections.get(name, {}) for name in known}
+
+
+def markdown_table(config: type) -> str:
+    """Return the parameter table of `config` as GitHub Markdown, for the README."""
+    lines = ["| parameter | default | unit | range | what it sets |", "|---|---|---|---|---|"]
+    for row in table(config):
+        bounds = "" if row.low is None and row.high is None else f"{_bound(row.low)} to {_bound(row.high)}"
+        bounds = " \\| ".join(row.choices) if row.choices else bounds
+        default = f"`{row.default}`" if row.default != "" else ""
+        lines.append(f"| `{row.name}` | {default} | {row.unit} | {bounds} | {row.description} |")
+    return "\n".join(lines)
+
+
+def _bound(value: float | None) -> str:
+    return "..." if value is None else f"{value:g}"
+
+
+def _type_name(kind: Any) -> str:
+    return {bool: "true or false", int: "a whole number", float: "a number", str: "text"}.get(kind, str(kind))
+
+
+def _is_of(value: Any, kind: Any) -> bool:
+    if kind in (bool, int, float, str):
+        return type(value) is kind
+    return isinstance(value, list) and all(type(v) is kind.__args__[0] for v in value)
