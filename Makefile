@@ -1,0 +1,32 @@
+# The two commands are `make demo` and `make test`. Both do all of their own set-up in .venv, once (tools/setup.sh).
+
+VENV := .venv
+BIN := $(VENV)/bin
+PYTEST_ARGS ?=
+
+# Nodes talk to nodes on this machine only, unless asked otherwise.
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+
+.PHONY: help setup demo test check clean
+.DEFAULT_GOAL := help
+
+help:  ## show this list
+	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
+
+setup:  ## make .venv: ROS 2 and Python packages, vpsci_msgs, this package for development
+	@tools/setup.sh $(VENV)
+
+demo: setup  ## run all three stages, small, and leave a bag, a table and a picture in out/
+	@$(BIN)/vpsci demo
+
+test: setup  ## run the tests
+	@$(BIN)/python -m pytest -q $(PYTEST_ARGS)
+
+check: setup  ## what a change has to pass: ruff, mypy, tests
+	@$(BIN)/ruff check .
+	@$(BIN)/mypy
+	@$(BIN)/python -m pytest -q $(PYTEST_ARGS)
+
+clean:  ## remove .venv and whatever was built, keep out/
+	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find vpsci_ros test -name __pycache__ -type d -prune -exec rm -rf {} +

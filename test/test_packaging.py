@@ -1,0 +1,229 @@
+"""Packaging: what is declared in five files agrees, and what is installed is complete and can be found."""
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import xml.etree.ElementTree as ET
+import zipfile
+from importlib.metadata import distribution, entry_points
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import vpsci_ros
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.resources import params_dir
+
+ROOT = Path(vpsci_ros.__file__).resolve().parents[1]
+SETUP = {
+    node.targets[0].id: ast.literal_eval(node.value)
+    for node in ast.parse((ROOT / "setup.py").read_text()).body
+    if isinstance(node, ast.Assign) and node.targets[0].id in ("EXECUTABLES", "REQUIRED", "EXTRAS")
+}
+REQUIREMENTS = [
+    Requirement(line) for line in SETUP["REQUIRED"] + [line for extra in SETUP["EXTRAS"].values() for line in extra]
+]
+# Names that differ between an import and the package that brings it: (requirement in setup.py, key of rosdep or None).
+NAMES = {"yaml": ("pyyaml", "python3-yaml"), "rosbags": ("rosbags", "python3-rosbags-pip")}
+NO_ROSDEP_KEY = {"mcap", "polars", "pyarrow", "safetensors", "zstandard"}
+NOT_REQUIRED = {"builtin_interfaces", "rcl_interfaces", "vpsci_msgs"}  # they come with rclpy and with this repository
+ROS = {"domain_coordinator", "launch", "launch_ros", "rclpy"}  # and whatever ends in _msgs or _interfaces
+
+
+def imported(folder: str) -> set[str]:
+    """Return the top-level modules that a folder's files import, without the standard library and this package."""
+    names = set()
+    for path in (ROOT / folder).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                names.add(node.module)
+    return {name.partition(".")[0] for name in names} - set(sys.stdlib_module_names) - {"vpsci_ros"}
+
+
+def manifest(path: str = "package.xml") -> ET.Element:
+    return ET.parse(ROOT / path).getroot()
+
+
+# ---- declarations agree
+
+
+def test_every_node_module_with_a_main_is_an_executable_and_nothing_else_is():
+    nodes = [
+        path.stem
+        for path in (ROOT / "vpsci_ros" / "nodes").glob("*.py")
+        if any(isinstance(node, ast.FunctionDef) and node.name == "main" for node in ast.parse(path.read_text()).body)
+    ]
+    assert sorted(nodes) == SETUP["EXECUTABLES"]
+
+
+def test_the_three_places_of_the_version_agree():
+    versions = {manifest().findtext("version"), manifest("msg_defs/package.xml").findtext("version")}
+    assert versions == {vpsci_ros.__version__}
+
+
+def test_package_xml_names_every_import_once():
+    dependencies = [element.text for element in manifest().iter("exec_depend")]
+    used = imported("vpsci_ros") | imported("launch")
+    of_python = used - ros_modules(used) - NO_ROSDEP_KEY
+    keys = {NAMES[name][1] if name in NAMES else f"python3-{name}" for name in of_python}
+    assert sorted(dependencies) == sorted(keys | ros_modules(used))
+
+
+def test_setup_py_requires_every_import_and_nothing_unused():
+    used = imported("vpsci_ros")
+    required = {Requirement(line).name for line in SETUP["REQUIRED"]}
+    assert required == {NAMES[name][0] if name in NAMES else name for name in used - ros_modules(used)}
+    of_ros = {Requirement(line).name for line in SETUP["EXTRAS"]["ros"]}
+    wanted = {f"ros-jazzy-{name}".replace("_", "-") for name in ros_modules(used) - NOT_REQUIRED}
+    assert of_ros == wanted | {"ros-jazzy-rmw-fastrtps-cpp"}
+
+
+def ros_modules(names: set[str]) -> set[str]:
+    """Return those of the modules that come from ROS 2 rather than from Python's package index."""
+    return {name for name in names if name in ROS or name.endswith(("_msgs", "_interfaces"))}
+
+
+def test_every_requirement_is_pinned_by_a_constraint_within_its_range():
+    pins = constraints()
+    for requirement in REQUIREMENTS:
+        if requirement.name != "colcon-common-extensions":  # for those who build with colcon, who bring theirs
+            (pin,) = pins[canonicalize_name(requirement.name)]
+            assert requirement.specifier.contains(pin), f"{requirement} excludes the tested {pin}"
+
+
+def test_constraints_hold_exact_public_versions_only():
+    for name, versions in constraints().items():
+        assert len(versions) == 1, name
+        assert re.fullmatch(r"[0-9.]+(post\d+)?", versions[0]), f"{name}=={versions[0]}"
+
+
+def constraints() -> dict[str, list[str]]:
+    """Return package -> pinned versions that apply to this Python."""
+    pins: dict[str, list[str]] = {}
+    for line in (ROOT / "constraints.txt").read_text().splitlines():
+        if line and not line.startswith("#"):
+            requirement = Requirement(line)
+            (specifier,) = requirement.specifier
+            assert specifier.operator == "==", line
+            if requirement.marker is None or requirement.marker.evaluate():
+                pins.setdefault(canonicalize_name(requirement.name), []).append(specifier.version)
+    return pins
+
+
+# ---- what is installed here
+
+
+def test_every_entry_point_of_the_installed_package_loads():
+    scripts = [script for script in entry_points(group="console_scripts") if script.value.startswith("vpsci_ros")]
+    assert sorted(script.name for script in scripts) == sorted([*SETUP["EXECUTABLES"], "vpsci"])
+    assert all(callable(script.load()) for script in scripts)
+
+
+def test_ament_index_finds_the_package_and_ros2_run_would_find_its_executables(monkeypatch):
+    packages = pytest.importorskip("ament_index_python.packages")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
+    prefix = Path(packages.get_package_prefix("vpsci_ros"))
+    assert (prefix / "share/vpsci_ros/package.xml").read_text() == (ROOT / "package.xml").read_text()
+    found = [path.name for path in (prefix / "lib/vpsci_ros").iterdir() if os.access(path, os.X_OK)]
+    assert set(SETUP["EXECUTABLES"]) <= set(found)
+
+
+def test_an_executable_that_ros2_run_would_start_refuses_a_parameter_out_of_range():
+    command = [Path(sys.prefix) / "lib/vpsci_ros/safety_monitor", "--ros-args", "-p", "peer_timeout:=-1.0"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 2
+    assert "peer_timeout = -1.0 is out of range" in result.stderr
+
+
+def test_installed_messages_are_those_of_the_source_tree():
+    share = Path(sys.prefix) / "share/vpsci_msgs/msg"
+    sources = {path.name: path.read_text() for path in (ROOT / "msg_defs/msg").glob("*.msg")}
+    assert {path.name: path.read_text() for path in share.glob("*.msg")} == sources, "run `make setup`"
+
+
+# ---- a wheel
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """A wheel of this source tree, made offline in a copy of it."""
+    tree = tmp_path_factory.mktemp("source") / "tree"
+    ignored = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "*.egg-info", "test", "msg_defs", "bags")
+    shutil.copytree(ROOT, tree, ignore=ignored)
+    pip_wheel = [sys.executable, "-m", "pip", "-qq", "wheel", "--no-deps", "--no-build-isolation"]
+    subprocess.run([*pip_wheel, "-w", tree / "dist", tree], check=True, timeout=300)
+    (path,) = (tree / "dist").glob("*.whl")
+    return zipfile.ZipFile(path)
+
+
+def test_a_wheel_holds_what_ros2_run_and_ros2_launch_look_for(wheel):
+    data = f"vpsci_ros-{vpsci_ros.__version__}.data/data/"
+    names = {name.removeprefix(data): name for name in wheel.namelist()}
+    assert "share/ament_index/resource_index/packages/vpsci_ros" in names
+    assert "share/vpsci_ros/package.xml" in names
+    for path in [*(ROOT / "launch").glob("*.py"), *(ROOT / "params").rglob("*.yaml")]:
+        assert wheel.read(names[f"share/vpsci_ros/{path.relative_to(ROOT)}"]) == path.read_bytes()
+    for executable in SETUP["EXECUTABLES"]:
+        mode = wheel.getinfo(names[f"lib/vpsci_ros/{executable}"]).external_attr >> 16
+        assert mode & 0o111 == 0o111, executable
+
+
+def test_a_wheel_holds_every_module_and_model(wheel):
+    models = (path for pattern in ("*.safetensors", "*.md") for path in (ROOT / "vpsci_ros/models").glob(pattern))
+    for path in [*(ROOT / "vpsci_ros").rglob("*.py"), *models]:
+        assert str(path.relative_to(ROOT)) in wheel.namelist()
+
+
+def test_parameter_files_are_found_in_an_installed_prefix(wheel, tmp_path):
+    wheel.extractall(tmp_path)
+    shutil.move(tmp_path / f"vpsci_ros-{vpsci_ros.__version__}.data/data", tmp_path / "prefix")
+    packages = tmp_path / "prefix" / Path(sysconfig.get_path("purelib")).relative_to(sys.prefix)
+    packages.mkdir(parents=True)
+    shutil.move(tmp_path / "vpsci_ros", packages)
+    assert params_dir(packages / "vpsci_ros") == tmp_path / "prefix/share/vpsci_ros/params"
+
+
+def test_parameter_files_of_a_source_tree_come_before_installed_ones():
+    assert params_dir() == ROOT / "params"
+
+
+def test_an_install_without_parameter_files_is_named_with_the_remedy(tmp_path):
+    with pytest.raises(InvalidInput, match=f"{tmp_path}/vpsci_ros: expected .* install the package again"):
+        params_dir(tmp_path / "vpsci_ros")
+
+
+def test_every_launch_file_of_a_stage_has_its_parameter_file():
+    stages = sorted(path.name.removesuffix(".launch.py") for path in (ROOT / "launch").glob("stage*.launch.py"))
+    assert stages == sorted(path.stem for path in (ROOT / "params").glob("stage*.yaml"))
+    for stage in stages:
+        assert f'"{stage}.yaml"' in (ROOT / f"launch/{stage}.launch.py").read_text()
+
+
+# ---- set-up
+
+
+@pytest.mark.parametrize(
+    ("variable", "named"), [("PYTHON", "needs Python 3.10, 3.11 or 3.12"), ("CXX", "needs a C++ compiler")]
+)
+def test_set_up_names_in_one_line_what_the_machine_lacks(variable, named, tmp_path):
+    environment = {**os.environ, variable: "no-such-program"}
+    command = ["sh", ROOT / "tools/setup.sh", tmp_path / "venv"]
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 1
+    assert named in result.stderr
+    assert "no-such-program" in result.stderr
+    assert len((result.stdout + result.stderr).splitlines()) == 1
+    assert not (tmp_path / "venv").exists()
+
+
+def test_the_base_package_needs_no_ros_test_or_build_tool():
+    base = [Requirement(line) for line in distribution("vpsci_ros").requires if "extra ==" not in line]
+    assert {requirement.name for requirement in base} == {Requirement(line).name for line in SETUP["REQUIRED"]}

@@ -1,0 +1,87 @@
+#!/bin/sh
+# Make a virtual environment in which everything of this repository runs, step by step; steps that are done are skipped.
+#
+#   tools/setup.sh VENV
+#
+# A step is done when VENV/.done/STEP holds the hash of all files that the step depends on, so a second run takes a
+# fraction of a second, a changed .msg file rebuilds the messages alone, and an interrupted step is done again.
+#
+# The package is installed in place (`pip install -e`), so that an edited file needs no new install. pip drops data
+# files then; `setup.py install_data` places them as any other install does: the ament index marker and package.xml,
+# by which ROS 2's tools find the package, launch/ and params/, and the executables for `ros2 run`.
+set -eu
+cd "$(dirname "$0")/.."
+venv=$1
+
+fail() {
+    echo "$1" >&2
+    exit 1
+}
+
+supported='import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 12))'
+if [ -x "$venv/bin/python" ]; then
+    "$venv/bin/python" -c "$supported" 2>/dev/null ||
+        fail "$venv is not an environment of Python 3.10, 3.11 or 3.12: remove it and run this again"
+    python="$venv/bin/python"
+else
+    python=
+    for name in ${PYTHON:-python3.11 python3.12 python3.10 python3}; do
+        if "$name" -c "$supported" >/dev/null 2>&1; then
+            python=$name
+            break
+        fi
+    done
+    [ -n "$python" ] || fail "vpsci_ros needs Python 3.10, 3.11 or 3.12, and none of ${PYTHON:-python3.11 python3.12 \
+python3.10 python3} is one: install it, or name it (make PYTHON=...)"
+fi
+for compiler in ${CXX:-c++ g++ clang++}; do
+    command -v "$compiler" >/dev/null 2>&1 && break
+    compiler=
+done
+[ -n "$compiler" ] || fail "vpsci_ros needs a C++ compiler to build its messages, and none of ${CXX:-c++ g++ clang++} \
+is on the PATH: install g++ or clang, or name one (make CXX=...)"
+
+# is_done STEP FILE...: whether STEP was last done with the present content of these files (hash kept in $hash).
+is_done() {
+    step=$1
+    shift
+    hash=$({ printf '%s\n' "$PWD" "$@" && cat "$@"; } | sha256sum)
+    [ "$(cat "$venv/.done/$step" 2>/dev/null)" = "$hash" ]
+}
+done_now() {
+    echo "$hash" >"$venv/.done/$step"
+}
+say() {
+    echo "setup: $1"
+}
+
+if [ ! -x "$venv/bin/python" ]; then
+    "$python" -c 'import ensurepip, venv' 2>/dev/null ||
+        fail "$python cannot make virtual environments: install its venv module (python3-venv on Debian and Ubuntu)"
+    say "making $venv with $("$python" --version)"
+    "$python" -m venv "$venv"
+fi
+mkdir -p "$venv/.done"
+pip="$venv/bin/python -m pip -qq --disable-pip-version-check"
+
+if ! is_done packages constraints.txt setup.py setup.cfg pyproject.toml; then
+    headers=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
+    [ -f "$headers/Python.h" ] ||
+        fail "vpsci_ros needs Python's headers to build its messages, and $headers/Python.h is not there: install them \
+(python3-dev on Debian and Ubuntu)"
+    say "installing packages, about 500 MB (minutes)"
+    $pip install -c constraints.txt pip setuptools wheel
+    $pip install -c constraints.txt --no-build-isolation -e '.[ros,messages,test]'
+    done_now
+fi
+
+if ! is_done messages constraints.txt tools/build_messages.sh msg_defs/CMakeLists.txt msg_defs/package.xml msg_defs/msg/*; then
+    say "building vpsci_msgs"
+    tools/build_messages.sh "$venv"
+    done_now
+fi
+
+if ! is_done data setup.py package.xml resource/* $(find launch params -name '*.py' -o -name '*.yaml' | sort); then
+    "$venv/bin/python" -W ignore setup.py --quiet install_data --install-dir="$venv"
+    done_now
+fi

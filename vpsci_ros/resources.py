@@ -1,0 +1,43 @@
+"""Where the package's own parameter files are, however it was installed."""
+
+from pathlib import Path
+
+from vpsci_ros.errors import InvalidInput
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def params_dir(package: Path = _PACKAGE) -> Path:
+    """Return the folder of the parameter files and, below it, `scenarios/`.
+
+    In a source tree (a development install, also colcon's `--symlink-install`) that is `params/` beside the package;
+    otherwise pip and colcon have put it into `share/vpsci_ros/params` of a prefix above the package.
+
+    :raises InvalidInput: the package was installed without them.
+    """
+    source = package.parent
+    if (source / "package.xml").is_file() and (source / "params").is_dir():
+        return source / "params"
+    for prefix in (source, *source.parents):
+        if (installed := prefix / "share" / package.name / "params").is_dir():
+            return installed
+    raise InvalidInput(
+        f"{package}: expected the parameter files in share/{package.name}/params of a folder above it, found none;"
+        " install the package again with pip or colcon"
+    )
+
+
+def weights_path(name: str, package: Path = _PACKAGE) -> Path:
+    """Return the weights file that `name` means: a path, or the name of weights shipped with the package ("refined").
+
+    :raises InvalidInput: there is no such file.
+    """
+    if name.endswith(".safetensors"):
+        if not Path(name).is_file():
+            raise InvalidInput(f"weights {name}: no such file; train them with 'vpsci pretrain', or name shipped ones")
+        return Path(name)
+    shipped = {path.stem: path for path in (package / "models").glob("*.safetensors")}
+    if name not in shipped:
+        known = f"the shipped {', '.join(sorted(shipped))}" if shipped else "none are shipped"
+        raise InvalidInput(f"weights {name!r}: expected a .safetensors file or a shipped name ({known})")
+    return shipped[name]
