@@ -1,0 +1,212 @@
+"""CurvTTC: the least time to contact of a vehicle on a circular arc and a pedestrian on a line; docs/curvttc.md.
+
+`curvttc` is for batches and checks what it gets. `curvttc_pair` is the same number for one pair, unchecked, for other
+numba code. Numba does not see changes in functions called from another file: clear the callers' caches
+(`__pycache__/*.nb?`) after editing this room.
+"""
+
+import math
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import Literal
+
+import numpy as np
+from numba import njit
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety.contact import first_contact
+from vpsci_ros.safety.crossing import overlap_start
+from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.safety.inputs import FloatLike, Floats, as_floats, common_shape, flattened, refuse
+
+HORIZON = 10.0  # [s] how far the motion is predicted
+CRITICAL_TTC = 5.0  # [s] below it an interaction is safety-critical and the policies act
+CONFLICT_TTC = 2.0  # [s] below it an interaction is a conflict
+
+
+@njit(cache=True, error_model="numpy")
+def curvttc_pair(
+    x: float,
+    y: float,
+    heading: float,
+    speed: float,
+    curvature: float,
+    ped_x: float,
+    ped_y: float,
+    ped_vx: float,
+    ped_vy: float,
+    length: float,
+    width: float,
+    radius: float,
+    horizon: float,
+) -> float:
+    """`curvttc(..., method="footprint")` of one pair, for other numba code: unchecked, no keyword arguments."""
+    dx, dy = ped_x - x, ped_y - y
+    reach = 0.5 * (length + width) + radius + horizon * (speed + abs(ped_vx) + abs(ped_vy))
+    if abs(dx) > reach or abs(dy) > reach:
+        return math.inf
+    cos, sin = math.cos(heading), math.sin(heading)
+    return first_contact(
+        cos * dx + sin * dy,
+        cos * dy - sin * dx,
+        cos * ped_vx + sin * ped_vy,
+        cos * ped_vy - sin * ped_vx,
+        speed,
+        curvature,
+        0.5 * length,
+        0.5 * width,
+        radius,
+        horizon,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def center_pair(
+    x: float,
+    y: float,
+    heading: float,
+    speed: float,
+    curvature: float,
+    ped_x: float,
+    ped_y: float,
+    ped_vx: float,
+    ped_vy: float,
+    length: float,
+    width: float,
+    horizon: float,
+) -> float:
+    """`curvttc(..., method="center")` of one pair, for other numba code: unchecked, no keyword arguments."""
+    dx, dy = ped_x - x, ped_y - y
+    cos, sin = math.cos(heading), math.sin(heading)
+    return overlap_start(
+        cos * dx + sin * dy,
+        cos * dy - sin * dx,
+        cos * ped_vx + sin * ped_vy,
+        cos * ped_vy - sin * ped_vx,
+        speed,
+        curvature,
+        0.5 * (length + width),
+        horizon,
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _curvttcs(states: tuple[Floats, ...], sizes: Floats, footprint: bool, out: Floats) -> bool:
+    """Fill `out`; return False at the first bad number. `states` are 9 float64[B], `sizes` is float64[4, 1 or B]."""
+    x, y, heading, speed, curvature, ped_x, ped_y, ped_vx, ped_vy = states
+    stride = 0 if sizes.shape[1] == 1 else 1
+    for i in range(out.size):
+        length, width = sizes[0, i * stride], sizes[1, i * stride]
+        radius, horizon = sizes[2, i * stride], sizes[3, i * stride]
+        total = x[i] + y[i] + heading[i] + speed[i] + curvature[i] + ped_x[i] + ped_y[i] + ped_vx[i] + ped_vy[i]
+        total += length + width + radius + horizon
+        if not (math.isfinite(total) and speed[i] >= 0.0 and min(length, width, radius, horizon) > 0.0):
+            return False
+        out[i] = (
+            curvttc_pair(
+                x[i],
+                y[i],
+                heading[i],
+                speed[i],
+                curvature[i],
+                ped_x[i],
+                ped_y[i],
+                ped_vx[i],
+                ped_vy[i],
+                length,
+                width,
+                radius,
+                horizon,
+            )
+            if footprint
+            else center_pair(
+                x[i],
+                y[i],
+                heading[i],
+                speed[i],
+                curvature[i],
+                ped_x[i],
+                ped_y[i],
+                ped_vx[i],
+                ped_vy[i],
+                length,
+                width,
+                horizon,
+            )
+        )
+    return True
+
+
+_STATE = ("x", "y", "heading", "speed", "curvature", "ped_x", "ped_y", "ped_vx", "ped_vy")
+_SIZES = ("length", "width", "radius", "horizon")
+_PER_THREAD = 20_000  # pairs below which another thread costs more than it saves
+
+
+def curvttc(
+    x: FloatLike,
+    y: FloatLike,
+    heading: FloatLike,
+    speed: FloatLike,
+    curvature: FloatLike,
+    ped_x: FloatLike,
+    ped_y: FloatLike,
+    ped_vx: FloatLike,
+    ped_vy: FloatLike,
+    *,
+    length: FloatLike = VEHICLE_LENGTH,
+    width: FloatLike = VEHICLE_WIDTH,
+    radius: FloatLike = PEDESTRIAN_RADIUS,
+    horizon: FloatLike = HORIZON,
+    method: Literal["footprint", "center"] = "footprint",
+) -> Floats:
+    """Curvilinear time to collision of a vehicle and a pedestrian (CurvTTC of Table 7).
+
+    The least time after which the footprints touch if the vehicle keeps its speed and path curvature, for at most 90
+    degrees of the arc, and the pedestrian keeps its velocity.
+
+    :param x, y: centre of the vehicle's rectangle [m], which moves along its heading; float[B], as are the others,
+        or anything that broadcasts with them, scalars included.
+    :param heading: direction of motion and of the long side [rad], counter-clockwise from x.
+    :param speed: of the centre along the heading [m/s], not below 0.
+    :param curvature: of the centre's path [1/m], positive to the left.
+    :param ped_x, ped_y: centre of the pedestrian's disc [m].
+    :param ped_vx, ped_vy: its velocity [m/s], in the same frame as the positions.
+    :param length, width, radius: sizes [m], above 0.
+    :param horizon: of the prediction [s], above 0.
+    :param method: "footprint", the first contact of rectangle and disc, never stepped over and exact to 1e-3 s; or
+        "center", the older form: the paths of the two centres cross, each agent occupies the crossing point for
+        (length + width) / 2 either side at its own speed, and CurvTTC is the start of the overlap (`radius` unused).
+    :returns: float64[B] [s]; 0 where they touch now, infinity where they do not touch within the horizon.
+    :raises InvalidInput: a value that is not finite, a negative speed, a size or horizon that is not positive, shapes
+        that do not broadcast, an unknown method.
+    """
+    if method not in ("footprint", "center"):
+        raise InvalidInput(f"method: expected 'footprint' or 'center', got {method!r}")
+    states = (x, y, heading, speed, curvature, ped_x, ped_y, ped_vx, ped_vy)
+    arrays = [as_floats(name, value) for name, value in zip(_STATE, states, strict=True)]
+    sizes = [as_floats(name, v) for name, v in zip(_SIZES, (length, width, radius, horizon), strict=True)]
+    shape = common_shape(_STATE + _SIZES, arrays + sizes)
+    flat = tuple(flattened(array, shape) for array in arrays)
+    one_size = all(size.size == 1 for size in sizes)
+    table = np.stack([size.reshape(1) if one_size else flattened(size, shape) for size in sizes])
+    out = np.empty(shape)
+    if not _in_threads(flat, table, method == "footprint", out.reshape(-1)):
+        refuse(_STATE + _SIZES, arrays + sizes, positive=_SIZES, not_negative=("speed",))
+    result: Floats = out[()]
+    return result
+
+
+def _in_threads(flat: tuple[Floats, ...], sizes: Floats, footprint: bool, out: Floats) -> bool:
+    """Run the kernel on `out.size` pairs, large batches shared between threads; False when a number is bad."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    threads = min(cores, out.size // _PER_THREAD)
+    if threads < 2:
+        return _curvttcs(flat, sizes, footprint, out)
+    parts = [slice(out.size * k // threads, out.size * (k + 1) // threads) for k in range(threads)]
+
+    def run(part: slice) -> bool:
+        own = sizes if sizes.shape[1] == 1 else np.ascontiguousarray(sizes[:, part])
+        return _curvttcs(tuple(a[part] for a in flat), own, footprint, out[part])
+
+    with ThreadPoolExecutor(threads) as pool:
+        return all(pool.map(run, parts))

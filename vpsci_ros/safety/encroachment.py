@@ -1,0 +1,130 @@
+"""Post-encroachment time: how long the crossing point lay free between the two agents, after the fact."""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
+from vpsci_ros.safety.inputs import FloatLike, Floats
+from vpsci_ros.safety.paths import first_crossing
+from vpsci_ros.safety.series import trajectories
+
+_PRECISION = 1e-6  # [steps]
+
+
+@njit(cache=True, error_model="numpy")
+def _outside(
+    rows: tuple[Floats, ...], step: float, vehicle: bool, cx: float, cy: float, sizes: tuple[float, float, float]
+) -> bool:
+    """Tell whether the point lies outside one agent's footprint at the fractional `step`."""
+    x, y, heading, ped_x, ped_y = rows
+    i = min(int(step), x.size - 2)
+    part = step - i
+    if not vehicle:
+        here_x, here_y = ped_x[i] + part * (ped_x[i + 1] - ped_x[i]), ped_y[i] + part * (ped_y[i + 1] - ped_y[i])
+        return math.hypot(here_x - cx, here_y - cy) > sizes[2]
+    turned = heading[i + 1] - heading[i]
+    turned -= 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
+    here_x, here_y = x[i] + part * (x[i + 1] - x[i]), y[i] + part * (y[i + 1] - y[i])
+    return clearance_pair(here_x, here_y, heading[i] + part * turned, cx, cy, sizes[0], sizes[1], 0.0) > 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _edge(
+    rows: tuple[Floats, ...],
+    start: float,
+    toward: float,
+    vehicle: bool,
+    cx: float,
+    cy: float,
+    sizes: tuple[float, float, float],
+) -> float:
+    """Return the step at which the agent, over the point at `start`, uncovers it: going on (1) or back (-1)."""
+    last = rows[0].size - 1.0
+    covered = start
+    while True:
+        step = min(max(covered + toward, 0.0), last)
+        if _outside(rows, step, vehicle, cx, cy, sizes):
+            break
+        if step == covered:
+            return step  # the record ends, or begins, while the point is covered
+        covered = step
+    free = step
+    while abs(free - covered) > _PRECISION:
+        middle = 0.5 * (free + covered)
+        if _outside(rows, middle, vehicle, cx, cy, sizes):
+            free = middle
+        else:
+            covered = middle
+    return covered
+
+
+@njit(cache=True, error_model="numpy")
+def _pet_steps(rows: tuple[Floats, ...], sizes: tuple[float, float, float]) -> tuple[float, float]:
+    """Return PET in steps, and the step at which the second agent arrives; NaN where the paths do not cross."""
+    x, y, heading, ped_x, ped_y = rows
+    driven, walked, cx, cy = first_crossing(x, y, 0.0, heading[-1], ped_x, ped_y)
+    if not driven < math.inf:
+        return math.nan, math.nan
+    if walked <= driven:
+        arrival = _edge(rows, driven, -1.0, True, cx, cy, sizes)
+        return arrival - _edge(rows, walked, 1.0, False, cx, cy, sizes), arrival
+    arrival = _edge(rows, walked, -1.0, False, cx, cy, sizes)
+    return arrival - _edge(rows, driven, 1.0, True, cx, cy, sizes), arrival
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _pets(
+    rows: tuple[Floats, ...],
+    lengths: NDArray[np.int64],
+    sizes: tuple[float, float, float],
+    pet: Floats,
+    arrival: Floats,
+) -> None:
+    for i in range(lengths.size):
+        n = lengths[i]
+        own = (rows[0][i, :n], rows[1][i, :n], rows[2][i, :n], rows[3][i, :n], rows[4][i, :n])
+        pet[i], arrival[i] = _pet_steps(own, sizes)
+
+
+def post_encroachment_time(
+    x: FloatLike,
+    y: FloatLike,
+    heading: FloatLike,
+    ped_x: FloatLike,
+    ped_y: FloatLike,
+    *,
+    dt: float,
+    lengths: ArrayLike | None = None,
+    length: float = VEHICLE_LENGTH,
+    width: float = VEHICLE_WIDTH,
+    radius: float = PEDESTRIAN_RADIUS,
+) -> tuple[Floats, Floats]:
+    """Post-encroachment time (PET): from when the first agent left the crossing point to when the second reached it.
+
+    The crossing point is the first point of the pedestrian's recorded path that lies on the vehicle's; each agent
+    covers it while it lies within its footprint. See Allen, Shin and Cooper, "Analysis of traffic conflicts and
+    collisions" (1978). PET looks back: where one agent never gets to the crossing point, because it stopped or turned
+    away, the paths do not cross and PET is undefined, however near the miss was.
+
+    :param x, y, heading: the vehicle's pose, float[..., T] [m] and [rad]; one episode, or a padded batch.
+    :param ped_x, ped_y: the pedestrian's position, float[..., T] [m].
+    :param dt: time between steps [s].
+    :param lengths: int[...], steps of each row that count; None: all T.
+    :param length, width, radius: sizes [m], the same for all rows.
+    :returns: PET float64[...] [s], NaN where undefined, below 0 where the second arrived before the first had left; and
+        the time of the second's arrival, when PET becomes known, float64[...] [s] from the row's first step, NaN too.
+    :raises InvalidInput: values that are not finite, shapes that differ, sizes or `dt` that are not positive.
+    """
+    for name, value in (("dt", dt), ("length", length), ("width", width), ("radius", radius)):
+        if not 0.0 < value < math.inf:
+            raise InvalidInput(f"{name} = {value}: expected a number above 0")
+    names = ("x", "y", "heading", "ped_x", "ped_y")
+    rows, counts, shape = trajectories(names, (x, y, heading, ped_x, ped_y), lengths)
+    pet, arrival = np.full(counts.size, np.nan), np.full(counts.size, np.nan)
+    if rows[0].shape[1] > 1:
+        _pets(rows, counts, (float(length), float(width), float(radius)), pet, arrival)
+    return (pet * dt).reshape(shape)[()], (arrival * dt).reshape(shape)[()]

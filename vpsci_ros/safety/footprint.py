@@ -1,0 +1,86 @@
+"""The two footprints, the vehicle's oriented rectangle and the pedestrian's disc, and the distance between them.
+
+The distance from a point to a convex set is a convex function of the point, and moving the point by one metre changes
+it by at most one metre. `contact` builds on these two facts.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from vpsci_ros.safety.inputs import FloatLike, Floats, broadcast, refuse
+
+VEHICLE_LENGTH = 4.69  # [m] Tesla Model 3, the car of the simulations
+VEHICLE_WIDTH = 1.85  # [m]
+PEDESTRIAN_RADIUS = 0.3  # [m]
+
+
+@njit(cache=True, error_model="numpy")
+def gap(forward: float, left: float, half_length: float, half_width: float) -> float:
+    """Signed distance [m] from a point in the vehicle's frame to the rectangle's outline, negative inside."""
+    dx = abs(forward) - half_length
+    dy = abs(left) - half_width
+    if dx > 0.0 and dy > 0.0:
+        return math.sqrt(dx * dx + dy * dy)
+    return max(dx, dy)
+
+
+@njit(cache=True, error_model="numpy")
+def clearance_pair(
+    x: float,
+    y: float,
+    heading: float,
+    ped_x: float,
+    ped_y: float,
+    length: float,
+    width: float,
+    radius: float,
+) -> float:
+    """`clearance` of one pair, for other numba code: unchecked, no keyword arguments, metres and radians."""
+    cos, sin = math.cos(heading), math.sin(heading)
+    dx, dy = ped_x - x, ped_y - y
+    return gap(cos * dx + sin * dy, cos * dy - sin * dx, 0.5 * length, 0.5 * width) - radius
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _clearances(arrays: tuple[Floats, ...], out: Floats) -> bool:
+    """Fill `out` from 8 float64[B]; return False at the first bad number."""
+    x, y, heading, ped_x, ped_y, length, width, radius = arrays
+    for i in range(out.size):
+        total = x[i] + y[i] + heading[i] + ped_x[i] + ped_y[i] + length[i] + width[i] + radius[i]
+        if not (math.isfinite(total) and length[i] > 0.0 and width[i] > 0.0 and radius[i] > 0.0):
+            return False
+        out[i] = clearance_pair(x[i], y[i], heading[i], ped_x[i], ped_y[i], length[i], width[i], radius[i])
+    return True
+
+
+def clearance(
+    x: FloatLike,
+    y: FloatLike,
+    heading: FloatLike,
+    ped_x: FloatLike,
+    ped_y: FloatLike,
+    *,
+    length: FloatLike = VEHICLE_LENGTH,
+    width: FloatLike = VEHICLE_WIDTH,
+    radius: FloatLike = PEDESTRIAN_RADIUS,
+) -> Floats:
+    """Free distance between the vehicle's rectangle and the pedestrian's disc.
+
+    :param x, y: centre of the rectangle [m]; float[B], as are the others, or anything that broadcasts with them.
+    :param heading: direction of the rectangle's long side [rad], counter-clockwise from x.
+    :param ped_x, ped_y: centre of the disc [m].
+    :param length, width, radius: sizes [m], all above 0.
+    :returns: float64[B] [m]. Positive: the exact distance between the two outlines. Zero or negative: they touch or
+        overlap, by how much is the depth of the disc's deepest point below the nearest side of the rectangle.
+    :raises InvalidInput: a value that is not finite, a size that is not positive, shapes that do not broadcast.
+    """
+    names = ("x", "y", "heading", "ped_x", "ped_y", "length", "width", "radius")
+    given = (x, y, heading, ped_x, ped_y, length, width, radius)
+    arrays, shape = broadcast(names, given)
+    out = np.empty(arrays[0].size)
+    if not _clearances(arrays, out):
+        refuse(names, given, positive=("length", "width", "radius"))
+    result: Floats = out.reshape(shape)[()]
+    return result
