@@ -1,0 +1,56 @@
+"""What the world's tests share: episodes run to their end, frame by frame, under a policy that is plain arithmetic."""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.world import IDLE, World, WorldConfig, handover, load_scenarios, observe
+from vpsci_ros.world.monitor import MonitorConfig, assess
+
+MONITOR = MonitorConfig()
+AUTOPILOT = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot")
+SCENARIOS = load_scenarios(range(1, 9))
+
+Policy = Callable[[NDArray[np.void]], tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]]
+
+
+def cautious(state: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Actions float64[B, 2] that brake and swerve a little, row by row from the row's own observation."""
+    vehicle, pedestrian = (o.astype(np.float64) for o in observe(state))
+    along = np.stack([-0.6 * vehicle[:, 0], 0.05 * vehicle[:, 3]], axis=1)
+    return along, np.stack([-0.3 * pedestrian[:, 0], -0.4 * pedestrian[:, 1]], axis=1)
+
+
+def nothing(state: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Actions of zero acceleration."""
+    return np.zeros((len(state), 2)), np.zeros((len(state), 2))
+
+
+def frames(world: World, policy: Policy = cautious) -> Iterable[tuple[NDArray[np.void], NDArray[np.void]]]:
+    """Run a world to its end; yield a copy of the state of each tick and the events of the step after it."""
+    while not world.done:
+        state = world.state.copy()
+        curvttc, _, critical = assess(state, MONITOR)
+        actions = policy(state) if handover.policy_frame(state, world.config).any() else (None, None)
+        yield state, world.advance(curvttc, critical, *actions)
+
+
+def episodes(world: World, policy: Policy = cautious) -> dict[tuple[int, int], NDArray[np.void]]:
+    """Run a world to its end; return the frames of each episode, EPISODE[T], by (scenario, number)."""
+    seen: dict[tuple[int, int], list[NDArray[np.void]]] = {}
+    for state, _ in frames(world, policy):
+        for record in state[state["status"] != IDLE]:
+            seen.setdefault((int(record["scenario"]), int(record["episode"])), []).append(record)
+    return {key: np.array(records) for key, records in seen.items()}
+
+
+def run(
+    pairs: Iterable[tuple[int, int]],
+    batch: int = 16,
+    config: WorldConfig = AUTOPILOT,
+    policy: Policy = cautious,
+    seed: int = 1,
+) -> dict[tuple[int, int], NDArray[np.void]]:
+    """Return the frames of some episodes of the package's own scenarios, see `episodes`."""
+    return episodes(World(config, SCENARIOS, pairs, batch, seed), policy)

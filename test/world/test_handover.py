@@ -1,0 +1,108 @@
+"""Who drives: taken at critical policy frames, kept while the hold lasts, given back without a jolt."""
+
+import numpy as np
+import pytest
+from world.helpers import SCENARIOS, frames, nothing, run
+
+from vpsci_ros.world import ENDED, EPISODE, RUNNING, World, WorldConfig, handover
+from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION
+from vpsci_ros.world.state import HANDED_BACK, HANDED_OVER
+
+CONFIG = WorldConfig()
+
+
+def records(**fields):
+    state = np.zeros(len(next(iter(fields.values()))), EPISODE)
+    state["status"] = RUNNING
+    for name, values in fields.items():
+        state[name] = values
+    return state
+
+
+def test_policies_are_asked_every_second_tick_of_a_running_episode():
+    state = records(frame=[0, 1, 2, 3, 4])
+    assert handover.policy_frame(state, CONFIG).tolist() == [True, False, True, False, True]
+    state["status"] = ENDED
+    assert not handover.policy_frame(state, CONFIG).any()
+
+
+def test_policies_act_where_it_is_critical_or_they_still_hold():
+    state = records(controlled=[0, 0, 1, 1, 1], hold=[0, 9, 0, 3, 0])
+    critical = np.array([1, 0, 1, 0, 0], bool)
+    asked = np.ones(5, bool)
+    assert handover.acting(state, asked, critical).tolist() == [True, False, True, True, False]
+    assert not handover.acting(state, ~asked, critical).any()
+
+
+def drive_alone(alarms: list[bool], config: WorldConfig = CONFIG):
+    """One episode under made-up alarms; return (controlled, step, kinds of event) of each tick."""
+    world = World(config, SCENARIOS[:1], [(1, 0)], 1, 1)
+    rows = []
+    for alarm in alarms:
+        controlled, step = int(world.state["controlled"][0]), int(world.state["step"][0])
+        events = world.advance(np.array([4.0 if alarm else np.inf]), np.array([alarm]), *nothing(world.state))
+        rows.append((controlled, step, set(events["kind"].tolist())))
+    return rows
+
+
+def test_a_critical_tick_between_policy_frames_waits_for_the_next_one():
+    rows = drive_alone([False, True, True, True])
+    assert [HANDED_OVER in kinds for *_, kinds in rows] == [False, False, True, False]
+
+
+def test_control_is_kept_for_the_release_time_and_given_back_at_a_policy_frame():
+    rows = drive_alone([True, *[False] * 30])
+    given_back = [tick for tick, (*_, kinds) in enumerate(rows) if HANDED_BACK in kinds]
+    assert given_back == [22]  # 1 s is 20 ticks: the hold of tick 0 runs out after tick 20, the next frame is 22
+    assert [controlled for controlled, *_ in rows[1:23]] == [1] * 22
+    assert rows[23][0] == 0
+
+
+def test_a_flicker_of_the_alarm_does_not_move_control():
+    rows = drive_alone([True] + [False, False, False, False, False, True] * 5)
+    assert sum(HANDED_OVER in kinds for *_, kinds in rows) == 1
+    assert not any(HANDED_BACK in kinds for *_, kinds in rows)
+
+
+def test_steps_count_the_policies_answers_since_the_hand_over():
+    rows = drive_alone([False] * 4 + [True] * 6)
+    assert [step for _, step, _ in rows] == [0, 0, 0, 0, 0, 1, 1, 2, 2, 3]
+
+
+def test_without_a_release_time_control_ends_with_the_danger():
+    rows = drive_alone([True, True, False, False], WorldConfig(release_time=0.0))
+    assert HANDED_BACK in rows[2][2]
+
+
+def test_no_policy_driver_means_no_hand_over():
+    rows = drive_alone([True] * 6, WorldConfig(vehicle_driver="autopilot", pedestrian_driver="social_force"))
+    assert not any(kinds & {HANDED_OVER, HANDED_BACK} for *_, kinds in rows)
+
+
+@pytest.mark.parametrize("event", [HANDED_OVER, HANDED_BACK])
+def test_a_hand_over_creates_no_energy(event):
+    """Speeds do not jump: the next tick differs by an acceleration that the vehicle, or legs, can have."""
+    world = World(CONFIG, SCENARIOS, [(s, e) for e in range(4) for s in range(1, 9)], 32, 5)
+    seen = 0
+    before, slots = None, []
+    for state, events in frames(world):
+        for slot in slots:
+            was, now = before[slot], state[slot]
+            change = (now["vehicle_speed"] - was["vehicle_speed"]) / CONFIG.tick
+            assert -MAX_DECELERATION - 1e-9 <= change <= MAX_ACCELERATION + 1e-9
+            assert now["vehicle_speed"] <= was["vehicle_speed"] + 2.0 * CONFIG.tick + 1e-9
+            jolt = np.hypot(now["pedestrian_vx"] - was["pedestrian_vx"], now["pedestrian_vy"] - was["pedestrian_vy"])
+            assert jolt <= 2.5 * CONFIG.tick + 1e-9
+            seen += 1
+        before, slots = state, events["slot"][events["kind"] == event]
+        slots = [s for s in slots if world.state["status"][s] == RUNNING]
+    assert seen >= 8
+
+
+def test_an_episode_that_is_never_critical_is_the_autopilots_alone():
+    with_policy = run([(2, e) for e in range(12)], config=CONFIG)
+    alone = run([(2, e) for e in range(12)])
+    calm = [key for key, rows in with_policy.items() if not rows["controlled"].any()]
+    assert calm
+    for key in calm:
+        assert with_policy[key].tobytes() == alone[key].tobytes()

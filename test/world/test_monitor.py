@@ -1,0 +1,54 @@
+"""The monitor's core: the same bits as `curvttc`, whatever the batch, and idle slots are never critical."""
+
+import numpy as np
+import pytest
+from world.helpers import SCENARIOS, frames
+
+from vpsci_ros.safety import curvttc
+from vpsci_ros.world import ENDED, IDLE, World, WorldConfig, compiled
+from vpsci_ros.world.monitor import MonitorConfig, assess
+
+NAMES = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature")
+NAMES += ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy")
+
+
+@pytest.fixture(scope="module")
+def states():
+    world = World(WorldConfig(), SCENARIOS, [(s, e) for e in range(4) for s in range(1, 9)], 20, 1)
+    return [state for state, _ in frames(world)]
+
+
+@pytest.mark.parametrize("method", ["footprint", "center"])
+def test_the_monitor_gives_the_bits_of_curvttc(states, method):
+    for state in states[::7]:
+        present = state["status"] != IDLE
+        ttc, distance, critical = assess(state, MonitorConfig(method=method))
+        assert np.array_equal(ttc[present], curvttc(*(state[n][present] for n in NAMES), method=method))
+        assert np.isinf(ttc[~present]).all()
+        assert np.array_equal(critical, (ttc < 5.0) & (state["status"] == 1))
+        apart = np.hypot(state["vehicle_x"] - state["pedestrian_x"], state["vehicle_y"] - state["pedestrian_y"])
+        assert np.allclose(distance, apart)
+
+
+def test_the_last_frame_of_an_episode_has_a_curvttc_but_is_not_critical(states):
+    last = np.concatenate([state[state["status"] == ENDED] for state in states])
+    ttc, _, critical = assess(last, MonitorConfig())
+    assert (ttc[last["outcome"] == 1] == 0.0).all()
+    assert not critical.any()
+
+
+def test_threads_change_no_bit(states, monkeypatch):
+    whole = [assess(state, MonitorConfig()) for state in states[::50]]
+    monkeypatch.setattr(compiled, "_PER_THREAD", 3)
+    monkeypatch.setattr(compiled._pool, "size", 4)
+    for state, expected in zip(states[::50], whole, strict=True):
+        for a, b in zip(assess(state, MonitorConfig()), expected, strict=True):
+            assert a.tobytes() == b.tobytes()
+
+
+def test_sizes_and_threshold_are_the_configurations(states):
+    state = states[60]
+    near, _, _ = assess(state, MonitorConfig(length=6.0, width=2.5))
+    assert (near <= assess(state, MonitorConfig())[0]).all()
+    assert (near < assess(state, MonitorConfig())[0]).any()
+    assert not assess(state, MonitorConfig(critical_threshold=0.0))[2].any()

@@ -1,0 +1,204 @@
+"""Maps: lanes and crosswalks as OpenDRIVE describes them, on a real map and on small ones with known answers."""
+
+import json
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from world.helpers import AUTOPILOT, episodes
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world import World, load_scenario
+from vpsci_ros.world.opendrive import OpenDriveMap
+
+DATA = Path(os.environ.get("VPSCI_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")) / "town10hd"
+real_map = pytest.mark.skipif(not DATA.is_dir(), reason="needs data/town10hd (set VPSCI_DATA)")
+
+ROAD = """<road id="{id}" length="{length}" junction="-1"><planView>{pieces}</planView>
+<lanes>{offset}<laneSection s="0"><left><lane id="1" type="driving"><width sOffset="0" a="3" b="0" c="0" d="0"/></lane>
+</left><center><lane id="0"/></center><right>
+<lane id="-1" type="driving"><width sOffset="0" a="4" b="0" c="0" d="0"/></lane>
+<lane id="-2" type="driving"><width sOffset="0" a="2" b="0.1" c="0" d="0"/></lane></right></laneSection></lanes>
+<objects>{objects}</objects></road>"""
+PIECE = '<geometry s="{s}" x="{x}" y="{y}" hdg="{hdg}" length="{length}">{kind}</geometry>'
+
+
+def road(pieces: str, length: float, id: int = 1, offset: str = "", objects: str = "") -> str:  # noqa: A002
+    return ROAD.format(id=id, length=length, pieces=pieces, offset=offset, objects=objects)
+
+
+def write(folder: Path, *roads: str) -> Path:
+    path = folder / "map.xodr"
+    path.write_text(f"<OpenDRIVE>{''.join(roads)}</OpenDRIVE>", encoding="utf-8")
+    return path
+
+
+def straight(x=0.0, y=0.0, hdg=0.0, length=20.0, id=1, **rest):  # noqa: A002
+    return road(PIECE.format(s=0, x=x, y=y, hdg=hdg, length=length, kind="<line/>"), length, id, **rest)
+
+
+def test_lanes_lie_beside_the_reference_line_and_are_driven_on_the_right(tmp_path):
+    found = OpenDriveMap(write(tmp_path, straight()))
+    right, left = found.lane_centre(1, -1), found.lane_centre("1", 1)
+    assert np.allclose(right[[0, -1]], [[0, -2], [20, -2]])  # half of 4 m, to the right
+    assert np.allclose(left[[0, -1]], [[20, 1.5], [0, 1.5]])  # half of 3 m, against the reference line
+    second = found.lane_centre(1, -2)
+    assert np.allclose(second[[0, -1]], [[0, -5], [20, -6]])  # 4 m and half of 2 m, growing by 0.1 m a metre
+
+
+def test_a_lane_offset_shifts_all_lanes(tmp_path):
+    offset = '<laneOffset s="0" a="1" b="0" c="0" d="0"/><laneOffset s="10" a="2" b="0.1" c="0" d="0"/>'
+    points = OpenDriveMap(write(tmp_path, straight(offset=offset))).lane_centre(1, -1, 5.0)
+    assert np.allclose(points[:, 1], [-1, -1, 0, 0.5, 1])
+
+
+def test_an_arc_is_a_circle(tmp_path):
+    length = 10.0 * math.pi / 2
+    piece = PIECE.format(s=0, x=5, y=0, hdg=0, length=length, kind='<arc curvature="0.1"/>')
+    points = OpenDriveMap(write(tmp_path, road(piece, length))).lane_centre(1, -1)
+    assert np.allclose(np.hypot(points[:, 0] - 5, points[:, 1] - 10), 12.0)  # radius 10 and 2 m outside
+    assert np.allclose(points[-1], [17, 10])
+
+
+def test_a_spiral_ends_where_fresnels_integrals_say(tmp_path):
+    # curvature 0 to 0.1 over 10 m: heading s^2 / 200, so 0.5 rad at the end; x = 10 (1 - 0.5^2/10 + 0.5^4/216 - ...)
+    piece = PIECE.format(s=0, x=0, y=0, hdg=0, length=10, kind='<spiral curvStart="0" curvEnd="0.1"/>')
+    found = OpenDriveMap(write(tmp_path, road(piece, 10)))
+    x, y, heading = found._reference(found._road(1), np.array([10.0]))
+    assert heading[0] == pytest.approx(0.5)
+    assert x[0] == pytest.approx(10 * (1 - 0.25 / 10 + 0.0625 / 216 - 0.015625 / 9360), abs=1e-5)
+    assert y[0] == pytest.approx(10 * (0.5 / 3 - 0.125 / 42 + 0.03125 / 1320), abs=1e-5)
+
+
+@pytest.mark.parametrize(("range_", "scale"), [("normalized", 1.0), ("arcLength", 0.1)])
+def test_a_parametric_cubic_is_evaluated_over_its_range(tmp_path, range_, scale):
+    b, d = 10 * scale, 2 * scale**3
+    kind = f'<paramPoly3 aU="0" bU="{b}" cU="0" dU="0" aV="0" bV="0" cV="0" dV="{d}" pRange="{range_}"/>'
+    found = OpenDriveMap(write(tmp_path, road(PIECE.format(s=0, x=1, y=1, hdg=math.pi / 2, length=10, kind=kind), 10)))
+    x, y, heading = found._reference(found._road(1), np.array([0.0, 10.0]))
+    assert [x[1], y[1]] == pytest.approx([1 - 2, 1 + 10])  # u forward is north here, v left is west
+    assert heading[1] - math.pi / 2 == pytest.approx(math.atan2(6, 10))
+
+
+def test_a_route_joins_lanes_in_the_order_of_driving(tmp_path):
+    path = write(tmp_path, straight(), straight(x=20, id=2), straight(x=40.0, y=9.0, id=3))
+    points, width = OpenDriveMap(path).route([(1, -1), (2, -1)])
+    assert width == 4.0
+    assert np.allclose(points[[0, -1]], [[0, -2], [40, -2]])
+    assert (np.diff(points[:, 0]) > 0).all()
+    with pytest.raises(InvalidInput, match="lane -1 of road 3 begins 9.0 m from the end of the one before"):
+        OpenDriveMap(path).route([(2, -1), (3, -1)])
+
+
+def test_an_object_lies_at_its_place_turned_with_the_road(tmp_path):
+    corners = "".join(
+        f'<cornerLocal u="{u}" v="{v}" z="0"/>' for u, v in [(-3, -1), (3, -1), (3, 1), (-3, 1), (-3, -1)]
+    )
+    item = f'<object id="7" type="crosswalk" s="10" t="2" hdg="{math.pi / 2}"><outline>{corners}</outline></object>'
+    found = OpenDriveMap(write(tmp_path, straight(hdg=math.pi / 2, objects=item)))
+    assert found.crosswalks() == ["7"]
+    # the road goes north: (s, t) = (10, 2) is (-2, 10), u points west and v south
+    assert np.allclose(found.crosswalk(7), [[1, 11], [-5, 11], [-5, 9], [1, 9]])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("<OpenDRIVE><road", "XML that does not parse"),
+        ("<kml/>", "root element 'kml'"),
+        (None, "cannot be read"),
+    ],
+)
+def test_a_file_that_is_no_map_is_refused(tmp_path, content, message):
+    path = tmp_path / "map.xodr"
+    if content:
+        path.write_text(content, encoding="utf-8")
+    with pytest.raises(InvalidInput, match=message):
+        OpenDriveMap(path)
+
+
+def test_what_the_map_does_not_have_is_refused(tmp_path):
+    poly3 = PIECE.format(s=0, x=0, y=0, hdg=0, length=9, kind='<poly3 a="0" b="0" c="0" d="0"/>')
+    found = OpenDriveMap(write(tmp_path, straight(), road(poly3, 9, 2)))
+    with pytest.raises(InvalidInput, match="no road 99; this map has 2 roads"):
+        found.lane_centre(99, -1)
+    with pytest.raises(InvalidInput, match="road 1 has no lane -3 at every place; lanes: 1, 0, -1, -2"):
+        found.lane_centre(1, -3)
+    with pytest.raises(InvalidInput, match="no object 3; crosswalks of this map: none"):
+        found.crosswalk(3)
+    with pytest.raises(InvalidInput, match="got poly3"):
+        found.lane_centre(2, -1)
+
+
+def right_turns():
+    return json.loads((DATA / "right_turns.json").read_text(encoding="utf-8"))["locations"]
+
+
+def distances(points, line):
+    begin, along = line[:-1], np.diff(line, axis=0)
+    t = np.clip(((points[:, None] - begin) * along).sum(-1) / (along**2).sum(-1), 0, 1)
+    return np.linalg.norm(points[:, None] - begin - t[..., None] * along, axis=-1).min(axis=1)
+
+
+@real_map
+def test_reading_town10_reproduces_the_right_turns_within_five_centimetres():
+    town = OpenDriveMap(DATA / "Town10HD.xodr")
+    for location in right_turns().values():
+        for turn in location["right_turn_routes"]:
+            lanes = [(turn[f"{leg}_road"], turn[f"{leg}_lane"]) for leg in ("approach", "turn", "exit")]
+            route, width = town.route(lanes, 0.5)
+            assert width == pytest.approx(turn["lane_width_m"])
+            assert distances(np.array(turn["centreline"]), route).max() < 0.05
+
+
+def sampled_place(town, object_id):
+    """Outline as right_turns.json has it: at the nearest of the samples, 0.5 m apart, of the reference line."""
+    for element in town._roads.values():
+        for item in element.iterfind("objects/object"):
+            if item.get("id") == object_id:
+                pieces = [(float(g.get("s")), float(g.get("length"))) for g in element.iterfind("planView/geometry")]
+                samples = np.concatenate([np.linspace(s, s + n, max(1, int(n / 0.5)) + 1) for s, n in pieces])
+                item.set("s", str(samples[np.abs(samples - float(item.get("s"))).argmin()]))
+    return town.crosswalk(object_id)
+
+
+@real_map
+def test_reading_town10_reproduces_the_crosswalks():
+    """To 5 cm where right_turns.json places them, on a grid along the road; exactly placed, they lie within 25 cm."""
+    town = OpenDriveMap(DATA / "Town10HD.xodr")
+    outlines = {name: town.crosswalk(name) for name in town.crosswalks()}
+    for location in right_turns().values():
+        for expected in map(np.array, location["crosswalks"].values()):
+            name = min(outlines, key=lambda n: np.abs(outlines[n].mean(axis=0) - expected.mean(axis=0)).max())
+            assert np.linalg.norm(outlines[name] - expected, axis=1).max() < 0.25
+            assert np.linalg.norm(sampled_place(town, name) - expected, axis=1).max() < 0.05
+
+
+@real_map
+def test_a_scenario_names_its_route_and_crosswalk_in_a_map(tmp_path):
+    document = {
+        "number": 41,
+        "name": "corner",
+        "location": "Town10HD",
+        "opendrive": str(DATA / "Town10HD.xodr"),
+        "vehicle": {"lanes": [[5, -2], [763, -1], [18, -2]], "spawn": [85, 92], "goal": 118},
+        "pedestrian": {"crosswalk": 1135, "reverse": True, "arrival": [2, 5.5]},
+    }
+    file = tmp_path / "corner.yaml"
+    file.write_text(yaml.safe_dump(document), encoding="utf-8")
+    scenario, own = load_scenario(file), load_scenario(3)
+    assert scenario.vehicle.lane_width == pytest.approx(3.5)
+    for point in own.vehicle.path.points[10:90:5]:
+        assert abs(scenario.vehicle.path.locate(*point)[1]) < 0.05
+    ends = scenario.pedestrian.path.at(0.0), scenario.pedestrian.path.at(scenario.pedestrian.goal)
+    assert ends[0][0] > -98.0  # from the east kerb
+    assert ends[1][0] < -117.0  # to the west kerb
+    found = episodes(World(AUTOPILOT, [scenario], [(41, e) for e in range(4)], 2, 1))
+    assert all(rows["vehicle_path"][-1] > 5.0 for rows in found.values())
+    document["vehicle"].pop("lanes")
+    file.write_text(yaml.safe_dump(document), encoding="utf-8")
+    with pytest.raises(InvalidInput, match=r"give vehicle.lanes .* and pedestrian.crosswalk"):
+        load_scenario(file)

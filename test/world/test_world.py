@@ -1,0 +1,258 @@
+"""The batch: episodes enter and leave without disturbing the rest, end as they should, and say what happened."""
+
+import itertools
+import os
+import sys
+
+import numpy as np
+import pytest
+from world.helpers import AUTOPILOT, SCENARIOS, frames, nothing, run
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety import clearance
+from vpsci_ros.world import COLLISION, ENDED, GOAL, IDLE, RUNNING, TIMEOUT, World, WorldConfig
+from vpsci_ros.world.state import (
+    FINISHED,
+    HANDED_OVER,
+    PEDESTRIAN_ACTION_MISSING,
+    SAFETY_MISSING,
+    STARTED,
+    VEHICLE_ACTION_MISSING,
+)
+
+PAIRS = [(scenario, number) for number in range(12) for scenario in range(1, 9)]
+
+
+@pytest.fixture(scope="module")
+def history():
+    """Every state and the events after it, of 96 episodes in 10 slots under a policy."""
+    return list(frames(World(WorldConfig(), SCENARIOS, PAIRS, 10, 1)))
+
+
+def test_every_episode_starts_and_ends_once(history):
+    world = World(WorldConfig(), SCENARIOS, PAIRS, 10, 1)
+    events = np.concatenate([world.take_started(), *(events for _, events in history)])
+    for kind in (STARTED, FINISHED):
+        rows = events[events["kind"] == kind]
+        assert sorted(zip(rows["scenario"].tolist(), rows["episode"].tolist(), strict=True)) == sorted(PAIRS)
+
+
+def test_the_last_frame_is_shown_for_exactly_one_tick(history):
+    for (before, _), (after, _) in itertools.pairwise(history):
+        ended = before["status"] == ENDED
+        assert (after["status"][ended] != ENDED).all()
+    assert sum((state["status"] == ENDED).sum() for state, _ in history) == len(PAIRS)
+
+
+def test_fresh_episodes_enter_at_policy_ticks_only(history):
+    for tick, (_, events) in enumerate(history):
+        if (events["kind"] == STARTED).any():
+            assert (tick + 1) % 2 == 0
+
+
+def test_an_idle_slot_is_all_zeros(history):
+    idle = np.concatenate([state[state["status"] == IDLE] for state, _ in history])
+    assert len(idle) > 10
+    assert set(idle.tobytes()) == {0}
+
+
+def test_slots_take_episodes_in_the_order_of_the_queue(history):
+    first = history[0][0]
+    assert list(zip(first["scenario"].tolist(), first["episode"].tolist(), strict=True)) == PAIRS[:10]
+
+
+def test_outcomes_are_what_they_say():
+    for key, rows in run(PAIRS, config=WorldConfig()).items():
+        last, before = rows[-1], rows[:-1]
+        free = clearance(
+            *(rows[n] for n in ("vehicle_x", "vehicle_y", "vehicle_heading", "pedestrian_x", "pedestrian_y"))
+        )
+        assert (before["status"] == RUNNING).all(), key
+        assert (before["outcome"] == 0).all(), key
+        assert (free[:-1] > 0).all(), key
+        if last["outcome"] == COLLISION:
+            assert free[-1] <= 0
+            assert last["least_curvttc"] == 0.0
+        elif last["outcome"] == GOAL:
+            assert last["vehicle_goal"] == last["pedestrian_goal"] == 1
+            assert not (before["vehicle_goal"] & before["pedestrian_goal"]).any()
+        else:
+            assert last["outcome"] == TIMEOUT
+            assert last["frame"] == 200
+        assert np.array_equal(rows["frame"], np.arange(len(rows)))
+
+
+def test_all_three_ends_occur():
+    found = {int(rows["outcome"][-1]) for rows in run(PAIRS, config=WorldConfig()).values()}
+    assert found == {COLLISION, GOAL, TIMEOUT}
+
+
+def test_paths_add_up_what_was_moved():
+    for rows in run(PAIRS[:16]).values():
+        for agent in ("vehicle", "pedestrian"):
+            moved = np.hypot(np.diff(rows[f"{agent}_x"]), np.diff(rows[f"{agent}_y"])).sum()
+            assert rows[f"{agent}_path"][-1] == pytest.approx(moved, rel=2e-3)
+
+
+def test_curvature_is_that_of_the_path_driven():
+    for rows in run(PAIRS[:16]).values():
+        moving = rows["vehicle_speed"][1:] > 0.5
+        driven = np.diff(rows["vehicle_path"])[moving]
+        turned = np.diff(rows["vehicle_heading"])[moving]
+        assert np.allclose(turned, rows["vehicle_curvature"][1:][moving] * driven, atol=1e-9)
+
+
+def test_actions_hold_for_two_ticks_in_the_frame_in_which_they_were_given():
+    world = World(WorldConfig(pedestrian_gain=1.0, lane_following=False), SCENARIOS, [(3, 0)], 1, 1)
+    heading = float(world.state["vehicle_heading"][0])
+    velocity = np.array([world.state["pedestrian_vx"][0], world.state["pedestrian_vy"][0]])
+    action = np.array([[2.0, 1.0]])
+    for tick in range(2):
+        answer = action if tick == 0 else None  # nobody is asked in between
+        world.advance(np.array([3.0]), np.array([True]), answer, answer)
+    c, s = np.cos(heading), np.sin(heading)
+    expected = velocity + 0.1 * np.array([2.0 * c - 1.0 * s, 2.0 * s + 1.0 * c])
+    assert [world.state["pedestrian_vx"][0], world.state["pedestrian_vy"][0]] == pytest.approx(expected)
+    assert world.state["vehicle_acceleration"][0] == pytest.approx(2.0)
+
+
+def test_lane_following_keeps_the_lane_under_a_policy_that_knows_no_road():
+    alarm = np.array([3.0]), np.array([True])
+    errors = {}
+    for lane_following in (True, False):
+        config = WorldConfig(lane_following=lane_following, pedestrian_driver="constant_velocity")
+        world = World(config, SCENARIOS, [(1, 0)], 1, 1)
+        world.state["pedestrian_x"] -= 50.0
+        while world.state["status"][0] == RUNNING:
+            world.advance(*alarm, *nothing(world.state))
+        path = SCENARIOS[0].vehicle.path
+        errors[lane_following] = abs(path.locate(world.state["vehicle_x"][0], world.state["vehicle_y"][0])[1])
+    assert errors[True] < 0.2
+    assert errors[False] > 5.0  # straight on
+
+
+def test_a_missing_answer_is_told_and_the_rule_based_driver_acts_until_the_next():
+    world = World(WorldConfig(), SCENARIOS, [(3, 0)], 1, 1)
+    alone = World(AUTOPILOT, SCENARIOS, [(3, 0)], 1, 1)
+    alarm = np.array([3.0]), np.array([True])
+    kinds = world.advance(*alarm)["kind"]
+    assert {VEHICLE_ACTION_MISSING, PEDESTRIAN_ACTION_MISSING} <= set(kinds)
+    assert not set(world.advance(*alarm)["kind"]) & {VEHICLE_ACTION_MISSING, PEDESTRIAN_ACTION_MISSING}
+    for _ in range(2):
+        alone.advance(*alarm)
+    for name in ("vehicle_x", "vehicle_speed", "pedestrian_x", "pedestrian_vx"):
+        assert world.state[name] == alone.state[name]
+
+
+def test_one_missing_answer_leaves_the_other_agent_to_its_policy():
+    world = World(WorldConfig(), SCENARIOS, [(3, 0)], 1, 1)
+    events = world.advance(np.array([3.0]), np.array([True]), np.array([[-8.88, 0.0]]), None)
+    assert world.state["brake"][0] == 1.0
+    assert PEDESTRIAN_ACTION_MISSING in events["kind"]
+    assert VEHICLE_ACTION_MISSING not in events["kind"]
+
+
+def test_without_curvttc_nothing_is_critical_and_an_event_says_so():
+    world = World(WorldConfig(), SCENARIOS, [(3, 0)], 1, 1)
+    assert world.advance(None, None, *nothing(world.state))["kind"].tolist() == [SAFETY_MISSING]
+    assert world.state["controlled"][0] == 0
+    assert world.state["least_curvttc"][0] == np.inf
+
+
+def test_the_queue_is_read_as_slots_get_free():
+    taken = []
+
+    def endless():
+        for number in itertools.count():
+            taken.append(number)
+            yield 1, number
+
+    world = World(AUTOPILOT, SCENARIOS, endless(), 4, 1)
+    assert len(taken) == 4
+    for _ in range(600):
+        world.advance(np.full(4, np.inf), np.zeros(4, bool))
+    assert 8 <= len(taken) <= 40
+    assert not world.done
+
+
+def test_an_empty_queue_is_done_at_once():
+    world = World(AUTOPILOT, SCENARIOS, [], 3, 1)
+    assert world.done
+    assert len(world.take_started()) == 0
+
+
+def test_memory_does_not_grow_with_the_episodes_done():
+    world = World(AUTOPILOT, SCENARIOS, ((s, e) for e in itertools.count() for s in range(1, 9)), 64, 1)
+    quiet = np.full(64, np.inf), np.zeros(64, bool)
+
+    def held() -> int:
+        return sum(sys.getsizeof(value) for value in vars(world).values()) + world.state.nbytes
+
+    for _ in range(300):
+        world.advance(*quiet)
+    before = held()
+    for _ in range(1500):
+        world.advance(*quiet)
+    assert held() <= before + 4096
+
+
+def test_other_ticks_than_the_default_are_possible():
+    config = WorldConfig(tick=0.02, policy_period=0.1, episode_time=4.0)
+    taken = []
+    for state, events in frames(World(config, SCENARIOS, PAIRS[:24], 7, 1)):
+        assert state["frame"].max() <= 200
+        taken += events["frame"][events["kind"] == HANDED_OVER].tolist()
+    assert taken
+    assert not any(frame % 5 for frame in taken)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"policy_period": 0.12}, "policy_period = 0.12 s must be a whole multiple of tick = 0.05 s"),
+        ({"episode_time": 0.33}, "episode_time = 0.33 s must be a whole multiple"),
+    ],
+)
+def test_periods_that_do_not_fit_together_are_refused(values, message):
+    with pytest.raises(InvalidInput, match=message):
+        WorldConfig(**values)
+
+
+def test_bad_answers_are_refused_and_name_the_slot():
+    world = World(WorldConfig(), SCENARIOS, PAIRS, 3, 1)
+    quiet = np.full(3, np.inf), np.zeros(3, bool)
+    with pytest.raises(InvalidInput, match=r"curvttc: expected shape \(3,\), got \(2,\)"):
+        world.advance(quiet[0][:2], quiet[1])
+    with pytest.raises(InvalidInput, match="curvttc of slot 1 is not a number"):
+        world.advance(np.array([1.0, np.nan, 1.0]), quiet[1])
+    with pytest.raises(InvalidInput, match=r"vehicle_action of slot 2: expected finite numbers"):
+        world.advance(*quiet, np.array([[0, 0], [0, 0], [0, np.inf]]))
+    with pytest.raises(InvalidInput, match="give both, or neither"):
+        world.advance(None, quiet[1])
+    assert world.tick == 0
+
+
+def test_bad_worlds_are_refused():
+    for arguments, message in (
+        ((AUTOPILOT, SCENARIOS, [(9, 0)], 1, 1), "episode of scenario 9: this world has scenario 1, 2"),
+        ((AUTOPILOT, SCENARIOS, [(1, -1)], 1, 1), "number must be from 0 to"),
+        ((AUTOPILOT, SCENARIOS, [], 0, 1), "batch must be at least 1"),
+        ((AUTOPILOT, SCENARIOS, [], 1, -1), "seed must be from 0"),
+        ((AUTOPILOT, [], [], 1, 1), "expected scenarios with different numbers"),
+        ((AUTOPILOT, SCENARIOS[:1] * 2, [], 1, 1), "expected scenarios with different numbers"),
+    ):
+        with pytest.raises(InvalidInput, match=message):
+            World(*arguments)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+def test_a_forked_process_can_go_on_simulating():
+    world = World(AUTOPILOT, SCENARIOS, ((1, e) for e in itertools.count()), 4096, 1)
+    quiet = np.full(4096, np.inf), np.zeros(4096, bool)
+    world.advance(*quiet)
+    child = os.fork()
+    if child == 0:
+        world.advance(*quiet)
+        os._exit(0 if world.tick == 2 else 1)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 0

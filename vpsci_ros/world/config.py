@@ -1,0 +1,67 @@
+"""Parameters of the world: periods, the hand-over, who drives, and how the learned accelerations become motion."""
+
+from dataclasses import dataclass
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import parameter
+
+VEHICLE_DRIVERS = ("policy", "autopilot", "external", "replay")
+PEDESTRIAN_DRIVERS = ("policy", "autopilot", "external", "replay", "constant_velocity", "social_force")
+
+
+@dataclass(frozen=True)
+class WorldConfig:
+    """Configuration of `vpsci_ros.world.World`; the defaults are the paper's (section 3.2) where it names a value."""
+
+    tick: float = parameter(0.05, "simulated time from one tick to the next", unit="s", low=0.005, high=0.2)
+    policy_period: float = parameter(
+        0.1, "the policies act at this period and their actions hold in between", unit="s", low=0.005, high=2.0
+    )
+    episode_time: float = parameter(10.0, "an episode ends after this time", unit="s", low=0.1, high=3276.0)
+    release_time: float = parameter(
+        1.0, "the policies give the agents back after this time without a critical tick", unit="s", low=0.0, high=60.0
+    )
+    vehicle_driver: str = parameter(
+        "policy", "policy: the autopilot until it is critical, then the policy", choices=VEHICLE_DRIVERS
+    )
+    pedestrian_driver: str = parameter(
+        "policy", "policy: the walker until it is critical, then the policy", choices=PEDESTRIAN_DRIVERS
+    )
+    pedestrian_gain: float = parameter(
+        0.5, "share of the pedestrian's acceleration that becomes motion: the 0.5 of (21)-(24)", low=0.0, high=1.0
+    )
+    pedestrian_top_speed: float = parameter(
+        5.0, "a pedestrian under a policy or an external driver runs no faster", unit="m/s", low=0.5, high=12.0
+    )
+    proximity_distance: float = parameter(
+        4.0, "the autopilot brakes fully for a pedestrian this near ahead of its front", unit="m", low=0.0, high=50.0
+    )
+    lane_following: bool = parameter(
+        True,
+        "add the lane-keeping lateral acceleration to the learned one before (18), since (6) tells the policy nothing "
+        "of the route; false: (18) alone",
+    )
+
+    def __post_init__(self) -> None:
+        for name in ("policy_period", "episode_time"):
+            ratio = getattr(self, name) / self.tick
+            if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6:
+                raise InvalidInput(
+                    f"{name} = {getattr(self, name)} s must be a whole multiple of tick = {self.tick} s, "
+                    f"got {ratio:g} ticks"
+                )
+
+    @property
+    def policy_ticks(self) -> int:
+        """Ticks from one policy frame to the next."""
+        return round(self.policy_period / self.tick)
+
+    @property
+    def episode_ticks(self) -> int:
+        """Ticks after which an episode times out."""
+        return round(self.episode_time / self.tick)
+
+    @property
+    def release_ticks(self) -> int:
+        """Ticks without a critical one after which the policies give the agents back."""
+        return round(self.release_time / self.tick)

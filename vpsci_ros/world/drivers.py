@@ -1,0 +1,167 @@
+"""Who drives, in compiled code: what each driver makes of a record, and the motion that follows from it.
+
+Vehicle and pedestrian are decided on the same frame: call `impulse` and `controls` before either is moved.
+"""
+
+import math
+
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.world import kinematics as motion
+from vpsci_ros.world.autopilot import pursuit_curvature, speed_acceleration, too_near, walk_acceleration, walk_velocity
+from vpsci_ros.world.compiled import inlined
+from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
+from vpsci_ros.world.observation import from_heading_frame, to_heading_frame
+from vpsci_ros.world.social_force import social_force
+
+POLICY, EXTERNAL, REPLAY = (VEHICLE_DRIVERS.index(name) for name in ("policy", "external", "replay"))
+CONSTANT_VELOCITY = PEDESTRIAN_DRIVERS.index("constant_velocity")
+SOCIAL_FORCE = PEDESTRIAN_DRIVERS.index("social_force")
+_HALF_LENGTH, _HALF_WIDTH = 0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH
+_STRAIGHT_AHEAD = _HALF_WIDTH + PEDESTRIAN_RADIUS + 0.25  # [m] to either side, for the autopilot
+
+
+@inlined
+def controls(episode, i, answers, tables, settings):  # type: ignore[no-untyped-def]
+    """Return (steer, throttle, brake) for the next tick, from whoever drives the vehicle."""
+    speed = episode.vehicle_speed
+    if settings.vehicle_driver == EXTERNAL and len(answers.vehicle_control):
+        control = answers.vehicle_control
+        return control[i, 0], control[i, 1], control[i, 2]
+    if settings.vehicle_driver == EXTERNAL and len(answers.vehicle_action):
+        along, left = answers.vehicle_action[i, 0], answers.vehicle_action[i, 1]
+        return motion.steer_for(left, speed), motion.throttle_for(along), motion.brake_for(along)
+    row = tables.rows[episode.table]
+    keeping = pursuit_curvature(
+        tables.lane,
+        episode.table,
+        row.lane_count,
+        row.lane_step,
+        episode.route_s,
+        episode.vehicle_x,
+        episode.vehicle_y,
+        episode.vehicle_heading,
+        speed,
+    )
+    if settings.vehicle_driver == POLICY and episode.vehicle_held:
+        along, left = episode.vehicle_long, episode.vehicle_lat
+        if settings.lane_following:
+            left += keeping * speed * speed
+        return motion.steer_for(left, speed), motion.throttle_for(along), motion.brake_for(along)
+    forward, left = to_heading_frame(
+        episode.vehicle_heading, episode.pedestrian_x - episode.vehicle_x, episode.pedestrian_y - episode.vehicle_y
+    )
+    steer = motion.steer_to(keeping)
+    if too_near(forward, left, _HALF_LENGTH, _STRAIGHT_AHEAD, settings.proximity_distance):
+        return steer, 0.0, 1.0
+    sample = min(max(int(episode.route_s / row.lane_step), 0), row.lane_count - 1)
+    wanted = min(episode.cruise_throttle * row.full_throttle_speed, tables.lane_speed[episode.table, sample])
+    along = speed_acceleration(speed, wanted)
+    return steer, motion.throttle_for(along), motion.brake_for(along)
+
+
+@inlined
+def move_vehicle(episode, steer, throttle, brake, period):  # type: ignore[no-untyped-def]
+    """Move the vehicle through one tick with these controls, clipped to what they can be."""
+    steer = min(1.0, max(-1.0, steer))
+    throttle, brake = min(1.0, max(0.0, throttle)), min(1.0, max(0.0, brake))
+    speed = episode.vehicle_speed
+    x, y, heading, next_speed, distance = motion.drive(
+        episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, speed, steer, throttle, brake, period
+    )
+    episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, episode.vehicle_speed = x, y, heading, next_speed
+    episode.vehicle_acceleration = (next_speed - speed) / period
+    if distance > 0.0:
+        episode.vehicle_curvature = motion.curvature_of(steer)
+    episode.steer, episode.throttle, episode.brake = steer, throttle, brake
+    episode.vehicle_path += distance
+
+
+@inlined
+def replay_vehicle(episode, recordings, period):  # type: ignore[no-untyped-def]
+    """Put the vehicle where its recording has it next; beyond the recording it goes on straight."""
+    frame = episode.frame + 1
+    if frame >= recordings.frames[episode.recording]:
+        move_vehicle(episode, 0.0, 0.0, 0.0, period)
+        return
+    x, y, heading, speed, curvature = recordings.vehicle[episode.recording, frame]
+    episode.vehicle_path += math.sqrt((x - episode.vehicle_x) ** 2 + (y - episode.vehicle_y) ** 2)
+    episode.vehicle_acceleration = (speed - episode.vehicle_speed) / period
+    episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading = x, y, heading
+    episode.vehicle_speed, episode.vehicle_curvature = speed, curvature
+
+
+@inlined
+def impulse(episode, i, answers, tables, settings):  # type: ignore[no-untyped-def]
+    """Return the pedestrian's acceleration (ax, ay) [m/s2] in the world's frame and the gain of (21)-(24)."""
+    driver = settings.pedestrian_driver
+    if driver == EXTERNAL and len(answers.pedestrian_action):
+        action = answers.pedestrian_action
+        ax, ay = from_heading_frame(episode.vehicle_heading, action[i, 0], action[i, 1])
+        return ax, ay, settings.pedestrian_gain
+    if driver == POLICY and episode.pedestrian_held:
+        ax, ay = from_heading_frame(episode.action_heading, episode.pedestrian_long, episode.pedestrian_lat)
+        return ax, ay, settings.pedestrian_gain
+    if driver == CONSTANT_VELOCITY:
+        return 0.0, 0.0, 1.0
+    vx, vy = episode.pedestrian_vx, episode.pedestrian_vy
+    standing = episode.pedestrian_goal or episode.frame * settings.period < episode.start_delay
+    row = tables.rows[episode.table]
+    wanted_x, wanted_y = walk_velocity(
+        tables.walk,
+        episode.table,
+        row.walk_count,
+        row.walk_step,
+        episode.pedestrian_s,
+        episode.pedestrian_offset,
+        episode.pedestrian_x,
+        episode.pedestrian_y,
+        0.0 if standing else episode.walking_speed,
+    )
+    if driver == SOCIAL_FORCE:
+        ax, ay = social_force(
+            wanted_x,
+            wanted_y,
+            vx,
+            vy,
+            episode.pedestrian_x,
+            episode.pedestrian_y,
+            episode.vehicle_x,
+            episode.vehicle_y,
+            episode.vehicle_heading,
+            _HALF_LENGTH,
+            _HALF_WIDTH,
+            PEDESTRIAN_RADIUS,
+        )
+        return ax, ay, 1.0
+    ax, ay = walk_acceleration(wanted_x - vx, wanted_y - vy, settings.period)
+    return ax, ay, 1.0
+
+
+@inlined
+def move_pedestrian(episode, ax, ay, gain, settings):  # type: ignore[no-untyped-def]
+    """Move the pedestrian through one tick with an acceleration [m/s2] in the world's frame."""
+    x, y, vx, vy = motion.walk(
+        episode.pedestrian_x,
+        episode.pedestrian_y,
+        episode.pedestrian_vx,
+        episode.pedestrian_vy,
+        ax,
+        ay,
+        gain,
+        settings.top_speed,
+        settings.period,
+    )
+    episode.pedestrian_path += math.sqrt((x - episode.pedestrian_x) ** 2 + (y - episode.pedestrian_y) ** 2)
+    episode.pedestrian_x, episode.pedestrian_y, episode.pedestrian_vx, episode.pedestrian_vy = x, y, vx, vy
+
+
+@inlined
+def replay_pedestrian(episode, recordings, settings):  # type: ignore[no-untyped-def]
+    """Put the pedestrian where its recording has it next; beyond the recording it keeps its velocity."""
+    frame = episode.frame + 1
+    if frame >= recordings.frames[episode.recording]:
+        move_pedestrian(episode, 0.0, 0.0, 1.0, settings)
+        return
+    x, y, vx, vy = recordings.pedestrian[episode.recording, frame]
+    episode.pedestrian_path += math.sqrt((x - episode.pedestrian_x) ** 2 + (y - episode.pedestrian_y) ** 2)
+    episode.pedestrian_x, episode.pedestrian_y, episode.pedestrian_vx, episode.pedestrian_vy = x, y, vx, vy

@@ -1,0 +1,106 @@
+"""The safety monitor's core: CurvTTC of every parallel episode, and which of them are critical."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.parameters import parameter
+from vpsci_ros.safety import (
+    CRITICAL_TTC,
+    HORIZON,
+    PEDESTRIAN_RADIUS,
+    VEHICLE_LENGTH,
+    VEHICLE_WIDTH,
+    curvttc,
+    curvttc_pair,
+)
+from vpsci_ros.world.compiled import in_threads, kernel
+from vpsci_ros.world.state import EPISODE, IDLE, RUNNING
+
+
+@dataclass(frozen=True)
+class MonitorConfig:
+    """What counts as critical, and the sizes of the two road users (the simulated Model 3 and a pedestrian's disc)."""
+
+    critical_threshold: float = parameter(CRITICAL_TTC, "critical where CurvTTC is below", unit="s", low=0.0, high=60.0)
+    horizon: float = parameter(HORIZON, "look ahead so far", unit="s", low=0.1, high=60.0)
+    method: str = parameter("footprint", "definition of CurvTTC", choices=("footprint", "center"))
+    length: float = parameter(VEHICLE_LENGTH, "length of the vehicle", unit="m", low=0.1, high=30.0)
+    width: float = parameter(VEHICLE_WIDTH, "width of the vehicle", unit="m", low=0.1, high=10.0)
+    radius: float = parameter(PEDESTRIAN_RADIUS, "radius of the pedestrian", unit="m", low=0.01, high=2.0)
+
+
+def assess(
+    state: NDArray[np.void], config: MonitorConfig
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Return CurvTTC [s], distance of the centres [m] (float64[B]) and critical (bool[B]) of EPISODE[B] records.
+
+    CurvTTC is infinite in idle slots; an episode is critical only while it runs. With the default method the records
+    are read in place by compiled code, in threads for large batches; `curvttc` gives the same bits.
+    """
+    ttc, distance, critical = np.empty(len(state)), np.empty(len(state)), np.empty(len(state), np.bool_)
+    sizes = config.length, config.width, config.radius, config.horizon
+    if config.method == "footprint":
+        threshold = config.critical_threshold
+        in_threads(
+            lambda part: _assess(state[part], *sizes, threshold, ttc[part], distance[part], critical[part]), len(state)
+        )
+        return ttc, distance, critical
+    present = state["status"] != IDLE
+    ttc[:] = math.inf
+    rows = state[present]
+    ttc[present] = curvttc(
+        rows["vehicle_x"],
+        rows["vehicle_y"],
+        rows["vehicle_heading"],
+        rows["vehicle_speed"],
+        rows["vehicle_curvature"],
+        rows["pedestrian_x"],
+        rows["pedestrian_y"],
+        rows["pedestrian_vx"],
+        rows["pedestrian_vy"],
+        length=config.length,
+        width=config.width,
+        radius=config.radius,
+        horizon=config.horizon,
+        method="center",
+    )
+    distance[:] = np.sqrt(
+        (state["vehicle_x"] - state["pedestrian_x"]) ** 2 + (state["vehicle_y"] - state["pedestrian_y"]) ** 2
+    )
+    return ttc, distance, (ttc < config.critical_threshold) & (state["status"] == RUNNING)
+
+
+@kernel
+def _assess(state, length, width, radius, horizon, threshold, ttc, distance, critical):  # type: ignore[no-untyped-def]
+    for i in range(state.size):
+        slot = state[i]
+        dx, dy = slot.vehicle_x - slot.pedestrian_x, slot.vehicle_y - slot.pedestrian_y
+        distance[i] = math.sqrt(dx * dx + dy * dy)
+        ttc[i] = math.inf
+        if slot.status != IDLE:
+            ttc[i] = curvttc_pair(
+                slot.vehicle_x,
+                slot.vehicle_y,
+                slot.vehicle_heading,
+                slot.vehicle_speed,
+                slot.vehicle_curvature,
+                slot.pedestrian_x,
+                slot.pedestrian_y,
+                slot.pedestrian_vx,
+                slot.pedestrian_vy,
+                length,
+                width,
+                radius,
+                horizon,
+            )
+        critical[i] = slot.status == RUNNING and ttc[i] < threshold
+
+
+def warm_up(config: MonitorConfig) -> None:
+    """Have `assess` compiled (or loaded), so that no tick waits for it."""
+    state = np.zeros(1, EPISODE)
+    state["status"] = RUNNING
+    assess(state, config)

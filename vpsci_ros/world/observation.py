@@ -1,0 +1,106 @@
+"""What the two agents see, equations (6) and (7): the one place where the vehicle's heading frame exists.
+
+Both agents' observations and actions are given in the vehicle's heading frame at the instant, (forward, left) for the
+paper's (longitudinal y, lateral x), longitudinal first:
+
+    O_veh = (v_veh^f, v_veh^l, d_vp^f, d_vp^l, dv_vp^f, dv_vp^l),  d_vp = p_veh - p_ped,  dv_vp = v_veh - v_ped
+    O_ped = (v_ped^f, v_ped^l, d_pv^f, d_pv^l, dv_pv^f, dv_pv^l),  d_pv = -d_vp,          dv_pv = -dv_vp
+
+so that (10)-(13) hold between the velocities and the relative velocities. Rows are computed one by one in scalar
+code: a row's bits depend neither on the other rows nor on its place, and arithmetic is float64 up to the last
+rounding.
+"""
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.compiled import kernel
+
+Observations: TypeAlias = NDArray[np.float32]
+OBSERVATION_SIZE = 6
+ACTION_SIZE = 2
+
+
+@kernel
+def to_heading_frame(heading: float, east: float, north: float) -> tuple[float, float]:
+    """Return the (forward, left) components of an (east, north) vector for a `heading` [rad]."""
+    c, s = math.cos(heading), math.sin(heading)
+    return c * east + s * north, c * north - s * east
+
+
+@kernel
+def from_heading_frame(heading: float, forward: float, left: float) -> tuple[float, float]:
+    """Return the (east, north) components of a (forward, left) vector for a `heading` [rad]."""
+    c, s = math.cos(heading), math.sin(heading)
+    return c * forward - s * left, s * forward + c * left
+
+
+@kernel
+def _observe(x, y, heading, forward, left, ped_x, ped_y, ped_vx, ped_vy, vehicle, pedestrian):  # type: ignore[no-untyped-def]
+    for i in range(x.size):
+        df, dl = to_heading_frame(heading[i], x[i] - ped_x[i], y[i] - ped_y[i])
+        pf, pl = to_heading_frame(heading[i], ped_vx[i], ped_vy[i])
+        vf, vl = forward[i], left[i]
+        vehicle[i, 0], vehicle[i, 1] = vf, vl
+        vehicle[i, 2], vehicle[i, 3] = df, dl
+        vehicle[i, 4], vehicle[i, 5] = vf - pf, vl - pl
+        pedestrian[i, 0], pedestrian[i, 1] = pf, pl
+        pedestrian[i, 2], pedestrian[i, 3] = -df, -dl
+        pedestrian[i, 4], pedestrian[i, 5] = pf - vf, pl - vl
+
+
+def observe(state: NDArray[np.void]) -> tuple[Observations, Observations]:
+    """Return what the vehicle and the pedestrian observe, float32[B, 6] each, for EPISODE[B] records.
+
+    The simulated vehicle moves along its heading, so its lateral speed is 0 (equations 6 and 7).
+    """
+    names = ["vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed"]
+    names += ["pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"]
+    x, y, heading, speed, *pedestrian = (np.ascontiguousarray(state[name]) for name in names)
+    vehicle_out = np.empty((len(state), OBSERVATION_SIZE), np.float32)
+    pedestrian_out = np.empty_like(vehicle_out)
+    _observe(x, y, heading, speed, np.zeros_like(speed), *pedestrian, vehicle_out, pedestrian_out)
+    return vehicle_out, pedestrian_out
+
+
+def observe_arrays(
+    vehicle_x: ArrayLike,
+    vehicle_y: ArrayLike,
+    vehicle_heading: ArrayLike,
+    vehicle_vx: ArrayLike,
+    vehicle_vy: ArrayLike,
+    pedestrian_x: ArrayLike,
+    pedestrian_y: ArrayLike,
+    pedestrian_vx: ArrayLike,
+    pedestrian_vy: ArrayLike,
+) -> tuple[Observations, Observations]:
+    """Return what the two agents observe, float32[..., 6] each, from recorded positions and velocities.
+
+    All arguments are float[...] of one shape: positions [m] and velocities [m/s] east and north, heading [rad]. A
+    recorded vehicle may move sideways a little, so its whole velocity is taken (equations 6 and 7).
+
+    :raises InvalidInput: the shapes differ.
+    """
+    arguments = [vehicle_x, vehicle_y, vehicle_heading, vehicle_vx, vehicle_vy]
+    arguments += [pedestrian_x, pedestrian_y, pedestrian_vx, pedestrian_vy]
+    arrays = [np.asarray(a, dtype=np.float64) for a in arguments]
+    shape = arrays[0].shape
+    if any(a.shape != shape for a in arrays):
+        raise InvalidInput(f"observe_arrays: expected one shape for all nine arrays, got {[a.shape for a in arrays]}")
+    x, y, heading, vx, vy, *pedestrian = (np.ascontiguousarray(a).reshape(-1) for a in arrays)
+    forward, left = np.empty_like(x), np.empty_like(x)
+    _rotate(heading, vx, vy, forward, left)
+    vehicle_out = np.empty((x.size, OBSERVATION_SIZE), np.float32)
+    pedestrian_out = np.empty_like(vehicle_out)
+    _observe(x, y, heading, forward, left, *pedestrian, vehicle_out, pedestrian_out)
+    return vehicle_out.reshape(*shape, OBSERVATION_SIZE), pedestrian_out.reshape(*shape, OBSERVATION_SIZE)
+
+
+@kernel
+def _rotate(heading, east, north, forward, left):  # type: ignore[no-untyped-def]
+    for i in range(heading.size):
+        forward[i], left[i] = to_heading_frame(heading[i], east[i], north[i])

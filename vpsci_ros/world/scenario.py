@@ -1,0 +1,238 @@
+"""A scenario: the lane that the vehicle drives, the way that the pedestrian walks, and what is drawn at a spawn.
+
+A scenario is a YAML file, one's own intersection as well as the eight of the paper in `params/scenarios/` (the first
+of them explains each key). Everything is checked on reading, and an error names the file and the key.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any, TypeAlias
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import refuse_unknown
+from vpsci_ros.resources import params_dir
+from vpsci_ros.world.kinematics import MAX_STEERING_ANGLE, WHEELBASE
+from vpsci_ros.world.opendrive import expand
+from vpsci_ros.world.paths import Path, resample
+
+Points: TypeAlias = NDArray[np.float64]
+Interval: TypeAlias = tuple[float, float]
+
+_REQUIRED: dict[str, Any] = {"number": None, "name": None, "location": None, "vehicle": None, "pedestrian": None}
+_OPTIONAL: dict[str, Any] = {"description": "", "crosswalk": []}
+_VEHICLE: dict[str, Any] = {"centreline": None, "spawn": None, "goal": None}
+_VEHICLE_OPTIONAL: dict[str, Any] = {
+    "lane_width": 3.5,
+    "throttle": [0.6, 0.9],
+    "full_throttle_speed": 6.0,
+    "initial_speed": [0.0, 1.0],
+}
+_PEDESTRIAN: dict[str, Any] = {"route": None, "goal": None, "arrival": None}
+_PEDESTRIAN_OPTIONAL: dict[str, Any] = {"speed": [1.0, 4.0], "offset": [-0.8, 0.8], "standing_room": 1.0}
+
+
+@dataclass(frozen=True)
+class VehicleScenario:
+    """The vehicle's side: arc lengths along the lane's centreline [m]; intervals are what a spawn is drawn from."""
+
+    path: Path
+    lane_width: float  # [m]
+    spawn: Interval  # [m] along the centreline
+    goal: float  # [m] along the centreline
+    throttle: Interval  # 0 to 1, how fast the autopilot drives
+    full_throttle_speed: float  # [m/s] the speed that throttle 1 stands for
+    initial_speed: Interval  # as a share of the speed that the throttle stands for
+
+
+@dataclass(frozen=True)
+class PedestrianScenario:
+    """The pedestrian's side: arc lengths along the walking route [m]; intervals are what a spawn is drawn from."""
+
+    path: Path
+    goal: float  # [m] along the route: the other side
+    speed: Interval  # [m/s]
+    arrival: Interval  # [s] at its own speed, from the spawn to where the route crosses the lane
+    offset: Interval  # [m] to the left of the route
+    standing_room: float  # [m] at the start of the route, over which waiting pedestrians are spread
+    conflict: float  # [m] along the route, where it crosses the lane's centreline
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One vehicle turning, one pedestrian crossing."""
+
+    number: int
+    name: str
+    location: str
+    description: str
+    vehicle: VehicleScenario
+    pedestrian: PedestrianScenario
+    crosswalk: Points  # float64[K, 2] [m], for pictures; K = 0: not known
+
+
+def scenario_files() -> list[FilePath]:
+    """Return the package's own scenario files, in the order of their numbers."""
+    return [
+        load[1] for load in sorted((load_scenario(f).number, f) for f in (params_dir() / "scenarios").glob("*.yaml"))
+    ]
+
+
+def load_scenarios(which: Iterable[int | str | FilePath]) -> list[Scenario]:
+    """Return several scenarios, see `load_scenario`.
+
+    :raises InvalidInput: also where two of them have the same number.
+    """
+    scenarios = [load_scenario(item) for item in which]
+    by_number: dict[int, Scenario] = {}
+    for scenario in scenarios:
+        other = by_number.setdefault(scenario.number, scenario)
+        if other is not scenario:
+            raise InvalidInput(f"scenarios {other.name} and {scenario.name} both have number {scenario.number}")
+    return scenarios
+
+
+def load_scenario(which: int | str | FilePath) -> Scenario:
+    """Return a scenario by its number or name (the package's own), or by the path of its YAML file.
+
+    :raises InvalidInput: no such scenario, unreadable YAML, or a key that is missing, unknown or out of range.
+    """
+    path = _find(which)
+    try:
+        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
+        raise InvalidInput(f"{path}: not readable as YAML: {error}") from None
+    return scenario_from(document, str(path))
+
+
+def _find(which: int | str | FilePath) -> FilePath:
+    folder = params_dir() / "scenarios"
+    own = sorted(folder.glob("*.yaml"))
+    if isinstance(which, int) or (isinstance(which, str) and which.isdigit()):
+        for path in own:
+            if yaml.safe_load(path.read_text(encoding="utf-8")).get("number") == int(which):
+                return path
+        raise InvalidInput(f"scenario {which}: expected a number from 1 to {len(own)}, or the path of a YAML file")
+    for path in (FilePath(which), folder / f"{which}.yaml"):
+        if path.is_file():
+            return path
+    names = ", ".join(path.stem for path in own)
+    raise InvalidInput(f"{which}: no such scenario file; the package's own are {names}")
+
+
+def scenario_from(document: Any, where: str) -> Scenario:
+    """Build a scenario from what its YAML holds; `where`, the file's path, opens each message.
+
+    With a key `opendrive`, lane and crosswalk are taken from that map, see `vpsci_ros.world.opendrive.expand`.
+
+    :raises InvalidInput: a key is missing, unknown, of the wrong type or out of range.
+    """
+    if isinstance(document, dict) and "opendrive" in document:
+        document = expand(document, where)
+    top = _section(document, _REQUIRED, _OPTIONAL, where)
+    number = top["number"]
+    if type(number) is not int or not 1 <= number <= 255:
+        raise InvalidInput(f"{where}: number must be a whole number from 1 to 255, got {number!r}")
+    vehicle = _vehicle(_section(top["vehicle"], _VEHICLE, _VEHICLE_OPTIONAL, f"{where}, vehicle"), f"{where}, vehicle")
+    here = f"{where}, pedestrian"
+    pedestrian = _pedestrian(_section(top["pedestrian"], _PEDESTRIAN, _PEDESTRIAN_OPTIONAL, here), vehicle.path, here)
+    polygon = _points(top["crosswalk"], 3, f"{where}: crosswalk") if top["crosswalk"] else np.zeros((0, 2))
+    return Scenario(
+        number, str(top["name"]), str(top["location"]), str(top["description"]), vehicle, pedestrian, polygon
+    )
+
+
+def _vehicle(values: dict[str, Any], where: str) -> VehicleScenario:
+    path = resample(_points(values["centreline"], 2, f"{where}: centreline"))
+    sharpest, limit = float(np.abs(path.curvature()).max()), math.tan(MAX_STEERING_ANGLE) / WHEELBASE
+    if sharpest > 0.9 * limit:
+        raise InvalidInput(
+            f"{where}: centreline has a bend of radius {1 / sharpest:.1f} m; "
+            f"the vehicle needs {1 / (0.9 * limit):.1f} m"
+        )
+    spawn = _interval(values["spawn"], 0.0, path.length, f"{where}: spawn", "m along the centreline")
+    return VehicleScenario(
+        path=path,
+        lane_width=_number(values["lane_width"], 1.0, 10.0, f"{where}: lane_width", "m"),
+        spawn=spawn,
+        goal=_number(values["goal"], spawn[1], path.length, f"{where}: goal", "m along the centreline, after spawn"),
+        throttle=_interval(values["throttle"], 0.0, 1.0, f"{where}: throttle", ""),
+        full_throttle_speed=_number(values["full_throttle_speed"], 0.5, 40.0, f"{where}: full_throttle_speed", "m/s"),
+        initial_speed=_interval(values["initial_speed"], 0.0, 1.0, f"{where}: initial_speed", ""),
+    )
+
+
+def _pedestrian(values: dict[str, Any], lane: Path, where: str) -> PedestrianScenario:
+    path = resample(_points(values["route"], 2, f"{where}: route"))
+    conflict = _crossing(path, lane)
+    if conflict is None:
+        raise InvalidInput(f"{where}: route does not cross the vehicle's centreline; nothing critical can happen")
+    room = _number(
+        values["standing_room"], 0.0, conflict, f"{where}: standing_room", "m, up to where the lane is crossed"
+    )
+    offset = _interval(values["offset"], -5.0, 5.0, f"{where}: offset", "m")
+    return PedestrianScenario(
+        path=path,
+        goal=_number(values["goal"], conflict, path.length, f"{where}: goal", "m along the route, after the lane"),
+        speed=_interval(values["speed"], 0.1, 8.0, f"{where}: speed", "m/s"),
+        arrival=_interval(values["arrival"], 0.0, 60.0, f"{where}: arrival", "s"),
+        offset=offset,
+        standing_room=room,
+        conflict=conflict,
+    )
+
+
+def _crossing(route: Path, lane: Path) -> float | None:
+    """Return where along `route` [m] it crosses `lane`, or None."""
+    p, r = route.points[:-1, None], np.diff(route.points, axis=0)[:, None]
+    q, s = lane.points[None, :-1], np.diff(lane.points, axis=0)[None]
+    cross = r[..., 0] * s[..., 1] - r[..., 1] * s[..., 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = ((q - p)[..., 0] * s[..., 1] - (q - p)[..., 1] * s[..., 0]) / cross
+        u = ((q - p)[..., 0] * r[..., 1] - (q - p)[..., 1] * r[..., 0]) / cross
+    hits = np.argwhere((t >= 0) & (t <= 1) & (u >= 0) & (u <= 1))
+    return None if len(hits) == 0 else float((hits[0, 0] + t[tuple(hits[0])]) * route.step)
+
+
+def _section(values: Any, required: dict[str, Any], optional: dict[str, Any], where: str) -> dict[str, Any]:
+    if not isinstance(values, dict):
+        raise InvalidInput(f"{where}: expected a mapping with {', '.join(required)}, got {values!r}")
+    refuse_unknown(values, required | optional, where)
+    missing = [key for key in required if key not in values]
+    if missing:
+        raise InvalidInput(f"{where}: missing {', '.join(missing)}; see params/scenarios/LocationA_PedCross_S-N.yaml")
+    return optional | values
+
+
+def _number(value: Any, low: float, high: float, where: str, unit: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+        raise InvalidInput(
+            f"{where} must be a number from {low:g} to {high:g} {unit}, got {value!r}".replace(" ,", ",")
+        )
+    return float(value)
+
+
+def _interval(value: Any, low: float, high: float, where: str, unit: str) -> Interval:
+    if not isinstance(value, list) or len(value) != 2:
+        raise InvalidInput(f"{where} must be [least, greatest], got {value!r}")
+    least, greatest = (_number(v, low, high, where, unit) for v in value)
+    if least > greatest:
+        raise InvalidInput(f"{where} must be [least, greatest], got {value!r}")
+    return least, greatest
+
+
+def _points(value: Any, fewest: int, where: str) -> Points:
+    try:
+        points = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{where} must be a list of [x, y] in metres, got {value!r}") from None
+    if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < fewest or not np.isfinite(points).all():
+        raise InvalidInput(f"{where} must be at least {fewest} finite points [x, y] in metres, got {value!r}")
+    if (np.hypot(*np.diff(points, axis=0).T) < 1e-3).any():
+        raise InvalidInput(f"{where} has two points in a row at the same place; remove one")
+    return points

@@ -1,0 +1,89 @@
+"""The state of the world: one record per parallel episode ("slot"), and the record of what happened to it.
+
+Records rather than one array per quantity, because every tick reads and writes most fields of a slot: a record lies
+in a few cache lines, and `state["vehicle_x"]` still is a view of one quantity over all slots. Fields that are also in
+`vpsci_msgs/WorldState` or `vpsci_msgs/EpisodeEvent` have the same names, units and codes there.
+"""
+
+import numpy as np
+
+IDLE, RUNNING, ENDED = 0, 1, 2  # status of a slot
+NONE, COLLISION, GOAL, TIMEOUT = 0, 1, 2, 3  # outcome of an episode
+STATUS_NAMES = ("idle", "running", "ended")
+OUTCOME_NAMES = ("none", "collision", "goal", "timeout")
+
+# kinds of event, as in vpsci_msgs/EpisodeEvent
+STARTED, HANDED_OVER, HANDED_BACK, FINISHED = 1, 2, 3, 4
+VEHICLE_ACTION_MISSING, PEDESTRIAN_ACTION_MISSING, SAFETY_MISSING = 5, 6, 7
+
+_QUANTITIES = (
+    # the vehicle: centre of its rectangle, which moves along its heading
+    "vehicle_x",  # [m]
+    "vehicle_y",  # [m]
+    "vehicle_heading",  # [rad] counter-clockwise from x, not wrapped
+    "vehicle_speed",  # [m/s] along the heading, never negative
+    "vehicle_curvature",  # [1/m] of the path driven in the last tick with motion, positive to the left
+    "vehicle_acceleration",  # [m/s2] along the heading, of the last tick
+    "steer",  # -1 (full right) to 1 (full left), of the last tick
+    "throttle",  # 0 to 1
+    "brake",  # 0 to 1
+    "route_s",  # [m] along the lane's centreline
+    "cruise_throttle",  # 0.6 to 0.9, drawn at the spawn: how fast the autopilot drives
+    # the pedestrian: centre of its disc
+    "pedestrian_x",  # [m]
+    "pedestrian_y",  # [m]
+    "pedestrian_vx",  # [m/s]
+    "pedestrian_vy",  # [m/s]
+    "pedestrian_s",  # [m] along the walking route
+    "pedestrian_offset",  # [m] to the left of the walking route, drawn at the spawn: where the walker wants to walk
+    "walking_speed",  # [m/s] drawn at the spawn
+    "start_delay",  # [s] after the spawn before the walker sets off
+    # the policies' last actions, held until the next policy frame, in the vehicle's heading frame at `action_heading`
+    "vehicle_long",  # [m/s2]
+    "vehicle_lat",  # [m/s2] to the left
+    "pedestrian_long",  # [m/s2]
+    "pedestrian_lat",  # [m/s2] to the left
+    "action_heading",  # [rad]
+    # measures of the episode so far
+    "least_curvttc",  # [s]
+    "vehicle_path",  # [m] driven since the spawn
+    "pedestrian_path",  # [m] walked since the spawn
+)
+_COUNTS = (
+    "episode",  # number of the episode within its scenario
+    "frame",  # ticks since the spawn
+    "hold",  # ticks for which control is kept without a further critical tick
+    "step",  # policy steps taken since the hand-over
+    "table",  # row of the world's scenario tables
+    "recording",  # row of the world's recordings, for the replay drivers
+)
+_CODES = (
+    "scenario",  # 1 to 8, more for one's own
+    "status",  # IDLE, RUNNING, ENDED
+    "outcome",  # NONE until the status is ENDED
+    "controlled",  # 1: the policies hold the agents
+    "vehicle_held",  # 1: vehicle_long and vehicle_lat hold an answer of the policy
+    "pedestrian_held",  # 1: likewise
+    "vehicle_goal",  # 1: the vehicle has reached its goal
+    "pedestrian_goal",  # 1: the pedestrian has reached its goal
+)
+
+EPISODE = np.dtype(
+    [(name, "f8") for name in _QUANTITIES] + [(name, "u4") for name in _COUNTS] + [(name, "u1") for name in _CODES],
+    align=True,
+)
+
+EVENT = np.dtype(
+    [
+        ("least_curvttc", "f8"),  # [s] up to this frame
+        ("vehicle_path", "f8"),  # [m]
+        ("pedestrian_path", "f8"),  # [m]
+        ("slot", "u4"),
+        ("episode", "u4"),
+        ("frame", "u4"),
+        ("kind", "u1"),
+        ("scenario", "u1"),
+        ("outcome", "u1"),
+    ],
+    align=True,
+)

@@ -1,0 +1,137 @@
+"""Scenarios as arrays for compiled code: one row a scenario, paths padded to the longest."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.world.autopilot import comfortable_speeds
+from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS, WorldConfig
+from vpsci_ros.world.paths import Path
+from vpsci_ros.world.scenario import Scenario
+
+SCENARIO = np.dtype(
+    [
+        (name, "f8")
+        for name in (
+            "lane_step",
+            "vehicle_goal",
+            "full_throttle_speed",
+            "walk_step",
+            "pedestrian_goal",
+            "conflict",
+            "standing_room",
+            "lowest_s",
+            "highest_s",
+            "lowest_throttle",
+            "highest_throttle",
+            "lowest_initial",
+            "highest_initial",
+            "lowest_speed",
+            "highest_speed",
+            "lowest_arrival",
+            "highest_arrival",
+            "lowest_offset",
+            "highest_offset",
+        )
+    ]
+    + [("lane_count", "i8"), ("walk_count", "i8"), ("number", "u1")],
+    align=True,
+)
+
+
+class Tables(NamedTuple):
+    """S scenarios for compiled code."""
+
+    rows: NDArray[np.void]  # SCENARIO[S]
+    lane: NDArray[np.float64]  # [S, N, 2] centrelines [m]
+    lane_speed: NDArray[np.float64]  # [S, N] comfortable speeds along them [m/s]
+    walk: NDArray[np.float64]  # [S, M, 2] walking routes [m]
+
+
+class Settings(NamedTuple):
+    """`WorldConfig` for compiled code: times in ticks, drivers as their index among the choices."""
+
+    period: float
+    policy_ticks: int
+    episode_ticks: int
+    release_ticks: int
+    vehicle_driver: int
+    pedestrian_driver: int
+    pedestrian_gain: float
+    top_speed: float
+    proximity_distance: float
+    lane_following: bool
+
+
+class Answers(NamedTuple):
+    """What the world was told about its tick; an array of length 0 stands for a missing answer."""
+
+    curvttc: NDArray[np.float64]  # [B] [s]
+    critical: NDArray[np.uint8]  # [B]
+    asked: NDArray[np.uint8]  # [B] 1: a policy frame
+    acts: NDArray[np.uint8]  # [B] 1: the policies act
+    vehicle_action: NDArray[np.float64]  # [B, 2] (longitudinal, lateral) [m/s2]
+    pedestrian_action: NDArray[np.float64]  # [B, 2] likewise
+    vehicle_control: NDArray[np.float64]  # [B, 3] (steer, throttle, brake)
+
+
+class Recordings(NamedTuple):
+    """Recorded motion of N episodes, for the replay drivers."""
+
+    vehicle: NDArray[np.float64]  # [N, T, 5] (x, y, heading, speed, curvature) [m, rad, m/s, 1/m]
+    pedestrian: NDArray[np.float64]  # [N, T, 4] (x, y, vx, vy) [m, m/s]
+    frames: NDArray[np.int64]  # [N] how many of the T frames there are
+
+
+def settings_from(config: WorldConfig) -> Settings:
+    """Return a configuration as compiled code takes it."""
+    return Settings(
+        period=config.tick,
+        policy_ticks=config.policy_ticks,
+        episode_ticks=config.episode_ticks,
+        release_ticks=config.release_ticks,
+        vehicle_driver=VEHICLE_DRIVERS.index(config.vehicle_driver),
+        pedestrian_driver=PEDESTRIAN_DRIVERS.index(config.pedestrian_driver),
+        pedestrian_gain=config.pedestrian_gain,
+        top_speed=config.pedestrian_top_speed,
+        proximity_distance=config.proximity_distance,
+        lane_following=config.lane_following,
+    )
+
+
+def tables_from(scenarios: Sequence[Scenario]) -> Tables:
+    """Return scenarios, S > 0 of them, as tables in the same order."""
+    rows = np.zeros(len(scenarios), SCENARIO)
+    for row, scenario in zip(rows, scenarios, strict=True):
+        vehicle, pedestrian = scenario.vehicle, scenario.pedestrian
+        row["number"] = scenario.number
+        row["lane_step"], row["lane_count"] = vehicle.path.step, len(vehicle.path.points)
+        row["walk_step"], row["walk_count"] = pedestrian.path.step, len(pedestrian.path.points)
+        row["vehicle_goal"], row["full_throttle_speed"] = vehicle.goal, vehicle.full_throttle_speed
+        row["pedestrian_goal"], row["conflict"] = pedestrian.goal, pedestrian.conflict
+        row["standing_room"] = pedestrian.standing_room
+        for name, interval in (
+            ("s", vehicle.spawn),
+            ("throttle", vehicle.throttle),
+            ("initial", vehicle.initial_speed),
+            ("speed", pedestrian.speed),
+            ("arrival", pedestrian.arrival),
+            ("offset", pedestrian.offset),
+        ):
+            row[f"lowest_{name}"], row[f"highest_{name}"] = interval
+    lanes = [scenario.vehicle.path for scenario in scenarios]
+    speeds = [comfortable_speeds(lane) for lane in lanes]
+    return Tables(rows, _padded(lanes), _stacked(speeds), _padded([s.pedestrian.path for s in scenarios]))
+
+
+def _padded(paths: list[Path]) -> NDArray[np.float64]:
+    return _stacked([path.points for path in paths])
+
+
+def _stacked(arrays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    out = np.zeros((len(arrays), max(map(len, arrays)), *arrays[0].shape[1:]))
+    for row, array in zip(out, arrays, strict=True):
+        row[: len(array)] = array
+    return out
