@@ -1,0 +1,107 @@
+"""Frames of many parallel episodes become whole episodes, whatever the batch."""
+
+import numpy as np
+import pytest
+
+from vpsci_ros.data.episode_frames import NOT_OPEN, QUANTITIES, EpisodeFrames
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.state import COLLISION, GOAL, RUNNING, TIMEOUT
+
+LENGTHS = [12, 5, 9, 7, 30]
+OUTCOMES = [TIMEOUT, COLLISION, GOAL, GOAL, COLLISION]
+
+
+def collect(ticks, batch: int, frames: int = 256) -> dict[int, tuple[int, int, np.ndarray]]:
+    """Return episode -> (outcome, frames, float32[frames, 10])."""
+    collector = EpisodeFrames(batch, frames)
+    out = {}
+    for tick in ticks:
+        done = collector.add(*tick)
+        for i in range(len(done)):
+            assert done.scenario[i] == 1
+            out[int(done.episode[i])] = (int(done.outcome[i]), int(done.frames[i]), done.values[i, : done.frames[i]])
+    assert collector.unfinished == 0
+    return out
+
+
+def test_every_episode_comes_out_once_with_all_its_frames(simulate) -> None:
+    episodes = collect(simulate(LENGTHS, OUTCOMES, 2), 2)
+    assert {number: episode[:2] for number, episode in episodes.items()} == {
+        number: (OUTCOMES[number], LENGTHS[number]) for number in range(5)
+    }
+    assert not any(np.isnan(values).any() for _, _, values in episodes.values())
+
+
+@pytest.mark.parametrize("batch", [1, 3, 5, 8])
+def test_the_batch_changes_nothing(simulate, batch: int) -> None:
+    one = collect(simulate(LENGTHS, OUTCOMES, 2), 2)
+    other = collect(simulate(LENGTHS, OUTCOMES, batch), batch)
+    for number, episode in one.items():
+        np.testing.assert_array_equal(episode[2], other[number][2])
+
+
+def test_velocity_of_the_vehicle_points_along_its_heading(simulate) -> None:
+    (_, _, values) = collect(simulate([10], [GOAL], 1), 1)[0]
+    column = {name: values[:, i] for i, name in enumerate(QUANTITIES)}
+    assert column["velocity_x_av"] == pytest.approx(5.0 * np.cos(0.5))
+    assert column["velocity_y_av"] == pytest.approx(5.0 * np.sin(0.5))
+    assert column["position_x_av"] == pytest.approx(np.arange(10) * 0.05 * 5.0 * np.cos(0.5), abs=1e-6)
+    assert column["velocity_y_ped"] == pytest.approx(1.5)
+    assert np.isinf(column["CurvTTC"]).all()
+
+
+def test_an_end_that_is_shown_for_several_ticks_counts_once(simulate) -> None:
+    collector = EpisodeFrames(1)
+    *before, last = simulate([6], [GOAL], 1)
+    assert [len(collector.add(*tick)) for tick in [*before, last, last, last]] == [0] * 5 + [1, 0, 0]
+
+
+def test_frames_that_nobody_saw_are_not_a_number(simulate) -> None:
+    ticks = list(simulate([8], [GOAL], 1))
+    (_, frames, values) = collect(ticks[:3] + ticks[5:], 1)[0]
+    assert frames == 8
+    np.testing.assert_array_equal(np.isnan(values).all(axis=1), [False] * 3 + [True] * 2 + [False] * 3)
+
+
+def test_what_a_slot_held_before_never_shows_through(simulate) -> None:
+    ticks = list(simulate([20, 8], [GOAL, GOAL], 1))
+    (_, _, values) = collect(ticks[:22] + ticks[25:], 1)[1]
+    assert np.isnan(values[2:5]).all()
+
+
+def test_a_broken_off_episode_is_counted_and_not_given_out(simulate) -> None:
+    collector = EpisodeFrames(1)
+    ticks = list(simulate([8, 4], [GOAL, GOAL], 1))
+    done = [collector.add(*tick) for tick in ticks[:5] + ticks[8:]]
+    assert [batch.episode.tolist() for batch in done if len(batch)] == [[1]]
+    assert collector.unfinished == 1
+
+
+def test_an_episode_longer_than_the_room_gets_more(simulate) -> None:
+    (_, frames, values) = collect(simulate([50], [TIMEOUT], 1), 1, frames=4)[0]
+    assert frames == 50
+    assert values[:, 5] == pytest.approx(-4.0 + 1.5 * 0.05 * np.arange(50))
+
+
+def test_the_lowest_running_number_is_told_with_each_end(simulate) -> None:
+    collector = EpisodeFrames(2)
+    told = {}
+    for tick in simulate([12, 5, 9], [GOAL] * 3, 2):
+        batch = collector.add(*tick)
+        if len(batch):
+            told[tuple(batch.episode.tolist())] = batch.open_from[1]
+    assert told == {(1,): 0, (0,): 2, (2,): NOT_OPEN}
+
+
+def test_another_batch_size_is_refused(simulate) -> None:
+    tick = next(simulate([3, 3], [GOAL, GOAL], 2))
+    with pytest.raises(InvalidInput, match="expected 3 parallel episodes, got 2 states"):
+        EpisodeFrames(3).add(*tick)
+
+
+def test_idle_slots_are_nobody(simulate) -> None:
+    state, curvttc, distance = next(simulate([3], [GOAL], 4))
+    assert (state["status"] == RUNNING).sum() == 1
+    collector = EpisodeFrames(4)
+    collector.add(state, curvttc, distance)
+    assert collector.unfinished == 1

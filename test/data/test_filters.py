@@ -1,0 +1,84 @@
+"""The four conditions of section 3.3, each at its bound."""
+
+import numpy as np
+import pytest
+
+from vpsci_ros.data.episode_frames import QUANTITIES, EpisodeBatch
+from vpsci_ros.data.filters import KEPT, REASONS, FilterConfig, judge
+from vpsci_ros.world.state import GOAL
+
+
+def batch(frames: int = 100, least: float = 4.9, vehicle: float = 20.0, pedestrian: float = 8.0) -> EpisodeBatch:
+    """Return one episode that moves straight so far [m] from the first to the last frame."""
+    values = np.zeros((1, frames, len(QUANTITIES)), np.float32)
+    part = np.arange(frames) / (frames - 1)
+    values[0, :, QUANTITIES.index("position_x_av")] = 0.6 * vehicle * part
+    values[0, :, QUANTITIES.index("position_y_av")] = 0.8 * vehicle * part
+    values[0, :, QUANTITIES.index("position_y_ped")] = pedestrian * part
+    values[0, :, QUANTITIES.index("CurvTTC")] = np.inf
+    values[0, frames // 2, QUANTITIES.index("CurvTTC")] = least
+    numbers = np.zeros(1, np.int64)
+    return EpisodeBatch(
+        np.ones(1, np.uint8), numbers, np.full(1, GOAL, np.uint8), np.full(1, frames), values, np.zeros(256, np.int64)
+    )
+
+
+def reason(episode: EpisodeBatch) -> str:
+    return REASONS[judge(episode, FilterConfig()).reason[0]]
+
+
+def test_an_episode_that_meets_every_condition_is_kept() -> None:
+    verdict = judge(batch(), FilterConfig())
+    assert verdict.reason[0] == KEPT
+    assert verdict.least_curvttc[0] == pytest.approx(4.9)
+    assert verdict.vehicle_path[0] == pytest.approx(20.0, rel=1e-5)
+    assert verdict.pedestrian_path[0] == pytest.approx(8.0, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"least": 5.0}, "not critical"),
+        ({"least": 4.999}, "kept"),
+        ({"frames": 99}, "too short"),
+        ({"frames": 100}, "kept"),
+        ({"vehicle": 10.0}, "vehicle hardly moved"),
+        ({"vehicle": 10.01}, "kept"),
+        ({"pedestrian": 4.0}, "pedestrian hardly moved"),
+        ({"pedestrian": 4.01}, "kept"),
+    ],
+)
+def test_each_condition_has_the_bound_of_the_paper(change: dict, expected: str) -> None:
+    assert reason(batch(**change)) == expected
+
+
+@pytest.mark.parametrize(("missing", "expected"), [(9, "kept"), (10, "velocities missing")])
+@pytest.mark.parametrize("name", ["velocity_x_av", "velocity_y_ped"])
+def test_fewer_than_ten_missing_velocities_in_a_row_are_allowed(name: str, missing: int, expected: str) -> None:
+    episode = batch()
+    episode.values[0, 20 : 20 + missing, QUANTITIES.index(name)] = np.nan
+    episode.values[0, 60:69, QUANTITIES.index(name)] = np.nan
+    assert reason(episode) == expected
+
+
+def test_frames_after_the_end_are_not_missing() -> None:
+    episode = batch(frames=120)
+    padded = np.concatenate([episode.values, np.full((1, 80, len(QUANTITIES)), np.nan, np.float32)], axis=1)
+    longer = EpisodeBatch(episode.scenario, episode.episode, episode.outcome, episode.frames, padded, episode.open_from)
+    assert reason(longer) == "kept"
+    assert judge(longer, FilterConfig()).vehicle_path[0] == pytest.approx(20.0, rel=1e-5)
+
+
+def test_the_distance_is_that_of_the_ends_and_the_path_that_of_the_way() -> None:
+    episode = batch(frames=101)
+    x = QUANTITIES.index("position_x_ped")
+    episode.values[0, :, x] = 3.0 * np.sin(np.pi * np.arange(101) / 100)
+    verdict = judge(episode, FilterConfig(pedestrian_distance=8.01))
+    assert REASONS[verdict.reason[0]] == "pedestrian hardly moved"
+    assert verdict.pedestrian_path[0] > 9.0
+
+
+def test_every_condition_is_judged_and_the_first_names_the_reason() -> None:
+    verdict = judge(batch(frames=50, least=7.0, vehicle=1.0), FilterConfig())
+    assert verdict.failed[0].tolist() == [True, False, True, True, False]
+    assert REASONS[verdict.reason[0]] == "not critical"

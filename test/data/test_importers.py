@@ -1,0 +1,249 @@
+"""Published recordings become near misses at 0.1 s, and a damaged file is named with its line."""
+
+import io
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from rich.console import Console
+
+from vpsci_ros.data.importers import AFTER, BEFORE, import_folders, import_trajectories, print_import_summary
+from vpsci_ros.data.importers.tracks import resample, slope
+from vpsci_ros.data.near_misses import check_near_misses
+from vpsci_ros.errors import InvalidInput
+
+RATE = 23.976  # [1/s] frames of a VCI-DUT clip
+
+
+def edit(path: Path, change: Callable[[list[str]], list[str]]) -> None:
+    """Rewrite a text file line by line."""
+    path.write_text("\n".join(change(path.read_text().splitlines())) + "\n")
+
+
+def write_clip(folder: Path, name: str, *, frames: int = 96, lateral: float = 0.0, turn: float = 0.0) -> None:
+    """Write one clip as published: a car along x at 5 m/s, a pedestrian who crosses 20 m ahead at 1.2 m/s.
+
+    `lateral` moves the pedestrian along its line [m], `turn` rotates the scene [rad].
+    """
+    frame = np.arange(10, 10 + frames)
+    t = (frame - 10) / RATE
+    cos, sin = np.cos(turn), np.sin(turn)
+    car, walker = np.stack([5.0 * t, 0.0 * t]), np.stack([20.0 + 0.0 * t, 1.2 * (t - 4.0) + lateral])
+    car, walker = (np.stack([cos * p[0] - sin * p[1], sin * p[0] + cos * p[1]]) for p in (car, walker))
+    heading = np.angle(np.exp(1j * turn))
+    rows = [f"7,{k},veh,{x},{y},{heading},5.0" for k, x, y in zip(frame, *car, strict=True)]
+    edited = ["id,frame,label,x_est,y_est,psi_est,vel_est", *rows]
+    (folder / f"{name}_traj_veh_filtered.csv").write_text("\n".join(edited) + "\n")
+    rows = [f"3,{k},ped,{x},{y},{-1.2 * sin},{1.2 * cos}" for k, x, y in zip(frame, *walker, strict=True)]
+    edited = ["id,frame,label,x_est,y_est,vx_est,vy_est", *rows]
+    (folder / f"{name}_traj_ped_filtered.csv").write_text("\n".join(edited) + "\n")
+
+
+@pytest.fixture
+def clip_folder(tmp_path: Path) -> Path:
+    folder = tmp_path / "clips"
+    folder.mkdir()
+    write_clip(folder, "meeting_01")
+    return folder
+
+
+def vehicle_file(folder: Path) -> Path:
+    return folder / "meeting_01_traj_veh_filtered.csv"
+
+
+def pedestrian_file(folder: Path) -> Path:
+    return folder / "meeting_01_traj_ped_filtered.csv"
+
+
+def replace(path: Path, line: int, column: int, value: str) -> None:
+    """Put `value` into a cell; lines count from 1, the header."""
+
+    def change(lines: list[str]) -> list[str]:
+        cells = lines[line - 1].split(",")
+        cells[column] = value
+        return [*lines[: line - 1], ",".join(cells), *lines[line:]]
+
+    edit(path, change)
+
+
+def test_a_car_and_a_pedestrian_on_time_have_the_curvttc_of_the_first_contact(clip_folder: Path) -> None:
+    table = import_trajectories(clip_folder, "vci-dut").table
+    check_near_misses(table, "table")
+    # The front, 2.25 m ahead of the centre at 5 m/s, reaches the walker's line x = 20 m; the walker, 0.3 m wide, is
+    # inside the car's width by then: contact when 5 t + 2.25 = 20 - 0.3, t = 3.49 s after the start of the clip.
+    assert table["curvttc"][0] == pytest.approx((20.0 - 0.3 - 2.25) / 5.0 - (table["time"][0] - 10 / RATE), abs=1e-3)
+    assert table["veh_x"].to_numpy() == pytest.approx(5.0 * (table["time"].to_numpy() - 10 / RATE), abs=1e-9)
+    assert table.select("source", "clip", "veh_id", "ped_id").row(0) == ("vci-dut", "meeting_01", 7, 3)
+
+
+def test_steps_are_kept_from_ten_before_the_first_critical_one_to_ten_after_the_last(tmp_path: Path) -> None:
+    write_clip(tmp_path, "meeting_01", frames=200)
+    table = import_trajectories(tmp_path, "vci-dut").table
+    critical = np.flatnonzero(table["curvttc"].to_numpy() < 5.0)
+    assert critical[0] <= BEFORE
+    assert table.height - 1 - critical[-1] == AFTER
+    assert table["time"].diff().drop_nulls().to_numpy() == pytest.approx(0.1)
+
+
+def test_times_lie_on_multiples_of_a_tenth_and_nothing_is_extrapolated(clip_folder: Path) -> None:
+    table = import_trajectories(clip_folder, "vci-dut").table
+    times = table["time"].to_numpy()
+    assert times * 10 == pytest.approx(np.round(times * 10), abs=1e-9)
+    assert times[0] >= 10 / RATE
+    assert times[-1] <= 105 / RATE
+
+
+def test_a_rotated_scene_has_the_same_near_misses(tmp_path: Path) -> None:
+    write_clip(tmp_path, "a")
+    write_clip(tmp_path, "b", turn=math.pi - 0.01)
+    table = import_trajectories(tmp_path, "vci-dut").table
+    first, second = (table.filter(pl.col("clip") == name)["curvttc"].to_numpy() for name in "ab")
+    assert second == pytest.approx(first, abs=1e-6)
+
+
+def test_a_pedestrian_far_from_the_path_is_no_near_miss(tmp_path: Path) -> None:
+    write_clip(tmp_path, "far", lateral=-30.0)
+    result = import_trajectories(tmp_path, "vci-dut")
+    assert result.table.is_empty()
+    assert (result.summaries[0].pairs, result.summaries[0].near_misses) == (1, 0)
+    assert math.isnan(result.summaries[0].quartiles[1])
+
+
+@pytest.mark.parametrize(("form", "length"), [("vci-dut", 4.5), ("vci-citr", 2.4)])
+def test_each_format_has_its_own_vehicle_size(clip_folder: Path, form: str, length: float) -> None:
+    table = import_trajectories(clip_folder, form).table.filter(pl.col("curvttc").is_between(0.1, 2.0))
+    contact = table["veh_x"] + 5.0 * table["curvttc"]
+    assert contact.to_numpy() == pytest.approx(20.0 - 0.3 - length / 2.0, abs=5e-3)
+
+
+def test_tracks_are_cut_at_long_gaps_and_bridged_over_short_ones() -> None:
+    frames = np.array([0, 1, 2, 3, 4, 5, 6, 8, 9, 10, 11, 12, 30, 31, 32, 33, 34, 35])
+    table = pl.DataFrame({"id": np.zeros(len(frames), np.int64), "frame": frames, "x": frames / RATE})
+    pieces = list(resample(table, RATE))
+    assert [(piece.first, piece.last) for piece in pieces] == [(0, 5), (13, 14)]
+    for piece in pieces:
+        assert piece.values["x"] == pytest.approx(0.1 * np.arange(piece.first, piece.last + 1))
+
+
+def test_headings_are_unwrapped_before_they_are_interpolated() -> None:
+    turning = np.linspace(3.0, 3.4, 11)
+    wrapped = np.angle(np.exp(1j * turning))
+    table = pl.DataFrame({"id": np.zeros(11, np.int64), "frame": np.arange(11), "psi": wrapped})
+    (piece,) = resample(table, 20.0, angle="psi")
+    assert piece.values["psi"] == pytest.approx(np.linspace(3.0, 3.4, 6))
+
+
+@pytest.mark.parametrize("length", [1, 2, 3, 4, 5, 9])
+def test_the_slope_of_a_line_is_its_slope_at_every_length(length: int) -> None:
+    line = 0.3 + 0.7 * 0.1 * np.arange(length)
+    assert slope(line) == pytest.approx(np.full(length, 0.7 if length > 1 else 0.0))
+
+
+def test_standing_cars_have_speed_zero_and_reversing_ones_are_left_out(clip_folder: Path) -> None:
+    def reversing(lines: list[str]) -> list[str]:
+        return [line if k < 80 else line.rsplit(",", 1)[0] + ",-1.0" for k, line in enumerate(lines)]
+
+    replace(vehicle_file(clip_folder), 20, 6, "-0.004")
+    edit(vehicle_file(clip_folder), reversing)
+    result = import_trajectories(clip_folder, "vci-dut")
+    assert result.summaries[0].reversing == 17
+    assert result.table["veh_speed"].min() >= 0.0
+    assert result.table["time"].max() <= (10 + 79) / RATE
+
+
+def test_a_missing_folder_and_an_empty_one_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"absent: no such folder; expected one with NAME_traj_ped_filtered\.csv"):
+        import_trajectories(tmp_path / "absent", "vci-dut")
+    with pytest.raises(InvalidInput, match="no clip; expected files"):
+        import_trajectories(tmp_path, "vci-dut")
+
+
+def test_an_unknown_format_is_refused_with_the_known_ones(clip_folder: Path) -> None:
+    with pytest.raises(InvalidInput, match="unknown format 'dut'; expected one of vci-dut, vci-citr"):
+        import_trajectories(clip_folder, "dut")
+    with pytest.raises(InvalidInput, match="got 1 folders, 2 formats"):
+        import_folders([clip_folder], ["vci-dut", "vci-citr"])
+
+
+def test_half_a_clip_is_refused(clip_folder: Path) -> None:
+    vehicle_file(clip_folder).unlink()
+    with pytest.raises(InvalidInput, match=r"meeting_01_traj_ped_filtered\.csv is there without .*veh_filtered\.csv"):
+        import_trajectories(clip_folder, "vci-dut")
+
+
+def test_recordings_of_pedestrians_alone_say_so_in_their_names(clip_folder: Path) -> None:
+    alone = clip_folder / "bidirection_no_vehicle_5v5_01_traj_ped_filtered.csv"
+    alone.write_text(pedestrian_file(clip_folder).read_text())
+    assert import_trajectories(clip_folder, "vci-citr").summaries[0].clips == 1
+
+
+def test_a_missing_column_is_named_with_the_file(clip_folder: Path) -> None:
+    edit(vehicle_file(clip_folder), lambda lines: [lines[0].replace("psi_est", "psi"), *lines[1:]])
+    with pytest.raises(InvalidInput, match=r"veh_filtered\.csv: expected columns .*; psi_est is missing"):
+        import_trajectories(clip_folder, "vci-dut")
+
+
+@pytest.mark.parametrize(
+    ("value", "column", "message"),
+    [
+        ("nan", 3, "line 12, column x_est: expected a finite number, got 'nan'"),
+        ("", 5, "line 12, column vx_est: expected a finite number, got None"),
+        ("fast", 6, "line 12, column vy_est: expected a finite number, got 'fast'"),
+        ("1.5", 0, "line 12, column id: expected a whole number, got '1.5'"),
+        ("11", 1, "line 12: frame 11 of id 3 does not come after its frame before"),
+    ],
+)
+def test_a_bad_cell_is_named_with_line_and_column(clip_folder: Path, value: str, column: int, message: str) -> None:
+    replace(pedestrian_file(clip_folder), 12, column, value)
+    with pytest.raises(InvalidInput, match=rf"ped_filtered\.csv: {message}"):
+        import_trajectories(clip_folder, "vci-dut")
+
+
+@pytest.mark.parametrize("turn", [0.5, math.pi / 2, 2.8])
+def test_headings_in_degrees_are_suspected(tmp_path: Path, turn: float) -> None:
+    write_clip(tmp_path, "turned", turn=turn)
+    degrees = f",{math.degrees(turn)},5.0"
+    path = tmp_path / "turned_traj_veh_filtered.csv"
+    edit(path, lambda lines: [lines[0], *(line.rsplit(",", 2)[0] + degrees for line in lines[1:])])
+    with pytest.raises(InvalidInput, match=r"psi_est: headings differ .* they look like degrees"):
+        import_trajectories(tmp_path, "vci-dut")
+
+
+def test_headings_with_y_down_are_suspected(tmp_path: Path) -> None:
+    write_clip(tmp_path, "turned", turn=0.8)
+    path = tmp_path / "turned_traj_veh_filtered.csv"
+    edit(path, lambda lines: [lines[0], *(line.rsplit(",", 2)[0] + ",-0.8,5.0" for line in lines[1:])])
+    with pytest.raises(InvalidInput, match=r"psi_est: headings differ .* or with y down"):
+        import_trajectories(tmp_path, "vci-dut")
+
+
+def test_an_empty_and_a_ragged_file_are_refused(clip_folder: Path) -> None:
+    edit(pedestrian_file(clip_folder), lambda lines: lines[:1])
+    with pytest.raises(InvalidInput, match=r"ped_filtered\.csv: expected one row a frame and agent, got none"):
+        import_trajectories(clip_folder, "vci-dut")
+    edit(pedestrian_file(clip_folder), lambda lines: [*lines, "3,10,ped,1,2,3,4,5,6,7"])
+    with pytest.raises(InvalidInput, match=r"ped_filtered\.csv: not readable as CSV"):
+        import_trajectories(clip_folder, "vci-dut")
+
+
+def test_real_recordings_hold_about_340_near_misses_within_seconds(real_data: Path) -> None:
+    begin = time.monotonic()
+    result = import_folders([real_data / "vci_dut", real_data / "vci_citr"], ["vci-dut", "vci-citr"])
+    elapsed = time.monotonic() - begin
+    check_near_misses(result.table, "table")
+    assert 320 <= result.table["interaction"].n_unique() <= 370
+    assert result.summaries[0].quartiles == pytest.approx((1.8, 2.95, 3.9), abs=0.15)
+    assert elapsed < 20.0
+
+
+def test_the_summary_shows_each_source_and_their_sum(clip_folder: Path) -> None:
+    result = import_folders([clip_folder, clip_folder], ["vci-dut", "vci-citr"])
+    console = Console(width=80, record=True, file=io.StringIO())
+    print_import_summary(result, console)
+    text = console.export_text()
+    assert text.split()[9:12] == ["vci-dut", "vci-citr", "together"]
+    assert [int(word) for word in text.split("near misses  ")[1].split("\n")[0].split()] == [1, 1, 2]

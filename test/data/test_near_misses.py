@@ -1,0 +1,148 @@
+"""The near-miss table refuses what does not belong, by name and row, and splits by clip alone."""
+
+import math
+from pathlib import Path
+
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from vpsci_ros.data.near_misses import (
+    NEAR_MISS_COLUMNS,
+    check_near_misses,
+    concat_near_misses,
+    read_near_misses,
+    split_by_clip,
+    write_near_misses,
+)
+from vpsci_ros.data.parquet import read_metadata
+from vpsci_ros.data.synthetic import synthetic_near_misses
+from vpsci_ros.errors import InvalidInput
+
+
+@pytest.fixture(scope="module")
+def table() -> pl.DataFrame:
+    return synthetic_near_misses(6, seed=5).table
+
+
+def test_a_table_survives_writing_and_reading_to_the_bit(table: pl.DataFrame, tmp_path: Path) -> None:
+    write_near_misses(table, tmp_path / "near.parquet", {"made_by": "test"})
+    assert_frame_equal(read_near_misses(tmp_path / "near.parquet"), table, check_exact=True)
+    assert read_metadata(tmp_path / "near.parquet")["made_by"] == "test"
+
+
+def test_columns_come_in_the_order_of_the_schema_and_in_its_types(table: pl.DataFrame, tmp_path: Path) -> None:
+    shuffled = table.select(reversed(table.columns)).with_columns(
+        pl.col("step").cast(pl.Int16), pl.col("ped_x").cast(pl.Float32), pl.lit(1).alias("weather")
+    )
+    shuffled.write_parquet(tmp_path / "own.parquet")
+    read = read_near_misses(tmp_path / "own.parquet")
+    assert dict(read.schema) == {name: column.dtype for name, column in NEAR_MISS_COLUMNS.items()}
+
+
+@pytest.mark.parametrize("name", ["interaction", "clip", "veh_vx", "curvttc"])
+def test_a_missing_column_is_named(table: pl.DataFrame, name: str) -> None:
+    with pytest.raises(InvalidInput, match=f"FILE: .* needs column {name}; it has"):
+        check_near_misses(table.drop(name), "FILE")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("veh_x", float("nan"), "veh_x, row 31 .*expected a finite number, got nan"),
+        ("ped_vy", float("inf"), "ped_vy, row 31 .*expected a finite number, got inf"),
+        ("ped_vy", None, "ped_vy, row 31 .*expected a value in every row, got None"),
+        ("curvttc", float("nan"), "curvttc, row 31 .*infinity where no collision is predicted, never NaN, got nan"),
+        ("curvttc", -1.0, "curvttc, row 31 .*not below 0.*got -1.0"),
+        ("veh_speed", -0.5, "veh_speed, row 31 .*speed not below 0, got -0.5"),
+        ("distance", 900.0, r"distance, row 31 .*metres between .*got 900.0"),
+        ("veh_heading", 90.0, "veh_heading, row 31 .*radians, unwrapped.*got 90.0"),
+        ("time", 0.0, "time, row 31 .*plus 0.1 s: resample"),
+        ("step", 99, "step, row 31 .*plus 1.*got 99"),
+        ("ped_id", 99, "ped_id, row 31 .*one value an interaction, got 99"),
+        ("clip", "other", "clip, row 31 .*one value an interaction, got other"),
+    ],
+)
+def test_a_bad_value_is_refused_with_column_row_and_remedy(
+    table: pl.DataFrame, name: str, value: object, message: str
+) -> None:
+    assert table["interaction"][30] == table["interaction"][31]
+    here = pl.int_range(pl.len()) == 31
+    bad = table.with_columns(pl.when(here).then(pl.lit(value)).otherwise(pl.col(name)).alias(name))
+    with pytest.raises(InvalidInput, match=f"^FILE: column {message}"):
+        check_near_misses(bad, "FILE")
+
+
+def test_text_in_place_of_numbers_is_refused(table: pl.DataFrame) -> None:
+    with pytest.raises(InvalidInput, match="FILE: column veh_x must be Float64, got String"):
+        check_near_misses(table.with_columns(pl.col("veh_x").cast(pl.String)), "FILE")
+    with pytest.raises(InvalidInput, match="FILE: column step must be Int64, got Float64"):
+        check_near_misses(table.with_columns(pl.col("step").cast(pl.Float64)), "FILE")
+
+
+def test_a_gap_and_unsorted_rows_are_refused(table: pl.DataFrame) -> None:
+    with pytest.raises(InvalidInput, match=r"column step, row 4 .*split interactions at gaps"):
+        check_near_misses(table.filter(pl.int_range(pl.len()) != 4), "FILE")
+    with pytest.raises(InvalidInput, match="column step, row 1 "):
+        check_near_misses(table.sort("interaction", "step", descending=[False, True]), "FILE")
+    with pytest.raises(InvalidInput, match="rows of interaction 0 lie apart"):
+        check_near_misses(table.sort("step", "interaction", maintain_order=True), "FILE")
+
+
+def test_degrees_and_headings_from_north_are_suspected(table: pl.DataFrame) -> None:
+    north = table.with_columns((math.pi / 2 - pl.col("veh_heading")).alias("veh_heading"))
+    with pytest.raises(InvalidInput, match=r"do not point along veh_heading .*convert degrees"):
+        check_near_misses(north, "FILE")
+
+
+def test_an_interaction_that_never_is_critical_is_no_near_miss(table: pl.DataFrame) -> None:
+    quiet = pl.when(pl.col("interaction") == 2).then(8.0).otherwise(pl.col("curvttc")).alias("curvttc")
+    with pytest.raises(InvalidInput, match="interaction 2 never falls below 5 s"):
+        check_near_misses(table.with_columns(quiet), "FILE")
+
+
+def test_an_empty_table_and_what_is_not_parquet_are_refused(table: pl.DataFrame, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="without a row"):
+        check_near_misses(table.clear(), "FILE")
+    with pytest.raises(InvalidInput, match="no such file"):
+        read_near_misses(tmp_path / "absent.parquet")
+    (tmp_path / "text.parquet").write_text("interaction,source\n")
+    with pytest.raises(InvalidInput, match=r"text\.parquet: expected a near-miss table in Parquet"):
+        read_near_misses(tmp_path / "text.parquet")
+
+
+def test_nothing_is_left_behind_by_a_table_that_is_refused(table: pl.DataFrame, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput):
+        write_near_misses(table.with_columns(pl.lit(float("nan")).alias("veh_x")), tmp_path / "near.parquet")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_tables_are_joined_with_new_numbers_and_never_twice(table: pl.DataFrame) -> None:
+    other = table.with_columns(pl.lit("elsewhere").alias("source"))
+    whole = concat_near_misses([table, other])
+    assert whole["interaction"].unique(maintain_order=True).to_list() == list(range(12))
+    check_near_misses(whole, "whole")
+    with pytest.raises(InvalidInput, match=r"clip .* is there twice"):
+        concat_near_misses([table, table])
+
+
+def test_clips_are_held_out_whole_and_in_every_source(table: pl.DataFrame) -> None:
+    whole = concat_near_misses([table, table.with_columns(pl.lit("elsewhere").alias("source"))])
+    training, held_out = split_by_clip(whole, 0.34, seed=3)
+    assert not set(training["clip"] + training["source"]) & set(held_out["clip"] + held_out["source"])
+    assert sorted(pl.concat([training, held_out])["interaction"].unique()) == list(range(12))
+    assert held_out.group_by("source").agg(pl.col("interaction").n_unique())["interaction"].to_list() == [2, 2]
+
+
+def test_a_split_depends_on_the_seed_alone_and_not_on_the_order_of_rows(table: pl.DataFrame) -> None:
+    first = split_by_clip(table, 0.34, seed=3)[1]["clip"].unique().sort()
+    turned = table.sort("interaction", descending=True, maintain_order=True)
+    assert split_by_clip(turned, 0.34, seed=3)[1]["clip"].unique().sort().equals(first)
+    assert any(not split_by_clip(table, 0.34, seed=k)[1]["clip"].unique().sort().equals(first) for k in range(5))
+
+
+def test_one_clip_cannot_be_split(table: pl.DataFrame) -> None:
+    with pytest.raises(InvalidInput, match="two clips or more"):
+        split_by_clip(table.filter(pl.col("interaction") == 0), 0.5, seed=0)
+    with pytest.raises(InvalidInput, match="held_out_fraction = 1"):
+        split_by_clip(table, 1.0, seed=0)

@@ -1,0 +1,98 @@
+"""Table 9's columns for any models, under the two honest protocols of DESIGN.md, with confidence intervals."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.interactions import Interactions, from_table
+from vpsci_ros.learning.predictors import PolicyPredictor, Predictor, RepeatVelocity
+from vpsci_ros.learning.protocols import (
+    ProtocolErrors,
+    closed_loop,
+    constant_velocity_reconstruction,
+    eligible,
+    reconstruct,
+)
+from vpsci_ros.learning.weights import Weights
+
+RESAMPLES = 2000
+LEVEL = 0.95
+CONTROLS = ("repeat_velocity", "constant_velocity")
+
+
+def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor], seed: int = 0) -> dict[str, Any]:
+    """Measure models and controls on near misses, in the layout of `vpsci evaluate --json`.
+
+    {"interactions": N, "clips": C, "models": {NAME: {"reconstruction": ERRORS, "closed_loop": ERRORS}}}, where ERRORS
+    holds `ade`, `fde` [m], `rmse` by quantity [m/s, m], `ade_vehicle` and `ade_pedestrian` [m], the 95% intervals
+    `ade_interval` and `fde_interval` [m], and `ade_ratio` with `ade_ratio_interval`: the ADE as a share of
+    `repeat_velocity`'s. Intervals resample whole clips, since interactions of one clip share agents.
+
+    In closed loop both controls are the same: the last observed velocity, kept. In reconstruction `repeat_velocity`
+    looks again at every step, and `constant_velocity` keeps the velocity of the first critical step.
+
+    :param models: name -> weights of both agents, or any `Predictor`.
+    :raises InvalidInput: no interaction of a second or more, or a model has a control's name.
+    """
+    for name in CONTROLS:
+        if name in models:
+            raise InvalidInput(f"models: {name} is the name of a control; call the model something else")
+    interactions = eligible(from_table(near_misses))
+    predictors: dict[str, Predictor] = {
+        name: PolicyPredictor(model) if isinstance(model, Weights) else model for name, model in models.items()
+    }
+    errors = {name: _both(model, interactions) for name, model in predictors.items()}
+    errors["repeat_velocity"] = _both(RepeatVelocity(), interactions)
+    loop = errors["repeat_velocity"]["closed_loop"]
+    errors["constant_velocity"] = {
+        "reconstruction": constant_velocity_reconstruction(interactions),
+        "closed_loop": loop,
+    }
+    draws = _clip_draws(interactions.clip, seed)
+    control = errors["repeat_velocity"]
+    return {
+        "interactions": len(interactions),
+        "clips": len(set(interactions.clip)),
+        "models": {
+            name: {protocol: _summary(result[protocol], control[protocol], draws) for protocol in result}
+            for name, result in errors.items()
+        },
+    }
+
+
+def _both(model: Predictor, interactions: Interactions) -> dict[str, ProtocolErrors]:
+    return {"reconstruction": reconstruct(model, interactions), "closed_loop": closed_loop(model, interactions)}
+
+
+def _clip_draws(clips: NDArray[np.object_], seed: int) -> NDArray[np.float64]:
+    """Return how often each interaction occurs in each bootstrap resample of whole clips, float64[RESAMPLES, N]."""
+    names, owner = np.unique(clips.astype(str), return_inverse=True)
+    rng = np.random.default_rng(seed)
+    counts = rng.multinomial(len(names), np.full(len(names), 1.0 / len(names)), size=RESAMPLES)
+    return counts[:, owner].astype(np.float64)
+
+
+def _summary(errors: ProtocolErrors, control: ProtocolErrors, draws: NDArray[np.float64]) -> dict[str, Any]:
+    ade, fde = errors.ade.mean(axis=1), errors.fde.mean(axis=1)
+    size = draws.sum(axis=1)
+    ratio = (draws @ ade) / (draws @ control.ade.mean(axis=1))
+    return {
+        "ade": float(ade.mean()),
+        "fde": float(fde.mean()),
+        "rmse": errors.rmse(),
+        "ade_vehicle": float(errors.ade[:, 0].mean()),
+        "ade_pedestrian": float(errors.ade[:, 1].mean()),
+        "ade_interval": _interval(draws @ ade / size),
+        "fde_interval": _interval(draws @ fde / size),
+        "ade_ratio": float(ade.mean() / control.ade.mean()),
+        "ade_ratio_interval": _interval(ratio),
+    }
+
+
+def _interval(samples: NDArray[np.float64]) -> list[float]:
+    low, high = np.quantile(samples, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+    return [float(low), float(high)]

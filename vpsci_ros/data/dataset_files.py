@@ -1,0 +1,129 @@
+"""The tables of a dataset: their columns, and the writer of one scenario's file in each format.
+
+CurvTTC is infinite where no contact is predicted within the horizon, in Parquet and in CSV ("inf", which pandas,
+polars, numpy and R all read as infinity); an empty cell would say that it was not observed. The authors publish no
+word on it. NaN are values that nobody saw. `count` is the number of the episode within its scenario, with which it can
+be simulated again; `veh_id` and `ped_id` are 2 count and 2 count + 1, so that no two agents of a file share one.
+"""
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from vpsci_ros.data.parquet import Column, arrow_schema
+
+FORMATS = ("parquet", "csv")
+DATASET_COLUMNS: dict[str, Column] = {
+    "count": Column(pl.Int64, "", "interaction episode index: number of the episode within its scenario"),
+    "frame": Column(pl.Int32, "", "frame number within the episode, 0 at the spawn"),
+    "veh_id": Column(pl.Int64, "", "unique vehicle identifier"),
+    "ped_id": Column(pl.Int64, "", "unique pedestrian identifier"),
+    "position_x_av": Column(pl.Float32, "m", "vehicle position, east"),
+    "position_y_av": Column(pl.Float32, "m", "vehicle position, north"),
+    "velocity_x_av": Column(pl.Float32, "m/s", "vehicle velocity, east"),
+    "velocity_y_av": Column(pl.Float32, "m/s", "vehicle velocity, north"),
+    "position_x_ped": Column(pl.Float32, "m", "pedestrian position, east"),
+    "position_y_ped": Column(pl.Float32, "m", "pedestrian position, north"),
+    "velocity_x_ped": Column(pl.Float32, "m/s", "pedestrian velocity, east"),
+    "velocity_y_ped": Column(pl.Float32, "m/s", "pedestrian velocity, north"),
+    "distance": Column(pl.Float32, "m", "distance between the centres of vehicle and pedestrian"),
+    "CurvTTC": Column(pl.Float32, "s", "curvilinear time to collision, infinity where none is predicted"),
+}
+INDEX_COLUMNS: dict[str, Column] = {
+    "scenario": Column(pl.Int32, "", "1 to 8, Table 6"),
+    "count": Column(pl.Int64, "", "number of the episode within its scenario"),
+    "outcome": Column(pl.String, "", "collision, goal or timeout"),
+    "reason": Column(pl.String, "", "'kept', or the first condition of section 3.3 that it fails"),
+    "frames": Column(pl.Int32, "", "frames from the spawn to the end"),
+    "least_curvttc": Column(pl.Float32, "s", "least CurvTTC, infinity where there is none"),
+    "vehicle_path": Column(pl.Float32, "m", "length of the vehicle's trajectory"),
+    "pedestrian_path": Column(pl.Float32, "m", "length of the pedestrian's trajectory"),
+}
+
+
+class EpisodeTable:
+    """One scenario's episodes in each format, written in row groups to hidden part files.
+
+    :param row_group: rows after which a row group is written; it ends with an episode.
+    :param metadata: stored in the schema of the Parquet file.
+    """
+
+    def __init__(
+        self, folder: Path, name: str, formats: Sequence[str], row_group: int, metadata: Mapping[str, Any]
+    ) -> None:
+        self._paths = {form: folder / f"{name}.{form}" for form in formats}
+        self._parts = {form: path.with_name(f".{path.name}.part") for form, path in self._paths.items()}
+        self._schema = arrow_schema(DATASET_COLUMNS, metadata)
+        floats = [name for name, column in DATASET_COLUMNS.items() if column.dtype is pl.Float32]
+        self._parquet: pq.ParquetWriter | None = None
+        if "parquet" in formats:
+            self._parquet = pq.ParquetWriter(
+                self._parts["parquet"],
+                self._schema,
+                compression="zstd",
+                use_dictionary=[name for name in DATASET_COLUMNS if name not in floats],
+                use_byte_stream_split=floats,
+            )
+        self._csv: io.BufferedWriter | None = None
+        if "csv" in formats:
+            self._csv = self._parts["csv"].open("wb")
+            self._csv.write((",".join(DATASET_COLUMNS) + "\n").encode())
+        self._row_group = row_group
+        self._numbers: list[int] = []
+        self._episodes: list[NDArray[np.float32]] = []
+        self._buffered = 0
+        self.rows = 0
+
+    def add(self, number: int, values: NDArray[np.float32]) -> None:
+        """Append an episode: its number and float32[frames, 10] in the order of `QUANTITIES`."""
+        self._numbers.append(number)
+        self._episodes.append(values)
+        self._buffered += len(values)
+        if self._buffered >= self._row_group:
+            self._flush()
+
+    def _flush(self) -> None:
+        if not self._buffered:
+            return
+        lengths = np.array([len(values) for values in self._episodes])
+        count = np.repeat(np.array(self._numbers, np.int64), lengths)
+        frame = np.concatenate([np.arange(n, dtype=np.int32) for n in lengths])
+        values = np.concatenate(self._episodes)
+        columns = [count, frame, 2 * count, 2 * count + 1, *(np.ascontiguousarray(v) for v in values.T)]
+        rows = pa.table([pa.array(column) for column in columns], schema=self._schema)
+        if self._parquet is not None:
+            self._parquet.write_table(rows)
+        if self._csv is not None:
+            frame_of_rows = pl.from_arrow(rows)
+            assert isinstance(frame_of_rows, pl.DataFrame)
+            frame_of_rows.write_csv(self._csv, include_header=False)
+        self.rows += self._buffered
+        self._numbers, self._episodes, self._buffered = [], [], 0
+
+    def close(self) -> list[tuple[Path, int]]:
+        """Finish the files, give them their names, and return each with its number of rows."""
+        self._flush()
+        self._shut()
+        for form, path in self._paths.items():
+            self._parts[form].replace(path)
+        return [(path, self.rows) for path in self._paths.values()]
+
+    def discard(self) -> None:
+        """Remove what was written."""
+        self._shut()
+        for form, path in self._paths.items():
+            self._parts[form].unlink(missing_ok=True)
+            path.unlink(missing_ok=True)
+
+    def _shut(self) -> None:
+        if self._parquet is not None:
+            self._parquet.close()
+        if self._csv is not None:
+            self._csv.close()

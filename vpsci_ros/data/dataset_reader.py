@@ -1,0 +1,110 @@
+"""A dataset folder read back: its description, its index, and its episodes as padded arrays, a row group at a time."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from vpsci_ros.data.dataset import DESCRIPTION, INDEX
+from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
+from vpsci_ros.data.episode_frames import QUANTITIES
+from vpsci_ros.data.parquet import read_parquet
+from vpsci_ros.errors import InvalidInput
+
+
+@dataclass(frozen=True)
+class EpisodeArrays:
+    """n episodes of one scenario.
+
+    :ivar count: int64[n], their numbers.
+    :ivar lengths: int64[n], frames of each.
+    :ivar values: float32[n, F, 10] in the order of `QUANTITIES`; NaN beyond an episode's length.
+    """
+
+    count: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    values: NDArray[np.float32]
+
+    def __getitem__(self, name: str) -> NDArray[np.float32]:
+        """Return one quantity, float32[n, F]."""
+        return self.values[..., QUANTITIES.index(name)]
+
+
+class Dataset:
+    """A folder that `DatasetWriter` has completed.
+
+    :raises InvalidInput: no such folder, or no readable dataset.json in it.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        path = self.folder / DESCRIPTION
+        if not path.is_file():
+            raise InvalidInput(
+                f"{path}: no such file; expected the folder of a dataset (its run may have been stopped before the end)"
+            )
+        try:
+            self.description: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+            self.scenarios: dict[str, dict[str, Any]] = self.description["scenarios"]
+            self.period = float(self.description["period"])
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise InvalidInput(f"{path}: not the description of a dataset: {error!r}") from None
+
+    def index(self) -> pl.DataFrame:
+        """Return a row an episode, rejected ones too, with the columns of `INDEX_COLUMNS`."""
+        return read_parquet(self.folder / INDEX, "the index of a dataset").select(list(INDEX_COLUMNS))
+
+    def rows(self, name: str) -> pl.DataFrame:
+        """Return all rows of one scenario, by its name."""
+        parts = [part for _, part in self._parts(name)]
+        return pl.concat(parts) if parts else pl.DataFrame(schema=_SCHEMA)
+
+    def episodes(self, name: str) -> Iterator[EpisodeArrays]:
+        """Yield the kept episodes of one scenario, a row group at a time (a CSV file in one piece).
+
+        :raises InvalidInput: a file is missing or does not hold what the description promises.
+        """
+        for path, part in self._parts(name):
+            if part.height:
+                yield _padded(part, path)
+
+    def _parts(self, name: str) -> Iterator[tuple[Path, pl.DataFrame]]:
+        if name not in self.scenarios:
+            raise InvalidInput(f"{self.folder}: no scenario {name}; it has {', '.join(self.scenarios)}")
+        parquet, csv = self.folder / f"{name}.parquet", self.folder / f"{name}.csv"
+        path = parquet if parquet.is_file() else csv
+        if not path.is_file():
+            raise InvalidInput(f"{parquet}: no such file, and no {csv.name}; {DESCRIPTION} promises it")
+        try:
+            if path == csv:
+                yield path, pl.read_csv(path, schema=_SCHEMA)
+                return
+            with pq.ParquetFile(path) as file:
+                for group in range(file.num_row_groups):
+                    part = pl.from_arrow(file.read_row_group(group))
+                    assert isinstance(part, pl.DataFrame)
+                    yield path, part.select(list(DATASET_COLUMNS))
+        except (pl.exceptions.PolarsError, OSError, ValueError) as error:
+            raise InvalidInput(f"{path}: expected the columns of Table 7, not readable as such: {error}") from None
+
+
+_SCHEMA = {name: column.dtype for name, column in DATASET_COLUMNS.items()}
+
+
+def _padded(rows: pl.DataFrame, path: Path) -> EpisodeArrays:
+    count = rows["count"].to_numpy()
+    starts = np.flatnonzero(np.diff(count, prepend=count[0] - 1))
+    lengths = np.diff(np.append(starts, len(count)))
+    frame = np.arange(len(count)) - np.repeat(starts, lengths)
+    if not np.array_equal(frame, rows["frame"].to_numpy()):
+        row = int(np.argmax(frame != rows["frame"].to_numpy()))
+        raise InvalidInput(f"{path}: frame {rows['frame'][row]} of episode {count[row]}: expected frame {frame[row]}")
+    values = np.full((len(starts), int(lengths.max()), len(QUANTITIES)), np.nan, np.float32)
+    values[np.repeat(np.arange(len(starts)), lengths), frame] = rows.select(QUANTITIES).to_numpy()
+    return EpisodeArrays(count[starts], lengths, values)

@@ -1,0 +1,100 @@
+"""What an import returns and prints: the near misses, a summary of each source, and what is stored with the table."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from vpsci_ros.data.near_misses import STEP, concat_near_misses
+from vpsci_ros.provenance import software_versions
+from vpsci_ros.safety import CRITICAL_TTC, HORIZON, PEDESTRIAN_RADIUS
+
+
+@dataclass(frozen=True)
+class SourceSummary:
+    """What one source holds.
+
+    :ivar pairs: vehicles and pedestrians that are there at the same time.
+    :ivar near_misses: those of them whose CurvTTC falls below 5 s.
+    :ivar steps: rows of the table; `critical_steps` of them below 5 s.
+    :ivar quartiles: of the least CurvTTC of each near miss [s], NaN where there is none.
+    :ivar reversing: frames left out because the vehicle drives backwards.
+    :ivar vehicle_length, vehicle_width: the rectangle that CurvTTC was computed with [m].
+    """
+
+    source: str
+    clips: int
+    pairs: int
+    near_misses: int
+    steps: int
+    critical_steps: int
+    quartiles: tuple[float, float, float]
+    reversing: int
+    vehicle_length: float
+    vehicle_width: float
+
+
+@dataclass(frozen=True)
+class ImportResult:
+    """A near-miss table and the summaries of the sources it came from."""
+
+    table: pl.DataFrame
+    summaries: tuple[SourceSummary, ...]
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """What `write_near_misses` should store beside the rows."""
+        return {
+            "sources": {summary.source: asdict(summary) for summary in self.summaries},
+            "step": STEP,
+            "critical_ttc": CRITICAL_TTC,
+            "horizon": HORIZON,
+            "pedestrian_radius": PEDESTRIAN_RADIUS,
+            "versions": software_versions(),
+        }
+
+
+def joined(results: Sequence[ImportResult]) -> ImportResult:
+    """Return several results as one, interactions numbered through.
+
+    :raises InvalidInput: none given, or the same recording twice.
+    """
+    summaries = tuple(summary for result in results for summary in result.summaries)
+    return ImportResult(concat_near_misses([result.table for result in results]), summaries)
+
+
+def least_quartiles(table: pl.DataFrame) -> tuple[float, float, float]:
+    """Return the quartiles of each interaction's least CurvTTC [s]; NaN without interactions."""
+    least = table.group_by("interaction").agg(pl.col("curvttc").min())["curvttc"].to_numpy()
+    low, median, high = np.quantile(least, (0.25, 0.5, 0.75)) if len(least) else np.full(3, np.nan)
+    return float(low), float(median), float(high)
+
+
+def print_import_summary(result: ImportResult, console: Console | None = None) -> None:
+    """Print the table of `vpsci import`: clips, pairs, near misses, steps, quartiles of the least CurvTTC."""
+    names = ("clips", "pairs", "near misses", "steps", "of them critical")
+    cells = [
+        (row.source, (row.clips, row.pairs, row.near_misses, row.steps, row.critical_steps), row.quartiles)
+        for row in result.summaries
+    ]
+    if len(cells) > 1:
+        sums = tuple(sum(counts) for counts in zip(*(counts for _, counts, _ in cells), strict=True))
+        cells.append(("together", sums, least_quartiles(result.table)))
+    view = Table(box=box.SIMPLE_HEAD, title=f"Near misses: pairs whose CurvTTC falls below {CRITICAL_TTC:g} s")
+    view.add_column("")
+    for source, _, _ in cells:
+        view.add_column(source, justify="right")
+    for i, name in enumerate(names):
+        view.add_row(name, *(f"{counts[i]:,}" for _, counts, _ in cells))
+    view.add_section()
+    for i, name in enumerate(("first quartile", "median", "third quartile")):
+        view.add_row(f"least CurvTTC, {name} [s]", *(f"{quartiles[i]:.2f}" for *_, quartiles in cells))
+    console = console or Console()
+    console.print(view)
+    if reversing := sum(row.reversing for row in result.summaries):
+        console.print(f"{reversing:,} frames of vehicles that drive backwards were left out.")

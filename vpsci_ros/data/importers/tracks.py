@@ -1,0 +1,119 @@
+"""Tracks of one clip: read from CSV with every value checked, cut at gaps, and resampled to the 0.1 s grid."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vpsci_ros.data.near_misses import STEP
+from vpsci_ros.errors import InvalidInput
+
+Floats = NDArray[np.float64]
+MAX_GAP = 0.25  # [s] frames further apart than this are not bridged: the track is cut there
+_GRID = 1e-6  # [steps] a frame this near to a grid point counts as on it
+
+
+@dataclass(frozen=True)
+class Track:
+    """One agent's unbroken piece of a clip on the grid t = 0.1 s * k.
+
+    :ivar first: k of the first value.
+    :ivar values: column name -> float64[T], one value a grid step.
+    """
+
+    number: int
+    first: int
+    values: dict[str, Floats]
+
+    @property
+    def last(self) -> int:
+        """Grid step k of the last value."""
+        return self.first + len(next(iter(self.values.values()))) - 1
+
+
+def read_tracks_csv(path: Path, columns: tuple[str, ...]) -> pl.DataFrame:
+    """Read `id`, `frame` (whole numbers) and `columns` (finite numbers) of one CSV; other columns are left out.
+
+    :raises InvalidInput: unreadable, a missing column, no row, a value that is missing, text or not finite, or frames
+        of an id that do not increase; names file, column, line and what to do.
+    """
+    try:
+        text = pl.read_csv(path, infer_schema=False)
+    except (pl.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: not readable as CSV: {error}; take the file as published") from None
+    wanted = ("id", "frame", *columns)
+    missing = [name for name in wanted if name not in text.columns]
+    if missing:
+        raise InvalidInput(
+            f"{path}: expected columns {', '.join(wanted)}; {', '.join(missing)} is missing, the file has "
+            f"{', '.join(text.columns)}; take the file as published"
+        )
+    if text.is_empty():
+        raise InvalidInput(f"{path}: expected one row a frame and agent, got none; remove the clip or restore the file")
+    table = text.select(_numbers(text, name, name not in columns, path) for name in wanted)
+    step = table.select((pl.col("frame").diff().over("id") <= 0).fill_null(False).alias("back"))["back"]
+    if step.any():
+        row = int(step.arg_max() or 0)
+        raise InvalidInput(
+            f"{path}: line {row + 2}: frame {table['frame'][row]} of id {table['id'][row]} does not come after its "
+            "frame before; expected frames in increasing order, each once per id"
+        )
+    return table
+
+
+def _numbers(text: pl.DataFrame, name: str, whole: bool, path: Path) -> pl.Series:
+    numbers = text[name].str.strip_chars().cast(pl.Float64, strict=False)
+    good = numbers.is_finite() & (numbers == numbers.round(0) if whole else True)
+    bad = ~good.fill_null(False)
+    if bad.any():
+        row = int(bad.arg_max() or 0)
+        kind = "a whole number" if whole else "a finite number"
+        raise InvalidInput(
+            f"{path}: line {row + 2}, column {name}: expected {kind}, got {text[name][row]!r}; "
+            "correct the file or remove that agent's rows"
+        )
+    return numbers.cast(pl.Int64) if whole else numbers
+
+
+def resample(table: pl.DataFrame, frame_rate: float, angle: str | None = None) -> Iterator[Track]:
+    """Yield each id's unbroken pieces on the 0.1 s grid, frame 0 being time 0.
+
+    Values between two frames are interpolated linearly, `angle` [rad] after unwrapping; nothing is extrapolated, and
+    no value is made across a gap of more than `MAX_GAP`. Pieces that hold no grid point do not appear.
+
+    :param frame_rate: of the recording [1/s].
+    """
+    for part in table.partition_by("id", maintain_order=True):
+        times = part["frame"].to_numpy() / frame_rate
+        for piece in np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > MAX_GAP) + 1):
+            own = times[piece]
+            first = int(np.ceil(own[0] / STEP - _GRID))
+            steps = np.arange(first, int(np.floor(own[-1] / STEP + _GRID)) + 1)
+            if len(steps) == 0:
+                continue
+            values = {}
+            for name in part.columns[2:]:
+                raw = part[name].to_numpy()[piece]
+                values[name] = np.interp(steps * STEP, own, np.unwrap(raw) if name == angle else raw)
+            yield Track(int(part["id"][0]), first, values)
+
+
+def slope(values: Floats, half_window: int = 2) -> Floats:
+    """Rate of change [1/s] of values on the grid: the least-squares line through 2 * `half_window` + 1 of them.
+
+    A line over 0.4 s keeps the yaw rate of a turn and leaves out the jitter of single frames, which would bend the
+    predicted path to one side and the other and report near misses one step long. The ends take the nearest full
+    window's slope, tracks shorter than a window the one of their whole length.
+    """
+    n = len(values)
+    if n < 2:
+        return np.zeros(n)
+    half = min(half_window, (n - 1) // 2)
+    if half == 0:
+        return np.full(n, (values[-1] - values[0]) / ((n - 1) * STEP))
+    offsets = np.arange(-half, half + 1)
+    inner = np.correlate(values, offsets / (STEP * float(offsets @ offsets)), "valid")
+    return np.concatenate([np.full(half, inner[0]), inner, np.full(half, inner[-1])])

@@ -1,0 +1,222 @@
+"""The near-miss table: real interactions below 5 s of CurvTTC, one row a step of 0.1 s, from whatever recording.
+
+An interaction is one vehicle and one pedestrian of one clip. Its rows lie together, `step` counts them without a gap,
+and `clip` is the unit by which data are held out: two interactions of one clip share agents and traffic, so rows or
+interactions alone must never be what is split. Anyone's own recordings enter the package by this table.
+"""
+
+import hashlib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from vpsci_ros.data.parquet import Column, read_parquet, write_parquet
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety import CRITICAL_TTC
+
+STEP = 0.1  # [s]
+NEAR_MISS_COLUMNS: dict[str, Column] = {
+    "interaction": Column(pl.Int64, "", "number of the interaction; its rows lie together"),
+    "source": Column(pl.String, "", "data set the interaction comes from; 'synthetic' for the package's own sample"),
+    "clip": Column(pl.String, "", "recording within the source; the unit by which data are held out"),
+    "step": Column(pl.Int64, "", "number of the row within its interaction, without a gap"),
+    "time": Column(pl.Float64, "s", "time in the clip"),
+    "veh_id": Column(pl.Int64, "", "number of the vehicle in its clip"),
+    "ped_id": Column(pl.Int64, "", "number of the pedestrian in its clip"),
+    "veh_x": Column(pl.Float64, "m", "centre of the vehicle"),
+    "veh_y": Column(pl.Float64, "m", "centre of the vehicle"),
+    "veh_heading": Column(pl.Float64, "rad", "counter-clockwise from x; may exceed pi, never jumps"),
+    "veh_speed": Column(pl.Float64, "m/s", "along the heading, not below 0"),
+    "veh_vx": Column(pl.Float64, "m/s", "velocity of the vehicle"),
+    "veh_vy": Column(pl.Float64, "m/s", "velocity of the vehicle"),
+    "ped_x": Column(pl.Float64, "m", "centre of the pedestrian"),
+    "ped_y": Column(pl.Float64, "m", "centre of the pedestrian"),
+    "ped_vx": Column(pl.Float64, "m/s", "velocity of the pedestrian"),
+    "ped_vy": Column(pl.Float64, "m/s", "velocity of the pedestrian"),
+    "curvttc": Column(pl.Float64, "s", "curvilinear time to collision, infinity where there is none within 10 s"),
+    "distance": Column(pl.Float64, "m", "between the two centres"),
+}
+_WHAT = "a near-miss table"
+_FLOATS = [name for name, column in NEAR_MISS_COLUMNS.items() if column.dtype is pl.Float64]
+_CONSTANT = ("source", "clip", "veh_id", "ped_id")
+_TURN_LIMIT = 1.0  # [rad] a heading turns by less than this in one step, or it is wrapped or in degrees
+
+
+def read_near_misses(path: str | Path) -> pl.DataFrame:
+    """Read and check a near-miss table.
+
+    :returns: the columns of `NEAR_MISS_COLUMNS` in that order (further ones are left out), see `check_near_misses`.
+    :raises InvalidInput: no such file, not Parquet, or not a near-miss table; names file, column, row, and the remedy.
+    """
+    return check_near_misses(read_parquet(path, _WHAT), str(path))
+
+
+def write_near_misses(table: pl.DataFrame, path: str | Path, metadata: Mapping[str, Any] | None = None) -> None:
+    """Check `table` and write it as Parquet (zstd), whole or not at all, with units and `metadata` in the schema.
+
+    :raises InvalidInput: `table` is not a near-miss table, or the folder of `path` does not exist.
+    """
+    write_parquet(check_near_misses(table, str(path)), path, NEAR_MISS_COLUMNS, content=_WHAT, **(metadata or {}))
+
+
+def check_near_misses(table: pl.DataFrame, where: str) -> pl.DataFrame:
+    """Return `table` with exactly the columns and types of `NEAR_MISS_COLUMNS`.
+
+    :param where: what the table comes from, the opening of each error message.
+    :raises InvalidInput: a missing column, a wrong type, a missing or not finite value, rows of an interaction that lie
+        apart, are unsorted or have a gap, a heading that jumps, or an interaction that never falls below 5 s.
+    """
+    table = _typed(table, where)
+    if table.is_empty():
+        raise InvalidInput(f"{where}: {_WHAT} without a row; import recordings that hold near misses")
+    for name in _FLOATS:
+        bad = ~pl.col(name).is_finite()
+        if name == "curvttc":
+            bad = pl.col(name).is_nan() | (pl.col(name) < 0.0)
+        elif name in ("veh_speed", "distance"):
+            bad = bad | (pl.col(name) < 0.0)
+        _refuse_first(table, bad, name, where, _EXPECTED.get(name, "a finite number"))
+    _check_order(table, where)
+    _check_motion(table, where)
+    return table
+
+
+_EXPECTED = {
+    "curvttc": "a time not below 0, infinity where no collision is predicted, never NaN",
+    "veh_speed": "a speed not below 0",
+    "distance": "a distance not below 0",
+}
+
+
+def _typed(table: pl.DataFrame, where: str) -> pl.DataFrame:
+    missing = [name for name in NEAR_MISS_COLUMNS if name not in table.columns]
+    if missing:
+        raise InvalidInput(
+            f"{where}: {_WHAT} needs column {', '.join(missing)}; it has {', '.join(table.columns) or 'none'}"
+        )
+    for name, column in NEAR_MISS_COLUMNS.items():
+        kind = table[name].dtype
+        right = {pl.String: kind == pl.String, pl.Int64: kind.is_integer()}.get(column.dtype, kind.is_numeric())
+        if not right:
+            raise InvalidInput(f"{where}: column {name} must be {column.dtype.__name__}, got {kind}; cast it")
+        _refuse_first(table, pl.col(name).is_null(), name, where, "a value in every row")
+    return table.select(pl.col(name).cast(column.dtype) for name, column in NEAR_MISS_COLUMNS.items())
+
+
+def _check_order(table: pl.DataFrame, where: str) -> None:
+    first = pl.col("interaction") != pl.col("interaction").shift(1)
+    begins = table.filter(first.fill_null(True))["interaction"]
+    if (again := begins.filter(begins.is_duplicated())).len():
+        raise InvalidInput(
+            f"{where}: the rows of interaction {again[0]} lie apart; sort by interaction and step, and give each "
+            "interaction a number of its own"
+        )
+    inside = ~first.fill_null(True)
+    for name in _CONSTANT:
+        _refuse_first(table, inside & (pl.col(name) != pl.col(name).shift(1)), name, where, "one value an interaction")
+    gap = inside & (pl.col("step") != pl.col("step").shift(1) + 1)
+    _refuse_first(table, gap, "step", where, "the step before plus 1: sort the rows, split interactions at gaps")
+    late = inside & ((pl.col("time").diff() - STEP).abs() > 1e-3)
+    _refuse_first(table, late, "time", where, f"the time before plus {STEP} s: resample to that step")
+
+
+def _check_motion(table: pl.DataFrame, where: str) -> None:
+    inside = pl.col("interaction") == pl.col("interaction").shift(1)
+    jump = inside & (pl.col("veh_heading").diff().abs() > _TURN_LIMIT)
+    _refuse_first(table, jump, "veh_heading", where, "radians, unwrapped: no jump between two steps")
+    gap = pl.struct("veh_x", "veh_y", "ped_x", "ped_y", "distance").map_batches(_distance_error, pl.Float64)
+    _refuse_first(table, gap > 0.01, "distance", where, "metres between (veh_x, veh_y) and (ped_x, ped_y)")
+    moving = table.filter(pl.col("veh_speed") > 1.0)
+    along = moving["veh_heading"].cos() * moving["veh_vx"] + moving["veh_heading"].sin() * moving["veh_vy"]
+    agreement = (along / moving["veh_speed"]).median()
+    if isinstance(agreement, float) and agreement < math.cos(0.5):
+        raise InvalidInput(
+            f"{where}: veh_vx, veh_vy do not point along veh_heading (median cosine {agreement:.2f}); expected "
+            "radians counter-clockwise from x, so convert degrees, and headings measured from north or with y down"
+        )
+    least = table.group_by("interaction", maintain_order=True).agg(pl.col("curvttc").min())
+    if (safe := least.filter(pl.col("curvttc") >= CRITICAL_TTC)).height:
+        number, value = safe.row(0)
+        raise InvalidInput(
+            f"{where}: interaction {number} never falls below {CRITICAL_TTC:g} s of CurvTTC (least {value:g} s), so it "
+            "is no near miss; leave it out"
+        )
+
+
+def _distance_error(parts: pl.Series) -> pl.Series:
+    p = parts.struct
+    dx, dy = p.field("veh_x") - p.field("ped_x"), p.field("veh_y") - p.field("ped_y")
+    return ((dx * dx + dy * dy).sqrt() - p.field("distance")).abs()
+
+
+def _refuse_first(table: pl.DataFrame, bad: pl.Expr, name: str, where: str, expected: str) -> None:
+    row = table.select(bad.fill_null(False).arg_max().alias("row"), bad.fill_null(False).any().alias("any"))
+    if row["any"][0]:
+        at = int(row["row"][0])
+        raise InvalidInput(
+            f"{where}: column {name}, row {at} (interaction {table['interaction'][at]}): expected {expected}, "
+            f"got {table[name][at]}"
+        )
+
+
+def concat_near_misses(tables: list[pl.DataFrame]) -> pl.DataFrame:
+    """Return near-miss tables as one, interactions numbered anew from 0 in order.
+
+    :raises InvalidInput: no table, or the same interaction of the same source twice.
+    """
+    if not tables:
+        raise InvalidInput("expected at least one near-miss table, got none")
+    parts, count = [], 0
+    for table in tables:
+        numbers = table["interaction"].rle_id().cast(pl.Int64) + count
+        parts.append(table.with_columns(numbers.alias("interaction")))
+        count = 1 + int(numbers.max()) if len(numbers) else count  # type: ignore[arg-type]
+    whole = pl.concat(parts)
+    begin = [*_CONSTANT, "time"]
+    twice = whole.filter(pl.col("interaction").is_first_distinct()).filter(pl.struct(begin).is_duplicated())
+    if twice.height:
+        raise InvalidInput(
+            f"source {twice['source'][0]}, clip {twice['clip'][0]} is there twice; give each recording once"
+        )
+    return whole
+
+
+def split_by_clip(table: pl.DataFrame, held_out_fraction: float, seed: int) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """Split interactions into (training, held out), whole clips at a time and each source in the same proportion.
+
+    Clips are taken in the order of a hash of (seed, source, clip), so that a clip's place does not depend on which
+    others there are; one that would overshoot the fraction of interactions is passed over. A source of a single
+    clip stays in training.
+
+    :param held_out_fraction: of the interactions, above 0 and below 1; what is held out comes near it from below.
+    :raises InvalidInput: a fraction out of range, or no source with two clips.
+    """
+    if not 0.0 < held_out_fraction < 1.0:
+        raise InvalidInput(f"held_out_fraction = {held_out_fraction}: expected above 0 and below 1")
+    counts = table.group_by("source", "clip").agg(pl.col("interaction").n_unique().alias("n")).rows()
+    held: list[tuple[str, str]] = []
+    for source in sorted({source for source, _, _ in counts}):
+        clips = sorted((_hash(seed, source, clip), clip, n) for name, clip, n in counts if name == source)
+        if len(clips) < 2:
+            continue
+        room = held_out_fraction * sum(n for _, _, n in clips)
+        taken = []
+        for _, clip, n in clips:
+            if n <= room:
+                taken.append(clip)
+                room -= n
+        held += [(source, clip) for clip in taken or [min(clips, key=lambda c: (c[2], c[0]))[1]]]
+    if not held:
+        raise InvalidInput("expected two clips or more, since data are held out by clip; add recordings")
+    keys = pl.DataFrame(held, schema={"source": pl.String, "clip": pl.String}, orient="row")
+    on = ["source", "clip"]
+    return table.join(keys, on=on, how="anti", maintain_order="left"), table.join(
+        keys, on=on, how="semi", maintain_order="left"
+    )
+
+
+def _hash(seed: int, source: str, clip: str) -> str:
+    return hashlib.sha256(f"{seed}/{source}/{clip}".encode()).hexdigest()

@@ -1,0 +1,66 @@
+"""Parquet files that explain themselves: a unit and a description in every field, one JSON document in the schema."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import polars as pl
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.provenance import written_whole
+
+METADATA_KEY = b"vpsci_ros"
+
+
+class Column(NamedTuple):
+    """One column of a table: its type in memory, its unit ("" where it has none) and what it says."""
+
+    dtype: type[pl.DataType]
+    unit: str
+    description: str
+
+
+def arrow_schema(columns: Mapping[str, Column], metadata: Mapping[str, Any]) -> pa.Schema:
+    """Return the schema of a file: types and units of `columns`, and `metadata` as JSON under the key "vpsci_ros"."""
+    empty = pl.DataFrame(schema={name: column.dtype for name, column in columns.items()}).to_arrow()
+    fields = [
+        field.with_nullable(False).with_metadata(
+            {"unit": columns[field.name].unit, "description": columns[field.name].description}
+        )
+        for field in empty.schema
+    ]
+    return pa.schema(fields, metadata={METADATA_KEY: json.dumps(metadata, sort_keys=True).encode()})
+
+
+def write_parquet(table: pl.DataFrame, path: str | Path, columns: Mapping[str, Column], **metadata: Any) -> None:
+    """Write `table` (zstd) with exactly `columns`, whole or not at all.
+
+    :raises InvalidInput: the folder of `path` does not exist.
+    """
+    schema = arrow_schema(columns, metadata)
+    with written_whole(path) as part:
+        pq.write_table(table.select(list(columns)).to_arrow().cast(schema), part, compression="zstd")
+
+
+def read_parquet(path: str | Path, what: str) -> pl.DataFrame:
+    """Read a Parquet file.
+
+    :param what: what the file should hold, for the error message.
+    :raises InvalidInput: no such file, or not Parquet.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InvalidInput(f"{path}: no such file; expected {what} in Parquet")
+    try:
+        return pl.read_parquet(path, glob=False)
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise InvalidInput(f"{path}: expected {what} in Parquet, not readable as such: {error}") from None
+
+
+def read_metadata(path: str | Path) -> dict[str, Any]:
+    """Return the JSON document that `write_parquet` stored; empty for a file written by something else."""
+    stored = (pq.read_schema(path).metadata or {}).get(METADATA_KEY)
+    return dict(json.loads(stored)) if stored else {}
