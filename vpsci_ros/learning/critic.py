@@ -1,0 +1,35 @@
+"""The centralised critic: the agent's history on one branch, the joint action on the other (Table 8)."""
+
+import torch
+from torch import Tensor, nn
+
+from vpsci_ros.learning.config import ACTION_SIZE, NetworkConfig
+from vpsci_ros.learning.sst import SSTEncoder
+
+
+class Critic(nn.Module):
+    """Q(H(t), A_own(t), A_other(t)) of one agent; it has an SST encoder of its own over that agent's history."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.encoder = SSTEncoder(config)
+        self.state = nn.Linear(config.hidden, config.critic_state)
+        self.action = nn.Linear(2 * ACTION_SIZE, config.critic_action)
+        first, second = config.critic_hidden
+        self.head = nn.Sequential(
+            nn.Linear(config.critic_state + config.critic_action, first),
+            nn.ReLU(),
+            nn.Linear(first, second),
+            nn.ReLU(),
+            nn.Linear(second, 1),
+        )
+
+    def encode(self, observation: Tensor, action_before: Tensor, curvttc: Tensor) -> Tensor:
+        """Return the state branch, float32[B, T, critic_state], of histories as in `SSTEncoder.forward`."""
+        return torch.relu(self.state(self.encoder(observation, action_before, curvttc)))
+
+    def value(self, encoded: Tensor, own_action: Tensor, other_action: Tensor) -> Tensor:
+        """Return Q, float32[...], of encoded histories [..., critic_state] and the joint action [..., 2] each, m/s2."""
+        joint = torch.relu(self.action(torch.cat([own_action, other_action], dim=-1)))
+        q: Tensor = self.head(torch.cat([encoded, joint], dim=-1))
+        return q.squeeze(-1)

@@ -1,0 +1,110 @@
+"""All networks of MA-SST-DDPG: an actor and a critic for each agent, with their slowly following targets."""
+
+import copy
+from typing import Any, cast
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from vpsci_ros.learning.actor import Actor
+from vpsci_ros.learning.config import AGENTS, NetworkConfig
+from vpsci_ros.learning.critic import Critic
+from vpsci_ros.learning.weights import Weights
+
+
+class Actors(nn.ModuleDict):
+    """An actor for each agent."""
+
+    def __getitem__(self, key: str) -> Actor:
+        """Return the actor of "vehicle" or "pedestrian"."""
+        return cast(Actor, super().__getitem__(key))
+
+
+class Critics(nn.ModuleDict):
+    """A critic for each agent."""
+
+    def __getitem__(self, key: str) -> Critic:
+        """Return the critic of "vehicle" or "pedestrian"."""
+        return cast(Critic, super().__getitem__(key))
+
+
+class Networks(nn.Module):
+    """Actors mu, critics Q and their targets mu', Q' for both agents (Figure 3 of the paper).
+
+    `actor`, `critic`, `target_actor` and `target_critic` map "vehicle" and "pedestrian" to networks. `speed_mean` and
+    `speed_deviation` [m/s], float32[2] per agent, are the fixed statistics of rewards (14)-(15).
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.actor = Actors({agent: Actor(config) for agent in AGENTS})
+        self.critic = Critics({agent: Critic(config) for agent in AGENTS})
+        self.target_actor, self.target_critic = copy.deepcopy(self.actor), copy.deepcopy(self.critic)
+        for parameter in [*self.target_actor.parameters(), *self.target_critic.parameters()]:
+            parameter.requires_grad_(False)
+        self.speed_mean = {agent: torch.zeros(2) for agent in AGENTS}
+        self.speed_deviation = {agent: torch.ones(2) for agent in AGENTS}
+
+    def set_statistics(
+        self,
+        observations: dict[str, NDArray[np.float32]],
+        speeds: dict[str, NDArray[np.float32]],
+        least_speed_deviation: float,
+    ) -> None:
+        """Fix normalisation and reward statistics from training data: observations [n, 6], next speeds [n, 2] [m/s].
+
+        Lateral components get the mean zero, so that mirroring a near miss mirrors what the networks see.
+        """
+        for agent in AGENTS:
+            mean, deviation = _moments(observations[agent])
+            for network in (self.actor, self.critic, self.target_actor, self.target_critic):
+                encoder = network[agent].encoder
+                encoder.observation_mean.copy_(mean)
+                encoder.observation_scale.copy_(deviation)
+            self.speed_mean[agent], deviation = _moments(speeds[agent])
+            self.speed_deviation[agent] = deviation.clamp(min=least_speed_deviation)
+
+    @torch.no_grad()
+    def follow(self, rate: float) -> None:
+        """Move the targets by `rate` towards the networks: theta' <- rate theta + (1 - rate) theta' (Algorithm 1)."""
+        for target, network in ((self.target_actor, self.actor), (self.target_critic, self.critic)):
+            for slow, fast in zip(target.parameters(), network.parameters(), strict=True):
+                slow.lerp_(fast, rate)
+
+    def weights(self, configuration: dict[str, Any], facts: dict[str, Any], *, actors: str = "actor") -> Weights:
+        """Return the weights to be stored; `actors` is "actor", or "target_actor" for the actors' running average."""
+        tensors: dict[str, Tensor] = {}
+        for agent in AGENTS:
+            for kind, networks in (("actor", getattr(self, actors)), ("critic", self.critic)):
+                tensors |= {f"{agent}_{kind}.{k}": v for k, v in networks[agent].state_dict().items()}
+            tensors[f"{agent}_speed.mean"] = self.speed_mean[agent]
+            tensors[f"{agent}_speed.deviation"] = self.speed_deviation[agent]
+        arrays = {name: tensor.detach().numpy().copy() for name, tensor in tensors.items()}
+        return Weights(self.config, arrays, configuration, facts)
+
+    @classmethod
+    def from_weights(cls, weights: Weights) -> "Networks":
+        """Build the networks that `weights` holds; targets start equal to them."""
+        networks = cls(weights.network)
+        for agent in AGENTS:
+            for kind, targets in (("actor", networks.target_actor), ("critic", networks.target_critic)):
+                state = {k: torch.from_numpy(v.copy()) for k, v in weights.part(f"{agent}_{kind}").items()}
+                getattr(networks, kind)[agent].load_state_dict(state)
+                targets[agent].load_state_dict(state)
+            speed = weights.part(f"{agent}_speed")
+            networks.speed_mean[agent] = torch.from_numpy(speed["mean"].copy())
+            networks.speed_deviation[agent] = torch.from_numpy(speed["deviation"].copy())
+        return networks
+
+
+def _moments(values: NDArray[np.float32]) -> tuple[Tensor, Tensor]:
+    """Return mean and deviation of columns that alternate longitudinal, lateral; a constant column gets deviation 1."""
+    values = np.asarray(values, np.float64)
+    mean = values.mean(axis=0)
+    mean[1::2] = 0.0
+    deviation = np.sqrt(((values - mean) ** 2).mean(axis=0))
+    deviation[deviation < 1e-3] = 1.0
+    return torch.tensor(mean, dtype=torch.float32), torch.tensor(deviation, dtype=torch.float32)
