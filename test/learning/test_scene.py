@@ -1,0 +1,93 @@
+import numpy as np
+import pytest
+import torch
+
+from vpsci_ros.learning.scene import SHARPEST_TURN, Scene, advance, observe, scene_at, time_to_collision
+from vpsci_ros.world.observation import observe_arrays
+
+
+def scenes(batch=6, seed=0):
+    rng = np.random.default_rng(seed)
+    heading = rng.uniform(-np.pi, np.pi, batch)
+    speed = rng.uniform(1.0, 9.0, batch)
+    velocity = speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    parts = (
+        rng.normal(0, 9, (batch, 2)),
+        heading,
+        velocity,
+        np.zeros(batch),
+        rng.normal(0, 9, (batch, 2)),
+        rng.normal(0, 1, (batch, 2)),
+    )
+    return Scene(*(torch.from_numpy(p) for p in parts))
+
+
+def test_observations_are_those_of_the_world():
+    scene = scenes()
+    mine = observe(scene)
+    place, walker = scene.vehicle.numpy(), scene.pedestrian.numpy()
+    velocity, walking = scene.vehicle_velocity.numpy(), scene.pedestrian_velocity.numpy()
+    theirs = observe_arrays(*place.T, scene.heading.numpy(), *velocity.T, *walker.T, *walking.T)
+    for a, b in zip(mine, theirs, strict=True):
+        np.testing.assert_allclose(a.numpy(), b, atol=1e-5)
+
+
+def test_without_acceleration_both_keep_their_velocity():
+    scene = scenes()
+    none = torch.zeros(6, 2, dtype=torch.float64)
+    after = advance(scene, none, none)
+    torch.testing.assert_close(after.vehicle, scene.vehicle + 0.1 * scene.vehicle_velocity)
+    torch.testing.assert_close(after.pedestrian, scene.pedestrian + 0.1 * scene.pedestrian_velocity)
+    torch.testing.assert_close(after.heading, scene.heading)
+
+
+def test_the_next_velocities_are_those_of_equations_8_and_9():
+    scene = scenes()
+    action = torch.tensor([[1.0, 0.1]] * 6, dtype=torch.float64)
+    after = advance(scene, action, action)
+    c, s = torch.cos(scene.heading), torch.sin(scene.heading)
+    gained = 0.1 * torch.stack([c * 1.0 - s * 0.1, s * 1.0 + c * 0.1], dim=1)
+    torch.testing.assert_close(after.pedestrian_velocity, scene.pedestrian_velocity + gained)
+    torch.testing.assert_close(after.vehicle_velocity, scene.vehicle_velocity + gained)  # gentle enough to steer
+    along = torch.atan2(after.vehicle_velocity[:, 1], after.vehicle_velocity[:, 0])
+    torch.testing.assert_close(torch.cos(along - after.heading), torch.ones(6, dtype=torch.float64))
+
+
+def test_a_braking_vehicle_stops_and_does_not_roll_back():
+    scene = scenes()
+    none, brake = torch.zeros(6, 2, dtype=torch.float64), torch.tensor([[-5.0, 0.0]] * 6, dtype=torch.float64)
+    for _ in range(30):
+        scene = advance(scene, brake, none)
+    assert scene.vehicle_velocity.abs().max() == 0.0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_the_vehicle_turns_no_more_sharply_than_it_steers(side):
+    scene = scenes()
+    none, hard = torch.zeros(6, 2, dtype=torch.float64), torch.tensor([[-2.0, 5.0 * side]] * 6, dtype=torch.float64)
+    for _ in range(40):
+        before, scene = scene, advance(scene, hard, none)
+        path = 0.1 * scene.vehicle_velocity.norm(dim=1)
+        assert ((scene.heading - before.heading) * side <= SHARPEST_TURN * path + 1e-9).all()
+
+
+def test_gradients_flow_to_every_action_and_stay_finite_at_rest():
+    scene = scenes()
+    actions = torch.full((12, 6, 2), -5.0, dtype=torch.float64, requires_grad=True)
+    for action in actions:
+        scene = advance(scene, action, action)
+    (scene.vehicle.sum() + scene.pedestrian.sum()).backward()
+    assert torch.isfinite(actions.grad).all()
+    assert (actions.grad[0] != 0.0).all()
+
+
+def test_curvttc_sees_the_turn_the_vehicle_is_in():
+    """A vehicle on a circle of 10 m around the origin; one pedestrian stands on that circle, one does not."""
+    motion = torch.tensor(
+        [[10.0, 0.0, np.pi / 2, 0.0, 5.0, 0.0, 10.0, 0.0, 0.0], [10.0, 0.0, np.pi / 2, 0.0, 5.0, 10.0, 10.0, 0.0, 0.0]]
+    )
+    before = motion.clone()
+    before[:, 2] -= 0.05  # 0.5 rad/s at 5 m/s
+    ttc = time_to_collision(scene_at(motion.double(), before.double()))
+    assert 1.0 < ttc[0] < 3.0
+    assert ttc[1] == np.inf

@@ -1,0 +1,39 @@
+"""The held-out error: both protocols on near misses of clips that training never sees, beside the control."""
+
+import polars as pl
+
+from vpsci_ros.learning.interactions import Interactions, from_table
+from vpsci_ros.learning.predictors import PolicyPredictor, RepeatVelocity
+from vpsci_ros.learning.protocols import closed_loop, eligible, reconstruct
+from vpsci_ros.learning.weights import Weights
+
+
+class HeldOut:
+    """Measures weights on held-out interactions; the control's errors are known once and for all.
+
+    :param table: near-miss table of the held-out clips.
+    :raises InvalidInput: none of them lasts a second.
+    """
+
+    def __init__(self, table: pl.DataFrame) -> None:
+        self.interactions: Interactions = eligible(from_table(table))
+        control = RepeatVelocity()
+        reconstruction = reconstruct(control, self.interactions)
+        loop = closed_loop(control, self.interactions)
+        self.control = {
+            "reconstruction_ade": float(reconstruction.ade.mean()),
+            "reconstruction_fde": float(reconstruction.fde.mean()),
+            "closed_loop_ade": float(loop.ade.mean()),
+            "closed_loop_fde": float(loop.fde.mean()),
+        }
+
+    def errors(self, weights: Weights) -> dict[str, float]:
+        """Return ADE and FDE [m] of both protocols, means over interactions and agents."""
+        policy = PolicyPredictor(weights)
+        reconstruction, loop = reconstruct(policy, self.interactions), closed_loop(policy, self.interactions)
+        return {
+            "reconstruction_ade": float(reconstruction.ade.mean()),
+            "reconstruction_fde": float(reconstruction.fde.mean()),
+            "closed_loop_ade": float(loop.ade.mean()),
+            "closed_loop_fde": float(loop.fde.mean()),
+        }

@@ -1,0 +1,95 @@
+"""The two agents' known kinematics in torch: differentiable, batched, the same in training and in evaluation.
+
+(8)-(9) give each agent's next velocity in the vehicle's heading frame of step t; positions follow with the mean of
+both velocities. The frame is then anchored anew: the vehicle's heading turns with its velocity, no more sharply than
+the simulated Model 3 steers (0.52 rad over a wheelbase of 2.875 m), and it does not roll backwards.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vpsci_ros.learning.config import STEP
+from vpsci_ros.safety import curvttc
+
+SHARPEST_TURN = math.tan(0.52) / 2.875  # [1/m]
+_STANDING = 1e-3  # [m/s] below this the heading does not turn
+
+
+class Scene(NamedTuple):
+    """One vehicle and one pedestrian in each of B scenes, map frame; float32 or float64 throughout.
+
+    vehicle, vehicle_velocity, pedestrian, pedestrian_velocity: [B, 2] [m, m/s]; heading [B] [rad]; curvature [B] [1/m].
+    """
+
+    vehicle: Tensor
+    heading: Tensor
+    vehicle_velocity: Tensor
+    curvature: Tensor
+    pedestrian: Tensor
+    pedestrian_velocity: Tensor
+
+
+def scene_at(motion: Tensor, before: Tensor) -> Scene:
+    """Return the scene of recorded rows [B, 9], as in `Interactions.motion`; `before` holds the rows one step earlier.
+
+    The curvature of the vehicle's path comes from its turn since then.
+    """
+    velocity = motion[:, 3:5]
+    turn = (motion[:, 2] - before[:, 2]) / STEP
+    speed = velocity.norm(dim=1)
+    curvature = torch.where(speed > 0.1, turn / speed.clamp(min=0.1), 0.0).clamp(-SHARPEST_TURN, SHARPEST_TURN)
+    return Scene(motion[:, :2], motion[:, 2], velocity, curvature, motion[:, 5:7], motion[:, 7:9])
+
+
+def observe(scene: Scene) -> tuple[Tensor, Tensor]:
+    """Return what vehicle and pedestrian observe, [B, 6] each, equations (6) and (7); as `vpsci_ros.world.observe`."""
+    own = to_heading_frame(scene.vehicle_velocity, scene.heading)
+    other = to_heading_frame(scene.pedestrian_velocity, scene.heading)
+    distance = to_heading_frame(scene.vehicle - scene.pedestrian, scene.heading)
+    return torch.cat([own, distance, own - other], dim=1), torch.cat([other, -distance, other - own], dim=1)
+
+
+def advance(scene: Scene, vehicle_action: Tensor, pedestrian_action: Tensor) -> Scene:
+    """Return the scene one step of 0.1 s later; actions [B, 2] [m/s2] in the vehicle's heading frame, (8)-(9)."""
+    velocity = to_heading_frame(scene.vehicle_velocity, scene.heading) + vehicle_action * STEP
+    forward = velocity[:, 0].clamp(min=0.0)
+    bound = SHARPEST_TURN * STEP * forward
+    turn = torch.atan((velocity[:, 1] / forward.clamp(min=_STANDING)).clamp(-bound, bound))
+    heading = scene.heading + turn
+    speed = forward / torch.cos(turn)
+    vehicle_velocity = speed[:, None] * torch.stack([torch.cos(heading), torch.sin(heading)], dim=1)
+    pedestrian_velocity = scene.pedestrian_velocity + from_heading_frame(pedestrian_action * STEP, scene.heading)
+    return Scene(
+        scene.vehicle + (scene.vehicle_velocity + vehicle_velocity) * (0.5 * STEP),
+        heading,
+        vehicle_velocity,
+        (turn / (speed.clamp(min=_STANDING) * STEP)).clamp(-SHARPEST_TURN, SHARPEST_TURN),
+        scene.pedestrian + (scene.pedestrian_velocity + pedestrian_velocity) * (0.5 * STEP),
+        pedestrian_velocity,
+    )
+
+
+def time_to_collision(scene: Scene) -> Tensor:
+    """Return CurvTTC [s], float64[B], of the scene as it is; no gradient flows through it."""
+    arrays: list[NDArray[np.float64]] = [part.detach().double().numpy() for part in scene]
+    vehicle, heading, velocity, curvature, pedestrian, walking = arrays
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    place = (vehicle[:, 0], vehicle[:, 1], heading, speed, curvature, pedestrian[:, 0], pedestrian[:, 1])
+    return torch.from_numpy(curvttc(*place, walking[:, 0], walking[:, 1]))
+
+
+def to_heading_frame(vector: Tensor, heading: Tensor) -> Tensor:
+    """Return the (forward, left) components [B, 2] of (east, north) vectors [B, 2] for headings [B] [rad]."""
+    c, s = torch.cos(heading), torch.sin(heading)
+    return torch.stack([c * vector[:, 0] + s * vector[:, 1], c * vector[:, 1] - s * vector[:, 0]], dim=1)
+
+
+def from_heading_frame(vector: Tensor, heading: Tensor) -> Tensor:
+    """Return the (east, north) components [B, 2] of (forward, left) vectors [B, 2] for headings [B] [rad]."""
+    c, s = torch.cos(heading), torch.sin(heading)
+    return torch.stack([c * vector[:, 0] - s * vector[:, 1], s * vector[:, 0] + c * vector[:, 1]], dim=1)
