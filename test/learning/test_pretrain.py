@@ -1,0 +1,104 @@
+import csv
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vpsci_ros.data.synthetic import synthetic_near_misses
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.config import NetworkConfig, PretrainConfig
+from vpsci_ros.learning.divergence import DivergedError
+from vpsci_ros.learning.pretrain import Stopped, pretrain
+from vpsci_ros.learning.weights import load_weights
+
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+SHORT = PretrainConfig(
+    episodes=6, rollouts=4, rollout_steps=5, batch_size=40, evaluate_every=3, checkpoint_every=2, held_out_fraction=0.3
+)
+OBJECTIVES = ("closed_loop", "ddpg")
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_a_stopped_run_goes_on_to_the_same_result(tmp_path, near_misses, objective):
+    config = replace(SHORT, objective=objective)
+    whole = pretrain(near_misses, config, SMALL, seed=5, out_dir=tmp_path / "whole")
+
+    def stop(values):
+        if values["episode"] == 3:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        pretrain(near_misses, config, SMALL, seed=5, out_dir=tmp_path / "parts", report=stop)
+    assert not (tmp_path / "parts" / "pretrained.safetensors").exists()
+    resumed = pretrain(near_misses, config, SMALL, seed=5, out_dir=tmp_path / "parts")
+    assert all(np.array_equal(whole.tensors[name], resumed.tensors[name]) for name in whole.tensors)
+    assert (tmp_path / "parts" / "log.csv").read_text() == (tmp_path / "whole" / "log.csv").read_text()
+    assert not (tmp_path / "parts" / "checkpoint.safetensors").exists()
+
+
+def test_a_checkpoint_of_another_run_is_refused(tmp_path, near_misses):
+    def stop(values):
+        raise Stopped
+
+    with pytest.raises(Stopped):
+        pretrain(near_misses, SHORT, SMALL, seed=5, out_dir=tmp_path, report=stop)
+    with pytest.raises(InvalidInput, match=r"checkpoint.safetensors: this checkpoint has another seed: 5, expected 6"):
+        pretrain(near_misses, SHORT, SMALL, seed=6, out_dir=tmp_path)
+
+
+def test_weights_and_log_say_how_they_came_about(tmp_path, near_misses):
+    reports = []
+    pretrain(near_misses, SHORT, SMALL, seed=5, out_dir=tmp_path, report=reports.append)
+    weights = load_weights(tmp_path / "pretrained.safetensors")
+    assert weights.configuration["PretrainConfig"]["episodes"] == 6
+    assert weights.facts["seed"] == 5
+    assert weights.facts["stage"] == "pretrained"
+    held_out = set(weights.facts["data"]["held_out_clips"])
+    clips = {f"{s}/{c}" for s, c in near_misses.select("source", "clip").unique().rows()}
+    assert held_out
+    assert held_out < clips
+    with open(tmp_path / "log.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["episode"]) for row in rows] == [1, 2, 3, 4, 5, 6]
+    assert [bool(row["closed_loop_ade"]) for row in rows] == [False, False, True, False, False, True]
+    assert weights.facts["held_out"]["errors"]["closed_loop_ade"] == pytest.approx(float(rows[-1]["closed_loop_ade"]))
+    assert reports[-1]["control_closed_loop_ade"] > 0.0
+
+
+def test_a_short_run_improves_both_held_out_errors(tmp_path):
+    """The made sample brakes and yields by rule, so a hundred steps of a small network learn much of it."""
+    config = PretrainConfig(
+        episodes=100,
+        rollouts=16,
+        rollout_steps=4,
+        velocity_weight=10.0,
+        batch_size=32,
+        imitation_learning_rate=1e-2,
+        target_update_rate=0.05,
+        held_out_fraction=0.3,
+    )
+    table = synthetic_near_misses(interactions=30, seed=3).table
+    errors = pretrain(table, config, SMALL, seed=1, out_dir=tmp_path).facts["held_out"]
+    for protocol in ("reconstruction_ade", "closed_loop_ade"):
+        assert errors["errors"][protocol] < 0.85 * errors["control"][protocol]
+
+
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_a_loss_that_is_not_a_number_stops_the_run_and_keeps_the_batch(tmp_path, near_misses, objective):
+    config = replace(SHORT, objective=objective, reward_scaling=1e6, exploration=5.0, held_out_fraction=0.0)
+    table = near_misses.with_columns(
+        pl.when(pl.col("step") == 3).then(1e22).otherwise(pl.col("ped_vx")).alias("ped_vx")
+    )
+    with pytest.raises(DivergedError, match=r"diverged.npz"):
+        pretrain(table, config, SMALL, seed=5, out_dir=tmp_path)
+    with np.load(tmp_path / "diverged.npz", allow_pickle=False) as kept:
+        assert kept["observation.pedestrian"].shape[2] == 6
+    assert not (tmp_path / "pretrained.safetensors").exists()
+
+
+def test_state_may_begin_anew_in_every_window(tmp_path, near_misses):
+    plain = replace(SMALL, carry_state=False, attention_window=5)
+    config = replace(SHORT, rollout_steps=4, held_out_fraction=0.0)
+    weights = pretrain(near_misses, config, plain, seed=5, out_dir=tmp_path)
+    assert not weights.network.carry_state

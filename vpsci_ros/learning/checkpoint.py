@@ -1,0 +1,72 @@
+"""Checkpoints: everything that a run needs to go on to the same result, in one safetensors file written whole.
+
+A checkpoint is a tree of dictionaries, lists, tensors, arrays, numbers and text. Arrays become tensors of the file,
+named by their path in the tree; all else is JSON in its metadata.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.provenance import written_whole
+
+FORMAT = "vpsci-checkpoint 1"
+_ARRAY, _TENSOR = "__array__", "__tensor__"
+
+
+def save_checkpoint(path: str | Path, tree: dict[str, Any]) -> None:
+    """Write `tree`; a checkpoint of an earlier step stays until this one is complete."""
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    skeleton = _take_apart(tree, "", arrays)
+    with written_whole(path) as temporary:
+        save_file(arrays, str(temporary), {"format": FORMAT, "tree": json.dumps(skeleton)})
+
+
+def load_checkpoint(path: str | Path) -> dict[str, Any]:
+    """Read a checkpoint.
+
+    :raises InvalidInput: not a checkpoint of this format.
+    """
+    try:
+        with safe_open(str(path), framework="np") as file:
+            metadata = file.metadata() or {}
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
+    except (SafetensorError, OSError) as error:
+        raise InvalidInput(f"{path}: cannot read as a checkpoint: {error}; delete it to start again") from None
+    if metadata.get("format") != FORMAT:
+        raise InvalidInput(f"{path}: expected {FORMAT!r}, got {metadata.get('format')!r}; delete it to start again")
+    tree: dict[str, Any] = _put_together(json.loads(metadata["tree"]), arrays)
+    return tree
+
+
+def _take_apart(value: Any, name: str, arrays: dict[str, Any]) -> Any:
+    if isinstance(value, torch.Tensor):
+        arrays[name] = np.ascontiguousarray(value.detach().numpy())
+        return {_TENSOR: name}
+    if isinstance(value, np.ndarray):
+        arrays[name] = np.ascontiguousarray(value)
+        return {_ARRAY: name}
+    if isinstance(value, dict):
+        # Keys are kept with their type, since optimisers number their parameters.
+        return {"__dict__": [[key, _take_apart(item, f"{name}/{key}", arrays)] for key, item in value.items()]}
+    if isinstance(value, (list, tuple)):
+        return [_take_apart(item, f"{name}/{i}", arrays) for i, item in enumerate(value)]
+    return value
+
+
+def _put_together(value: Any, arrays: dict[str, Any]) -> Any:
+    if isinstance(value, list):
+        return [_put_together(item, arrays) for item in value]
+    if isinstance(value, dict):
+        if _TENSOR in value:
+            return torch.from_numpy(arrays[value[_TENSOR]].copy())
+        if _ARRAY in value:
+            return arrays[value[_ARRAY]]
+        return {key: _put_together(item, arrays) for key, item in value["__dict__"]}
+    return value

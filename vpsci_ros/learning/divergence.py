@@ -1,0 +1,44 @@
+"""A loss that is not a number stops the run, and the batch that did it is kept."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vpsci_ros.errors import VpsciError
+from vpsci_ros.learning.replay import Batch
+
+DIVERGED = "diverged.npz"
+
+
+class DivergedError(VpsciError):
+    """A loss is no longer a number."""
+
+
+def check_losses(losses: Mapping[str, float], batch: Batch, iteration: int, out_dir: Path | None) -> None:
+    """Let finite losses pass; else save the batch as `diverged.npz` in `out_dir` and raise.
+
+    :raises DivergedError: a loss is not finite.
+    """
+    if all(map(math.isfinite, losses.values())):
+        return
+    where = "nowhere, since there is no output folder"
+    if out_dir is not None:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        np.savez(out_dir / DIVERGED, **_arrays(batch))
+        where = f"in {out_dir / DIVERGED}"
+    bad = ", ".join(f"{name} = {value}" for name, value in losses.items() if not math.isfinite(value))
+    raise DivergedError(
+        f"update {iteration}: expected finite losses, got {bad}; the batch is {where}; "
+        "lower the learning rates, or look for outliers in the data"
+    )
+
+
+def _arrays(batch: Batch) -> dict[str, Any]:
+    arrays: dict[str, Any] = {}
+    for name, value in vars(batch).items():
+        parts = {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {name: value}
+        arrays |= {k: v.detach().numpy() for k, v in parts.items()}
+    return arrays

@@ -1,0 +1,191 @@
+"""The closed-loop objective: actors learn to follow recorded trajectories through the known, differentiable kinematics.
+
+An update rolls both actors out together, from some step of a recorded near miss on and after some observed steps, on
+their own predictions (`scene`), and follows the gradient of the distance to the recorded positions through the whole
+roll-out and through both actors: each learns to act in the situations that the two of them bring about. The same
+histories, with every step as recorded, add the error of the next velocity, which is what the reconstruction measures.
+
+Augmentation: a near miss is seen in a mirror half of the time; the place where the history begins and the number of
+observed steps vary. Rotation needs none, since observations live in the vehicle's heading frame.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vpsci_ros.learning.actor import previous
+from vpsci_ros.learning.config import AGENTS, STEP, PretrainConfig
+from vpsci_ros.learning.interactions import Interactions
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.scene import Scene, advance, observe, scene_at, time_to_collision
+from vpsci_ros.learning.sst import StepState
+
+OBSERVED = 10  # steps observed before a roll-out, at most
+RISE = 20  # iterations until the step size is at its peak
+_SMOOTH = 0.02  # [m] below this, distances count by their square
+
+
+class Start(NamedTuple):
+    """Where roll-outs begin, and how they are altered.
+
+    row, begin, at: int64[M], the interaction, the first step of the history, and the first predicted step; mirror:
+    bool[M].
+    """
+
+    row: NDArray[np.int64]
+    begin: NDArray[np.int64]
+    at: NDArray[np.int64]
+    mirror: NDArray[np.bool_]
+
+    def take(self, rows: NDArray[np.int64]) -> "Start":
+        """Return the roll-outs `rows`, in that order."""
+        return Start(self.row[rows], self.begin[rows], self.at[rows], self.mirror[rows])
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Recorded steps of M roll-outs as tensors, `begin` first and mirrored where asked; past the end zero.
+
+    motion [M, T, 9]; curvttc [M, T]; present bool[M, T]; per agent observation [M, T, 6] and action [M, T, 2].
+    """
+
+    motion: Tensor
+    curvttc: Tensor
+    present: Tensor
+    observation: dict[str, Tensor]
+    action: dict[str, Tensor]
+
+
+def draw(interactions: Interactions, config: PretrainConfig, rng: np.random.Generator) -> Start:
+    """Draw `config.rollouts` roll-outs: interactions evenly, then the first predicted step, then the observed steps."""
+    row = rng.integers(len(interactions), size=config.rollouts)
+    at = (rng.random(config.rollouts) * (interactions.length[row] - 1)).astype(np.int64)
+    observed = np.where(rng.random(config.rollouts) < 0.5, OBSERVED, rng.integers(OBSERVED + 1, size=config.rollouts))
+    mirror = (rng.random(config.rollouts) < 0.5) & config.mirror
+    return Start(row, np.maximum(at - observed, 0), at, mirror)
+
+
+def recorded(interactions: Interactions, start: Start, steps: int) -> Recorded:
+    """Cut out `steps` steps of each roll-out, float32."""
+    index = start.begin[:, None] + np.arange(steps)
+    present = index < interactions.length[start.row, None]
+    index = np.minimum(index, interactions.motion.shape[1] - 1)
+    rows = start.row[:, None]
+    motion = interactions.motion[rows, index].copy()
+    motion -= _origin(motion)  # near the origin float32 resolves positions to less than a micrometre
+    motion[start.mirror] *= _MIRROR_MOTION
+    sign = np.where(start.mirror, -1.0, 1.0).astype(np.float32)[:, None, None]
+
+    def mirrored(values: NDArray[np.float32]) -> Tensor:
+        values = values.copy()
+        values[..., 1::2] *= sign
+        return torch.from_numpy(values)
+
+    return Recorded(
+        torch.from_numpy(motion.astype(np.float32)),
+        torch.from_numpy(interactions.curvttc[rows, index]),
+        torch.from_numpy(present),
+        {agent: mirrored(interactions.observation[agent][rows, index]) for agent in AGENTS},
+        {agent: mirrored(interactions.action[agent][rows, index]) for agent in AGENTS},
+    )
+
+
+_MIRROR_MOTION = np.array([1, -1, -1, 1, -1, 1, -1, 1, -1], np.float64)
+
+
+def _origin(motion: NDArray[np.float64]) -> NDArray[np.float64]:
+    origin = np.zeros_like(motion[:, :1])
+    origin[..., [0, 5]], origin[..., [1, 6]] = motion[:, :1, [0]], motion[:, :1, [1]]
+    return origin
+
+
+def rollout_loss(
+    networks: Networks, interactions: Interactions, start: Start, config: PretrainConfig
+) -> tuple[Tensor, Tensor]:
+    """Return the closed-loop error [m] and the error of the next velocity [m/s], both scalar with gradient.
+
+    The first is the mean distance of predicted from recorded positions over both agents and all steps; the second the
+    mean absolute error of each component of the velocities predicted from recorded histories.
+    """
+    steps = np.minimum(interactions.length[start.row] - 1 - start.at, config.rollout_steps)
+    longest_first = np.argsort(-steps, kind="stable")
+    start, steps = start.take(longest_first), steps[longest_first]
+    lead = start.at - start.begin
+    data = recorded(interactions, start, OBSERVED + config.rollout_steps + 1)
+    velocity_error, histories = _observed(networks, data, lead)
+    rows = np.arange(len(lead))
+    scene = scene_at(data.motion[rows, lead], data.motion[rows, np.maximum(lead - 1, 0)])
+    before = {agent: data.action[agent][rows, np.maximum(lead - 1, 0)] * _column(lead > 0) for agent in AGENTS}
+    share = torch.from_numpy((0.5 / steps / len(steps)).astype(np.float32))
+    position_error = torch.zeros(())
+    for step in range(int(steps[0])):
+        running = int((steps > step).sum())  # those that have ended lie at the end, and cost nothing more
+        scene = Scene(*(part[:running] for part in scene))
+        views = dict(zip(AGENTS, observe(scene), strict=True))
+        curvttc, actions = time_to_collision(scene), {}
+        for agent in AGENTS:
+            for state in histories[agent]:
+                state.keep(running)
+            actor = networks.actor[agent]
+            actions[agent] = actor.step(views[agent], before[agent][:running], curvttc, histories[agent])
+        scene, before = advance(scene, actions["vehicle"], actions["pedestrian"]), actions
+        truth = data.motion[rows[:running], lead[:running] + step + 1]
+        for position, columns in ((scene.vehicle, slice(0, 2)), (scene.pedestrian, slice(5, 7))):
+            squared = ((position - truth[:, columns]) ** 2).sum(dim=1)
+            distance = torch.sqrt(squared + _SMOOTH**2) - _SMOOTH
+            position_error = position_error + (distance * share[:running]).sum()
+    return position_error, velocity_error
+
+
+def _column(mask: NDArray[np.bool_]) -> Tensor:
+    return torch.from_numpy(mask.astype(np.float32))[:, None]
+
+
+def _observed(networks: Networks, data: Recorded, lead: NDArray[np.int64]) -> tuple[Tensor, dict[str, list[StepState]]]:
+    """Return the error of the next velocity over recorded histories, and each actor's memory of the observed steps."""
+    acted = torch.zeros_like(data.present)
+    acted[:, :-1] = data.present[:, 1:]
+    error, histories = torch.zeros(()), {}
+    for agent in AGENTS:
+        done = data.action[agent]
+        predicted, histories[agent] = networks.actor[agent].remember(
+            data.observation[agent], previous(done), data.curvttc, torch.from_numpy(lead)
+        )
+        error = error + ((predicted - done).abs().sum(dim=2) * acted).sum() * (STEP / 4.0) / acted.sum()
+    return error, histories
+
+
+class Imitation:
+    """Both actors, their optimiser, and the near misses that they learn from."""
+
+    def __init__(self, networks: Networks, interactions: Interactions, config: PretrainConfig) -> None:
+        self._networks, self._interactions, self._config = networks, interactions, config
+        matrices = [p for p in networks.actor.parameters() if p.ndim == 2]
+        others = [p for p in networks.actor.parameters() if p.ndim != 2]
+        groups = [{"params": matrices, "weight_decay": config.weight_decay}, {"params": others, "weight_decay": 0.0}]
+        self.optimiser = torch.optim.AdamW(groups, lr=config.imitation_learning_rate)
+
+    def update(self, rng: np.random.Generator, episode: int) -> dict[str, float]:
+        """Take one step; the step size rises over the first iterations and falls along a cosine to the last."""
+        for group in self.optimiser.param_groups:
+            group["lr"] = self._config.imitation_learning_rate * self._schedule(episode)
+        start = draw(self._interactions, self._config, rng)
+        position, velocity = rollout_loss(self._networks, self._interactions, start, self._config)
+        self.optimiser.zero_grad()
+        (position + self._config.velocity_weight * velocity).backward()
+        norm = torch.nn.utils.clip_grad_norm_(self._networks.actor.parameters(), self._config.gradient_clip)
+        self.optimiser.step()
+        return {
+            "rollout_error": float(position.detach()),
+            "velocity_error": float(velocity.detach()),
+            "imitation_gradient_norm": float(norm),
+        }
+
+    def _schedule(self, episode: int) -> float:
+        rise = min(1.0, (episode + 1) / RISE)
+        return rise * 0.5 * (1.0 + math.cos(math.pi * episode / self._config.episodes))

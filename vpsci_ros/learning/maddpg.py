@@ -1,0 +1,134 @@
+"""One update of Algorithm 1, the same in both stages: critics by temporal difference, actors by the policy gradient."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vpsci_ros.learning.actor import previous
+from vpsci_ros.learning.config import AGENTS, TrainingConfig
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.replay import Batch
+
+LARGEST_IMPORTANCE = 10.0  # of (5), relative to the batch's mean: the exponential would let one sample rule a batch
+Tensors = dict[str, Tensor]
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Actions that are evaluated, float32[M, T, 2] [m/s2] per agent, and their rewards, float32[M, T]."""
+
+    action: Tensors
+    reward: Tensors
+
+
+@dataclass(frozen=True)
+class UpdateResult:
+    """What came of an update.
+
+    critic_loss, actor_loss, gradient_norm: by agent, the last two empty if the actors rested; error: float64[M, T],
+    |delta|, mean of both agents, zero past the end.
+    """
+
+    critic_loss: dict[str, float]
+    actor_loss: dict[str, float]
+    gradient_norm: dict[str, float]
+    error: NDArray[np.float64]
+
+
+def importance(error: Tensor, present: Tensor, temperature: float) -> Tensor:
+    """Return omega of (5), exp(|delta| / tau), divided by its mean over `present` and bounded; zero elsewhere."""
+    exponent = (error.abs() / temperature).clamp(max=20.0)
+    omega = torch.exp(exponent - exponent[present].max()) * present
+    omega = omega / (omega.sum() / present.sum())
+    return omega.clamp(max=LARGEST_IMPORTANCE)
+
+
+class Maddpg:
+    """Critics, actors and targets with their optimisers.
+
+    The critic of an agent sees that agent's history and both actions; targets take both next actions from the target
+    actors, as in 'Multi-agent actor-critic for mixed cooperative-competitive environments' by Lowe et al. 2017
+    (https://arxiv.org/abs/1706.02275), which Algorithm 1 abbreviates.
+
+    :param value_unit: rewards are divided by this before the critics see them, so that values are of order one.
+    """
+
+    def __init__(
+        self,
+        networks: Networks,
+        config: TrainingConfig,
+        actor_learning_rate: float,
+        critic_learning_rate: float,
+        value_unit: float = 1.0,
+    ) -> None:
+        self.networks, self.config, self._unit = networks, config, value_unit
+        self.critic_optimiser = torch.optim.Adam(networks.critic.parameters(), critic_learning_rate)
+        self.actor_optimiser = torch.optim.Adam(networks.actor.parameters(), actor_learning_rate)
+
+    def act(self, batch: Batch) -> Tensors:
+        """Return mu(H(t)), float32[M, T, 2], of both agents, with gradient."""
+        actions = {}
+        for agent in AGENTS:
+            before = previous(batch.action[agent])
+            actions[agent] = self.networks.actor[agent](batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
+        return actions
+
+    def update(self, batch: Batch, scored: Scored, actions: Tensors | None) -> UpdateResult:
+        """Take one step with the critics and, given `actions` of `act`, with the actors; then the targets follow."""
+        count = batch.present.sum()
+        targets = self._targets(batch, scored)
+        encoded, critic_loss, error = {}, {}, torch.zeros_like(scored.reward["vehicle"])
+        losses = []
+        for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
+            critic = self.networks.critic[agent]
+            before = previous(batch.action[agent])
+            encoded[agent] = critic.encode(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
+            value = critic.value(encoded[agent], scored.action[agent], scored.action[other])
+            delta = (targets[agent] - value) * batch.present
+            omega = importance(delta.detach() * self._unit, batch.present, self.config.importance_temperature)
+            losses.append((omega * delta**2).sum() / count)
+            critic_loss[agent] = float((delta.detach() ** 2).sum() / count) * self._unit**2
+            error += delta.detach().abs() * (self._unit / len(AGENTS))
+        self.critic_optimiser.zero_grad()
+        torch.stack(losses).sum().backward()
+        torch.nn.utils.clip_grad_norm_(self.networks.critic.parameters(), self.config.gradient_clip)
+        self.critic_optimiser.step()
+        actor_loss, norm = self._improve_actors(batch, scored, actions, encoded) if actions is not None else ({}, {})
+        self.networks.follow(self.config.target_update_rate)
+        return UpdateResult(critic_loss, actor_loss, norm, error.double().numpy())
+
+    @torch.no_grad()
+    def _targets(self, batch: Batch, scored: Scored) -> Tensors:
+        """Return y(t) = R(t) + gamma Q'(H(t + 1), mu'(H(t + 1)), mu'_other(H(t + 1)))."""
+        networks, following = self.networks, {}
+        before = {a: torch.cat([torch.zeros_like(x[:, :1]), x], dim=1) for a, x in batch.action.items()}
+        for agent in AGENTS:
+            actor = networks.target_actor[agent]
+            following[agent] = actor(batch.observation[agent], before[agent], batch.curvttc)[:, 1:]
+        targets = {}
+        for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
+            critic = networks.target_critic[agent]
+            encoded = critic.encode(batch.observation[agent], before[agent], batch.curvttc)[:, 1:]
+            value = critic.value(encoded, following[agent], following[other])
+            targets[agent] = scored.reward[agent] / self._unit + self.config.discount * value * ~batch.terminal
+        return targets
+
+    def _improve_actors(
+        self, batch: Batch, scored: Scored, actions: Tensors, encoded: Tensors
+    ) -> tuple[dict[str, float], dict[str, float]]:
+        """Follow the gradient of Q(H, mu(H), A_other), the critics held fixed."""
+        self.actor_optimiser.zero_grad()
+        loss, norm = {}, {}
+        for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
+            value = self.networks.critic[agent].value(encoded[agent].detach(), actions[agent], scored.action[other])
+            objective = -(value * batch.present).sum() / batch.present.sum()
+            parameters = list(self.networks.actor[agent].parameters())
+            for parameter, gradient in zip(parameters, torch.autograd.grad(objective, parameters), strict=True):
+                parameter.grad = gradient
+            norm[agent] = float(torch.nn.utils.clip_grad_norm_(parameters, self.config.gradient_clip)) * self._unit
+            loss[agent] = float(objective.detach()) * self._unit
+        self.actor_optimiser.step()
+        return loss, norm

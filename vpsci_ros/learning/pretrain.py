@@ -1,0 +1,230 @@
+"""Stage 1: both agents learn from recorded near misses (Algorithm 1), by either of two objectives.
+
+`ddpg` is the paper's. Recorded actions reproduce the recorded speeds, so their reward (14)-(15) is zero everywhere and
+teaches nothing about other actions. The practical replay buffer therefore holds the recorded histories, and what is
+scored against the observed next speeds at every step is the acting policy's action with exploration around it.
+
+`closed_loop` trains the actors through the known kinematics (`imitation`), and the critics by the same temporal
+difference as above on the way, so that stage 2 starts with both.
+"""
+
+import csv
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import torch
+
+from vpsci_ros.data.near_misses import split_by_clip
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
+from vpsci_ros.learning.config import AGENTS, NetworkConfig, PretrainConfig
+from vpsci_ros.learning.divergence import check_losses
+from vpsci_ros.learning.held_out import HeldOut
+from vpsci_ros.learning.imitation import Imitation
+from vpsci_ros.learning.interactions import from_table, table_hash
+from vpsci_ros.learning.maddpg import Maddpg, Scored, Tensors
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.replay import Batch, collate, recorded_histories, up_to_capacity
+from vpsci_ros.learning.rewards import predicted_velocity, speed_reward
+from vpsci_ros.learning.weights import Weights, resolved, save_weights
+from vpsci_ros.provenance import written_whole
+
+CHECKPOINT, WEIGHTS, LOG = "checkpoint.safetensors", "pretrained.safetensors", "log.csv"
+
+
+Report = dict[str, float]
+
+
+class Stopped(Exception):
+    """Raised by a `report` callback to stop a run, which then writes a checkpoint to go on from."""
+
+
+def pretrain(
+    near_misses: pl.DataFrame,
+    config: PretrainConfig,
+    network: NetworkConfig,
+    *,
+    seed: int,
+    out_dir: str | Path,
+    report: Callable[[Report], None] | None = None,
+) -> Weights:
+    """Train both agents on near misses and write `pretrained.safetensors` and `log.csv` to `out_dir`.
+
+    A checkpoint in `out_dir` made by the same configuration, data and seed is gone on from, to the same result; on
+    Ctrl-C, or where `report` raises `Stopped`, one is written before the exception goes on.
+
+    :param near_misses: near-miss table; `config.held_out_fraction` of it, by whole clips, is kept for the held-out
+        error.
+    :param report: called after every iteration with `episode`, `episodes`, `seconds`, the losses and rewards of the
+        iteration by name, and, where they were measured, the held-out errors [m] and, named `control_...`, those of
+        the last velocity repeated.
+    :raises InvalidInput: too few near misses or clips.
+    :raises DivergedError: a loss is not a number; `diverged.npz` in `out_dir` holds the batch.
+    """
+    out_dir = Path(out_dir)
+    out_dir.mkdir(parents=True, exist_ok=True)
+    run = _Run(config, near_misses, seed, network)
+    if (out_dir / CHECKPOINT).exists():
+        run.restore(load_checkpoint(out_dir / CHECKPOINT), str(out_dir / CHECKPOINT))
+    started = time.monotonic()
+    try:
+        while run.episode < config.episodes:
+            losses, reward = run.iterate(out_dir)
+            due = run.episode % config.evaluate_every == 0 or run.episode == config.episodes
+            held_out = run.held_out.errors(run.weights()) if run.held_out is not None and due else {}
+            run.log.append({"episode": run.episode} | losses | reward | held_out)
+            if report is not None:
+                control = run.held_out.control if run.held_out is not None and due else {}
+                values = {"episode": run.episode, "episodes": config.episodes, "seconds": time.monotonic() - started}
+                report(values | losses | reward | held_out | {f"control_{k}": v for k, v in control.items()})
+            if run.episode % config.checkpoint_every == 0:
+                save_checkpoint(out_dir / CHECKPOINT, run.state())
+                write_log(out_dir / LOG, run.log)
+    except (KeyboardInterrupt, Stopped):
+        save_checkpoint(out_dir / CHECKPOINT, run.state())
+        write_log(out_dir / LOG, run.log)
+        raise
+    weights = run.weights(final=True)
+    save_weights(out_dir / WEIGHTS, weights)
+    write_log(out_dir / LOG, run.log)
+    (out_dir / CHECKPOINT).unlink(missing_ok=True)
+    return weights
+
+
+class _Run:
+    """The state of a stage-1 run between two iterations."""
+
+    def __init__(self, config: PretrainConfig, table: pl.DataFrame, seed: int, network: NetworkConfig) -> None:
+        self._config, self._seed = config, seed
+        training, self.held_out = table, None
+        self._facts: dict[str, Any] = {"stage": "pretrained", "seed": seed, "data": {"sha256": table_hash(table)}}
+        if config.held_out_fraction > 0:
+            training, held_out = split_by_clip(table, config.held_out_fraction, seed)
+            self.held_out = HeldOut(held_out)
+            self._facts["data"]["held_out_clips"] = sorted(set(self.held_out.interactions.clip))
+        self.rng = np.random.default_rng(seed)
+        everything = from_table(training)
+        histories = recorded_histories(everything)
+        kept = up_to_capacity(histories, config.buffer_capacity, self.rng)
+        self._histories = [histories[i] for i in kept]
+        interactions = everything.take(np.array(kept))
+        self._facts["data"] |= {"interactions": len(interactions), "steps": sum(len(h) for h in self._histories)}
+        torch.manual_seed(seed)
+        self._networks = Networks(network)
+        self._networks.set_statistics(
+            {a: interactions.observation[a][interactions.present] for a in AGENTS},
+            {a: interactions.next_velocity[a][interactions.acted] for a in AGENTS},
+            config.least_speed_deviation,
+        )
+        self._maddpg = Maddpg(self._networks, config, config.actor_learning_rate, config.critic_learning_rate)
+        self._imitation = Imitation(self._networks, interactions, config) if config.objective == "closed_loop" else None
+        self.episode = 0
+        self.log: list[dict[str, float]] = []
+
+    def iterate(self, out_dir: Path) -> tuple[dict[str, float], dict[str, float]]:
+        """Run one training iteration; return losses and rewards by name."""
+        losses: dict[str, float] = {}
+        batch = self._draw()
+        if self._imitation is not None:
+            losses |= self._imitation.update(self.rng, self.episode)
+        with torch.set_grad_enabled(self._imitation is None):
+            actions = self._maddpg.act(batch)
+        scored = self._score(batch, actions)
+        result = self._maddpg.update(batch, scored, actions if self._imitation is None else None)
+        for agent in AGENTS:
+            losses[f"{agent}_critic_loss"] = result.critic_loss[agent]
+            if agent in result.actor_loss:
+                losses[f"{agent}_actor_loss"] = result.actor_loss[agent]
+                losses[f"{agent}_gradient_norm"] = result.gradient_norm[agent]
+        check_losses(losses, batch, self.episode, out_dir)
+        self.episode += 1
+        return losses, self._episode_rewards(batch, actions)
+
+    def weights(self, final: bool = False) -> Weights:
+        """Return what the run has learned; `final` adds the held-out errors to it."""
+        facts: dict[str, Any] = dict(self._facts)
+        # The running average of the actors predicts unseen clips better than their last state (README of models/).
+        actors = "actor" if self._imitation is None else "target_actor"
+        configuration = resolved(self._config)
+        if final and self.held_out is not None:
+            errors = self.held_out.errors(self._networks.weights(configuration, facts, actors=actors))
+            facts["held_out"] = {"errors": errors, "control": self.held_out.control}
+        return self._networks.weights(configuration, facts, actors=actors)
+
+    def state(self) -> dict[str, Any]:
+        """Return all that `restore` needs."""
+        optimisers = [self._maddpg.critic_optimiser, self._maddpg.actor_optimiser]
+        if self._imitation is not None:
+            optimisers.append(self._imitation.optimiser)
+        return {
+            "configuration": resolved(self._config, self._networks.config),
+            "seed": self._seed,
+            "data": self._facts["data"]["sha256"],
+            "networks": dict(self._networks.state_dict()),
+            "optimisers": [o.state_dict() for o in optimisers],
+            "rng": self.rng.bit_generator.state,
+            "episode": self.episode,
+            "log": self.log,
+        }
+
+    def restore(self, state: dict[str, Any], where: str) -> None:
+        """Go on from a checkpoint.
+
+        :raises InvalidInput: another configuration, seed or data made it.
+        """
+        mine = self.state()
+        for name in ("configuration", "seed", "data"):
+            if state[name] != mine[name]:
+                raise InvalidInput(
+                    f"{where}: this checkpoint has another {name}: {state[name]}, expected {mine[name]}; "
+                    "choose another output folder, or delete it to start again"
+                )
+        self._networks.load_state_dict(state["networks"])
+        optimisers = [self._maddpg.critic_optimiser, self._maddpg.actor_optimiser]
+        if self._imitation is not None:
+            optimisers.append(self._imitation.optimiser)
+        for optimiser, saved in zip(optimisers, state["optimisers"], strict=True):
+            optimiser.load_state_dict(saved)
+        self.rng.bit_generator.state = state["rng"]
+        self.episode, self.log = state["episode"], state["log"]
+
+    def _draw(self) -> Batch:
+        picked, held = [], 0
+        while held < self._config.batch_size:
+            history = self._histories[int(self.rng.integers(len(self._histories)))]
+            picked.append(history)
+            held += len(history)
+        return collate(picked)
+
+    def _score(self, batch: Batch, actions: Tensors) -> Scored:
+        """Explore around the actors' actions and reward each by the observed next speed, (14)-(15)."""
+        explored, rewards = {}, {}
+        for agent in AGENTS:
+            action = actions[agent].detach()
+            noise = self.rng.normal(0.0, self._config.exploration, tuple(action.shape)).astype(np.float32)
+            explored[agent] = action + torch.from_numpy(noise)
+            rewards[agent] = self._reward(batch, agent, explored[agent])
+        return Scored(explored, rewards)
+
+    def _reward(self, batch: Batch, agent: str, action: torch.Tensor) -> torch.Tensor:
+        predicted = predicted_velocity(batch.observation[agent][:, :-1, :2], action)
+        deviation = self._networks.speed_deviation[agent]
+        reward = speed_reward(predicted, batch.next_velocity[agent], deviation) * self._config.reward_scaling
+        return reward * batch.present
+
+    def _episode_rewards(self, batch: Batch, actions: Tensors) -> dict[str, float]:
+        sums = {agent: self._reward(batch, agent, actions[agent].detach()).sum(dim=1) for agent in AGENTS}
+        return {f"{agent}_reward": float(total.mean()) for agent, total in sums.items()}
+
+
+def write_log(path: Path, rows: list[dict[str, float]]) -> None:
+    """Write a CSV with a column for every name that occurs in `rows`, whole or not at all."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    with written_whole(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, names, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
