@@ -1,0 +1,31 @@
+import numpy as np
+
+from vpsci_ros.learning.config import RefineConfig
+from vpsci_ros.learning.exploration import amplitude, exploration_noise
+
+
+def test_amplitude_is_that_of_equation_16():
+    np.testing.assert_allclose(amplitude([0, 1000, 10**6]), [0.35, 0.3 * np.exp(-1.0) + 0.05, 0.05])
+
+
+def test_noise_is_a_function_of_seed_scenario_episode_step_and_agent():
+    scenario, episode, step = np.array([1, 2, 3, 3]), np.array([5, 5, 6, 7]), np.array([0, 1, 2, 3])
+    together = exploration_noise(9, scenario, episode, step, 0)
+    for i in range(4):
+        alone = exploration_noise(9, scenario[i : i + 1], episode[i : i + 1], step[i : i + 1], 0)
+        assert np.array_equal(alone[0], together[i])
+    others = [
+        exploration_noise(8, scenario, episode, step, 0),
+        exploration_noise(9, scenario, episode, step, 1),
+        exploration_noise(9, scenario, episode, step + 1, 0),
+        exploration_noise(9, scenario, episode + 1, step, 0),
+    ]
+    for other in others:
+        assert (other != together).all()
+
+
+def test_noise_has_the_deviation_asked_for_and_no_bias():
+    config = RefineConfig(noise_start=0.0, noise_floor=0.5)
+    draws = exploration_noise(1, np.ones(20000, int), np.arange(20000), np.full(20000, 3), 1, config)
+    assert np.abs(draws.mean(axis=0)).max() < 0.015
+    np.testing.assert_allclose(draws.std(axis=0), 0.5, atol=0.01)

@@ -1,0 +1,186 @@
+import numpy as np
+import pytest
+
+from vpsci_ros.data.near_misses import split_by_clip
+from vpsci_ros.learning.config import NetworkConfig, RefineConfig
+from vpsci_ros.learning.online import Outcomes, refine
+from vpsci_ros.learning.pretrain import Stopped
+from vpsci_ros.learning.refine import Refiner
+from vpsci_ros.learning.transitions import TRANSITION
+from vpsci_ros.learning.weights import load_weights, weights_from_bytes
+from vpsci_ros.world import COLLISION, EVENT, GOAL, load_scenarios
+from vpsci_ros.world.state import FINISHED, HANDED_OVER
+
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+QUICK = RefineConfig(
+    warm_up_steps=20, steps_per_update=20, batch_size=60, critic_warm_up=1, updates_per_refresh=2, rollback_margin=10.0
+)
+
+
+def experience(histories=6, steps=10, seed=0, first_number=0, first_episode=0):
+    rng = np.random.default_rng(seed)
+    rows = np.zeros(histories * steps, TRANSITION)
+    rows["number"] = first_number + np.arange(len(rows))
+    rows["scenario"], rows["episode"] = 1, first_episode + np.repeat(np.arange(histories), steps)
+    rows["step"] = np.tile(np.arange(steps), histories)
+    for name in ("vehicle_observation", "pedestrian_observation", "vehicle_action", "pedestrian_action"):
+        rows[name] = rng.normal(size=rows[name].shape)
+    rows["curvttc"] = rows["next_curvttc"] = rng.uniform(0.0, 6.0, len(rows))
+    rows["last"] = rows["step"] == steps - 1
+    rows["collision"] = rows["terminal"] = rows["last"] & (rows["episode"] % 2 == 0)
+    return rows
+
+
+@pytest.fixture
+def refiner(networks, near_misses):
+    return Refiner(QUICK, networks(gain=1.0).weights({}, {}), near_misses, seed=4)
+
+
+def test_updates_fall_due_with_new_experience(refiner):
+    rows = experience()
+    refiner.add(rows[:19])
+    assert not refiner.due
+    refiner.add(rows[19:])
+    updates = 0
+    while refiner.due:
+        refiner.update()
+        updates += 1
+    assert updates == 3  # 60 steps at 20 an update
+    assert 0.0 < refiner.summary()["real_share"] < 1.0
+    assert refiner.received == 60
+    assert refiner.lost == 0
+
+
+def test_actors_rest_while_the_critics_warm_up(refiner):
+    refiner.add(experience())
+    assert "gradient_norm" not in refiner.update()
+    assert refiner.update()["gradient_norm"] > 0.0
+
+
+def test_a_refresh_carries_other_weights_and_a_new_version(refiner):
+    before = weights_from_bytes(refiner.weights())
+    assert not refiner.take_refresh()
+    refiner.add(experience())
+    while refiner.due:
+        refiner.update()
+    assert refiner.take_refresh()
+    assert not refiner.take_refresh()
+    after = weights_from_bytes(refiner.weights())
+    assert refiner.version == 2
+    name = "vehicle_actor.head.4.weight"
+    assert not np.array_equal(before.tensors[name], after.tensors[name])
+    assert after.facts["stage"] == "refined"
+
+
+def test_a_refresh_that_forgets_people_is_rolled_back(networks, near_misses):
+    config = RefineConfig(**{**vars(QUICK), "rollback_margin": 0.0, "online_learning_rate": 0.5})
+    start = networks(gain=1.0).weights({}, {})
+    refiner = Refiner(config, start, near_misses, seed=4)
+    refiner.add(experience())
+    while refiner.due:
+        refiner.update()
+    summary = refiner.summary()
+    assert summary["rollbacks"] == summary["refreshes"] == 1
+    assert not refiner.take_refresh()
+    assert refiner.version == 1
+    kept = weights_from_bytes(refiner.weights())
+    for name, tensor in start.tensors.items():
+        if "actor" in name:
+            assert np.array_equal(kept.tensors[name], tensor), name
+
+
+def test_the_speed_reward_is_zero_where_the_policy_acts_as_stage_1_did(networks, near_misses):
+    start = networks().weights({}, {})
+    refiner = Refiner(QUICK, start, near_misses, seed=4)
+    rows = experience(histories=1)
+    (history,) = refiner._assembler.add(rows)
+    refiner._reference([history])
+    assert all(np.all(c[:, 2] < 0.0) for c in refiner._components(history).values())
+    for agent in ("vehicle", "pedestrian"):
+        velocity = history.observation[agent][:-1, :2]
+        history.action[agent] = (history.next_velocity[agent] - velocity) / np.float32(0.1)
+        np.testing.assert_allclose(refiner._components(history)[agent][:, 2], 0.0, atol=1e-6)
+
+
+def test_collisions_and_goals_are_rewarded_as_equations_25_and_26_say(refiner):
+    rows = experience(histories=1)
+    rows["pedestrian_goal"][4] = 1
+    (history,) = refiner._assembler.add(rows)
+    refiner._reference([history])
+    components = refiner._components(history)
+    assert components["vehicle"][:, 0].tolist() == [0.0] * 9 + [-200.0]
+    assert components["vehicle"][:, 1].sum() == 0.0
+    assert components["pedestrian"][4, 1] == 100.0
+
+
+def test_clips_that_stage_1_held_out_stay_held_out(networks, near_misses):
+    _, held_out = split_by_clip(near_misses, 0.4, seed=11)
+    clips = sorted({f"{s}/{c}" for s, c in held_out.select("source", "clip").unique().rows()})
+    weights = networks().weights({}, {"data": {"held_out_clips": clips}})
+    refiner = Refiner(QUICK, weights, near_misses, seed=4)
+    assert set(refiner._held_out.interactions.clip) <= set(clips)
+    assert refiner.current().facts["data"]["held_out_clips"] == sorted(set(refiner._held_out.interactions.clip))
+    other = Refiner(QUICK, networks().weights({}, {}), near_misses, seed=4)
+    assert set(other._held_out.interactions.clip) != set(refiner._held_out.interactions.clip)
+
+
+def test_a_learner_goes_on_from_a_checkpoint_to_the_same_result(tmp_path, networks, near_misses):
+    start = networks(gain=1.0).weights({}, {})
+    first, second = (Refiner(QUICK, start, near_misses, seed=4) for _ in range(2))
+
+    def learn(refiner, number):
+        refiner.add(experience(seed=number, first_number=60 * number, first_episode=6 * number))
+        while refiner.due:
+            refiner.update()
+
+    learn(first, 0)
+    first.save_checkpoint(tmp_path / "c.safetensors", {"done": 1})
+    assert second.restore(tmp_path / "c.safetensors") == {"done": 1}
+    for refiner in (first, second):
+        learn(refiner, 1)
+    assert first.summary() == second.summary()
+    mine, theirs = first.current().tensors, second.current().tensors
+    assert all(np.array_equal(mine[name], theirs[name]) for name in mine)
+
+
+def test_learning_ends_where_the_gradient_has_vanished_for_long(refiner):
+    refiner._norm = 1e-5
+    refiner.add(experience(histories=99))
+    assert not refiner.finished
+    refiner.add(experience(histories=1, first_number=990, first_episode=99))
+    assert refiner.finished
+
+
+def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, networks, near_misses):
+    start = networks(gain=1.0).weights({}, {})
+    options = {"scenarios": load_scenarios([1, 6]), "batch": 2, "seed": 3}
+    episodes = [(s, e) for e in range(8) for s in (1, 6)]
+
+    def run(folder, report=None):
+        return refine(near_misses, QUICK, start, episodes=episodes, out_dir=tmp_path / folder, report=report, **options)
+
+    def stop(values):
+        raise Stopped
+
+    whole = run("whole")
+    with pytest.raises(Stopped):
+        run("parts", stop)
+    resumed = run("parts")
+    assert all(np.array_equal(whole.tensors[name], resumed.tensors[name]) for name in whole.tensors)
+    assert load_weights(tmp_path / "whole" / "refined.safetensors").facts["learned"]["updates"] > 3
+    log = (tmp_path / "whole" / "refine_log.csv").read_text().splitlines()
+    assert len(log) == 3
+    assert "collision_rate" in log[0]
+
+
+def test_rates_count_the_episodes_that_were_handed_over():
+    events = np.zeros(7, EVENT)
+    events["kind"] = [HANDED_OVER, HANDED_OVER, HANDED_OVER, FINISHED, FINISHED, FINISHED, FINISHED]
+    events["episode"] = [1, 2, 3, 1, 2, 3, 4]
+    events["outcome"] = [0, 0, 0, COLLISION, GOAL, GOAL, COLLISION]
+    outcomes = Outcomes()
+    outcomes.note(events)
+    rates = outcomes.rates()
+    assert rates["collision_rate"] == pytest.approx(1 / 3)
+    assert rates["goal_rate"] == pytest.approx(2 / 3)
+    assert rates["critical_episodes"] == 3

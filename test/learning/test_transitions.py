@@ -1,0 +1,142 @@
+import itertools
+
+import numpy as np
+import pytest
+
+from vpsci_ros.learning.assembly import HistoryAssembler
+from vpsci_ros.learning.transitions import TRANSITION, TransitionBuilder
+from vpsci_ros.world import COLLISION, ENDED, EPISODE, GOAL, RUNNING, World, WorldConfig, handover, load_scenarios
+from vpsci_ros.world.monitor import MonitorConfig, assess
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Sixteen episodes under constant braking: every tick's state, and all transitions."""
+    world = World(WorldConfig(), load_scenarios([1, 2, 5, 7]), [(s, e) for e in range(4) for s in (1, 2, 5, 7)], 8, 3)
+    builder, rows, ticks = TransitionBuilder(), [], []
+    action = np.tile([-1.0, 0.2], (8, 1))
+    while not world.done:
+        state = world.state.copy()
+        curvttc, _, critical = assess(state, MonitorConfig())
+        frame = handover.policy_frame(state, world.config)
+        rows.append(builder.observe(state, frame, curvttc, critical, action, -action, 3, 4))
+        ticks.append((state, curvttc, critical, frame))
+        world.advance(curvttc, critical, action, -action)
+    return np.concatenate(rows), ticks, builder
+
+
+def test_transitions_are_numbered_without_gaps(run):
+    rows, _, builder = run
+    assert len(rows) > 100
+    assert np.array_equal(rows["number"], np.arange(len(rows)))
+    assert builder.count == len(rows)
+
+
+def test_there_is_one_transition_for_every_step_that_the_policies_took(run):
+    rows, ticks, _ = run
+    taken = sum(int(handover.acting(state, frame, critical).sum()) for state, _, critical, frame in ticks)
+    assert len(rows) == taken
+
+
+def test_histories_begin_at_zero_and_follow_on_without_a_gap(run):
+    rows, _, _ = run
+    for key in {(int(r["scenario"]), int(r["episode"])) for r in rows}:
+        mine = rows[(rows["scenario"] == key[0]) & (rows["episode"] == key[1])]
+        assert mine["step"][0] == 0
+        assert mine["last"][-1] == 1
+        for before, after in itertools.pairwise(mine):
+            if before["last"]:
+                assert after["step"] == 0
+            else:
+                assert after["step"] == before["step"] + 1
+                assert np.array_equal(before["next_vehicle_observation"], after["vehicle_observation"])
+                assert np.array_equal(before["next_pedestrian_observation"], after["pedestrian_observation"])
+                assert before["next_curvttc"] == after["curvttc"]
+
+
+def test_the_vehicle_brakes_as_asked_in_the_frame_of_the_step(run):
+    """-1 m/s2 for 0.1 s by (20): the next speed is 0.1 m/s lower, along the old heading but for the turn it makes."""
+    rows, _, _ = run
+    moving = rows[(rows["vehicle_observation"][:, 0] > 1.0) & (rows["collision"] == 0) & (rows["last"] == 0)]
+    speed = np.hypot(*moving["vehicle_next_velocity"].T)
+    np.testing.assert_allclose(speed, moving["vehicle_observation"][:, 0] - 0.1, atol=2e-3)
+
+
+def test_each_ended_episode_under_control_has_one_last_transition_with_its_outcome(run):
+    rows, ticks, _ = run
+    ended = {}
+    for state, *_ in ticks:
+        for record in state[(state["status"] == ENDED) & (state["controlled"] != 0)]:
+            ended[int(record["scenario"]), int(record["episode"])] = int(record["outcome"])
+    collisions = {(int(r["scenario"]), int(r["episode"])) for r in rows[rows["collision"] == 1]}
+    assert collisions == {key for key, outcome in ended.items() if outcome == COLLISION}
+    terminal = {(int(r["scenario"]), int(r["episode"])) for r in rows[rows["terminal"] == 1]}
+    assert terminal == {key for key, outcome in ended.items() if outcome in (COLLISION, GOAL)}
+
+
+def test_versions_of_the_policies_are_stamped(run):
+    rows, _, _ = run
+    assert (rows["vehicle_policy_version"] == 3).all()
+    assert (rows["pedestrian_policy_version"] == 4).all()
+
+
+def one_slot(frame, controlled, step):
+    state = np.zeros(1, EPISODE)
+    state["status"], state["frame"], state["scenario"], state["episode"] = RUNNING, frame, 1, 9
+    state["controlled"], state["step"], state["vehicle_speed"] = controlled, step, 4.0
+    return state
+
+
+def test_a_missing_answer_ends_the_history():
+    builder, yes = TransitionBuilder(), np.ones(1, bool)
+    action = np.ones((1, 2))
+    assert len(builder.observe(one_slot(0, 0, 0), yes, np.ones(1), yes, action, action)) == 0
+    rows = builder.observe(one_slot(2, 1, 1), yes, np.ones(1), yes, None, action)
+    assert rows["last"].tolist() == [1]
+    assert rows["terminal"].tolist() == [0]
+    assert len(builder.observe(one_slot(4, 1, 2), yes, np.ones(1), yes, action, action)) == 0
+
+
+def history(episode, steps, first_number=0):
+    rows = np.zeros(steps, TRANSITION)
+    rows["number"] = first_number + np.arange(steps)
+    rows["scenario"], rows["episode"], rows["step"] = 1, episode, np.arange(steps)
+    rows["vehicle_observation"][:, 0], rows["next_vehicle_observation"][:, 0] = (
+        np.arange(steps),
+        np.arange(1, steps + 1),
+    )
+    rows["last"][-1] = 1
+    return rows
+
+
+def test_interleaved_transitions_become_whole_histories():
+    first, second = history(1, 4), history(2, 4)
+    mixed = np.concatenate([rows for pair in zip(first, second, strict=True) for rows in ([pair[0]], [pair[1]])])
+    mixed["number"] = np.arange(8)
+    mixed["collision"][-1] = mixed["terminal"][-1] = 1
+    assembler = HistoryAssembler(-200.0, 100.0)
+    finished = assembler.add(mixed[:5]) + assembler.add(mixed[5:])
+    assert [len(h) for h in finished] == [4, 4]
+    assert finished[0].observation["vehicle"][:, 0].tolist() == [0, 1, 2, 3, 4]
+    assert finished[1].events["vehicle"][:, 0].tolist() == [0, 0, 0, -200]
+    assert (finished[0].terminal, finished[1].terminal) == (False, True)
+    assert assembler.lost == 0
+
+
+def test_a_lost_transition_is_counted_and_its_history_dropped():
+    rows = np.concatenate([history(1, 5), history(2, 3, first_number=5)])
+    assembler = HistoryAssembler(-200.0, 100.0)
+    finished = assembler.add(np.delete(rows, 2))
+    assert assembler.lost == 1
+    assert [len(h) for h in finished] == [3]
+
+
+def test_an_assembler_goes_on_from_its_state():
+    rows = history(1, 6)
+    first, second = HistoryAssembler(-200.0, 100.0), HistoryAssembler(-200.0, 100.0)
+    first.add(rows[:4])
+    second.restore(first.state())
+    (finished,) = second.add(rows[4:])
+    assert len(finished) == 6
+    assert second.received == 6
+    assert second.lost == 0

@@ -1,0 +1,73 @@
+"""Transitions become histories again: rows of one episode from the hand-over to where control is given back."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.learning.config import AGENTS
+from vpsci_ros.learning.replay import History
+from vpsci_ros.learning.transitions import TRANSITION
+
+
+class HistoryAssembler:
+    """Collects TRANSITION rows by episode; a history with a missing step is dropped, since its state is unknown.
+
+    :param collision_reward, goal_reward: C_collision and C_goal of (25) and (26).
+    """
+
+    def __init__(self, collision_reward: float, goal_reward: float) -> None:
+        self._collision, self._goal = collision_reward, goal_reward
+        self._open: dict[tuple[int, int], list[NDArray[np.void]]] = {}
+        self._expected = 0
+        self.received, self.lost, self.dropped = 0, 0, 0
+
+    def add(self, transitions: NDArray[np.void]) -> list[History]:
+        """Take rows in, TRANSITION[n] in the order of their numbers, and return the histories that they complete."""
+        finished = []
+        for row in transitions:
+            number = int(row["number"])
+            self.lost += max(0, number - self._expected)
+            self._expected = number + 1
+            self.received += 1
+            key = int(row["scenario"]), int(row["episode"])
+            rows = self._open.setdefault(key, [])
+            if row["step"] == 0:
+                rows.clear()
+            if row["step"] != len(rows):
+                self.dropped += 1
+                del self._open[key]
+                continue
+            rows.append(row.copy())
+            if row["last"]:
+                finished.append(self._history(np.array(self._open.pop(key), TRANSITION)))
+        return finished
+
+    def _history(self, rows: NDArray[np.void]) -> History:
+        events = {}
+        for agent in AGENTS:
+            events[agent] = np.stack(
+                [self._collision * rows["collision"], self._goal * rows[f"{agent}_goal"]], axis=1
+            ).astype(np.float32)
+        return History(
+            {a: np.concatenate([rows[f"{a}_observation"], rows[f"next_{a}_observation"][-1:]]) for a in AGENTS},
+            np.append(rows["curvttc"], rows["next_curvttc"][-1]),
+            {a: np.ascontiguousarray(rows[f"{a}_action"]) for a in AGENTS},
+            {a: np.zeros((len(rows), 2), np.float32) for a in AGENTS},
+            events,
+            terminal=bool(rows["terminal"][-1]),
+            real=False,
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Return all that `restore` needs."""
+        rows = [np.array(part, TRANSITION).view(np.uint8) for part in self._open.values() if part]
+        counters = [self._expected, self.received, self.lost, self.dropped]
+        return {"rows": np.concatenate(rows) if rows else np.zeros(0, np.uint8), "counters": counters}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from `state`."""
+        self._open = {}
+        for row in state["rows"].view(TRANSITION):
+            self._open.setdefault((int(row["scenario"]), int(row["episode"])), []).append(row.copy())
+        self._expected, self.received, self.lost, self.dropped = state["counters"]

@@ -1,0 +1,127 @@
+"""Stage 2 in one process: world, monitor, policies and learner called in turn, as the graph of nodes runs them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vpsci_ros.learning.config import AGENTS, RefineConfig
+from vpsci_ros.learning.pretrain import Report, Stopped, write_log
+from vpsci_ros.learning.refine import CHECKPOINT, Refiner
+from vpsci_ros.learning.rollout import policies, rollout
+from vpsci_ros.learning.transitions import TransitionBuilder
+from vpsci_ros.learning.weights import Weights, weights_from_bytes
+from vpsci_ros.world import COLLISION, GOAL, Scenario, World, WorldConfig, handover
+from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.state import FINISHED, HANDED_OVER
+
+LOG = "refine_log.csv"
+
+
+@dataclass
+class Outcomes:
+    """How the episodes that the policies took part in ended.
+
+    `rates` are the columns of Table 5 over episodes that were handed over; `least_curvttc` [s] lists theirs.
+    """
+
+    handed_over: set[tuple[int, int]] = field(default_factory=set)
+    outcomes: list[int] = field(default_factory=list)
+    least_curvttc: list[float] = field(default_factory=list)
+
+    def note(self, events: NDArray[np.void]) -> None:
+        """Take the events of a tick into account, EVENT[n]."""
+        for event in events:
+            key = int(event["scenario"]), int(event["episode"])
+            if event["kind"] == HANDED_OVER:
+                self.handed_over.add(key)
+            elif event["kind"] == FINISHED and key in self.handed_over:
+                self.handed_over.discard(key)
+                self.outcomes.append(int(event["outcome"]))
+                self.least_curvttc.append(float(event["least_curvttc"]))
+
+    def rates(self, last: int | None = None) -> dict[str, float]:
+        """Return collision, goal and timeout rates of the `last` episodes (None: all), and how many there are."""
+        outcomes = np.array(self.outcomes if last is None else self.outcomes[-last:])
+        count = max(1, len(outcomes))
+        collision, goal = float((outcomes == COLLISION).sum()) / count, float((outcomes == GOAL).sum()) / count
+        rates = {"collision_rate": collision, "goal_rate": goal, "timeout_rate": 1.0 - collision - goal}
+        return rates | {"critical_episodes": float(len(self.outcomes))}
+
+
+def refine(
+    near_misses: pl.DataFrame,
+    config: RefineConfig,
+    weights: Weights,
+    *,
+    scenarios: Sequence[Scenario],
+    episodes: Sequence[tuple[int, int]],
+    batch: int,
+    seed: int,
+    out_dir: str | Path,
+    world: WorldConfig | None = None,
+    monitor: MonitorConfig | None = None,
+    report: Callable[[Report], None] | None = None,
+) -> Weights:
+    """Simulate `episodes` with exploration, learn from them, and write `refined.safetensors` and a log to `out_dir`.
+
+    Episodes run in portions of four times `batch`; a checkpoint after each lets a stopped run go on to the same
+    result. It ends early where the convergence test of section 4.1 is met.
+
+    :param episodes: (scenario number, episode number) pairs, in order.
+    :param report: called after every portion with the learner's summary and the rates of Table 5; may raise `Stopped`.
+    :raises InvalidInput: see `Refiner`.
+    """
+    out_dir = Path(out_dir)
+    out_dir.mkdir(parents=True, exist_ok=True)
+    refiner = Refiner(config, weights, near_misses, seed=seed, out_dir=out_dir)
+    portion, done, rows = 4 * batch, 0, []
+    outcomes, builder = Outcomes(), TransitionBuilder()
+    if (out_dir / CHECKPOINT).exists():
+        extra = refiner.restore(out_dir / CHECKPOINT)
+        done, rows, builder.count = extra["done"], extra["rows"], refiner.received
+        outcomes.outcomes, outcomes.least_curvttc = extra["outcomes"], extra["least_curvttc"]
+    while done < len(episodes) and not refiner.finished:
+        part = episodes[done : done + portion]
+        simulation = World(world or WorldConfig(), scenarios, part, min(batch, len(part)), seed)
+        _simulate(simulation, refiner, builder, outcomes, monitor or MonitorConfig(), seed)
+        done += len(part)
+        rows.append(refiner.summary() | outcomes.rates(1000))
+        extra = {"done": done, "rows": rows}
+        extra |= {"outcomes": outcomes.outcomes, "least_curvttc": outcomes.least_curvttc}
+        refiner.save_checkpoint(out_dir / CHECKPOINT, extra)
+        write_log(out_dir / LOG, rows)
+        if report is not None:
+            report({"simulated": float(done), "episodes_wanted": float(len(episodes))} | rows[-1])
+    refiner.save()
+    (out_dir / CHECKPOINT).unlink(missing_ok=True)
+    return refiner.current()
+
+
+def _simulate(
+    world: World, refiner: Refiner, builder: TransitionBuilder, outcomes: Outcomes, monitor: MonitorConfig, seed: int
+) -> None:
+    agents = policies(refiner.current(), world, seed, explore=True)
+    for agent in agents.values():
+        agent.version = refiner.version
+    for tick in rollout(world, monitor, agents):
+        outcomes.note(tick.events)
+        frame = handover.policy_frame(tick.state, world.config)
+        versions = [agents[agent].version for agent in AGENTS]
+        rows = builder.observe(
+            tick.state, frame, tick.curvttc, tick.critical, tick.actions[AGENTS[0]], tick.actions[AGENTS[1]], *versions
+        )
+        if len(rows):
+            refiner.add(rows)
+        while refiner.due:
+            refiner.update()
+        if refiner.take_refresh():
+            fresh = weights_from_bytes(refiner.weights())
+            for agent in agents.values():
+                agent.load(fresh, refiner.version)
+
+
+__all__ = ["Outcomes", "Stopped", "refine"]

@@ -1,0 +1,341 @@
+"""Stage 2: the pre-trained policies learn on from what happens to them in simulation (section 3.2).
+
+The simulation replay buffer keeps a share of real experience for good; batches are drawn by (17); every simulated step
+is rewarded by collision, goal and speed (25)-(27) with the adaptive weights (28). In simulation nobody observes what a
+person would have done next, so the speed reward compares with what the *frozen stage-1 actor* does after the same
+history: it is zero where the policy still behaves as the real near misses taught it. Speeds are compared as (8)-(9)
+give them, so neither the pedestrian's halved accelerations (21)-(24) nor lane keeping count as a deviation.
+
+Real experience has no observed collision or goal. As in stage 1 it scores the acting policy's action, with exploration
+around it, against the recorded next speed, by the speed reward alone.
+
+After every `updates_per_refresh` updates the held-out error is measured, and a refresh that exceeds stage 1's
+closed-loop ADE by more than `rollback_margin` is undone.
+"""
+
+import copy
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import torch
+from numpy.typing import NDArray
+
+from vpsci_ros.data.near_misses import split_by_clip
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.assembly import HistoryAssembler
+from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
+from vpsci_ros.learning.config import AGENTS, RefineConfig
+from vpsci_ros.learning.divergence import check_losses
+from vpsci_ros.learning.held_out import HeldOut
+from vpsci_ros.learning.interactions import from_table, table_hash
+from vpsci_ros.learning.maddpg import Maddpg, Scored, UpdateResult
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.replay import (
+    Batch,
+    History,
+    ReplayBuffer,
+    collate,
+    pack,
+    recorded_histories,
+    unpack,
+    up_to_capacity,
+)
+from vpsci_ros.learning.rewards import RewardWeights, predicted_velocity, speed_reward
+from vpsci_ros.learning.weights import Weights, resolved, save_weights, weights_to_bytes
+
+RETURN_SMOOTHING = 0.02  # share of the newest episode in the running mean return (Figure 6)
+WEIGHTS, CHECKPOINT = "refined.safetensors", "refine_checkpoint.safetensors"
+
+
+class Refiner:
+    """The learner of stage 2, fed with transitions by the `/replay` topic or in process.
+
+    :param weights: of stage 1; its actors are the frozen reference of the speed reward.
+    :param near_misses: near-miss table. Clips that stage 1 held out stay held out; if the weights do not name any of
+        these clips, `refine_held_out_fraction` of the table is.
+    :param seed: of sampling; the noise of the acting policies is theirs.
+    :param out_dir: where `save` writes and a diverging batch is kept; None for a learner that writes nothing.
+    :raises InvalidInput: too few near misses or clips.
+    """
+
+    def __init__(
+        self,
+        config: RefineConfig,
+        weights: Weights,
+        near_misses: pl.DataFrame,
+        *,
+        seed: int,
+        out_dir: str | Path | None = None,
+    ) -> None:
+        self._config, self._start = config, weights
+        self._out_dir = None if out_dir is None else Path(out_dir)
+        self._rng = np.random.default_rng(seed)
+        training, held_out = _split(near_misses, weights, config, seed)
+        self._held_out = HeldOut(held_out)
+        self._networks = Networks.from_weights(weights)
+        self._frozen = copy.deepcopy(self._networks.actor).requires_grad_(False)
+        self._maddpg = Maddpg(
+            self._networks,
+            config,
+            config.online_learning_rate,
+            config.online_critic_learning_rate,
+            config.value_unit,
+        )
+        real = recorded_histories(from_table(training))
+        room = max(1, int(config.real_capacity * config.buffer_capacity))
+        kept = [real[i] for i in up_to_capacity(real, room, self._rng)]
+        self._buffer = ReplayBuffer(config.buffer_capacity, kept, config.priority_exponent, config.real_bonus)
+        self._assembler = HistoryAssembler(config.collision_reward, config.goal_reward)
+        self.reward_weights = RewardWeights(config)
+        self.stage_1_errors = self._held_out.errors(weights)
+        self.errors = dict(self.stage_1_errors)
+        self._facts: dict[str, Any] = {"stage": "refined", "seed": seed, "data": {"sha256": table_hash(near_misses)}}
+        self._facts["data"]["held_out_clips"] = sorted(set(self._held_out.interactions.clip))
+        self._accepted = self._actor_state()
+        self._credit, self._norm, self._calm = 0.0, math.inf, 0
+        self._refreshed = False
+        self.updates, self.version, self.refreshes, self.rollbacks, self.episodes = 0, 1, 0, 0, 0
+        self._last: dict[str, float] = {}
+        self._returns = dict.fromkeys(AGENTS, 0.0)
+
+    # ---- experience in
+
+    def add(self, transitions: NDArray[np.void]) -> None:
+        """Take transitions in, TRANSITION[n], in the order of their numbers; gaps in the numbers count as lost."""
+        finished = self._assembler.add(transitions)
+        self._credit += len(transitions)
+        if finished:
+            self._reference(finished)
+        for history in finished:
+            components = self._components(history)
+            self.reward_weights.episode(np.mean([components[agent] for agent in AGENTS], axis=0))
+            for agent in AGENTS:
+                total = float(self.reward_weights.total(components[agent]).sum())
+                self._returns[agent] += RETURN_SMOOTHING * (total - self._returns[agent])
+            self._buffer.append(history)
+            self.episodes += 1
+            self._calm = self._calm + 1 if self._norm < self._config.gradient_tolerance else 0
+
+    @property
+    def received(self) -> int:
+        """Transitions taken in so far."""
+        return self._assembler.received
+
+    @property
+    def lost(self) -> int:
+        """Transitions that never came, by the gaps in their numbers."""
+        return self._assembler.lost
+
+    @property
+    def due(self) -> bool:
+        """Whether there is enough new experience for another update."""
+        return self.received >= self._config.warm_up_steps and self._credit >= self._config.steps_per_update
+
+    @property
+    def finished(self) -> bool:
+        """Whether the policy gradient's norm has stayed below the tolerance for so many episodes (section 4.1)."""
+        return self._calm >= self._config.converged_episodes
+
+    # ---- learning
+
+    def update(self) -> dict[str, float]:
+        """Draw a batch, update all networks, and return the losses by name; `summary` has them too.
+
+        :raises DivergedError: a loss is not a number; the batch is kept in `out_dir`.
+        """
+        self._credit -= self._config.steps_per_update
+        histories = self._buffer.draw(self._config.batch_size, self._rng)
+        batch = collate(histories)
+        actors_rest = self.updates < self._config.critic_warm_up
+        with torch.set_grad_enabled(not actors_rest):
+            actions = self._maddpg.act(batch)
+        result = self._maddpg.update(batch, self._score(batch, actions), None if actors_rest else actions)
+        self._note(result, batch)
+        check_losses(self._last, batch, self.updates, self._out_dir)
+        self._buffer.reprioritise(histories, result.error)
+        self.updates += 1
+        if self.updates % self._config.updates_per_refresh == 0 and not actors_rest:
+            self._refresh()
+        return dict(self._last)
+
+    def take_refresh(self) -> bool:
+        """Return whether `weights` has changed since the last call."""
+        refreshed, self._refreshed = self._refreshed, False
+        return refreshed
+
+    def summary(self) -> dict[str, float]:
+        """Return counters, losses, the share of real experience, reward weights and held-out errors, by name."""
+        counters = {
+            "updates": self.updates,
+            "episodes": self.episodes,
+            "transitions": self.received,
+            "lost": self.lost,
+            "version": self.version,
+            "refreshes": self.refreshes,
+            "rollbacks": self.rollbacks,
+            "buffer_steps": self._buffer.steps,
+        }
+        weights = dict(zip(("w_collision", "w_goal", "w_speed"), map(float, self.reward_weights.values), strict=True))
+        returns = {f"{agent}_return": value for agent, value in self._returns.items()}
+        errors = {f"held_out_{name}": value for name, value in self.errors.items()}
+        return counters | self._last | weights | returns | errors
+
+    # ---- weights out
+
+    def current(self) -> Weights:
+        """Return the accepted actors and the critics as they are."""
+        networks = copy.deepcopy(self._networks)
+        networks.actor.load_state_dict(self._accepted["actor"])
+        held_out = {"errors": self.errors, "stage_1": self.stage_1_errors, "control": self._held_out.control}
+        learned = {
+            "updates": self.updates,
+            "episodes": self.episodes,
+            "reward_weights": self.reward_weights.values.tolist(),
+        }
+        facts = self._facts | {"held_out": held_out, "learned": learned}
+        return networks.weights(self._start.configuration | resolved(self._config), facts)
+
+    def weights(self) -> bytes:
+        """Return the accepted weights as the bytes of a safetensors file, for `/policy/weights`."""
+        return weights_to_bytes(self.current())
+
+    def save(self) -> Path:
+        """Write `refined.safetensors` to `out_dir` and return its path.
+
+        :raises InvalidInput: there is no `out_dir`.
+        """
+        if self._out_dir is None:
+            raise InvalidInput("Refiner.save: expected an output folder, got none; give out_dir")
+        self._out_dir.mkdir(parents=True, exist_ok=True)
+        save_weights(self._out_dir / WEIGHTS, self.current())
+        return self._out_dir / WEIGHTS
+
+    def save_checkpoint(self, path: str | Path, extra: dict[str, Any] | None = None) -> None:
+        """Write all that `restore` needs to go on to the same result, and `extra` with it."""
+        save_checkpoint(path, self._state() | {"extra": extra or {}})
+
+    def restore(self, path: str | Path) -> dict[str, Any]:
+        """Go on from a checkpoint of a learner of the same configuration, weights and data; return its `extra`.
+
+        :raises InvalidInput: not such a checkpoint.
+        """
+        state = load_checkpoint(path)
+        for name, mine in (("configuration", resolved(self._config)), ("data", self._facts["data"])):
+            if state[name] != mine:
+                raise InvalidInput(f"{path}: this checkpoint has another {name}: {state[name]}, expected {mine}")
+        self._networks.load_state_dict(state["networks"])
+        self._accepted = state["accepted"]
+        self._maddpg.critic_optimiser.load_state_dict(state["optimisers"][0])
+        self._maddpg.actor_optimiser.load_state_dict(state["optimisers"][1])
+        self._rng.bit_generator.state = state["rng"]
+        self._buffer.restore([unpack(h) for h in state["histories"]], state["highest"])
+        self._assembler.restore(state["assembler"])
+        self.reward_weights.values = state["reward_weights"]
+        for name, value in state["counters"].items():
+            setattr(self, name, value)
+        extra: dict[str, Any] = state["extra"]
+        return extra
+
+    def _state(self) -> dict[str, Any]:
+        names = ["updates", "version", "refreshes", "rollbacks", "episodes", "errors", "_credit", "_norm", "_calm"]
+        names += ["_last", "_returns", "_refreshed"]
+        return {
+            "configuration": resolved(self._config),
+            "data": self._facts["data"],
+            "networks": dict(self._networks.state_dict()),
+            "accepted": {name: dict(part) for name, part in self._accepted.items()},
+            "optimisers": [self._maddpg.critic_optimiser.state_dict(), self._maddpg.actor_optimiser.state_dict()],
+            "rng": self._rng.bit_generator.state,
+            "histories": [pack(h) for h in self._buffer.histories],
+            "highest": self._buffer.highest,
+            "assembler": self._assembler.state(),
+            "reward_weights": self.reward_weights.values,
+            "counters": {name: getattr(self, name) for name in names},
+        }
+
+    # ---- inside
+
+    @torch.no_grad()
+    def _reference(self, histories: list[History]) -> None:
+        """Fill in the next speeds that the frozen stage-1 actor would have chosen after the same histories."""
+        batch = collate(histories)
+        for agent in AGENTS:
+            before = torch.cat([torch.zeros_like(batch.action[agent][:, :1]), batch.action[agent][:, :-1]], dim=1)
+            actor = self._frozen[agent]
+            action = actor(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
+            velocity = predicted_velocity(batch.observation[agent][:, :-1, :2], action).numpy()
+            for history, row in zip(histories, velocity, strict=True):
+                history.next_velocity[agent] = row[: len(history)].copy()
+
+    def _components(self, history: History) -> dict[str, NDArray[np.float64]]:
+        """Return (collision, goal, speed) rewards of every step by agent, float64[T, 3]."""
+        components = {}
+        for agent in AGENTS:
+            action, observation = torch.from_numpy(history.action[agent]), torch.from_numpy(history.observation[agent])
+            speed = self._speed_reward(
+                observation[:-1, :2], action, torch.from_numpy(history.next_velocity[agent]), agent
+            )
+            components[agent] = np.column_stack([history.events[agent], speed.numpy()]).astype(np.float64)
+        return components
+
+    def _speed_reward(
+        self, velocity: torch.Tensor, action: torch.Tensor, following: torch.Tensor, agent: str
+    ) -> torch.Tensor:
+        deviation = self._networks.speed_deviation[agent]
+        return speed_reward(predicted_velocity(velocity, action), following, deviation) * self._config.reward_scaling
+
+    def _score(self, batch: Batch, actions: Mapping[str, torch.Tensor]) -> Scored:
+        scored, rewards = {}, {}
+        real = batch.real[:, None, None]
+        weights = torch.from_numpy(self.reward_weights.values.astype(np.float32))
+        for agent in AGENTS:
+            mine = actions[agent].detach()
+            noise = self._rng.normal(0.0, self._config.noise_start, tuple(mine.shape)).astype(np.float32)
+            scored[agent] = torch.where(real, mine + torch.from_numpy(noise), batch.action[agent])
+            velocity = batch.observation[agent][:, :-1, :2]
+            speed = self._speed_reward(velocity, scored[agent], batch.next_velocity[agent], agent)
+            rewards[agent] = ((batch.events[agent] * weights[:2]).sum(dim=2) + weights[2] * speed) * batch.present
+        return Scored(scored, rewards)
+
+    def _note(self, result: UpdateResult, batch: Batch) -> None:
+        self._last = {f"{agent}_critic_loss": result.critic_loss[agent] for agent in AGENTS}
+        if result.gradient_norm:
+            self._norm = math.hypot(*result.gradient_norm.values())
+            self._last |= {f"{agent}_actor_loss": result.actor_loss[agent] for agent in AGENTS}
+            self._last["gradient_norm"] = self._norm
+        steps = batch.present.sum(dim=1)
+        self._last["real_share"] = float((steps * batch.real).sum() / steps.sum())
+
+    def _refresh(self) -> None:
+        """Measure the held-out error and accept the actors, or go back to the last accepted ones."""
+        self.refreshes += 1
+        errors = self._held_out.errors(self._networks.weights({}, {}))
+        limit = self.stage_1_errors["closed_loop_ade"] * (1.0 + self._config.rollback_margin)
+        if errors["closed_loop_ade"] <= limit:
+            self._accepted, self.errors = self._actor_state(), errors
+            self.version += 1
+            self._refreshed = True
+            return
+        self.rollbacks += 1
+        self._networks.actor.load_state_dict(self._accepted["actor"])
+        self._networks.target_actor.load_state_dict(self._accepted["target_actor"])
+        self._maddpg.actor_optimiser.state.clear()
+
+    def _actor_state(self) -> dict[str, dict[str, torch.Tensor]]:
+        parts = {"actor": self._networks.actor, "target_actor": self._networks.target_actor}
+        return {name: {k: v.detach().clone() for k, v in part.state_dict().items()} for name, part in parts.items()}
+
+
+def _split(
+    near_misses: pl.DataFrame, weights: Weights, config: RefineConfig, seed: int
+) -> tuple[pl.DataFrame, pl.DataFrame]:
+    clips = weights.facts.get("data", {}).get("held_out_clips", [])
+    held = pl.concat_str("source", "clip", separator="/").is_in(clips)
+    held_out = near_misses.filter(held)
+    if held_out.is_empty():
+        return split_by_clip(near_misses, config.refine_held_out_fraction, seed)
+    return near_misses.filter(~held), held_out

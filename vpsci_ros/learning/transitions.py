@@ -1,0 +1,125 @@
+"""Experience for the learner: one record per policy step, made from successive states of a world."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.world import handover
+from vpsci_ros.world.observation import observe
+from vpsci_ros.world.state import COLLISION, ENDED, GOAL
+
+# Fields as in vpsci_msgs/Transition, which says what each one holds; `number` counts transitions without gaps.
+TRANSITION = np.dtype(
+    [
+        ("number", "u8"),
+        ("scenario", "u1"),
+        ("episode", "u4"),
+        ("step", "u4"),
+        ("curvttc", "f4"),
+        ("vehicle_observation", "f4", 6),
+        ("pedestrian_observation", "f4", 6),
+        ("vehicle_action", "f4", 2),
+        ("pedestrian_action", "f4", 2),
+        ("next_curvttc", "f4"),
+        ("next_vehicle_observation", "f4", 6),
+        ("next_pedestrian_observation", "f4", 6),
+        ("vehicle_next_velocity", "f4", 2),
+        ("pedestrian_next_velocity", "f4", 2),
+        ("collision", "u1"),
+        ("vehicle_goal", "u1"),
+        ("pedestrian_goal", "u1"),
+        ("last", "u1"),
+        ("terminal", "u1"),
+        ("vehicle_policy_version", "u4"),
+        ("pedestrian_policy_version", "u4"),
+    ]
+)
+
+
+class TransitionBuilder:
+    """Pairs the state of each policy frame with the state one policy period, or the end of the episode, later.
+
+    Call `observe` at every tick, in order. Steps without an answer of both policies make no transition and end the
+    history: what the rule-based pair does in their place is not the policies' experience.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0  # transitions made so far
+        self._pending = np.zeros(0, TRANSITION)
+        self._open = np.zeros(0, bool)
+        self._heading = np.zeros(0)
+
+    def observe(
+        self,
+        state: NDArray[np.void],
+        policy_frame: NDArray[np.bool_],
+        curvttc: NDArray[np.float64] | None,
+        critical: NDArray[np.bool_] | None,
+        vehicle_action: NDArray[np.floating] | None,
+        pedestrian_action: NDArray[np.floating] | None,
+        vehicle_version: int = 0,
+        pedestrian_version: int = 0,
+    ) -> NDArray[np.void]:
+        """Take one tick in and return the transitions that it completes, TRANSITION[n].
+
+        :param state: EPISODE[B] as published for the tick, before `World.advance`.
+        :param policy_frame: bool[B], `handover.policy_frame` of this tick.
+        :param curvttc: float64[B] [s]; critical: bool[B]; both of this tick, or None where the monitor did not answer.
+        :param vehicle_action, pedestrian_action: float[B, 2] [m/s2], the policies' executed answers to this tick; None
+            where they were not asked or did not answer.
+        """
+        if len(self._open) != len(state):
+            self._pending, self._open = np.zeros(len(state), TRANSITION), np.zeros(len(state), bool)
+            self._heading = np.zeros(len(state))
+        curvttc = np.full(len(state), np.inf) if curvttc is None else curvttc
+        critical = np.zeros(len(state), bool) if critical is None else critical
+        acts = handover.acting(state, policy_frame, critical)
+        if vehicle_action is None or pedestrian_action is None:
+            acts = np.zeros_like(acts)
+        due = self._open & (policy_frame | (state["status"] == ENDED))
+        if not (due.any() or acts.any()):
+            return np.zeros(0, TRANSITION)
+        observations = observe(state)
+        rows = self._complete(state, curvttc, observations, due, acts)
+        if acts.any():
+            assert vehicle_action is not None
+            assert pedestrian_action is not None
+            self._begin(state, curvttc, observations, acts, (vehicle_action, pedestrian_action))
+            self._pending["vehicle_policy_version"][acts] = vehicle_version
+            self._pending["pedestrian_policy_version"][acts] = pedestrian_version
+        return rows
+
+    def _begin(self, state, curvttc, observations, acts, actions) -> None:  # type: ignore[no-untyped-def]
+        pending = self._pending
+        for name in ("scenario", "episode", "vehicle_goal", "pedestrian_goal"):
+            pending[name][acts] = state[name][acts]
+        pending["step"][acts] = np.where(state["controlled"] == 0, 0, state["step"])[acts]
+        pending["curvttc"][acts] = curvttc[acts]
+        for agent, observation, action in zip(("vehicle", "pedestrian"), observations, actions, strict=True):
+            pending[f"{agent}_observation"][acts] = observation[acts]
+            pending[f"{agent}_action"][acts] = np.asarray(action)[acts]
+        self._heading[acts] = state["vehicle_heading"][acts]
+        self._open |= acts
+
+    def _complete(self, state, curvttc, observations, due, acts) -> NDArray[np.void]:  # type: ignore[no-untyped-def]
+        rows = self._pending[due]
+        now = state[due]
+        self._open &= ~due
+        rows["number"] = self.count + np.arange(len(rows), dtype=np.uint64)
+        self.count += len(rows)
+        rows["next_curvttc"] = curvttc[due]
+        heading = self._heading[due]
+        direction = now["vehicle_heading"]
+        velocities = {
+            "vehicle": (now["vehicle_speed"] * np.cos(direction), now["vehicle_speed"] * np.sin(direction)),
+            "pedestrian": (now["pedestrian_vx"], now["pedestrian_vy"]),
+        }
+        c, s = np.cos(heading), np.sin(heading)
+        for (agent, (east, north)), observation in zip(velocities.items(), observations, strict=True):
+            rows[f"next_{agent}_observation"] = observation[due]
+            rows[f"{agent}_next_velocity"] = np.stack([c * east + s * north, c * north - s * east], axis=1)
+            rows[f"{agent}_goal"] = (now[f"{agent}_goal"] != 0) & (rows[f"{agent}_goal"] == 0)
+        ended = now["status"] == ENDED
+        rows["collision"] = ended & (now["outcome"] == COLLISION)
+        rows["terminal"] = ended & ((now["outcome"] == COLLISION) | (now["outcome"] == GOAL))
+        rows["last"] = ended | ~acts[due] | (now["controlled"] == 0)
+        return rows
