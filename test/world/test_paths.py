@@ -45,3 +45,11 @@ def test_location_undoes_the_point_at_an_arc_length():
         found, left = path.locate(*path.at(s))
         assert found == pytest.approx(s, abs=1e-6)
         assert left == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_band_has_its_width_on_both_sides():
+    path = resample(np.array([[0.0, 0.0], [10.0, 0.0]]))
+    band = path.band(3.0)
+    assert band.shape == (2 * len(path.points), 2)
+    assert np.allclose(np.unique(band[:, 1]), [-1.5, 1.5])
+    assert path.beside(4.0, 1.0) == pytest.approx((4.0, 1.0))

@@ -175,6 +175,29 @@ def test_the_queue_is_read_as_slots_get_free():
     assert not world.done
 
 
+def test_an_environment_can_place_episodes_itself_and_others_do_not_notice():
+    world = World(AUTOPILOT, SCENARIOS, [], 3, 1)
+    quiet = np.full(3, np.inf), np.zeros(3, bool)
+    world.place([0, 1, 2], [(1, 0), (2, 0), (3, 0)])
+    assert not world.done
+    for _ in range(10):
+        world.advance(*quiet)
+    events = world.place([1], [(8, 5)], [77])
+    assert (events["kind"].item(), events["slot"].item(), events["scenario"].item()) == (STARTED, 1, 8)
+    assert world.state["frame"].tolist() == [10, 0, 10]
+    expected = World(AUTOPILOT, SCENARIOS, [(8, 5)], 1, 77).state[0]
+    assert world.state[1] == expected
+    world.advance(*quiet)
+    with pytest.raises(InvalidInput, match="episodes start at policy ticks"):
+        world.place([0], [(1, 0)])
+    world.advance(*quiet)
+    for slots in ([0, 0], [3], [-1]):
+        with pytest.raises(InvalidInput, match="different slots from 0 to 2"):
+            world.place(slots, [(1, 0)] * len(slots))
+    while not world.done:
+        world.advance(*quiet)
+
+
 def test_an_empty_queue_is_done_at_once():
     world = World(AUTOPILOT, SCENARIOS, [], 3, 1)
     assert world.done

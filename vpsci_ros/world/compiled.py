@@ -4,9 +4,6 @@ Compiled code is cached on disk, divides as IEEE says and never reorders arithme
 references to its arrays (`_nrt`), which would cost more than the arithmetic, so it cannot make arrays of its own. What
 takes the whole state is `inlined` where it is called from the loop over slots, since passing a dozen arrays costs more
 than most of what these functions do.
-
-The cache does not see edits in functions called from another file: after editing one of these files, delete
-`__pycache__/*.nb?` in this folder.
 """
 
 import os

@@ -6,13 +6,17 @@ from numpy.typing import NDArray
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.state import EVENT, SAFETY_MISSING
 
+NO_EVENTS = np.zeros(0, EVENT)
+NO_EVENTS.flags.writeable = False
+
 
 def list_events(state: NDArray[np.void], bits: NDArray[np.uint16]) -> NDArray[np.void]:
     """Return EVENT[n], in the order of the slots, for EPISODE[B] and uint16[B] of bits 1 << kind."""
-    slots = np.flatnonzero(bits)
+    slots = bits.nonzero()[0]
+    if not len(slots):
+        return NO_EVENTS
     out = np.zeros(_count(bits, slots), EVENT)
-    if len(out):
-        _fill(state, bits, slots, out)
+    _fill(state, bits, slots, out)
     return out
 
 

@@ -44,6 +44,17 @@ class Path:
         nearest = int(np.argmin(np.hypot(self.points[:, 0] - x, self.points[:, 1] - y)))
         return project(self.points[None], 0, len(self.points), self.step, x, y, nearest * self.step)
 
+    def beside(self, s: float, left: float) -> tuple[float, float]:
+        """Return the point (x, y) [m] at arc length `s`, `left` [m] to the left of the path."""
+        (x, y), heading = self.at(s), self.heading(s)
+        return x - left * math.sin(heading), y + left * math.cos(heading)
+
+    def band(self, width: float) -> NDArray[np.float64]:
+        """Return the outline, float64[2 N, 2] [m], of a band of `width` [m] along the path."""
+        along = np.arange(len(self.points)) * self.step
+        left, right = ([self.beside(s, side * width) for s in along] for side in (0.5, -0.5))
+        return np.array(left + right[::-1])
+
     def curvature(self, window: float = 3.0) -> NDArray[np.float64]:
         """Return the curvature [1/m] at each sample, float64[N], from its change of heading over `window` [m]."""
         s = np.arange(len(self.points)) * self.step

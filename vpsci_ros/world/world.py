@@ -10,11 +10,11 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import engine, handover
 from vpsci_ros.world.compiled import in_threads
 from vpsci_ros.world.config import WorldConfig
-from vpsci_ros.world.events import list_events
+from vpsci_ros.world.events import NO_EVENTS, list_events
 from vpsci_ros.world.recording import NO_RECORDINGS, Recorded
 from vpsci_ros.world.scenario import Scenario
 from vpsci_ros.world.spawn import spawn_all
-from vpsci_ros.world.state import EPISODE, EVENT, IDLE, STARTED
+from vpsci_ros.world.state import EPISODE, IDLE, STARTED
 from vpsci_ros.world.tables import Answers, settings_from, tables_from
 
 Floats = NDArray[np.float64]
@@ -113,7 +113,8 @@ class World:
         self.tick += 1
         self._ended = np.flatnonzero(self._bits)
         arrived = list_events(self.state, self._bits)
-        return np.concatenate([decided, arrived, self._fill()])
+        happened = [events for events in (decided, arrived, self._fill()) if len(events)]
+        return np.concatenate(happened) if happened else NO_EVENTS
 
     def _move(self, answers: Answers, part: slice) -> None:
         own = Answers(*(array[part] for array in answers))  # type: ignore[arg-type]  # length 0 stays 0
@@ -143,7 +144,7 @@ class World:
     def _fill(self) -> NDArray[np.void]:
         """Give idle slots to the next episodes of the queue, at policy ticks; return the STARTED events."""
         if self._exhausted or self._idle == 0 or self.tick % self.config.policy_ticks:
-            return np.zeros(0, EVENT)
+            return NO_EVENTS
         idle = np.flatnonzero(self.state["status"] == IDLE)
         episodes = list(itertools.islice(self._queue, len(idle)))
         self._exhausted = len(episodes) < len(idle)
