@@ -51,9 +51,8 @@ def save_scenario(scenario: Scenario, path: str | Path, seed: int = 1) -> None:
 
 
 def _draw_ground(axis: Axes, scenario: Scenario) -> None:
-    line, half = scenario.vehicle.path, 0.5 * scenario.vehicle.lane_width
-    sides = [np.array([_beside(line, s, side * half) for s in _along(line)]) for side in (1, -1)]
-    axis.add_patch(Polygon(np.concatenate([sides[0], sides[1][::-1]]), facecolor=ROAD, edgecolor="none", zorder=0))
+    lane = scenario.vehicle.path.band(scenario.vehicle.lane_width)
+    axis.add_patch(Polygon(lane, facecolor=ROAD, edgecolor="none", zorder=0))
     if len(scenario.crosswalk):
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": "#a9a9a4", "hatch": "////", "linewidth": 0.8}
         axis.add_patch(Polygon(scenario.crosswalk, zorder=0.5, **look))
@@ -87,26 +86,14 @@ def _draw_line(axis: Axes, line: Line, goal: float, width: float, colour: str, n
     axis.plot(*line.points.T, color=colour, linewidth=1.2, zorder=4, label=f"{name}'s route, arc length [m]")
     for s in np.arange(0.0, line.length + 1e-9, 10.0):
         axis.plot(*line.at(s), ".", color=colour, markersize=5, zorder=5)
-        axis.annotate(
-            f"{s:.0f}", _beside(line, s, 0.5 * width + 0.5), fontsize=7, color=colour, ha="center", va="center"
-        )
-    ends = np.array([_beside(line, goal, side * 0.5 * width) for side in (1, -1)])
+        axis.annotate(f"{s:.0f}", line.beside(s, 0.5 * width + 0.5), fontsize=7, color=colour, ha="center", va="center")
+    ends = np.array([line.beside(goal, side * 0.5 * width) for side in (1, -1)])
     axis.plot(*ends.T, color=GOAL, linewidth=3.0, zorder=6)
     axis.annotate(
         "", line.at(line.length), line.at(line.length - 2.0), arrowprops={"arrowstyle": "-|>", "color": colour}
     )
     if name == "vehicle":
         axis.plot([], [], color=GOAL, linewidth=3.0, label="goals")
-
-
-def _along(line: Line) -> Floats:
-    return np.linspace(0.0, line.length, len(line.points))
-
-
-def _beside(line: Line, s: float, left: float) -> tuple[float, float]:
-    """Return the point `left` [m] to the left of a path at arc length `s` [m]."""
-    (x, y), heading = line.at(s), line.heading(s)
-    return x - left * float(np.sin(heading)), y + left * float(np.cos(heading))
 
 
 def _frame(axis: Axes, points: Floats, margin: float = 3.0) -> None:
