@@ -1,0 +1,233 @@
+"""The doors: the ecosystem's own contract tests, the same bits batched and alone, and a driving system that learns."""
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium", reason="the extra rl is not installed")
+pytest.importorskip("pettingzoo", reason="the extra rl is not installed")
+
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+from pettingzoo.test import parallel_api_test  # noqa: E402
+
+from vpsci_ros.envs import ENV_ID, driving  # noqa: E402
+from vpsci_ros.envs.parallel import COLLISION_REWARD, GOAL_REWARD, parallel_env  # noqa: E402
+from vpsci_ros.envs.right_turn import RightTurnEnv  # noqa: E402
+from vpsci_ros.envs.vector import RightTurnVectorEnv  # noqa: E402
+from vpsci_ros.errors import InvalidInput  # noqa: E402
+from vpsci_ros.learning.config import NetworkConfig  # noqa: E402
+from vpsci_ros.learning.shapes import weight_shapes  # noqa: E402
+from vpsci_ros.learning.weights import Weights  # noqa: E402
+
+WALKER = {"pedestrian": "social_force"}
+
+
+def small_weights() -> Weights:
+    network = NetworkConfig(hidden=8, layers=1, heads=2, key_dimension=4, actor_hidden=[4, 4], critic_hidden=[4, 4])
+    rng = np.random.default_rng(1)
+    tensors = {
+        name: rng.normal(0.0, 0.3, shape).astype(np.float32) if "scale" not in name else np.ones(shape, np.float32)
+        for name, shape in weight_shapes(network).items()
+    }
+    return Weights(network, tensors)
+
+
+def drive(observation: np.ndarray) -> np.ndarray:
+    """Follow the lane by pure pursuit at 3 m/s and stop for a pedestrian ahead; action float32[..., 2]."""
+    forward, left = observation[..., 8], observation[..., 9]
+    steer = np.arctan(2.875 * 2 * left / (forward**2 + left**2)) / 0.52
+    pedal = 0.3 * (3.0 - observation[..., 0])
+    ahead = (observation[..., 16] > 0) & (observation[..., 16] < 8) & (np.abs(observation[..., 17]) < 2)
+    return np.stack([steer, np.where(ahead, -1.0, pedal)], axis=-1).clip(-1, 1).astype(np.float32)
+
+
+def test_gymnasiums_checker_finds_nothing():
+    check_env(gymnasium.make(ENV_ID, render_mode="rgb_array", **WALKER).unwrapped)
+
+
+def test_pettingzoos_parallel_api_test_passes():
+    parallel_api_test(parallel_env(), num_cycles=300)
+
+
+@pytest.mark.parametrize("vectorised", [False, True])
+def test_it_is_made_by_its_name(vectorised):
+    if vectorised:
+        env = gymnasium.make_vec(ENV_ID, 3, vectorization_mode="vector_entry_point", **WALKER)
+        observation, _ = env.reset(seed=1)
+        assert observation.shape == (3, driving.SIZE)
+    else:
+        env = gymnasium.make(f"vpsci_ros.envs:{ENV_ID}", **WALKER)  # without importing this package first
+        observation, info = env.reset(seed=1)
+        assert observation in env.observation_space
+        assert info["scenario"] == 1
+    env.close()
+
+
+def test_the_learned_pedestrian_answers():
+    env = RightTurnEnv(scenarios=[1], weights=small_weights())
+    walker = RightTurnEnv(scenarios=[1], pedestrian="autopilot")
+    controlled = differs = False
+    for episode in range(6):
+        options = {"scenario": 1, "episode": episode}
+        observation, _ = env.reset(seed=3, options=options)
+        walker.reset(seed=3, options=options)
+        over = False
+        while not over:
+            action = drive(observation)
+            observation, _, terminated, truncated, info = env.step(action)
+            ignorant, _, ended, cut, _ = walker.step(action)
+            controlled |= info["pedestrian_controlled"]
+            differs |= not np.array_equal(observation[16:20], ignorant[16:20])
+            over = terminated or truncated or ended or cut
+    assert controlled
+    assert differs
+
+
+@pytest.mark.parametrize("weights", [None, small_weights()])
+def test_an_environment_of_a_batch_is_to_the_bit_the_one_alone(weights):
+    kind = WALKER if weights is None else {"weights": weights}
+    batch = RightTurnVectorEnv(3, **kind)
+    single = [RightTurnEnv(**kind) for _ in range(3)]
+    observations, infos = batch.reset(seed=10)
+    for i, env in enumerate(single):
+        alone, _ = env.reset(seed=10 + i)
+        assert alone.tobytes() == observations[i].tobytes()
+    finished = 0
+    for _ in range(250):
+        actions = drive(observations)
+        observations, rewards, terminated, truncated, infos = batch.step(actions)
+        for i, env in enumerate(single):
+            alone, reward, ended, cut, info = env.step(actions[i])
+            assert (reward, ended, cut) == (rewards[i], terminated[i], truncated[i])
+            assert info["curvttc"] == infos["curvttc"][i]
+            if ended or cut:
+                finished += 1
+                assert alone.tobytes() == infos["final_obs"][i].tobytes()
+                alone, _ = env.reset()
+            assert alone.tobytes() == observations[i].tobytes()
+    assert finished >= 3
+
+
+def test_a_seed_repeats_an_episode_and_resets_go_on_to_the_next():
+    env = RightTurnEnv(**WALKER)
+    first, info = env.reset(seed=5)
+    second, following = env.reset()
+    again, _ = env.reset(seed=5)
+    assert first.tobytes() == again.tobytes()
+    assert first.tobytes() != second.tobytes()
+    assert (info["scenario"], following["scenario"]) == (1, 2)
+    chosen, info = env.reset(options={"scenario": 7, "episode": 12})
+    assert (info["scenario"], info["episode_number"]) == (7, 12)
+    assert chosen in env.observation_space
+
+
+def episode_of(env, options, act):
+    observation, _ = env.reset(seed=1, options=options)
+    total, rows = 0.0, [observation]
+    while True:
+        observation, reward, terminated, truncated, info = env.step(act(observation))
+        total, rows = total + reward, [*rows, observation]
+        if terminated or truncated:
+            return total, np.array(rows), terminated, info
+
+
+def test_a_car_that_keeps_its_lane_gets_to_the_goal_and_is_paid_for_it():
+    env = RightTurnEnv(pedestrian="constant_velocity")
+    fast = {"scenario": 2, "episode": 3}
+    total, rows, terminated, info = episode_of(env, fast, lambda o: drive(o) + np.float32([0, 0.15]))
+    assert np.abs(rows[:, 3]).max() < 0.6
+    if terminated and info["outcome"] != "collision":
+        assert rows[-1, 5] <= 0.0
+        assert total > driving.AT_GOAL
+
+
+def test_leaving_the_lane_ends_the_episode_at_a_cost():
+    env = RightTurnEnv(scenarios=[1], **WALKER)
+    total, rows, terminated, info = episode_of(env, None, lambda o: np.float32([1.0, 0.3]))
+    assert terminated
+    assert info["outcome"] == "none"
+    assert abs(rows[-1, 3]) > driving.OFF_LANE
+    assert total < 0.5 * driving.AT_FAILURE
+
+
+def test_standing_still_is_truncated_after_ten_seconds():
+    env = RightTurnEnv(scenarios=[4], **WALKER)
+    _, rows, terminated, info = episode_of(env, None, lambda o: np.float32([0.0, -1.0]))
+    assert not terminated
+    assert info["outcome"] == "timeout"
+    assert len(rows) == 101
+
+
+def test_the_observation_previews_the_lane_in_the_vehicles_frame():
+    env = RightTurnEnv(scenarios=[5], **WALKER)
+    observation, _ = env.reset(seed=2)
+    preview = observation[6:16].reshape(-1, 2)
+    assert preview[:, 0] == pytest.approx(driving.PREVIEW, rel=0.1)  # straight ahead at the spawn ...
+    assert np.abs(preview[:2, 1]).max() < 0.05
+    assert observation[3] == pytest.approx(0.0, abs=0.01)  # ... on the lane's centre
+    assert observation[20] <= 10.0
+
+
+def test_the_picture_shows_lane_vehicle_and_pedestrian():
+    env = RightTurnEnv(scenarios=[1], render_mode="rgb_array", **WALKER)
+    env.reset(seed=1)
+    image = env.render()
+    assert image.shape == (480, 480, 3)
+    assert image.dtype == np.uint8
+    for colour in ((8, 81, 156), (165, 15, 21), (185, 185, 181), (247, 247, 244)):
+        assert (image == colour).all(axis=-1).sum() > 20
+    for _ in range(20):
+        env.step(np.float32([0, 0.3]))
+    assert (env.render() != image).any()
+
+
+def braking(observation):
+    return {"vehicle": np.float32([-5, 0]), "pedestrian": np.float32([0, 0])}
+
+
+def chasing(observation):
+    return {"vehicle": np.float32([0, 0]), "pedestrian": -observation["pedestrian"][2:4]}
+
+
+@pytest.mark.parametrize(("act", "expected"), [(braking, "timeout"), (chasing, "collision")])
+def test_both_agents_are_paid_by_equations_25_and_26(act, expected):
+    env = parallel_env(scenarios=[1, 3, 4])
+    outcomes = set()
+    for number in range(12):
+        observation, _ = env.reset(seed=number)
+        rewards = dict.fromkeys(env.possible_agents, 0.0)
+        while env.agents:
+            observation, reward, _, _, infos = env.step(act(observation))
+            rewards = {agent: rewards[agent] + reward[agent] for agent in rewards}
+        outcomes.add(infos["vehicle"]["outcome"])
+        collided = COLLISION_REWARD if infos["vehicle"]["outcome"] == "collision" else 0.0
+        for reward in rewards.values():
+            assert reward in (collided, collided + GOAL_REWARD)
+    assert expected in outcomes
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: RightTurnEnv(pedestrian="dancer"), "pedestrian = 'dancer'"),
+        (lambda: RightTurnEnv(render_mode="human", **WALKER), "expected 'rgb_array' or None"),
+        (lambda: RightTurnEnv(scenarios=[], **WALKER), "at least one scenario"),
+        (lambda: RightTurnEnv(scenarios=[9], **WALKER), "a number from 1 to 8"),
+        (lambda: RightTurnEnv(weights="nowhere.safetensors"), "no such file"),
+        (lambda: RightTurnEnv(**WALKER).reset(options={"scenario": 1}), "expected scenario and episode"),
+        (lambda: RightTurnVectorEnv(2, **WALKER).reset(seed=[1]), "one number or 2 of them"),
+    ],
+)
+def test_bad_arguments_are_refused(make, message):
+    with pytest.raises(InvalidInput, match=message):
+        make()
+
+
+def test_stable_baselines_trains_on_it():
+    ppo = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed (extra rl)").PPO
+    env = gymnasium.make(ENV_ID, scenarios=[3], **WALKER)
+    model = ppo("MlpPolicy", env, n_steps=128, batch_size=64, n_epochs=2, seed=0, device="cpu", verbose=0)
+    before = [p.detach().clone() for p in model.policy.parameters()]
+    model.learn(256)
+    assert any((a != b).any() for a, b in zip(before, model.policy.parameters(), strict=True))
+    action, _ = model.predict(env.reset(seed=1)[0], deterministic=True)
+    assert action in env.action_space

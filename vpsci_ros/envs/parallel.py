@@ -1,0 +1,133 @@
+"""Both agents as a PettingZoo parallel environment, as the paper has them: equations (6)-(13) and (18)-(26)."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+
+from vpsci_ros.envs.rendering import Views
+from vpsci_ros.envs.right_turn import check_render_mode, chosen_episode
+from vpsci_ros.envs.simulation import Simulation, Step
+from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, TIMEOUT, WorldConfig
+from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE, observe
+
+AGENTS = ("vehicle", "pedestrian")
+BOUND = 500.0  # no entry of an observation is larger
+ACTION_LIMIT = 5.0  # [m/s2]
+COLLISION_REWARD, GOAL_REWARD = -200.0, 100.0  # (25) and (26)
+
+Observations = dict[str, NDArray[np.float32]]
+
+
+class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
+    """Vehicle and pedestrian, both driven by the environment's user from the first frame on, 0.1 s a step.
+
+    Observations are (6) and (7), float32[6]; actions accelerations (longitudinal, lateral) [m/s2], both in the
+    vehicle's heading frame, which become motion by (18)-(20) and (21)-(24). Reward: (25), -200 to both at a collision,
+    and (26), 100 to an agent at its own arrival. The episode ends for both together.
+
+    :param scenarios: numbers, names or files; episodes take them in turn.
+    :param lane_following: keep the vehicle's lane for it, since (6) tells it nothing of the road.
+    :param render_mode: "rgb_array" or None.
+    :raises InvalidInput: an unknown scenario or render mode.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "vehicle_pedestrian_v0",
+        "render_modes": ["rgb_array"],
+        "render_fps": 10,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self,
+        scenarios: Iterable[int | str | Path] = range(1, 9),
+        lane_following: bool = True,
+        render_mode: str | None = None,
+    ) -> None:
+        check_render_mode(render_mode)
+        self.render_mode = render_mode
+        self.possible_agents = list(AGENTS)
+        self.agents: list[str] = []
+        config = WorldConfig(lane_following=lane_following)
+        self._simulation = Simulation(scenarios, 1, vehicle="policy", pedestrian="policy", config=config)
+        self._views = Views(self._simulation.scenarios)
+        self._observation_space = spaces.Box(-BOUND, BOUND, (OBSERVATION_SIZE,), np.float32)
+        self._action_space = spaces.Box(-ACTION_LIMIT, ACTION_LIMIT, (ACTION_SIZE,), np.float32)
+        self._last: Step | None = None
+
+    def observation_space(self, agent: str) -> spaces.Box:
+        """Return the space of (6) or (7)."""
+        return self._observation_space
+
+    def action_space(self, agent: str) -> spaces.Box:
+        """Return the space of accelerations, 5 m/s2 either way."""
+        return self._action_space
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, dict[str, Any]]]:
+        """Start an episode, as `RightTurnEnv.reset` does; other options are ignored, as PettingZoo's contract wants."""
+        if seed is not None:
+            self._simulation.seed(0, seed)
+        known: dict[str, Any] = {key: value for key, value in (options or {}).items() if key in ("scenario", "episode")}
+        self._simulation.start([0], chosen_episode(known))
+        self.agents = list(AGENTS)
+        self._last = self._simulation.now()
+        return self._observations(), self._infos()
+
+    def step(
+        self, actions: dict[str, NDArray[np.float32]]
+    ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """Drive and walk for 0.1 s."""
+        assert self._last is not None, "call reset() before step()"
+        before = self._last.state[0]
+        vehicle, pedestrian = (
+            np.clip(np.asarray(actions[a], np.float64), -ACTION_LIMIT, ACTION_LIMIT)[None] for a in AGENTS
+        )
+        self._last = self._simulation.step(vehicle, pedestrian, always_critical=True)
+        after = self._last.state[0]
+        collision = COLLISION_REWARD if after["outcome"] == COLLISION else 0.0
+        reward = {a: collision + GOAL_REWARD * int(after[f"{a}_goal"] > before[f"{a}_goal"]) for a in AGENTS}
+        terminated = bool(after["outcome"] in (COLLISION, GOAL))
+        truncated = bool(after["outcome"] == TIMEOUT)
+        if terminated or truncated:
+            self.agents = []
+        return (
+            self._observations(),
+            reward,
+            dict.fromkeys(AGENTS, terminated),
+            dict.fromkeys(AGENTS, truncated),
+            self._infos(),
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return the scene from above, uint8[480, 480, 3], in render mode "rgb_array"."""
+        if self.render_mode is None or self._last is None:
+            return None
+        return self._views.image(self._last.state[0])
+
+    def _observations(self) -> Observations:
+        assert self._last is not None
+        pair = observe(self._last.state)
+        return {agent: np.clip(rows[0], -BOUND, BOUND) for agent, rows in zip(AGENTS, pair, strict=True)}
+
+    def _infos(self) -> dict[str, dict[str, Any]]:
+        assert self._last is not None
+        record = self._last.state[0]
+        info = {
+            "scenario": int(record["scenario"]),
+            "episode_number": int(record["episode"]),
+            "outcome": OUTCOME_NAMES[record["outcome"]],
+            "curvttc": float(self._last.curvttc[0]),
+        }
+        return {agent: dict(info) for agent in AGENTS}
+
+
+def parallel_env(**kwargs: Any) -> VehiclePedestrianEnv:
+    """Return the environment, under the name by which PettingZoo's tools look for it."""
+    return VehiclePedestrianEnv(**kwargs)

@@ -1,0 +1,123 @@
+"""A batch of episodes that move on when the environment's user acts: world, monitor and learned pedestrian together."""
+
+import dataclasses
+import itertools
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.agent import PolicyAgent
+from vpsci_ros.learning.weights import Weights, load_weights
+from vpsci_ros.resources import weights_path
+from vpsci_ros.world import IDLE, RUNNING, World, WorldConfig, handover, load_scenarios
+from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.scenario import Scenario
+
+Floats = NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """Where each slot's episode is after a step, at the frame at which it ended if it did: arrays over slots.
+
+    :ivar state: EPISODE[B]; `status` ENDED where the world ended the episode within the step.
+    :ivar curvttc: float64[B] [s], infinity where there is none.
+    """
+
+    state: NDArray[np.void]
+    curvttc: Floats
+
+
+class Simulation:
+    """`batch` slots, each with an episode of its own, advanced by the policy period at each step.
+
+    :param scenarios: numbers, names or files, taken in turn by each slot's episodes.
+    :param pedestrian: "policy" (needs `weights`), or a reference pedestrian: "autopilot", "constant_velocity",
+        "social_force"; "external" to give its actions to `step`.
+    :param weights: of the learned pedestrian: a file, a name shipped with the package, or the weights themselves.
+    :raises InvalidInput: an unknown driver, scenario or weights file.
+    """
+
+    def __init__(
+        self,
+        scenarios: Iterable[int | str | Path],
+        batch: int,
+        *,
+        vehicle: str = "external",
+        pedestrian: str = "policy",
+        weights: str | Path | Weights = "refined",
+        config: WorldConfig | None = None,
+    ) -> None:
+        known = [item for item in scenarios if isinstance(item, Scenario)]
+        self.scenarios = tuple(known) if known else tuple(load_scenarios(scenarios))
+        if not self.scenarios:
+            raise InvalidInput("expected at least one scenario, got none")
+        self.config = dataclasses.replace(config or WorldConfig(), vehicle_driver=vehicle, pedestrian_driver=pedestrian)
+        _check_driver(self.config)
+        self.world = World(self.config, self.scenarios, [], batch, 0)
+        self._monitor = MonitorConfig()
+        self._agent: PolicyAgent | None = None
+        if pedestrian == "policy" and vehicle != "policy":
+            self._agent = PolicyAgent("pedestrian", 0, explore=False)
+            own = isinstance(weights, Weights)
+            self._agent.load(weights if own else load_weights(weights_path(str(weights))), 1)  # type: ignore[arg-type]
+        self._next = [itertools.count() for _ in range(batch)]
+        self._seeds = [0] * batch
+
+    def seed(self, slot: int, seed: int) -> None:
+        """Begin again with episode 0 of `seed` in this slot's row of episodes."""
+        self._seeds[slot] = seed
+        self._next[slot] = itertools.count()
+
+    def start(self, slots: Sequence[int], episode: tuple[int, int] | None = None) -> None:
+        """Start the next episode of each of these slots, or `episode` (scenario number, episode number) in all."""
+        episodes = [episode or self._following(slot) for slot in slots]
+        self.world.place(slots, episodes, [self._seeds[slot] for slot in slots])
+
+    def _following(self, slot: int) -> tuple[int, int]:
+        number, which = divmod(next(self._next[slot]), len(self.scenarios))
+        return self.scenarios[which].number, number
+
+    def now(self) -> Step:
+        """Return where the episodes are."""
+        curvttc, _, _ = assess(self.world.state, self._monitor)
+        return Step(self.world.state.copy(), curvttc)
+
+    def step(
+        self,
+        vehicle_action: Floats | None = None,
+        pedestrian_action: Floats | None = None,
+        vehicle_control: Floats | None = None,
+        *,
+        always_critical: bool = False,
+    ) -> Step:
+        """Move on by the policy period with these actions, see `World.advance`.
+
+        :param always_critical: let policy drivers act from the first frame on, critical or not.
+        """
+        world = self.world
+        last, ttc = world.state.copy(), np.full(len(world.state), np.inf)
+        for _ in range(self.config.policy_ticks):
+            curvttc, _, critical = assess(world.state, self._monitor)
+            if always_critical:
+                critical = world.state["status"] == RUNNING
+            frame = handover.policy_frame(world.state, self.config)
+            if self._agent is not None and frame.any():
+                answer = self._agent.act(world.state, frame, curvttc, critical)
+                pedestrian_action = answer.astype(np.float64)
+            world.advance(curvttc, critical, vehicle_action, pedestrian_action, vehicle_control=vehicle_control)
+            present = world.state["status"] != IDLE
+            last[present] = world.state[present]
+            ttc[present] = assess(world.state, self._monitor)[0][present]
+        return Step(last, ttc)
+
+
+def _check_driver(config: WorldConfig) -> None:
+    from vpsci_ros.world.config import PEDESTRIAN_DRIVERS
+
+    allowed = [driver for driver in PEDESTRIAN_DRIVERS if driver != "replay"]
+    if config.pedestrian_driver not in allowed:
+        raise InvalidInput(f"pedestrian = {config.pedestrian_driver!r}: expected one of {', '.join(allowed)}")

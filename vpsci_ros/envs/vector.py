@@ -1,0 +1,117 @@
+"""The right turn as a Gymnasium vector environment: a batch in one world, one call a step."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from vpsci_ros.envs import driving
+from vpsci_ros.envs.rendering import Views
+from vpsci_ros.envs.right_turn import ACTION_SPACE, OBSERVATION_SPACE, check_render_mode
+from vpsci_ros.envs.simulation import Simulation, Step
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.weights import Weights
+from vpsci_ros.world.tables import tables_from
+
+Infos = dict[str, Any]
+
+
+class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]):
+    """`num_envs` independent right turns; environment i is to the bit the `RightTurnEnv` with seed + i.
+
+    Environments whose episode is over start their next one in the same step (autoreset mode "same step"): the
+    observation returned is the new episode's first, the old one's last is in `infos["final_obs"]`.
+
+    :param num_envs: how many; the rest as for `RightTurnEnv`.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": ["rgb_array"],
+        "render_fps": 10,
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenarios: Iterable[int | str | Path] = range(1, 9),
+        pedestrian: str = "policy",
+        weights: str | Path | Weights = "refined",
+        render_mode: str | None = None,
+    ) -> None:
+        check_render_mode(render_mode)
+        self.num_envs, self.render_mode = num_envs, render_mode
+        self.single_observation_space, self.single_action_space = OBSERVATION_SPACE, ACTION_SPACE
+        self.observation_space = batch_space(OBSERVATION_SPACE, num_envs)
+        self.action_space = batch_space(ACTION_SPACE, num_envs)
+        self._simulation = Simulation(scenarios, num_envs, pedestrian=pedestrian, weights=weights)
+        self._tables = tables_from(self._simulation.scenarios)
+        self._views = Views(self._simulation.scenarios)
+        self._last: Step | None = None
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], Infos]:
+        """Start an episode everywhere: episode 0 of seed + i in environment i, or the next one without a seed.
+
+        :raises InvalidInput: options, or a list of seeds of another length.
+        """
+        if options:
+            raise InvalidInput(f"options: this environment has none, got {options}")
+        seeds = (
+            [None if seed is None else seed + i for i in range(self.num_envs)] if not isinstance(seed, list) else seed
+        )
+        if len(seeds) != self.num_envs:
+            raise InvalidInput(f"seed: expected one number or {self.num_envs} of them, got {len(seeds)}")
+        for slot, own in enumerate(seeds):
+            if own is not None:
+                self._simulation.seed(slot, own)
+        self._simulation.start(range(self.num_envs))
+        self._last = self._simulation.now()
+        return driving.observe(self._last.state, self._last.curvttc, self._tables), self._infos(self._last)
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]:
+        """Drive for 0.1 s everywhere; actions float32[num_envs, 2]."""
+        if self._last is None:
+            raise gymnasium.error.ResetNeeded("call reset() before step()")
+        before = self._last.state
+        step = self._simulation.step(vehicle_control=driving.controls(actions))
+        observation = driving.observe(step.state, step.curvttc, self._tables)
+        reward, terminated, truncated = driving.outcome(before, step.state, observation)
+        infos = self._infos(step)
+        over = terminated | truncated
+        self._last = step
+        if over.any():
+            final = np.full(self.num_envs, None, object)
+            for slot in np.flatnonzero(over):
+                final[slot] = observation[slot].copy()
+            infos |= {"final_obs": final, "_final_obs": over, "final_info": self._infos(step), "_final_info": over}
+            self._simulation.start(np.flatnonzero(over).tolist())
+            self._last = self._simulation.now()
+            fresh = driving.observe(self._last.state, self._last.curvttc, self._tables)
+            observation[over] = fresh[over]
+        return observation, reward, terminated, truncated, infos
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return the scenes from above, uint8[480, 480, 3] each, in render mode "rgb_array"."""
+        if self.render_mode is None or self._last is None:
+            return None
+        return tuple(self._views.image(record) for record in self._last.state)
+
+    def _infos(self, step: Step) -> Infos:
+        everywhere = np.ones(self.num_envs, bool)
+        infos: Infos = {
+            "scenario": step.state["scenario"].astype(np.int64),
+            "episode_number": step.state["episode"].astype(np.int64),
+            "outcome": step.state["outcome"].astype(np.int64),
+            "curvttc": step.curvttc,
+            "pedestrian_controlled": step.state["controlled"] != 0,
+        }
+        return infos | {f"_{name}": everywhere for name in infos}
