@@ -1,0 +1,124 @@
+"""Messages carry arrays without changing a bit, and a message that does not fit is refused."""
+
+from array import array
+
+import numpy as np
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+
+from vpsci_msgs.msg import AgentAction, EpisodeEvent, SafetyState, Transition, WorldState
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.transitions import TRANSITION
+from vpsci_ros.nodes import convert
+from vpsci_ros.world import EPISODE, EVENT
+
+
+def random_records(dtype: np.dtype, count: int, seed: int = 1) -> np.ndarray:
+    """Records of arbitrary but finite content."""
+    rng = np.random.default_rng(seed)
+    rows = np.zeros(count, dtype)
+    for name in dtype.names:
+        kind = rows[name].dtype
+        drawn = rng.normal(size=rows[name].shape) * 100 if kind.kind == "f" else rng.integers(0, 200, rows[name].shape)
+        rows[name] = drawn.astype(kind)
+    return rows
+
+
+def over_the_wire(message):
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def test_a_world_state_comes_back_bit_for_bit() -> None:
+    state = random_records(EPISODE, 5)
+    frame = np.array([True, False, True, True, False])
+    message = over_the_wire(convert.world_state_message(state, frame, tick=2**40, period=0.05))
+    back, back_frame = convert.world_state_arrays(message)
+    assert message.tick == 2**40
+    assert back_frame.tolist() == frame.tolist()
+    named = [name for name in WorldState.get_fields_and_field_types() if name in EPISODE.names]
+    assert len(named) == 17
+    for name in named:
+        assert back[name].tobytes() == state[name].tobytes(), name
+
+
+def test_every_array_of_a_world_state_message_is_filled() -> None:
+    state = random_records(EPISODE, 3)
+    message = convert.world_state_message(state, np.ones(3, bool), tick=1, period=0.05)
+    for name, kind in WorldState.get_fields_and_field_types().items():
+        if kind.startswith("sequence"):
+            assert len(getattr(message, name)) == 3, name
+
+
+def test_simulated_time_is_exact_over_many_ticks() -> None:
+    at = convert.stamp(123_456_789, 0.05)
+    assert (at.sec, at.nanosec) == (6_172_839, 450_000_000)
+
+
+def test_a_safety_state_keeps_infinity() -> None:
+    header = convert.Header()
+    message = over_the_wire(
+        convert.safety_message(header, 7, np.array([np.inf, 1.5]), np.array([3.0, 4.0]), np.array([False, True]))
+    )
+    assert message == SafetyState(tick=7, curvttc=[np.inf, 1.5], distance=[3.0, 4.0], critical=[0, 1])
+
+
+def test_an_action_keeps_the_policys_bits() -> None:
+    action = np.array([[0.1, -0.2], [1e-20, 5.0]], np.float32)
+    message = over_the_wire(convert.action_message(convert.Header(), 3, action, policy_version=9))
+    assert message.policy_version == 9
+    back = convert.action_array(message, 2, "/vehicle/action")
+    assert back.astype(np.float32).tobytes() == action.tobytes()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_an_action_that_is_not_finite_is_refused_with_its_slot(value: float) -> None:
+    message = AgentAction(tick=4, longitudinal=[0.0, value], lateral=[0.0, 0.0])
+    with pytest.raises(InvalidInput, match=r"/vehicle/action, tick 4: expected finite accelerations, got .* in slot 1"):
+        convert.action_array(message, 2, "/vehicle/action")
+
+
+def test_an_action_for_another_batch_is_refused() -> None:
+    message = AgentAction(longitudinal=[0.0], lateral=[0.0])
+    with pytest.raises(InvalidInput, match="expected 2 entries in longitudinal, got 1; are two graphs in one domain?"):
+        convert.action_array(message, 2, "/vehicle/action")
+
+
+def test_a_world_state_with_arrays_of_different_length_is_refused() -> None:
+    message = WorldState(scenario=[1, 2], episode=array("I", [1]))
+    with pytest.raises(InvalidInput, match="expected 2 entries in episode, got 1"):
+        convert.world_state_arrays(message)
+
+
+def test_events_come_back_bit_for_bit() -> None:
+    events = random_records(EVENT, 4)
+    message = over_the_wire(convert.event_message(events, tick=2, period=0.05))
+    filled = [n for n, kind in EpisodeEvent.get_fields_and_field_types().items() if kind.startswith("sequence")]
+    assert set(filled) == set(EVENT.names)
+    for name in filled:
+        assert convert.values(getattr(message, name)).tobytes() == events[name].tobytes(), name
+
+
+def test_transitions_come_back_bit_for_bit() -> None:
+    rows = random_records(TRANSITION, 6)
+    rows["number"] = np.arange(100, 106)
+    rows["vehicle_policy_version"] = 3
+    rows["pedestrian_policy_version"] = 4
+    message = over_the_wire(convert.transition_message(rows, tick=2, period=0.05))
+    assert convert.transition_arrays(message).tobytes() == rows.tobytes()
+    for name, kind in Transition.get_fields_and_field_types().items():
+        if kind.startswith("sequence"):
+            assert len(getattr(message, name)) % 6 == 0, name
+            assert len(getattr(message, name)) > 0, name
+
+
+def test_odometry_speaks_in_the_childs_frame() -> None:
+    state = np.zeros(1, EPISODE)
+    state["vehicle_heading"], state["vehicle_speed"], state["vehicle_curvature"] = np.pi / 2, 4.0, 0.1
+    state["pedestrian_vx"], state["pedestrian_vy"] = 0.0, -1.5
+    vehicle, pedestrian = convert.odometry_messages(state[0], convert.Header(frame_id="map"))
+    assert vehicle.child_frame_id == "vehicle/base_link"
+    assert (vehicle.twist.twist.linear.x, vehicle.twist.twist.linear.y) == (4.0, 0.0)
+    assert vehicle.twist.twist.angular.z == pytest.approx(0.4)  # yaw rate = speed * curvature
+    assert vehicle.pose.pose.orientation.z == pytest.approx(np.sin(np.pi / 4))
+    assert pedestrian.twist.twist.linear.x == pytest.approx(1.5)
+    assert pedestrian.pose.pose.orientation.z == pytest.approx(np.sin(-np.pi / 4))

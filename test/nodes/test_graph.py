@@ -1,0 +1,186 @@
+"""The real graph: separate processes over Fast DDS. Same episodes as in process, and no end that hangs."""
+
+import json
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from vpsci_ros.config import NODES, RunConfig, WorldConfig, pick
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.config import NetworkConfig
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.rollout import policies, rollout
+from vpsci_ros.learning.weights import load_weights, save_weights
+from vpsci_ros.nodes import convert
+from vpsci_ros.nodes.graph import Processes, resolve, run_graph
+from vpsci_ros.world import World, handover, load_scenarios
+from vpsci_ros.world.monitor import MonitorConfig
+
+GENERATE = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Untrained weights: what the graph does with them has to be right whatever they are."""
+    path = tmp_path_factory.mktemp("weights") / "initial.safetensors"
+    save_weights(path, Networks(NetworkConfig()).weights({}, {}))
+    return str(path)
+
+
+def sections(weights: str, **world: Any) -> dict[str, dict[str, Any]]:
+    settings = {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4} | world
+    return {
+        "graph": {"nodes": GENERATE, "progress_timeout": 60.0},
+        "world_simulator": settings,
+        "vehicle_policy": {"weights": weights},
+        "pedestrian_policy": {"weights": weights},
+    }
+
+
+def recorded_ticks(bag: Path) -> dict[int, dict[str, Any]]:
+    """Return what a bag holds, by tick and topic."""
+    ticks: dict[int, dict[str, Any]] = {}
+    with AnyReader([bag]) as reader:
+        for connection, _, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            if connection.topic in ("/world/state", "/safety/state", "/vehicle/action", "/pedestrian/action"):
+                assert connection.topic not in ticks.setdefault(message.tick, {}), "recorded twice"
+                ticks[message.tick][connection.topic] = message
+    return ticks
+
+
+def test_separate_processes_and_one_process_make_the_same_episodes_bit_for_bit(
+    domain: int, tmp_path: Path, weights: str
+) -> None:
+    chosen = sections(weights)
+    result = run_graph(chosen, tmp_path / "run", quiet=True)
+    assert result.error == ""
+    recorded = recorded_ticks(result.bag)
+
+    run = pick(RunConfig, chosen["world_simulator"], "test")
+    config = WorldConfig()
+    world = World(config, load_scenarios(run.scenarios), run.queue(), run.batch, run.seed)
+    count = controlled = 0
+    for tick in rollout(world, MonitorConfig(), policies(load_weights(weights), world, seed=1, explore=False)):
+        message = recorded[tick.tick]
+        frame = handover.policy_frame(tick.state, config)
+        expected = convert.world_state_message(tick.state, frame, tick.tick, config.tick)
+        for name, kind in expected.get_fields_and_field_types().items():
+            if kind.startswith("sequence"):
+                got = getattr(message["/world/state"], name)
+                assert got.tobytes() == bytes(getattr(expected, name)), f"{name} at tick {tick.tick}"
+        assert message["/safety/state"].curvttc.tobytes() == tick.curvttc.tobytes()
+        assert message["/safety/state"].distance.tobytes() == tick.distance.tobytes()
+        for agent, action in tick.actions.items():
+            if action is not None:
+                assert message[f"/{agent}/action"].longitudinal.tobytes() == action[:, 0].tobytes()
+                assert message[f"/{agent}/action"].lateral.tobytes() == action[:, 1].tobytes()
+                controlled += int(np.count_nonzero(action))
+        count += 1
+    assert count == len(recorded)
+    assert controlled > 0, "the policies never acted, so nothing was compared"
+
+
+def test_a_run_tells_what_it_did_and_with_what(domain: int, tmp_path: Path, weights: str) -> None:
+    result = run_graph(sections(weights, episodes=1, batch=1, scenarios=[3]), tmp_path / "run", quiet=True)
+    record = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert record["error"] == ""
+    assert record["progress"]["episodes_ended"] == 1
+    assert list(record["weights_sha256"]) == [weights]
+    assert set(record["exit_status"].values()) == {0}
+    with AnyReader([result.bag]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+    assert counts["/vehicle/odometry"] == counts["/world/state"] == counts["/safety/state"] == counts["/clock"]
+
+
+@pytest.mark.parametrize("victim", GENERATE)
+def test_killing_any_process_ends_the_run_with_its_name_and_a_bag_that_opens(
+    domain: int, tmp_path: Path, weights: str, victim: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[Processes] = []
+    enter = Processes.__enter__
+
+    def spy(self: Processes) -> Processes:
+        started.append(self)
+        return enter(self)
+
+    monkeypatch.setattr(Processes, "__enter__", spy)
+    bag = tmp_path / "run" / "bag"
+
+    def kill_once_it_records() -> None:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            files = list(bag.glob("*.mcap"))
+            if files and files[0].stat().st_size > 20_000:
+                os.kill(started[0].running[victim].pid, signal.SIGKILL)
+                return
+            time.sleep(0.02)
+
+    killer = threading.Thread(target=kill_once_it_records)
+    killer.start()
+    # Far more episodes than can end before the kill; small chunks, so that something is on disk early.
+    chosen = sections(weights, episodes=100_000, batch=16) | {"recorder": {"chunk_size": 16}}
+    result = run_graph(chosen, tmp_path / "run", quiet=True)
+    killer.join()
+    assert f"{victim} was killed by SIGKILL" in result.error
+    assert result.exits[victim] == -signal.SIGKILL
+    ticks = recorded_ticks(bag)
+    assert len(ticks) > 5
+    assert all("/world/state" in topics for tick, topics in ticks.items() if tick < max(ticks) - 1)
+
+
+def test_stopping_on_request_completes_the_bag(domain: int, tmp_path: Path, weights: str) -> None:
+    bag = tmp_path / "run" / "bag"
+
+    def interrupt_once_it_records() -> None:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and not any(f.stat().st_size > 20_000 for f in bag.glob("*.mcap")):
+            time.sleep(0.02)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    waiter = threading.Thread(target=interrupt_once_it_records)
+    waiter.start()
+    result = run_graph(sections(weights, episodes=100_000), tmp_path / "run", quiet=True)
+    waiter.join()
+    assert result.error == "stopped on request"
+    assert set(result.exits.values()) == {0}
+    assert (bag / "metadata.yaml").exists()
+    assert len(recorded_ticks(bag)) > 5
+
+
+def test_a_policy_that_refuses_its_weights_ends_the_run_with_the_reason(domain: int, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.safetensors"
+    broken.write_bytes(b"not weights")
+    result = run_graph(sections(str(broken)), tmp_path / "run", quiet=True)
+    assert "policy ended with exit status 2" in result.error
+    assert "broken.safetensors" in result.error
+
+
+def test_a_folder_that_is_not_empty_is_refused_before_anything_starts(tmp_path: Path, weights: str) -> None:
+    (tmp_path / "kept").write_text("kept")
+    with pytest.raises(InvalidInput, match="not empty"):
+        run_graph(sections(weights), tmp_path, quiet=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+
+
+def test_a_parameter_out_of_range_is_refused_before_anything_starts(tmp_path: Path, weights: str) -> None:
+    with pytest.raises(InvalidInput, match="world_simulator: batch = 0 is out of range; expected 1 to 65536"):
+        run_graph(sections(weights, batch=0), tmp_path / "run", quiet=True)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_graph_without_a_leading_node_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="expected world_simulator or learner among them"):
+        resolve({"graph": {"nodes": ["safety_monitor"]}}, tmp_path)
+
+
+def test_every_node_of_the_table_is_an_executable_module() -> None:
+    folder = Path(__file__).parents[2] / "vpsci_ros" / "nodes"
+    assert all((folder / f"{node}.py").is_file() for node in NODES)

@@ -1,0 +1,209 @@
+"""The form that all nodes share: parameters from configuration classes, topics from the table, one main."""
+
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import rclpy
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+
+from vpsci_ros.config import SECTIONS, PeerConfig, pick
+from vpsci_ros.errors import VpsciError
+from vpsci_ros.nodes.topics import TOPICS, listeners
+from vpsci_ros.parameters import Parameter, refuse_unknown, table
+
+T = TypeVar("T")
+DRAIN_LIMIT = 20.0  # [s] for what is still on its way when a node is asked to stop
+ALWAYS_ABSOLUTE = ("/clock", "/diagnostics")
+_SET_BY_ROS = ("use_sim_time", "start_type_description_service")
+
+
+class GraphNode(Node):
+    """A node of the graph; its section of `vpsci_ros.config.SECTIONS` says which parameters it has.
+
+    :param context: a private context, or None for the global one.
+    :param parameter_overrides: as in `rclpy.node.Node`, for tests and graphs composed in one process.
+    :raises InvalidInput: a parameter is unknown, of the wrong type or out of range.
+    """
+
+    essential_peers: tuple[str, ...] = ("world_simulator",)
+
+    def __init__(self, name: str, *, context: Context | None = None, parameter_overrides: list[Any] | None = None):
+        super().__init__(name, context=context, parameter_overrides=parameter_overrides or [])
+        self._section = name
+        self._values = self._declare()
+        peer_config = self.config(PeerConfig)
+        self.peers = peer_config.peers or list(self.essential_peers)
+        self._peer_timeout = peer_config.peer_timeout
+        self.finished = False
+        self.stop = threading.Event()
+
+    def config(self, kind: type[T]) -> T:
+        """Return one of the section's configuration classes, filled with this node's parameters."""
+        return pick(kind, self._values, self._section)
+
+    def output(self, topic: str) -> "Output":
+        """Return an output for a topic of the table."""
+        row = TOPICS[topic]
+        publisher = self.create_publisher(row.type, _resolved(topic), row.qos)
+        return Output(self, topic, publisher, listeners(topic, self.peers), self._peer_timeout)
+
+    def input(
+        self, topic: str, callback: Callable[[Any], None], qos: QoSProfile | None = None, raw: bool = False
+    ) -> Subscription:
+        """Subscribe to a topic of the table."""
+        row = TOPICS[topic]
+        return self.create_subscription(row.type, _resolved(topic), callback, qos or row.qos, raw=raw)
+
+    @property
+    def quiet(self) -> bool:
+        """Whether a node that is asked to stop may do so; one that must not cut anything off answers no for a while."""
+        return True
+
+    def close(self) -> None:
+        """Finish what the node has begun; called once on every way out, while publishing still works."""
+
+    def _declare(self) -> dict[str, Any]:
+        rows = {row.name: row for kind in SECTIONS[self._section] for row in table(kind)}
+        overrides = {name: parameter.value for name, parameter in self._parameter_overrides.items()}
+        elsewhere = {row.name for kinds in SECTIONS.values() for kind in kinds for row in table(kind)}
+        own = {k: v for k, v in overrides.items() if not k.startswith("qos_overrides") and k not in _SET_BY_ROS}
+        # A file's /** section reaches every node, so a name that another node declares is not an error here.
+        refuse_unknown({k: v for k, v in own.items() if k not in elsewhere}, rows, f"node {self._section}")
+        chosen = {}
+        for name, row in rows.items():
+            given = own.get(name, row.default)
+            chosen[name] = row.check(list(given) if _is_sequence(given) else given, f"node {self._section}")
+            self.declare_parameter(name, chosen[name], _descriptor(row), ignore_override=True)
+        return chosen
+
+
+class Output:
+    """A publisher that holds its first message back until every expected reader is matched, so that none is lost."""
+
+    def __init__(self, node: GraphNode, topic: str, publisher: Publisher, expected: list[str], timeout: float):
+        self.topic = topic
+        self.expected = expected
+        self._node = node
+        self._publisher = publisher
+        self._timeout = timeout
+        self._ready = False
+
+    @property
+    def matched(self) -> bool:
+        """Whether every expected reader is there."""
+        return self._publisher.get_subscription_count() >= len(self.expected)
+
+    @property
+    def heard(self) -> bool:
+        """Whether anybody listens, so that a view of the world is made for somebody."""
+        return bool(self._publisher.get_subscription_count())
+
+    def publish(self, message: Any) -> None:
+        """Publish; the first time, wait for the expected readers.
+
+        :raises VpsciError: they did not appear within `peer_timeout`.
+        """
+        if not self._ready:
+            self._wait()
+        self._publisher.publish(message)
+
+    def flush(self, timeout_sec: float) -> bool:
+        """Wait until every reader has received all messages; return whether that happened in time."""
+        return self._publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=timeout_sec))
+
+    def _wait(self) -> None:
+        begun = time.monotonic()
+        told = begun
+        # Matching goes on in the middleware's threads while this callback waits; a node that is to stop waits no more.
+        while not self.matched and not self._node.stop.is_set():
+            now = time.monotonic()
+            if now - begun > self._timeout:
+                names = " and ".join(self.expected)
+                raise VpsciError(
+                    f"{self._node.get_name()}: waited {self._timeout:g} s for {names} to subscribe"
+                    f" to {self.topic}; start them, or name only running nodes in the parameter 'peers'"
+                )
+            if now - told > 5.0:
+                self._node.get_logger().info(f"waiting for {' and '.join(self.expected)} on {self.topic}")
+                told = now
+            time.sleep(0.005)
+        self._ready = True
+
+
+def run(node_class: Callable[..., GraphNode], args: list[str] | None = None) -> int:
+    """Run one node until it has finished or a signal asks it to stop; return the exit status.
+
+    0: finished or stopped on request; 1: it failed; 2: a parameter or an input file was refused.
+    Signals only set a flag, so that on the way out the context is alive and a node can still write and publish.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    context = Context()
+    rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        return _run(node_class, context, stop)
+    finally:
+        context.try_shutdown()
+
+
+def _run(node_class: Callable[..., GraphNode], context: Context, stop: threading.Event) -> int:
+    try:
+        node = node_class(context=context)
+    except VpsciError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    node.stop = stop
+    executor = EventsExecutor(context=context)
+    executor.add_node(node)
+    try:
+        while not stop.is_set() and not node.finished:
+            executor.spin_once(timeout_sec=0.1)  # in these wheels EventsExecutor.spin() runs no callback
+        deadline = time.monotonic() + DRAIN_LIMIT
+        while not node.quiet and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.1)
+        return 0
+    except VpsciError as error:
+        node.get_logger().error(str(error))
+        return 1
+    finally:
+        node.close()
+        executor.shutdown()
+        node.destroy_node()
+
+
+def _descriptor(row: Parameter) -> ParameterDescriptor:
+    text = f"{row.description} [{row.unit}]" if row.unit else row.description
+    constraints = f"one of {', '.join(row.choices)}" if row.choices else ""
+    descriptor = ParameterDescriptor(
+        description=text,
+        additional_constraints=constraints,
+        read_only=row.read_only,
+        dynamic_typing=row.type not in (bool, int, float, str),  # the type of an empty list cannot be told
+    )
+    if row.low is not None and row.high is not None:
+        if row.type is float:
+            descriptor.floating_point_range = [FloatingPointRange(from_value=float(row.low), to_value=float(row.high))]
+        elif row.type is int:
+            descriptor.integer_range = [IntegerRange(from_value=int(row.low), to_value=int(row.high))]
+    return descriptor
+
+
+def _is_sequence(value: Any) -> bool:
+    return not isinstance(value, str) and hasattr(value, "__len__")
+
+
+def _resolved(topic: str) -> str:
+    """Return the name to give to rclpy: relative to the node's namespace, except for topics that tools expect at /."""
+    return topic if topic in ALWAYS_ABSOLUTE else topic.removeprefix("/")

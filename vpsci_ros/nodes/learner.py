@@ -1,0 +1,133 @@
+"""The learner: stage 1 from real near misses, or stage 2 from `/replay` while the graph runs."""
+
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.context import Context
+from std_msgs.msg import UInt64
+
+from vpsci_msgs.msg import PolicyWeights, Transition
+from vpsci_ros.config import LearnerConfig
+from vpsci_ros.data.corpus import load_corpus
+from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
+from vpsci_ros.learning.pretrain import Stopped, pretrain
+from vpsci_ros.learning.refine import Refiner
+from vpsci_ros.learning.weights import load_weights
+from vpsci_ros.nodes import convert
+from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.nodes.topics import RECORDING
+from vpsci_ros.resources import weights_path
+
+REPORT_PERIOD = 0.5  # [s] between diagnostics
+DRAIN_QUIET = 0.3  # [s]
+
+
+class Learner(GraphNode):
+    """Stage 1: near misses in, weights out, then finished. Stage 2: `/replay` in, `/policy/weights` out."""
+
+    def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
+        super().__init__("learner", context=context, parameter_overrides=parameter_overrides)
+        self._config = self.config(LearnerConfig)
+        self._near_misses = load_corpus(self._config.near_misses)
+        if not self._config.near_misses:
+            self.get_logger().warning("no near misses given: learning from the synthetic sample, good for trials only")
+        self._folder = Path(self._config.output)
+        self._diagnostics = self.output("/diagnostics")
+        self._status: dict[str, Any] = {}
+        self._reported = 0.0
+        self._last_receipt = time.monotonic()
+        self._refiner: Refiner | None = None
+        if self._config.stage == "pretrain":
+            self.create_timer(0.01, self._pretrain)
+        else:
+            self._refiner = self._begin_refining()
+
+    # ---- stage 1
+
+    def _pretrain(self) -> None:
+        try:
+            pretrain(
+                self._near_misses,
+                self.config(PretrainConfig),
+                self.config(NetworkConfig),
+                seed=self._config.seed,
+                out_dir=self._folder,
+                report=self._report_pretraining,
+            )
+        except Stopped:
+            self.get_logger().info(f"stopped; the checkpoint in {self._folder} goes on from here")
+        self._report({}, last=True)
+        self.finished = True
+
+    def _report_pretraining(self, progress: dict[str, float]) -> None:
+        self._report(progress)
+        if self.stop.is_set():
+            raise Stopped
+
+    # ---- stage 2
+
+    def _begin_refining(self) -> Refiner:
+        weights = load_weights(weights_path(self._config.weights))
+        config = self.config(RefineConfig)
+        refiner = Refiner(config, weights, self._near_misses, seed=self._config.seed, out_dir=self._folder)
+        self._weights = self.output("/policy/weights")
+        self._consumed = self.output("/replay/consumed")
+        self.input("/replay", partial(self._on_transition, refiner), RECORDING)
+        self._first = self.create_timer(0.01, partial(self._publish_first, refiner))
+        return refiner
+
+    def _publish_first(self, refiner: Refiner) -> None:
+        self._first.cancel()
+        self._publish_weights(refiner)
+
+    def _on_transition(self, refiner: Refiner, message: Transition) -> None:
+        self._last_receipt = time.monotonic()
+        refiner.add(convert.transition_arrays(message))
+        while refiner.due and not self.stop.is_set():
+            refiner.update()
+            self._report(refiner.summary())
+        if refiner.take_refresh():
+            self._publish_weights(refiner)
+        self._consumed.publish(UInt64(data=refiner.received))
+        self._report(refiner.summary())
+
+    def _publish_weights(self, refiner: Refiner) -> None:
+        message = PolicyWeights(version=refiner.version)
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.safetensors.frombytes(refiner.weights())
+        self._weights.publish(message)
+
+    # ---- both
+
+    def _report(self, values: dict[str, float], last: bool = False) -> None:
+        """Publish the latest value of every name, now and then."""
+        self._status |= {name: f"{value:.4g}" if isinstance(value, float) else value for name, value in values.items()}
+        now = time.monotonic()
+        if now - self._reported > REPORT_PERIOD or last:
+            self._reported = now
+            at = self.get_clock().now().to_msg()
+            text = self._config.stage
+            self._diagnostics.publish(convert.diagnostics_message("learner", text, self._status.items(), at))
+
+    @property
+    def quiet(self) -> bool:
+        """Whether no experience is on its way any more."""
+        return self._refiner is None or time.monotonic() - self._last_receipt > DRAIN_QUIET
+
+    def close(self) -> None:
+        """Write the refined weights."""
+        if self._refiner is not None:
+            self._report(self._refiner.summary(), last=True)
+            self.get_logger().info(f"wrote {self._refiner.save()}")
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until it has learned or is stopped."""
+    return run(Learner, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

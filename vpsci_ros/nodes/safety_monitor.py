@@ -1,0 +1,36 @@
+"""The CurvTTC safety monitor: answers every WorldState with the CurvTTC of each parallel episode."""
+
+import sys
+from typing import Any
+
+from rclpy.context import Context
+
+from vpsci_msgs.msg import WorldState
+from vpsci_ros.nodes import convert
+from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.world.monitor import MonitorConfig, assess, warm_up
+
+
+class SafetyMonitor(GraphNode):
+    """`/world/state` in, `/safety/state` out, in lock-step."""
+
+    def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
+        super().__init__("safety_monitor", context=context, parameter_overrides=parameter_overrides)
+        self._config = self.config(MonitorConfig)
+        warm_up(self._config)  # before the topic is there, for which the world waits
+        self._safety = self.output("/safety/state")
+        self.input("/world/state", self._on_state)
+
+    def _on_state(self, message: WorldState) -> None:
+        state, _ = convert.world_state_arrays(message)
+        curvttc, distance, critical = assess(state, self._config)
+        self._safety.publish(convert.safety_message(message.header, message.tick, curvttc, distance, critical))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until it is stopped."""
+    return run(SafetyMonitor, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""The graph as a table: each topic, its type, who publishes it, who subscribes, and its quality of service."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import UInt64
+from visualization_msgs.msg import MarkerArray
+
+from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, WorldState
+
+LOCK_STEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""What a decision rests on: nothing is lost, and a reader a thousand messages behind still has them all."""
+
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""State that late joiners need: the last message is kept for them."""
+
+RECORDING = QoSProfile(depth=1000, history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
+"""For a reader that must see every message, such as the recorder and the learner."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A row of the table; `subscribers` are the nodes of this package that listen to it."""
+
+    name: str
+    type: Any
+    publishers: tuple[str, ...]
+    subscribers: tuple[str, ...]
+    qos: QoSProfile
+
+
+_POLICIES = ("vehicle_policy", "pedestrian_policy")
+
+TOPICS = {
+    topic.name: topic
+    for topic in (
+        Topic("/clock", Clock, ("world_simulator",), ("recorder",), LOCK_STEP),
+        Topic("/world/state", WorldState, ("world_simulator",), ("safety_monitor", *_POLICIES, "recorder"), LOCK_STEP),
+        Topic(
+            "/safety/state", SafetyState, ("safety_monitor",), ("world_simulator", *_POLICIES, "recorder"), LOCK_STEP
+        ),
+        Topic("/vehicle/action", AgentAction, ("vehicle_policy",), ("world_simulator", "recorder"), LOCK_STEP),
+        Topic("/pedestrian/action", AgentAction, ("pedestrian_policy",), ("world_simulator", "recorder"), LOCK_STEP),
+        Topic("/vehicle/odometry", Odometry, ("world_simulator",), ("recorder",), LOCK_STEP),
+        Topic("/pedestrian/odometry", Odometry, ("world_simulator",), ("recorder",), LOCK_STEP),
+        Topic("/episode/event", EpisodeEvent, ("world_simulator",), ("recorder", "graph_watch"), LOCK_STEP),
+        Topic("/replay", Transition, ("world_simulator",), ("learner", "recorder"), LOCK_STEP),
+        Topic("/replay/consumed", UInt64, ("learner",), ("world_simulator",), LATCHED),
+        Topic("/policy/weights", PolicyWeights, ("learner",), _POLICIES, LATCHED),
+        Topic("/markers", MarkerArray, ("world_simulator",), (), LOCK_STEP),
+        Topic("/diagnostics", DiagnosticArray, ("world_simulator", "learner"), ("recorder", "graph_watch"), LOCK_STEP),
+    )
+}
+
+
+def listeners(topic: str, peers: list[str]) -> list[str]:
+    """Return the nodes among `peers` that subscribe to `topic`."""
+    return [name for name in TOPICS[topic].subscribers if name in peers]
+
+
+def speakers(topic: str, peers: list[str]) -> list[str]:
+    """Return the nodes among `peers` that publish `topic`."""
+    return [name for name in TOPICS[topic].publishers if name in peers]

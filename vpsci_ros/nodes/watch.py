@@ -1,0 +1,126 @@
+"""Watching a run from outside: counts ended episodes, reads the nodes' diagnostics, and shows progress."""
+
+import os
+import sys
+import time
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from vpsci_msgs.msg import EpisodeEvent
+from vpsci_ros.nodes import convert
+from vpsci_ros.nodes.topics import RECORDING
+
+WATCH = "graph_watch"  # the listener's name in the table of topics
+LINE_EVERY = 10.0  # [s] between progress lines where there is no terminal
+DRAIN_QUIET = 0.2  # [s]
+WORTH_SHOWING = ("updates", "refreshes", "rollbacks", "closed_loop_ade", "held_out_closed_loop_ade")
+
+
+class Watch:
+    """A listener on `/episode/event` and `/diagnostics` with a progress bar; use it in a `with` block.
+
+    :param resolved: section -> parameters of the graph.
+    :param quiet: count, but show nothing.
+    """
+
+    def __init__(self, resolved: dict[str, dict[str, Any]], *, quiet: bool = False) -> None:
+        self._total = _episodes(resolved)
+        self._ended = 0
+        self._last = time.monotonic()
+        self._said = self._last
+        self._status: dict[str, dict[str, str]] = {}
+        self._quiet = quiet
+        console = Console(stderr=True)
+        self._interactive = console.is_terminal and not quiet
+        columns = (
+            TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+            TimeRemainingColumn(), TextColumn("{task.fields[note]}"),
+        )  # fmt: skip
+        self._bar = Progress(*columns, console=console, disable=not self._interactive)
+
+    def __enter__(self) -> "Watch":
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        self._context = Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node(WATCH, context=self._context)
+        self._node.create_subscription(EpisodeEvent, "episode/event", self._on_event, RECORDING)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RECORDING)
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._bar.start()
+        what = "episodes"
+        self._task = self._bar.add_task(what, total=self._total or None, note="starting")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def spin(self, seconds: float) -> None:
+        """Handle what arrives within `seconds` and bring the display up to date."""
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > 0:
+            self._executor.spin_once(timeout_sec=left)
+        self._show()
+
+    def drain(self) -> None:
+        """Handle what is still on its way at the end of the run."""
+        while self.idle_time() < DRAIN_QUIET:
+            self._executor.spin_once(timeout_sec=DRAIN_QUIET)
+        self._show()
+
+    def idle_time(self) -> float:
+        """Return for how long nothing has happened [s]."""
+        return time.monotonic() - self._last
+
+    def summary(self) -> dict[str, float]:
+        """Return the numbers seen last: episodes ended, and each node's diagnostics as "node.key"."""
+        numbers = {f"{node}.{key}": value for node, pairs in self._status.items() for key, value in pairs.items()}
+        return {"episodes_ended": float(self._ended)} | {k: float(v) for k, v in numbers.items() if _is_number(v)}
+
+    def _on_event(self, message: EpisodeEvent) -> None:
+        self._last = time.monotonic()
+        self._ended += int(np.count_nonzero(convert.values(message.kind) == EpisodeEvent.ENDED))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            pairs = {pair.key: pair.value for pair in status.values}
+            if pairs != self._status.get(status.name):
+                self._last = time.monotonic()
+            self._status[status.name] = pairs
+
+    def _show(self) -> None:
+        learner = self._status.get("learner", {})
+        world = self._status.get("world_simulator", {})
+        done = self._ended if self._total else int(float(learner.get("episode", 0)))
+        total = self._total or int(float(learner.get("episodes", 0))) or None
+        parts = [f"{world['ticks_per_second']} ticks/s"] if "ticks_per_second" in world else []
+        parts += [f"{key.replace('_', ' ')} {learner[key]}" for key in WORTH_SHOWING if key in learner]
+        note = ", ".join(parts)
+        self._bar.update(self._task, completed=done, total=total, note=note)
+        if not self._interactive and not self._quiet and time.monotonic() - self._said > LINE_EVERY:
+            self._said = time.monotonic()
+            print(f"  {done} of {total or '?'}; {note}", file=sys.stderr, flush=True)
+
+
+def _episodes(resolved: dict[str, dict[str, Any]]) -> int:
+    world = resolved.get("world_simulator")
+    return len(world["scenarios"]) * world["episodes"] if world else 0
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
