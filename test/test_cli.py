@@ -1,0 +1,81 @@
+"""The command line as a stranger meets it: help without heavy imports, one line for an error, nothing half written."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PARAMS = ROOT / "params"
+
+
+def vpsci(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "vpsci_ros.cli", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, cwd=ROOT)
+
+
+def test_help_loads_neither_torch_nor_ros() -> None:
+    code = "import sys, vpsci_ros.cli; print([m for m in ('torch', 'rclpy', 'numba', 'polars') if m in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert result.stdout.strip() == "[]", result.stderr
+    assert "demo" in vpsci("--help").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["import", "nowhere", "--format", "vci-dut", "-o", "x.parquet"], "nowhere"),
+        (["import", "test", "--format", "vci", "-o", "x.parquet"], "unknown format 'vci'"),
+        (["graph", "--params", "none.yaml", "-o", "x"], "none.yaml: no such parameter file"),
+        (
+            ["graph", "--params", "params/stage3_generate.yaml", "-o", "x", "--set", "learner.sed=1"],
+            "did you mean seed",
+        ),
+        (["graph", "--params", "params/stage3_generate.yaml", "-o", "x", "--set", "seed=1"], "NODE.PARAMETER=VALUE"),
+        (["node", "pilot"], "unknown node 'pilot'; expected one of world_simulator"),
+        (["bag", "export", "nowhere", "-o", "x"], "nowhere: no such folder"),
+        (["demo", "-o", "vpsci_ros"], "not empty, and not an earlier demo's"),
+        (["world", "show", "9", "-o", "x.png"], "9"),
+    ],
+)
+def test_an_error_is_one_line_that_says_what_and_where(arguments: list[str], message: str) -> None:
+    result = vpsci(*arguments)
+    assert result.returncode == 2
+    assert message in result.stderr
+    assert result.stderr.startswith("error: ")
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not any((ROOT / name).exists() for name in ("x", "x.parquet", "x.png"))
+
+
+@pytest.mark.parametrize("path", sorted(PARAMS.glob("*.yaml")), ids=lambda path: path.name)
+def test_every_parameter_file_of_the_package_is_accepted(path: Path) -> None:
+    from vpsci_ros import config
+
+    sections = config.load(path)
+    for node, values in sections.items():
+        for kind in config.SECTIONS[node]:
+            config.pick(kind, values, path.name)
+
+
+def test_pretraining_writes_weights_that_evaluation_reads(tmp_path: Path) -> None:
+    small = [f"learner.{name}" for name in ("episodes=2", "rollouts=4", "batch_size=16", "evaluate_every=2")]
+    settings = [argument for text in small for argument in ("--set", text)]
+    run = vpsci("pretrain", "--params", str(PARAMS / "stage1_pretrain.yaml"), "-o", str(tmp_path / "run"), *settings)
+    assert run.returncode == 0, run.stderr
+    weights = str(tmp_path / "run" / "pretrained.safetensors")
+
+    from vpsci_ros.data.near_misses import write_near_misses
+    from vpsci_ros.data.synthetic import synthetic_near_misses
+
+    write_near_misses(synthetic_near_misses(8).table, tmp_path / "near.parquet")
+    arguments = ["--data", str(tmp_path / "near.parquet"), "--json", str(tmp_path / "out.json")]
+    result = vpsci("evaluate", *arguments, "--refined", weights, "--pretrained", weights)
+    assert result.returncode == 0, result.stderr
+    import json
+
+    models = json.loads((tmp_path / "out.json").read_text())["models"]
+    assert set(models) == {"refined", "pretrained", "repeat_velocity", "constant_velocity"}
+    assert models["refined"]["closed_loop"]["ade"] > 0
+    assert pl.read_csv(tmp_path / "run" / "log.csv").height == 2

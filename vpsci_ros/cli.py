@@ -1,0 +1,230 @@
+"""The `vpsci` command. Each subcommand imports what it needs when it runs, so that `vpsci --help` is quick."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from vpsci_ros import __version__
+from vpsci_ros.errors import VpsciError
+
+app = typer.Typer(
+    name="vpsci",
+    help="Safety-critical vehicle-pedestrian interactions: learned from near misses, simulated, recorded, replayed.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+bag_app = typer.Typer(no_args_is_help=True, help="Look into recorded bags.")
+safety_app = typer.Typer(no_args_is_help=True, help="CurvTTC and the measures beside it.")
+world_app = typer.Typer(no_args_is_help=True, help="Scenarios of the simulated world.")
+app.add_typer(bag_app, name="bag")
+app.add_typer(safety_app, name="safety")
+app.add_typer(world_app, name="world")
+
+Params = Annotated[Path, typer.Option("--params", help="Parameter file; those of the package are in params/.")]
+Output = Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="NODE.PARAMETER=VALUE", help="Override one parameter; repeatable.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
+
+
+NearMisses = Annotated[
+    list[Path] | None,
+    typer.Option("--near-misses", metavar="FILE", help="Near-miss table (Parquet); repeatable. Default: synthetic."),
+]
+
+
+@app.callback(invoke_without_command=True)
+def _root(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
+    if version:
+        print(f"vpsci_ros {__version__}")
+        raise typer.Exit
+
+
+@app.command("import")
+def import_command(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of recordings as published.")],
+    formats: Annotated[
+        list[str], typer.Option("--format", help="vci-dut or vci-citr: one for all folders, or repeated, one for each.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Parquet file to write.")],
+) -> None:
+    """Real trajectories in, near misses out: every pair whose CurvTTC falls below 5 s, at steps of 0.1 s."""
+    from vpsci_ros.data.importers import import_folders, print_import_summary
+    from vpsci_ros.data.near_misses import write_near_misses
+
+    result = import_folders(folders, formats)
+    write_near_misses(result.table, output, result.metadata)
+    print_import_summary(result)
+    print(f"written: {output}")
+
+
+@app.command()
+def graph(
+    params: Params,
+    output: Output,
+    settings: Settings = None,
+    domain_id: Annotated[int | None, typer.Option(help="ROS_DOMAIN_ID; default: the environment's.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run a whole graph of nodes as processes: start, watch, stop cleanly. The parameter file selects the stage."""
+    from vpsci_ros.nodes.graph import run_graph
+
+    sections = _sections(params, settings)
+    if domain_id is not None:
+        os.environ["ROS_DOMAIN_ID"] = str(domain_id)
+    result = run_graph(sections, output, quiet=quiet)
+    if result.error:
+        raise VpsciError(f"{result.error}; what was written up to then is in {output}")
+    print(f"done in {result.wall_time:.1f} s; written: {output}")
+
+
+@app.command()
+def pretrain(
+    params: Params,
+    output: Output,
+    near_misses: NearMisses = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Stage 1 in this process: learn from real near misses. A run that was stopped goes on in the same folder."""
+    from vpsci_ros.stages import run_pretraining
+
+    run_pretraining(_sections(params, settings, near_misses), output, quiet=quiet)
+
+
+@app.command()
+def refine(
+    params: Params,
+    output: Output,
+    near_misses: NearMisses = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Stage 2 in this process: learn on in simulation. `vpsci graph` runs the same stage through the nodes."""
+    from vpsci_ros.stages import run_refinement
+
+    run_refinement(_sections(params, settings, near_misses), output, quiet=quiet)
+
+
+@app.command()
+def evaluate(
+    data: Annotated[Path, typer.Option("--data", help="Near-miss table (Parquet), or a folder of recordings.")],
+    form: Annotated[str, typer.Option("--format", help="near-misses, vci-dut or vci-citr.")] = "near-misses",
+    json_path: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
+    refined: Annotated[str, typer.Option(help="Weights: a file or a shipped name.")] = "refined",
+    pretrained: Annotated[str, typer.Option(help="Weights: a file or a shipped name.")] = "pretrained",
+) -> None:
+    """Table 9's columns by two protocols, reconstruction and closed loop, beside the naive controls."""
+    from vpsci_ros.stages import run_evaluation
+
+    run_evaluation(data, form, {"refined": refined, "pretrained": pretrained}, json_path)
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def node(
+    context: typer.Context, name: Annotated[str, typer.Argument(help="Executable, as for `ros2 run vpsci_ros`.")]
+) -> None:
+    """Run one node without a ROS 2 installation's own tools: vpsci node NAME --ros-args -p batch:=4 ..."""
+    import importlib
+
+    from vpsci_ros.config import NODES
+    from vpsci_ros.errors import InvalidInput
+
+    if name not in NODES:
+        raise InvalidInput(f"unknown node {name!r}; expected one of {', '.join(NODES)}")
+    raise typer.Exit(importlib.import_module(f"vpsci_ros.nodes.{name}").main([name, *context.args]))
+
+
+@app.command()
+def demo(
+    output: Output = Path("out/demo"),
+    data: Annotated[
+        Path | None,
+        typer.Option(help="Folder with vci_dut and vci_citr; without it a synthetic sample.", envvar="VPSCI_DATA"),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace what an earlier demo left in the output folder.")
+    ] = False,
+) -> None:
+    """All three stages, small, through the graph of nodes: leaves a bag, tables and a picture."""
+    from vpsci_ros.demo import run_demo
+
+    run_demo(output, data, force=force)
+
+
+@bag_app.command("export")
+def bag_export(
+    bag: Annotated[Path, typer.Argument(help="rosbag2 folder.")],
+    output: Output,
+    keep_rejected: Annotated[bool, typer.Option(help="Write rejected episodes, too.")] = False,
+    recover: Annotated[bool, typer.Option(help="Read what is whole of a damaged bag.")] = False,
+) -> None:
+    """Write a bag's episodes as a dataset (Tables 6 and 7), with a summary and a picture."""
+    from vpsci_ros.analysis.export import export_bag
+
+    export_bag(bag, output, keep_rejected=keep_rejected, recover=recover)
+
+
+@bag_app.command("repair")
+def bag_repair(bag: Annotated[Path, typer.Argument(help="rosbag2 folder whose recorder was killed.")]) -> None:
+    """Complete a bag that was not closed: every whole message is kept, index and metadata are written anew."""
+    from vpsci_ros.data.bag_repair import repair_bag
+
+    print(repair_bag(bag))
+
+
+@safety_app.command("compare")
+def safety_compare(near_misses: Annotated[Path, typer.Argument(help="Near-miss table (Parquet).")]) -> None:
+    """How often each safety measure sees the conflicts that the others see, and how much earlier."""
+    from vpsci_ros.analysis.safety_compare import compare
+
+    compare(near_misses)
+
+
+@world_app.command("show")
+def world_show(
+    scenario: Annotated[str, typer.Argument(help="Number 1 to 8, name as in Table 6, or a YAML file of your own.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="PNG to write.")],
+    seed: Annotated[int, typer.Option(help="Seed of the spawns that are drawn.")] = 1,
+) -> None:
+    """Draw a scenario: lane, crosswalk, routes, goals and where agents are spawned."""
+    from vpsci_ros.analysis.world_figures import save_scenario
+    from vpsci_ros.world import load_scenario
+
+    save_scenario(load_scenario(int(scenario) if scenario.isdigit() else scenario), output, seed)
+    print(f"written: {output}")
+
+
+def _sections(
+    params: Path, settings: list[str] | None, near_misses: list[Path] | None = None
+) -> dict[str, dict[str, Any]]:
+    """Return the parameter file with overrides applied."""
+    from vpsci_ros import config
+
+    sections = config.load(params)
+    config.override(sections, settings or [])
+    if near_misses:
+        sections["learner"]["near_misses"] = [str(path) for path in near_misses]
+    return sections
+
+
+def main() -> None:
+    """Run the command line; an error of this package is one line on standard error and exit status 2."""
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # idle threads of torch wait without burning a core
+    try:
+        app()
+    except VpsciError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,118 @@
+"""The demonstration: near misses in, all three stages through the graph of nodes, small, tables and a picture out."""
+
+import contextlib
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from rich.console import Console
+
+from vpsci_ros import config
+from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.resources import params_dir
+
+MARKER = ".vpsci_demo"  # in an output folder that a later demo may replace
+SMALL = {
+    "stage1_pretrain.yaml": {"learner": {"episodes": 150, "evaluate_every": 50, "rollouts": 16, "batch_size": 64}},
+    "stage2_online.yaml": {
+        "world_simulator": {"episodes": 6, "batch": 16},
+        "learner": {
+            "batch_size": 64,
+            "warm_up_steps": 128,
+            "steps_per_update": 32,
+            "critic_warm_up": 4,
+            "updates_per_refresh": 5,
+        },
+    },
+    "stage3_generate.yaml": {"world_simulator": {"episodes": 24, "batch": 32}},
+}
+
+
+def run_demo(folder: Path, data: Path | None, *, force: bool = False) -> None:
+    """Run the demonstration into `folder`.
+
+    :param data: folder that holds vci_dut and vci_citr; None: the synthetic sample.
+    :param force: replace what an earlier demo left there.
+    :raises InvalidInput: the folder holds something else, or `data` does not hold recordings.
+    :raises VpsciError: a stage failed.
+    """
+    from vpsci_ros.analysis.export import export_bag
+    from vpsci_ros.nodes.graph import run_graph
+
+    console = Console()
+    _make_room(folder, force)
+    begun = time.monotonic()
+    near_misses = _near_misses(folder, data, console)
+    with _own_domain():
+        learned = ""
+        for stage, (name, small) in enumerate(SMALL.items(), start=1):
+            sections = config.load(params_dir() / name)
+            for node, values in small.items():
+                sections[node] |= values
+            if stage < 3:
+                sections["learner"]["near_misses"] = [str(near_misses)]
+            if stage == 2:
+                sections["learner"]["weights"] = learned
+            if stage == 3:
+                for node in ("vehicle_policy", "pedestrian_policy"):
+                    sections[node]["weights"] = learned
+            title = ("learn from near misses", "learn on in simulation", "generate interactions")[stage - 1]
+            console.rule(f"stage {stage}: {title}", align="left")
+            result = run_graph(sections, folder / f"stage{stage}")
+            if result.error:
+                raise VpsciError(f"stage {stage}: {result.error}")
+            if stage < 3:
+                learned = str(result.folder / "learner" / ("pretrained.safetensors", "refined.safetensors")[stage - 1])
+            console.print(f"done in {result.wall_time:.0f} s")
+    export_bag(folder / "stage3" / "bag", folder / "dataset", console=console)
+    console.print(f"\nall three stages in {time.monotonic() - begun:.0f} s; written:")
+    for name in ("near_misses.parquet", learned, "stage2/bag", "stage3/bag", "dataset", "dataset/trajectories.png"):
+        console.print(f"  {Path(name) if name == learned else folder / name}")
+
+
+def _make_room(folder: Path, force: bool) -> None:
+    if folder.is_dir() and any(folder.iterdir()):
+        if not (folder / MARKER).exists():
+            raise InvalidInput(f"{folder}: not empty, and not an earlier demo's; choose another folder with -o")
+        if not force:
+            raise InvalidInput(f"{folder}: holds an earlier demo; add --force to replace it, or choose another with -o")
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / MARKER).write_text("made by 'vpsci demo', which may replace this folder\n", encoding="utf-8")
+
+
+def _near_misses(folder: Path, data: Path | None, console: Console) -> Path:
+    from vpsci_ros.data.importers import import_folders, print_import_summary
+    from vpsci_ros.data.near_misses import write_near_misses
+    from vpsci_ros.data.synthetic import synthetic_near_misses
+
+    console.rule("near misses", align="left")
+    if data is None:
+        console.print("no real recordings given (VPSCI_DATA or --data): a synthetic sample stands in")
+        result = synthetic_near_misses()
+    elif data.is_dir():
+        result = import_folders([data / "vci_dut", data / "vci_citr"], ["vci-dut", "vci-citr"])
+    else:
+        raise InvalidInput(f"{data}: no such folder; expected one that holds vci_dut and vci_citr")
+    path = folder / "near_misses.parquet"
+    write_near_misses(result.table, path, result.metadata)
+    print_import_summary(result, console)
+    return path
+
+
+@contextlib.contextmanager
+def _own_domain() -> Iterator[None]:
+    """Run in a ROS domain that no other graph on this machine uses, unless the environment names one."""
+    if "ROS_DOMAIN_ID" in os.environ:
+        yield
+        return
+    from domain_coordinator import domain_id
+
+    with domain_id() as number:
+        os.environ["ROS_DOMAIN_ID"] = str(number)
+        try:
+            yield
+        finally:
+            del os.environ["ROS_DOMAIN_ID"]
