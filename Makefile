@@ -3,6 +3,8 @@
 VENV := .venv
 BIN := $(VENV)/bin
 PYTEST_ARGS ?=
+# Real recordings (vci_dut/, vci_citr/) for the demo; where there are none, a synthetic sample stands in.
+VPSCI_DATA ?= $(wildcard ../shared/data)
 
 # Nodes talk to nodes on this machine only, unless asked otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
@@ -16,8 +18,8 @@ help:  ## show this list
 setup:  ## make .venv: ROS 2 and Python packages, vpsci_msgs, this package for development
 	@tools/setup.sh $(VENV)
 
-demo: setup  ## run all three stages, small, and leave a bag, a table and a picture in out/
-	@$(BIN)/vpsci demo
+demo: setup  ## run all three stages, small, and leave bags, tables and a picture in out/demo
+	@$(BIN)/vpsci demo --force $(if $(VPSCI_DATA),--data $(VPSCI_DATA))
 
 test: setup  ## run the tests
 	@$(BIN)/python -m pytest -q $(PYTEST_ARGS)
