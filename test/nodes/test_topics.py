@@ -14,7 +14,7 @@ def test_every_publisher_and_subscriber_is_a_node_that_exists() -> None:
 
 
 def test_every_node_has_a_section_of_parameters() -> None:
-    assert set(NODES) | {"graph"} == set(SECTIONS)
+    assert set(NODES) | {"graph", "dataset"} == set(SECTIONS)
 
 
 @pytest.mark.parametrize("reader", [LOCK_STEP, RECORDING])

@@ -1,5 +1,6 @@
 """The form that all nodes share: parameters from configuration classes, topics from the table, one main."""
 
+import os
 import signal
 import sys
 import threading
@@ -145,8 +146,11 @@ def run(node_class: Callable[..., GraphNode], args: list[str] | None = None) -> 
     """Run one node until it has finished or a signal asks it to stop; return the exit status.
 
     0: finished or stopped on request; 1: it failed; 2: a parameter or an input file was refused.
-    Signals only set a flag, so that on the way out the context is alive and a node can still write and publish.
+
+    Discovery stays on this host unless the environment says otherwise. Signals only set a flag, so that on the way out
+    the context is alive and a node can still write and publish.
     """
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
