@@ -115,6 +115,7 @@ def standing_in_the_way(proximity: float):
     x, y = SCENARIOS[2].vehicle.path.at(world.state["route_s"][0] + 12.0)
     for name, value in (("x", x), ("y", y), ("vx", 0.0), ("vy", 0.0)):
         world.state[f"pedestrian_{name}"] = value
+    world.state["start_delay"] = 1000.0  # it never sets off
     return next(iter(episodes(world).values()))
 
 
@@ -148,8 +149,7 @@ def test_the_vehicle_finds_its_lane_again_from_beside_it(aside):
     world = World(config, SCENARIOS[:1], [(1, 0)], 1, 1)
     world.state["vehicle_x"] += aside
     world.state["vehicle_heading"] += 0.3 * np.sign(aside)
-    for name in ("vx", "vy"):
-        world.state[f"pedestrian_{name}"] = 0.0
+    world.state["start_delay"] = 1000.0
     frames = next(iter(episodes(world).values()))
     left = np.array([SCENARIOS[0].vehicle.path.locate(f["vehicle_x"], f["vehicle_y"])[1] for f in frames])
     assert abs(left[0]) > 2.0

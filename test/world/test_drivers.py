@@ -62,10 +62,17 @@ def test_an_external_pedestrian_moves_by_equations_21_to_24():
     assert change == pytest.approx(0.5 * 3.0 * 0.05 * np.array([np.cos(h), np.sin(h)]))
 
 
-def test_constant_velocity_is_constant():
+def test_constant_velocity_is_constant_from_setting_off():
     config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="constant_velocity")
+    waited = 0
     for rows in run([(s, e) for e in range(3) for s in range(1, 9)], config=config).values():
-        assert len(np.unique(rows["pedestrian_vx"])) == len(np.unique(rows["pedestrian_vy"])) == 1
+        walking = rows["frame"] * config.tick >= rows["start_delay"] + config.tick
+        waited += not walking.all()
+        velocity = np.stack([rows["pedestrian_vx"], rows["pedestrian_vy"]], axis=1)
+        assert len(np.unique(velocity[walking], axis=0)) <= 1
+        assert np.hypot(*velocity[walking].T) == pytest.approx(rows["walking_speed"][walking])
+        assert not velocity[rows["frame"] * config.tick < rows["start_delay"]].any()
+    assert waited >= 3
 
 
 def test_a_social_force_walker_collides_less_than_one_that_ignores_the_vehicle():

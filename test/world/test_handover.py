@@ -5,6 +5,7 @@ import pytest
 from world.helpers import SCENARIOS, frames, nothing, run
 
 from vpsci_ros.world import ENDED, EPISODE, RUNNING, World, WorldConfig, handover
+from vpsci_ros.world.counter_rng import normals
 from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION
 from vpsci_ros.world.state import HANDED_BACK, HANDED_OVER
 
@@ -97,6 +98,29 @@ def test_a_hand_over_creates_no_energy(event):
         before, slots = state, events["slot"][events["kind"] == event]
         slots = [s for s in slots if world.state["status"][s] == RUNNING]
     assert seen >= 8
+
+
+def swerving(state):
+    """Actions float64[B, 2] of a nervous policy: braking, with noise of 1.5 m/s2 that depends on episode and step."""
+    keys = (state[name].astype(np.int64) for name in ("scenario", "episode", "step"))
+    noise = normals(9, *keys, 4)
+    return np.stack([1.5 * noise[:, 0] - 0.8, 1.5 * noise[:, 1]], axis=1), 2.0 * noise[:, 2:]
+
+
+def test_after_a_hand_back_the_vehicle_finds_its_lane_again():
+    pairs = [(scenario, number) for number in range(6) for scenario in range(1, 9)]
+    off, back = 0.0, []
+    for (number, _), rows in run(pairs, batch=48, config=CONFIG, policy=swerving).items():
+        path = SCENARIOS[number - 1].vehicle.path
+        left = np.array([abs(path.locate(r["vehicle_x"], r["vehicle_y"])[1]) for r in rows])
+        held = np.flatnonzero(rows["controlled"])
+        if len(held):
+            off = max(off, left[held].max())
+            driven = rows["vehicle_path"] - rows["vehicle_path"][held[-1]]
+            back += left[held[-1] :][driven[held[-1] :] > 10.0].tolist()
+    assert off > 0.5  # the policy took it well off the centre of its lane
+    assert len(back) > 100
+    assert max(back) < 0.3
 
 
 def test_an_episode_that_is_never_critical_is_the_autopilots_alone():

@@ -101,10 +101,10 @@ def impulse(episode, i, answers, tables, settings):  # type: ignore[no-untyped-d
     if driver == POLICY and episode.pedestrian_held:
         ax, ay = from_heading_frame(episode.action_heading, episode.pedestrian_long, episode.pedestrian_lat)
         return ax, ay, settings.pedestrian_gain
-    if driver == CONSTANT_VELOCITY:
-        return 0.0, 0.0, 1.0
     vx, vy = episode.pedestrian_vx, episode.pedestrian_vy
-    standing = episode.pedestrian_goal or episode.frame * settings.period < episode.start_delay
+    waiting = episode.frame * settings.period < episode.start_delay
+    if driver == CONSTANT_VELOCITY and (waiting or vx != 0.0 or vy != 0.0):
+        return 0.0, 0.0, 1.0
     row = tables.rows[episode.table]
     wanted_x, wanted_y = walk_velocity(
         tables.walk,
@@ -115,8 +115,10 @@ def impulse(episode, i, answers, tables, settings):  # type: ignore[no-untyped-d
         episode.pedestrian_offset,
         episode.pedestrian_x,
         episode.pedestrian_y,
-        0.0 if standing else episode.walking_speed,
+        0.0 if waiting or episode.pedestrian_goal else episode.walking_speed,
     )
+    if driver == CONSTANT_VELOCITY:  # sets off, once
+        return wanted_x / settings.period, wanted_y / settings.period, 1.0
     if driver == SOCIAL_FORCE:
         ax, ay = social_force(
             wanted_x,

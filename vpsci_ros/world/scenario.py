@@ -7,6 +7,7 @@ of them explains each key). Everything is checked on reading, and an error names
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path as FilePath
 from typing import Any, TypeAlias
 
@@ -21,6 +22,7 @@ from vpsci_ros.world.kinematics import MAX_STEERING_ANGLE, WHEELBASE
 from vpsci_ros.world.opendrive import expand
 from vpsci_ros.world.paths import Path, resample
 
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the same, in C, where PyYAML was built with it
 Points: TypeAlias = NDArray[np.float64]
 Interval: TypeAlias = tuple[float, float]
 
@@ -78,9 +80,20 @@ class Scenario:
 
 def scenario_files() -> list[FilePath]:
     """Return the package's own scenario files, in the order of their numbers."""
-    return [
-        load[1] for load in sorted((load_scenario(f).number, f) for f in (params_dir() / "scenarios").glob("*.yaml"))
-    ]
+    return list(_own(params_dir() / "scenarios").values())
+
+
+@lru_cache
+def _own(folder: FilePath) -> dict[int, FilePath]:
+    """Return the scenario files of a folder by their number."""
+    found = {}
+    for path in folder.glob("*.yaml"):
+        document = _read(path)
+        number = document.get("number") if isinstance(document, dict) else None
+        if type(number) is not int:
+            raise InvalidInput(f"{path}: expected a scenario with a whole number, got number {number!r}")
+        found[number] = path
+    return dict(sorted(found.items()))
 
 
 def load_scenarios(which: Iterable[int | str | FilePath]) -> list[Scenario]:
@@ -103,26 +116,28 @@ def load_scenario(which: int | str | FilePath) -> Scenario:
     :raises InvalidInput: no such scenario, unreadable YAML, or a key that is missing, unknown or out of range.
     """
     path = _find(which)
+    return scenario_from(_read(path), str(path))
+
+
+def _read(path: FilePath) -> Any:
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return yaml.load(path.read_text(encoding="utf-8"), _LOADER)
     except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
         raise InvalidInput(f"{path}: not readable as YAML: {error}") from None
-    return scenario_from(document, str(path))
 
 
 def _find(which: int | str | FilePath) -> FilePath:
-    folder = params_dir() / "scenarios"
-    own = sorted(folder.glob("*.yaml"))
+    own = _own(params_dir() / "scenarios")
     if isinstance(which, int) or (isinstance(which, str) and which.isdigit()):
-        for path in own:
-            if yaml.safe_load(path.read_text(encoding="utf-8")).get("number") == int(which):
-                return path
-        raise InvalidInput(f"scenario {which}: expected a number from 1 to {len(own)}, or the path of a YAML file")
-    for path in (FilePath(which), folder / f"{which}.yaml"):
-        if path.is_file():
-            return path
-    names = ", ".join(path.stem for path in own)
-    raise InvalidInput(f"{which}: no such scenario file; the package's own are {names}")
+        if int(which) in own:
+            return own[int(which)]
+        raise InvalidInput(f"scenario {which}: expected a number from 1 to {max(own)}, or the path of a YAML file")
+    by_name = {path.stem: path for path in own.values()}
+    if str(which) in by_name:
+        return by_name[str(which)]
+    if FilePath(which).is_file():
+        return FilePath(which)
+    raise InvalidInput(f"{which}: no such scenario file; the package's own are {', '.join(by_name)}")
 
 
 def scenario_from(document: Any, where: str) -> Scenario:
