@@ -13,10 +13,11 @@ from vpsci_ros.learning.agent import PolicyAgent
 from vpsci_ros.learning.weights import Weights, load_weights
 from vpsci_ros.resources import weights_path
 from vpsci_ros.world import IDLE, RUNNING, World, WorldConfig, handover, load_scenarios
+from vpsci_ros.world.config import PEDESTRIAN_DRIVERS
 from vpsci_ros.world.monitor import MonitorConfig, assess
-from vpsci_ros.world.scenario import Scenario
 
 Floats = NDArray[np.float64]
+PEDESTRIANS = tuple(driver for driver in PEDESTRIAN_DRIVERS if driver != "replay")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,19 +52,18 @@ class Simulation:
         weights: str | Path | Weights = "refined",
         config: WorldConfig | None = None,
     ) -> None:
-        known = [item for item in scenarios if isinstance(item, Scenario)]
-        self.scenarios = tuple(known) if known else tuple(load_scenarios(scenarios))
+        self.scenarios = tuple(load_scenarios(scenarios))
         if not self.scenarios:
             raise InvalidInput("expected at least one scenario, got none")
+        if pedestrian not in PEDESTRIANS:
+            raise InvalidInput(f"pedestrian = {pedestrian!r}: expected one of {', '.join(PEDESTRIANS)}")
         self.config = dataclasses.replace(config or WorldConfig(), vehicle_driver=vehicle, pedestrian_driver=pedestrian)
-        _check_driver(self.config)
         self.world = World(self.config, self.scenarios, [], batch, 0)
         self._monitor = MonitorConfig()
         self._agent: PolicyAgent | None = None
         if pedestrian == "policy" and vehicle != "policy":
             self._agent = PolicyAgent("pedestrian", 0, explore=False)
-            own = isinstance(weights, Weights)
-            self._agent.load(weights if own else load_weights(weights_path(str(weights))), 1)  # type: ignore[arg-type]
+            self._agent.load(weights if isinstance(weights, Weights) else load_weights(weights_path(str(weights))), 1)
         self._next = [itertools.count() for _ in range(batch)]
         self._seeds = [0] * batch
 
@@ -113,11 +113,3 @@ class Simulation:
             last[present] = world.state[present]
             ttc[present] = assess(world.state, self._monitor)[0][present]
         return Step(last, ttc)
-
-
-def _check_driver(config: WorldConfig) -> None:
-    from vpsci_ros.world.config import PEDESTRIAN_DRIVERS
-
-    allowed = [driver for driver in PEDESTRIAN_DRIVERS if driver != "replay"]
-    if config.pedestrian_driver not in allowed:
-        raise InvalidInput(f"pedestrian = {config.pedestrian_driver!r}: expected one of {', '.join(allowed)}")
