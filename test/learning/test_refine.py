@@ -13,7 +13,14 @@ from vpsci_ros.world.state import FINISHED, HANDED_OVER
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 QUICK = RefineConfig(
-    warm_up_steps=20, steps_per_update=20, batch_size=60, critic_warm_up=1, updates_per_refresh=2, rollback_margin=10.0
+    warm_up_steps=20,
+    steps_per_update=20,
+    batch_size=60,
+    critic_warm_up=1,
+    updates_per_refresh=2,
+    rollback_margin=10.0,
+    real_capacity=0.01,
+    rehearsal_rollouts=2,
 )
 
 
@@ -41,12 +48,11 @@ def test_updates_fall_due_with_new_experience(refiner):
     refiner.add(rows[:19])
     assert not refiner.due
     refiner.add(rows[19:])
-    updates = 0
+    shares = []
     while refiner.due:
-        refiner.update()
-        updates += 1
-    assert updates == 3  # 60 steps at 20 an update
-    assert 0.0 < refiner.summary()["real_share"] < 1.0
+        shares.append(refiner.update()["real_share"])
+    assert len(shares) == 3  # 60 steps at 20 an update
+    assert 0.0 < sum(shares) < 3.0
     assert refiner.received == 60
     assert refiner.lost == 0
 

@@ -2,6 +2,7 @@
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from vpsci_ros.learning.config import ACTION_SIZE, NetworkConfig
 from vpsci_ros.learning.sst import SSTEncoder, StepState
@@ -15,6 +16,7 @@ class Actor(nn.Module):
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.limit = config.action_limit
+        self.dropout = 0.0  # share of the encoded history and of the first hidden layer left out, while imitating
         self.encoder = SSTEncoder(config)
         first, second = config.actor_hidden
         self.head = nn.Sequential(
@@ -31,21 +33,27 @@ class Actor(nn.Module):
 
     def forward(self, observation: Tensor, action_before: Tensor, curvttc: Tensor) -> Tensor:
         """Return float32[B, T, 2]: the action at every step of histories as in `SSTEncoder.forward`, clipped."""
-        action: Tensor = self.head(self.encoder(observation, action_before, curvttc))
-        return action.clamp(-self.limit, self.limit)
+        return self._answer(self.encoder(observation, action_before, curvttc))
 
     def remember(
         self, observation: Tensor, action_before: Tensor, curvttc: Tensor, taken: Tensor
     ) -> tuple[Tensor, list[StepState]]:
         """Return `forward`'s actions, and the states of the histories' first `taken` steps for `step` to go on from."""
         encoded, states = self.encoder.remember(observation, action_before, curvttc, taken)
-        action: Tensor = self.head(encoded)
-        return action.clamp(-self.limit, self.limit), states
+        return self._answer(encoded), states
 
     def step(self, observation: Tensor, action_before: Tensor, curvttc: Tensor, states: list[StepState]) -> Tensor:
         """Return float32[B, 2] for one more step with carried state, as in `SSTEncoder.step`, clipped."""
-        action: Tensor = self.head(self.encoder.step(observation, action_before, curvttc, states))
+        return self._answer(self.encoder.step(observation, action_before, curvttc, states))
+
+    def _answer(self, encoded: Tensor) -> Tensor:
+        first, bent, second, bent_again, last = self.head
+        x = bent(first(self._thinned(encoded)))
+        action: Tensor = last(bent_again(second(self._thinned(x))))
         return action.clamp(-self.limit, self.limit)
+
+    def _thinned(self, x: Tensor) -> Tensor:
+        return functional.dropout(x, self.dropout) if self.dropout > 0.0 else x
 
     def empty_history(self) -> list[StepState]:
         """Return the state of an empty history."""

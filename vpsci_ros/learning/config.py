@@ -76,9 +76,12 @@ class PretrainConfig(TrainingConfig):
         "ddpg: Algorithm 1 of the paper; closed_loop: imitation of trajectories through the kinematics, critics by TD",
         choices=("closed_loop", "ddpg"),
     )
-    episodes: int = parameter(3000, "training iterations, one mini-batch each", low=1, high=10_000_000)
+    episodes: int = parameter(600, "training iterations, one mini-batch each", low=1, high=10_000_000)
     actor_learning_rate: float = parameter(1e-4, "step size of the actors, objective ddpg", low=0.0, high=1.0)
     critic_learning_rate: float = parameter(2e-4, "step size of the critics", low=0.0, high=1.0)
+    critic_head_start: int = parameter(
+        300, "objective ddpg: iterations of the critics alone before the actors follow them", low=0, high=10_000_000
+    )
     exploration: float = parameter(
         0.5,
         "objective ddpg: standard deviation of the actions scored around the actor's",
@@ -87,21 +90,24 @@ class PretrainConfig(TrainingConfig):
         high=5.0,
     )
     imitation_learning_rate: float = parameter(
-        5e-4, "peak step size of the actors, objective closed_loop", low=0.0, high=1.0
+        1.5e-4, "peak step size of the actors, objective closed_loop", low=0.0, high=1.0
     )
     velocity_weight: float = parameter(
-        3.0,
+        10.0,
         "objective closed_loop: weight of the next velocity's error against the positions'",
         unit="s",
         low=0.0,
         high=1e3,
     )
-    rollouts: int = parameter(64, "objective closed_loop: near misses rolled out in one update", low=1, high=4096)
+    rollouts: int = parameter(32, "objective closed_loop: near misses rolled out in one update", low=1, high=4096)
     rollout_steps: int = parameter(
-        30, "objective closed_loop: longest roll-out", unit="steps of 0.1 s", low=1, high=200
+        15, "objective closed_loop: longest roll-out", unit="steps of 0.1 s", low=1, high=200
     )
     weight_decay: float = parameter(
         0.05, "decoupled weight decay of the actors, objective closed_loop", low=0.0, high=10.0
+    )
+    dropout: float = parameter(
+        0.3, "objective closed_loop: share of the encoded history that the actors' heads do without", low=0.0, high=0.9
     )
     mirror: bool = parameter(True, "mirror every other near miss left to right")
     held_out_fraction: float = parameter(
@@ -122,6 +128,13 @@ class RefineConfig(TrainingConfig):
     noise_floor: float = parameter(0.05, "N_min of (16)", unit="m/s2", low=0.0, high=10.0)
     priority_exponent: float = parameter(0.6, "alpha of the sampling probabilities (17)", low=0.0, high=2.0)
     real_bonus: float = parameter(0.2, "beta of (17): extra priority of real experience", low=0.0, high=100.0)
+    rehearsal_weight: float = parameter(
+        2.0,
+        "weight of real near misses rolled out in closed loop beside the policy gradient; 0: as the paper",
+        low=0.0,
+        high=1e3,
+    )
+    rehearsal_rollouts: int = parameter(16, "near misses rolled out for that in one update", low=1, high=4096)
     real_capacity: float = parameter(0.3, "share of the buffer that real experience keeps", low=0.0, high=0.9)
     collision_reward: float = parameter(-200.0, "C_collision of (25)", low=-1e6, high=0.0)
     goal_reward: float = parameter(100.0, "C_goal of (26)", low=0.0, high=1e6)

@@ -5,11 +5,15 @@ their own predictions (`scene`), and follows the gradient of the distance to the
 roll-out and through both actors: each learns to act in the situations that the two of them bring about. The same
 histories, with every step as recorded, add the error of the next velocity, which is what the reconstruction measures.
 
-Augmentation: a near miss is seen in a mirror half of the time; the place where the history begins and the number of
-observed steps vary. Rotation needs none, since observations live in the vehicle's heading frame.
+A few hundred near misses hold some fifty drivers, so the actors would soon know them by heart. Dropout in front of
+both layers of the head, weight decay and the running average of the weights delay that, and the number of iterations
+ends it. Augmentation: a near miss is seen in a mirror half of the time; the place where the history begins and the
+number of observed steps vary. Rotation needs none, since observations live in the vehicle's heading frame.
 """
 
+import contextlib
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -175,7 +179,9 @@ class Imitation:
         for group in self.optimiser.param_groups:
             group["lr"] = self._config.imitation_learning_rate * self._schedule(episode)
         start = draw(self._interactions, self._config, rng)
-        position, velocity = rollout_loss(self._networks, self._interactions, start, self._config)
+        torch.manual_seed(int(rng.integers(2**62)))  # of the dropout
+        with self._dropout():
+            position, velocity = rollout_loss(self._networks, self._interactions, start, self._config)
         self.optimiser.zero_grad()
         (position + self._config.velocity_weight * velocity).backward()
         norm = torch.nn.utils.clip_grad_norm_(self._networks.actor.parameters(), self._config.gradient_clip)
@@ -185,6 +191,14 @@ class Imitation:
             "velocity_error": float(velocity.detach()),
             "imitation_gradient_norm": float(norm),
         }
+
+    @contextlib.contextmanager
+    def _dropout(self) -> Iterator[None]:
+        for agent in AGENTS:
+            self._networks.actor[agent].dropout = self._config.dropout
+        yield
+        for agent in AGENTS:
+            self._networks.actor[agent].dropout = 0.0
 
     def _schedule(self, episode: int) -> float:
         rise = min(1.0, (episode + 1) / RISE)

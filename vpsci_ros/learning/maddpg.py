@@ -76,8 +76,13 @@ class Maddpg:
             actions[agent] = self.networks.actor[agent](batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
         return actions
 
-    def update(self, batch: Batch, scored: Scored, actions: Tensors | None) -> UpdateResult:
-        """Take one step with the critics and, given `actions` of `act`, with the actors; then the targets follow."""
+    def update(
+        self, batch: Batch, scored: Scored, actions: Tensors | None, rehearsal: Tensor | None = None
+    ) -> UpdateResult:
+        """Take one step with the critics and, given `actions` of `act`, with the actors; then the targets follow.
+
+        :param rehearsal: scalar loss of both actors whose gradient is added to the policy gradient.
+        """
         count = batch.present.sum()
         targets = self._targets(batch, scored)
         encoded, critic_loss, error = {}, {}, torch.zeros_like(scored.reward["vehicle"])
@@ -96,7 +101,10 @@ class Maddpg:
         torch.stack(losses).sum().backward()
         torch.nn.utils.clip_grad_norm_(self.networks.critic.parameters(), self.config.gradient_clip)
         self.critic_optimiser.step()
-        actor_loss, norm = self._improve_actors(batch, scored, actions, encoded) if actions is not None else ({}, {})
+        actor_loss: dict[str, float] = {}
+        norm: dict[str, float] = {}
+        if actions is not None:
+            actor_loss, norm = self._improve_actors(batch, scored, actions, encoded, rehearsal)
         self.networks.follow(self.config.target_update_rate)
         return UpdateResult(critic_loss, actor_loss, norm, error.double().numpy())
 
@@ -117,11 +125,12 @@ class Maddpg:
         return targets
 
     def _improve_actors(
-        self, batch: Batch, scored: Scored, actions: Tensors, encoded: Tensors
+        self, batch: Batch, scored: Scored, actions: Tensors, encoded: Tensors, rehearsal: Tensor | None
     ) -> tuple[dict[str, float], dict[str, float]]:
         """Follow the gradient of Q(H, mu(H), A_other), the critics held fixed."""
         self.actor_optimiser.zero_grad()
-        loss, norm = {}, {}
+        loss: dict[str, float] = {}
+        norm: dict[str, float] = {}
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
             value = self.networks.critic[agent].value(encoded[agent].detach(), actions[agent], scored.action[other])
             objective = -(value * batch.present).sum() / batch.present.sum()
@@ -130,5 +139,7 @@ class Maddpg:
                 parameter.grad = gradient
             norm[agent] = float(torch.nn.utils.clip_grad_norm_(parameters, self.config.gradient_clip)) * self._unit
             loss[agent] = float(objective.detach()) * self._unit
+        if rehearsal is not None:
+            rehearsal.backward()  # adds to the policy gradient
         self.actor_optimiser.step()
         return loss, norm

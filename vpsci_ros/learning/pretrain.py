@@ -131,10 +131,10 @@ class _Run:
         batch = self._draw()
         if self._imitation is not None:
             losses |= self._imitation.update(self.rng, self.episode)
-        with torch.set_grad_enabled(self._imitation is None):
+        follow = self._imitation is None and self.episode >= self._config.critic_head_start
+        with torch.set_grad_enabled(follow):
             actions = self._maddpg.act(batch)
-        scored = self._score(batch, actions)
-        result = self._maddpg.update(batch, scored, actions if self._imitation is None else None)
+        result = self._maddpg.update(batch, self._score(batch, actions), actions if follow else None)
         for agent in AGENTS:
             losses[f"{agent}_critic_loss"] = result.critic_loss[agent]
             if agent in result.actor_loss:

@@ -9,6 +9,9 @@ give them, so neither the pedestrian's halved accelerations (21)-(24) nor lane k
 Real experience has no observed collision or goal. As in stage 1 it scores the acting policy's action, with exploration
 around it, against the recorded next speed, by the speed reward alone.
 
+Sampling (17) and the speed reward alone let the actors forget people faster than the critics can tell them, so every
+update also rehearses a few real near misses in closed loop (`imitation`), and adds that gradient to the policy's.
+
 After every `updates_per_refresh` updates the held-out error is measured, and a refresh that exceeds stage 1's
 closed-loop ADE by more than `rollback_margin` is undone.
 """
@@ -28,9 +31,10 @@ from vpsci_ros.data.near_misses import split_by_clip
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
-from vpsci_ros.learning.config import AGENTS, RefineConfig
+from vpsci_ros.learning.config import AGENTS, PretrainConfig, RefineConfig
 from vpsci_ros.learning.divergence import check_losses
 from vpsci_ros.learning.held_out import HeldOut
+from vpsci_ros.learning.imitation import draw, rollout_loss
 from vpsci_ros.learning.interactions import from_table, table_hash
 from vpsci_ros.learning.maddpg import Maddpg, Scored, UpdateResult
 from vpsci_ros.learning.networks import Networks
@@ -85,7 +89,8 @@ class Refiner:
             config.online_critic_learning_rate,
             config.value_unit,
         )
-        real = recorded_histories(from_table(training))
+        self._real = from_table(training)
+        real = recorded_histories(self._real)
         room = max(1, int(config.real_capacity * config.buffer_capacity))
         kept = [real[i] for i in up_to_capacity(real, room, self._rng)]
         self._buffer = ReplayBuffer(config.buffer_capacity, kept, config.priority_exponent, config.real_bonus)
@@ -153,7 +158,11 @@ class Refiner:
         actors_rest = self.updates < self._config.critic_warm_up
         with torch.set_grad_enabled(not actors_rest):
             actions = self._maddpg.act(batch)
-        result = self._maddpg.update(batch, self._score(batch, actions), None if actors_rest else actions)
+        scored = self._score(batch, actions)
+        if actors_rest:
+            result = self._maddpg.update(batch, scored, None)
+        else:
+            result = self._maddpg.update(batch, scored, actions, self._rehearse())
         self._note(result, batch)
         check_losses(self._last, batch, self.updates, self._out_dir)
         self._buffer.reprioritise(histories, result.error)
@@ -300,6 +309,15 @@ class Refiner:
             speed = self._speed_reward(velocity, scored[agent], batch.next_velocity[agent], agent)
             rewards[agent] = ((batch.events[agent] * weights[:2]).sum(dim=2) + weights[2] * speed) * batch.present
         return Scored(scored, rewards)
+
+    def _rehearse(self) -> torch.Tensor | None:
+        """Return the weighted closed-loop error of a few real near misses, as stage 1 minimises it."""
+        if self._config.rehearsal_weight == 0.0:
+            return None
+        rehearsal = PretrainConfig(rollouts=self._config.rehearsal_rollouts)
+        start = draw(self._real, rehearsal, self._rng)
+        position, velocity = rollout_loss(self._networks, self._real, start, rehearsal)
+        return self._config.rehearsal_weight * (position + rehearsal.velocity_weight * velocity)
 
     def _note(self, result: UpdateResult, batch: Batch) -> None:
         self._last = {f"{agent}_critic_loss": result.critic_loss[agent] for agent in AGENTS}
