@@ -184,7 +184,7 @@ def test_a_scenario_names_its_route_and_crosswalk_in_a_map(tmp_path):
         "name": "corner",
         "location": "Town10HD",
         "opendrive": str(DATA / "Town10HD.xodr"),
-        "vehicle": {"lanes": [[5, -2], [763, -1], [18, -2]], "spawn": [85, 92], "goal": 118},
+        "vehicle": {"lanes": [[5, -2], [763, -1], [18, -2]], "spawn": [85, 92], "goal": 127},
         "pedestrian": {"crosswalk": 1135, "reverse": True, "arrival": [2, 5.5]},
     }
     file = tmp_path / "corner.yaml"
