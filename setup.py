@@ -75,10 +75,12 @@ EXTRAS = {
     ],
     # What vpsci_ros.envs offers: environments for Gymnasium and PettingZoo.
     "rl": [
-        "gymnasium>=1.0,<2",
+        "gymnasium>=1.1,<2",
         "pettingzoo>=1.24,<2",
         "pillow>=10,<14",
     ],
+    # `vpsci generate --ray ADDRESS`: the same work over a cluster.
+    "ray": ["ray>=2.9,<3"],
     "test": [
         "hypothesis>=6.100,<7",
         "mypy>=1.13,<3",

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from vpsci_ros import __version__
+from vpsci_ros.cli_dataset import dataset_app, generate
 from vpsci_ros.errors import VpsciError
 
 app = typer.Typer(
@@ -23,6 +24,8 @@ world_app = typer.Typer(no_args_is_help=True, help="Scenarios of the simulated w
 app.add_typer(bag_app, name="bag")
 app.add_typer(safety_app, name="safety")
 app.add_typer(world_app, name="world")
+app.add_typer(dataset_app, name="dataset")
+app.command()(generate)
 
 Params = Annotated[Path, typer.Option("--params", help="Parameter file; those of the package are in params/.")]
 Output = Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")]

@@ -33,6 +33,16 @@ def software_versions() -> dict[str, str]:
     return versions
 
 
+def cpu_name() -> str:
+    """Return the kind of CPU, as far as it is known: results are the same to the bit on the same kind."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() == "model name":
+                return value.strip()
+    return platform.processor() or platform.machine()
+
+
 @contextlib.contextmanager
 def written_whole(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; rename it to `path` on success, remove it on any error.

@@ -8,7 +8,8 @@ import polars as pl
 import pyarrow.parquet as pq
 import pytest
 
-from vpsci_ros.data.dataset import DESCRIPTION, INDEX, DatasetWriter
+from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.dataset_index import DESCRIPTION, INDEX
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.errors import InvalidInput

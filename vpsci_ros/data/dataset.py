@@ -8,28 +8,29 @@ without it is no dataset. Memory holds the episodes that wait for an earlier one
 """
 
 import json
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
-import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_files import DATASET_COLUMNS, FORMATS, INDEX_COLUMNS, EpisodeTable
+from vpsci_ros.data.dataset_files import FORMATS, INDEX_COLUMNS, EpisodeTable
+from vpsci_ros.data.dataset_index import (
+    DESCRIPTION,
+    INDEX,
+    REJECTED,
+    Tally,
+    description_of,
+    file_entry,
+    index_table,
+)
 from vpsci_ros.data.episode_frames import NOT_OPEN, EpisodeBatch
-from vpsci_ros.data.filters import KEPT, REASONS, FilterConfig, Judgement, judge
+from vpsci_ros.data.filters import KEPT, FilterConfig, Judgement, judge
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.provenance import require_empty_folder, sha256, software_versions, written_whole
-from vpsci_ros.world.state import COLLISION, OUTCOME_NAMES
-
-DESCRIPTION = "dataset.json"
-INDEX = "episodes.parquet"
-REJECTED = "rejected"
+from vpsci_ros.provenance import require_empty_folder, written_whole
 
 
 class DatasetWriter:
@@ -69,7 +70,7 @@ class DatasetWriter:
         self._waiting: dict[int, dict[int, tuple[bool, NDArray[np.float32]]]] = {}
         self._index: list[tuple[NDArray[Any], ...]] = []
         self._closed = False
-        self._tallies: dict[int, _Tally] = {}
+        self._tallies: dict[int, Tally] = {}
 
     def __enter__(self) -> "DatasetWriter":
         return self
@@ -91,7 +92,9 @@ class DatasetWriter:
         for number in np.unique(batch.scenario).tolist():
             if number not in self._tallies:
                 self._open(number)
-            self._tallies[number].add(batch, verdict, batch.scenario == number)
+            mine = batch.scenario == number
+            paths = verdict.vehicle_path[mine], verdict.pedestrian_path[mine]
+            self._tallies[number].add(verdict.reason[mine], batch.outcome[mine], verdict.failed[mine], *paths)
         for i in range(len(batch)):
             kept = verdict.reason[i] == KEPT
             waiting = self._waiting[int(batch.scenario[i])]
@@ -101,8 +104,8 @@ class DatasetWriter:
             rows = batch.values[i, : batch.frames[i]] if kept or self._keep_rejected else batch.values[i, :0]
             waiting[number] = (bool(kept), rows.copy())
         columns = (batch.scenario, batch.episode, batch.outcome, verdict.reason, batch.frames)
-        paths = (verdict.vehicle_path.astype(np.float32), verdict.pedestrian_path.astype(np.float32))
-        self._index.append((*columns, verdict.least_curvttc, *paths))
+        lengths = (verdict.vehicle_path.astype(np.float32), verdict.pedestrian_path.astype(np.float32))
+        self._index.append((*columns, verdict.least_curvttc, *lengths))
         self._release(batch.open_from)
         return verdict
 
@@ -117,7 +120,7 @@ class DatasetWriter:
             metadata = {"scenario": number, "name": name, "kept": kept, **self._provenance}
             self._tables[number, kept] = EpisodeTable(place, name, self._formats, self._row_group, metadata)
         self._waiting[number] = {}
-        self._tallies[number] = _Tally()
+        self._tallies[number] = Tally()
 
     def _release(self, open_from: NDArray[np.int64]) -> None:
         for scenario, waiting in self._waiting.items():
@@ -140,23 +143,14 @@ class DatasetWriter:
         files = {}
         for table in self._tables.values():
             for path, rows in table.close():
-                files[path.relative_to(self.folder).as_posix()] = _file_entry(path, rows)
-        index = _index_table(self._index)
+                files[path.relative_to(self.folder).as_posix()] = file_entry(path, rows)
+        index = index_table(self._index)
         write_parquet(index, self.folder / INDEX, INDEX_COLUMNS, **self._provenance)
-        files[INDEX] = _file_entry(self.folder / INDEX, index.height)
+        files[INDEX] = file_entry(self.folder / INDEX, index.height)
         scenarios = {
             self._names[number]: {"number": number, **counts} for number, counts in sorted(self.counts.items())
         }
-        description = {
-            "content": "vehicle-pedestrian safety-critical interaction episodes",
-            **self._provenance,
-            "filters": asdict(self.filters),
-            "unfinished": unfinished,
-            "scenarios": scenarios,
-            "columns": {n: {"unit": c.unit, "description": c.description} for n, c in DATASET_COLUMNS.items()},
-            "files": files,
-            "versions": software_versions(),
-        }
+        description = description_of(self._provenance, self.filters, unfinished, scenarios, files)
         with written_whole(self.folder / DESCRIPTION) as path:
             path.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
         self._closed = True
@@ -168,56 +162,3 @@ class DatasetWriter:
             table.discard()
         if (self.folder / REJECTED).is_dir():
             (self.folder / REJECTED).rmdir()
-
-
-class _Tally:
-    """Counts of one scenario."""
-
-    def __init__(self) -> None:
-        self._reasons: Counter[str] = Counter()
-        self._failed = np.zeros(len(REASONS) - 1, np.int64)
-        self._outcomes: Counter[str] = Counter()
-        self._kept_outcomes: Counter[str] = Counter()
-        self._lost_collisions: Counter[str] = Counter()
-        self._kilometres = np.zeros(2)
-
-    def add(self, batch: EpisodeBatch, verdict: Judgement, mine: NDArray[np.bool_]) -> None:
-        reason, outcome, failed = verdict.reason[mine], batch.outcome[mine], verdict.failed[mine]
-        kept = reason == KEPT
-        self._reasons.update(REASONS[i] for i in reason.tolist())
-        self._failed += failed.sum(axis=0)
-        self._outcomes.update(OUTCOME_NAMES[i] for i in outcome.tolist())
-        self._kept_outcomes.update(OUTCOME_NAMES[i] for i in outcome[kept].tolist())
-        self._lost_collisions.update(REASONS[i] for i in reason[~kept & (outcome == COLLISION)].tolist())
-        self._kilometres += [verdict.vehicle_path[mine][kept].sum(), verdict.pedestrian_path[mine][kept].sum()]
-
-    def summary(self) -> dict[str, Any]:
-        simulated, kept = sum(self._reasons.values()), self._reasons["kept"]
-        return {
-            "simulated": simulated,
-            "kept": kept,
-            "acceptance_rate": kept / simulated if simulated else None,
-            "rejected": {name: self._reasons[name] for name in REASONS[1:]},
-            "failed": dict(zip(REASONS[1:], self._failed.tolist(), strict=True)),
-            "outcomes": {name: self._outcomes[name] for name in OUTCOME_NAMES[1:]},
-            "kept_outcomes": {name: self._kept_outcomes[name] for name in OUTCOME_NAMES[1:]},
-            "rejected_collisions": {name: self._lost_collisions[name] for name in REASONS[1:]},
-            "vehicle_km": round(float(self._kilometres[0]) / 1000.0, 6),
-            "pedestrian_km": round(float(self._kilometres[1]) / 1000.0, 6),
-        }
-
-
-def _index_table(parts: list[tuple[NDArray[Any], ...]]) -> pl.DataFrame:
-    schema = {name: column.dtype for name, column in INDEX_COLUMNS.items()}
-    if not parts:
-        return pl.DataFrame(schema=schema)
-    columns = dict(zip(INDEX_COLUMNS, (np.concatenate(column) for column in zip(*parts, strict=True)), strict=True))
-    table = pl.DataFrame(columns).with_columns(
-        pl.col("outcome").replace_strict(dict(enumerate(OUTCOME_NAMES)), return_dtype=pl.String),
-        pl.col("reason").replace_strict(dict(enumerate(REASONS)), return_dtype=pl.String),
-    )
-    return table.cast(schema).sort("scenario", "count")  # type: ignore[arg-type]
-
-
-def _file_entry(path: Path, rows: int) -> dict[str, Any]:
-    return {"rows": rows, "bytes": path.stat().st_size, "sha256": sha256(path)}

@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from vpsci_ros.data.episode_frames import QUANTITIES
 from vpsci_ros.data.parquet import Column, arrow_schema
 
 FORMATS = ("parquet", "csv")
@@ -46,6 +47,22 @@ INDEX_COLUMNS: dict[str, Column] = {
     "vehicle_path": Column(pl.Float32, "m", "length of the vehicle's trajectory"),
     "pedestrian_path": Column(pl.Float32, "m", "length of the pedestrian's trajectory"),
 }
+
+
+def episode_rows(numbers: Sequence[int], episodes: Sequence[NDArray[np.float32]]) -> pl.DataFrame:
+    """Return the rows of episodes, float32[frames, 10] each in the order of `QUANTITIES`, as a file holds them."""
+    rows = pl.from_arrow(_arrow_rows(numbers, episodes, arrow_schema(DATASET_COLUMNS, {})))
+    assert isinstance(rows, pl.DataFrame)
+    return rows
+
+
+def _arrow_rows(numbers: Sequence[int], episodes: Sequence[NDArray[np.float32]], schema: pa.Schema) -> pa.Table:
+    lengths = np.array([len(values) for values in episodes], np.int64)
+    count = np.repeat(np.array(numbers, np.int64), lengths)
+    frame = np.concatenate([np.zeros(0, np.int32), *(np.arange(n, dtype=np.int32) for n in lengths)])
+    values = np.concatenate([np.zeros((0, len(QUANTITIES)), np.float32), *episodes])
+    columns = [count, frame, 2 * count, 2 * count + 1, *(np.ascontiguousarray(v) for v in values.T)]
+    return pa.table([pa.array(column) for column in columns], schema=schema)
 
 
 class EpisodeTable:
@@ -92,12 +109,7 @@ class EpisodeTable:
     def _flush(self) -> None:
         if not self._buffered:
             return
-        lengths = np.array([len(values) for values in self._episodes])
-        count = np.repeat(np.array(self._numbers, np.int64), lengths)
-        frame = np.concatenate([np.arange(n, dtype=np.int32) for n in lengths])
-        values = np.concatenate(self._episodes)
-        columns = [count, frame, 2 * count, 2 * count + 1, *(np.ascontiguousarray(v) for v in values.T)]
-        rows = pa.table([pa.array(column) for column in columns], schema=self._schema)
+        rows = _arrow_rows(self._numbers, self._episodes, self._schema)
         if self._parquet is not None:
             self._parquet.write_table(rows)
         if self._csv is not None:

@@ -11,8 +11,8 @@ import polars as pl
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset import DESCRIPTION, INDEX
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
+from vpsci_ros.data.dataset_index import DESCRIPTION, INDEX
 from vpsci_ros.data.episode_frames import QUANTITIES
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.errors import InvalidInput
@@ -81,17 +81,30 @@ class Dataset:
         path = parquet if parquet.is_file() else csv
         if not path.is_file():
             raise InvalidInput(f"{parquet}: no such file, and no {csv.name}; {DESCRIPTION} promises it")
-        try:
-            if path == csv:
-                yield path, pl.read_csv(path, schema=_SCHEMA)
-                return
-            with pq.ParquetFile(path) as file:
-                for group in range(file.num_row_groups):
-                    part = pl.from_arrow(file.read_row_group(group))
-                    assert isinstance(part, pl.DataFrame)
-                    yield path, part.select(list(DATASET_COLUMNS))
-        except (pl.exceptions.PolarsError, OSError, ValueError) as error:
-            raise InvalidInput(f"{path}: expected the columns of Table 7, not readable as such: {error}") from None
+        for rows in file_rows(path):
+            yield path, rows
+
+
+def file_rows(path: Path) -> Iterator[pl.DataFrame]:
+    """Yield the rows of a dataset's file, a row group at a time (a CSV file in one piece).
+
+    :raises InvalidInput: damaged, or not a table with the columns of Table 7.
+    """
+    row = 0
+    try:
+        if path.suffix == ".csv":
+            yield pl.read_csv(path, schema=_SCHEMA)
+            return
+        with pq.ParquetFile(path) as file:
+            for group in range(file.num_row_groups):
+                part = pl.from_arrow(file.read_row_group(group))
+                assert isinstance(part, pl.DataFrame)
+                yield part.select(list(DATASET_COLUMNS))
+                row += part.height
+    except (pl.exceptions.PolarsError, OSError, ValueError) as error:
+        raise InvalidInput(
+            f"{path}: expected the columns of Table 7, not readable as such from row {row} on: {error}"
+        ) from None
 
 
 _SCHEMA = {name: column.dtype for name, column in DATASET_COLUMNS.items()}

@@ -1,0 +1,63 @@
+"""A small dataset by policies of random weights: two scenarios, twelve kept episodes each."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from generate.small import CONFIG, NETWORK, TARGETS
+
+from vpsci_ros.config import DatasetConfig
+from vpsci_ros.generate.job import Job, job_from
+from vpsci_ros.generate.run import Generated, generate, local_workers
+from vpsci_ros.learning.shapes import weight_shapes
+from vpsci_ros.learning.weights import Weights, save_weights
+
+
+@pytest.fixture(scope="session")
+def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A weights file whose policies act, if not wisely."""
+    rng = np.random.default_rng(5)
+    tensors = {name: rng.normal(0.0, 0.3, shape) for name, shape in weight_shapes(NETWORK).items()}
+    tensors |= {name: 1.0 + np.abs(tensor) for name, tensor in tensors.items() if name.endswith("scale")}
+    path = tmp_path_factory.mktemp("weights") / "random.safetensors"
+    save_weights(path, Weights(NETWORK, {name: tensor.astype(np.float32) for name, tensor in tensors.items()}))
+    return path
+
+
+@pytest.fixture(scope="session")
+def sections(weights: Path) -> dict[str, dict[str, Any]]:
+    """The sections of a parameter file."""
+    policy = {"weights": str(weights)}
+    return {
+        "world_simulator": {"seed": 3, "scenarios": [1, 6]},
+        "safety_monitor": {},
+        "vehicle_policy": policy,
+        "pedestrian_policy": policy,
+        "dataset": {"keep_rejected": True},
+    }
+
+
+@pytest.fixture(scope="session")
+def job(sections: dict[str, dict[str, Any]]) -> Job:
+    """What the datasets of these tests are made from."""
+    return job_from(sections)
+
+
+@pytest.fixture(scope="session")
+def make(job: Job) -> Callable[..., Generated]:
+    """Generate into a folder: by so many workers, with other sizes of units and batches, for another job."""
+
+    def run(folder: Path, workers: int = 1, *, of: Job = job, config: DatasetConfig = CONFIG, **options: Any):
+        return generate(of, TARGETS, folder, config, lambda: local_workers(of, config.parallel, workers), **options)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def made(make: Callable[..., Generated], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished dataset; not to be changed."""
+    folder = tmp_path_factory.mktemp("made") / "dataset"
+    make(folder)
+    return folder

@@ -1,0 +1,52 @@
+"""The commands as a user types them: generate, info, verify."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from vpsci_ros.analysis.dataset_info import print_info
+from vpsci_ros.cli import app
+from vpsci_ros.errors import InvalidInput, VpsciError
+
+
+@pytest.fixture
+def params(sections, tmp_path: Path) -> Path:
+    path = tmp_path / "params.yaml"
+    path.write_text(yaml.safe_dump({name: {"ros__parameters": values} for name, values in sections.items() if values}))
+    return path
+
+
+def run(*arguments: object) -> str:
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_generate_then_info_then_verify(params, tmp_path) -> None:
+    out = tmp_path / "out"
+    command = ("generate", "--params", params, "-o", out, "--scenarios", "6", "--episodes", "3", "--workers", "1")
+    assert re.search(r"3 episodes kept; written: .* times the paper's 244", run(*command), re.DOTALL)
+    assert "simulated" not in run(*command).replace("simulated_", "")  # complete already
+    assert re.search(r"B N-S +3 +24,702 ", run("dataset", "info", out))
+    assert "rows the same to the bit, hashes right" in run("dataset", "verify", out, "--workers", "1")
+    (out / "LocationB_PedCross_N-S.parquet").unlink()
+    with pytest.raises(VpsciError, match="1 of its files are not as simulated"):
+        run("dataset", "verify", out, "--workers", "1")
+
+
+def test_two_numbers_of_episodes_are_one_too_many(params, tmp_path) -> None:
+    with pytest.raises(InvalidInput, match="give one of them"):
+        run("generate", "--params", params, "-o", tmp_path / "out", "--episodes", "3", "--table10")
+
+
+def test_info_fits_a_terminal_and_refuses_what_is_no_generated_dataset(made, tmp_path, capsys) -> None:
+    print_info(made)
+    output = capsys.readouterr().out
+    assert "…" not in output
+    assert re.search(r"\ball +24 +198,157 ", output)
+    (tmp_path / "dataset.json").write_text('{"scenarios": {}, "period": 0.05}')
+    with pytest.raises(InvalidInput, match="a bag's dataset"):
+        print_info(tmp_path)

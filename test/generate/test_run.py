@@ -1,0 +1,170 @@
+"""A dataset's bytes depend on what it is made from, not on who made it, how often it was stopped, in what pieces."""
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from generate.small import CONFIG, TARGETS
+
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.generate.journal import FOLDER, journal_of
+from vpsci_ros.generate.run import RECORD, generate
+from vpsci_ros.generate.workers import Processes, Serial
+from vpsci_ros.provenance import sha256
+
+
+def hashes(folder: Path) -> dict[str, str]:
+    """Return the hash of every file that is part of the dataset."""
+    files = [path for path in folder.rglob("*") if path.is_file() and path.name != RECORD]
+    return {path.relative_to(folder).as_posix(): sha256(path) for path in files}
+
+
+class Stopped(Serial):
+    """Stopped by Ctrl-C after `left` units."""
+
+    left = 2
+
+    def collect(self):
+        if self.left == 0:
+            raise KeyboardInterrupt
+        self.left -= 1
+        return super().collect()
+
+
+def test_two_processes_and_other_units_and_batches_give_the_same_bytes(make, made, tmp_path) -> None:
+    other = dataclasses.replace(CONFIG, unit=21, parallel=8)
+    make(tmp_path / "other", 2, config=other)
+    assert hashes(tmp_path / "other") == hashes(made)
+
+
+def test_the_last_episode_of_each_scenario_is_the_last_kept_one_wanted(made) -> None:
+    index = Dataset(made).index()
+    for (scenario,), rows in index.group_by("scenario"):
+        assert (rows["reason"] == "kept").sum() == TARGETS[scenario]
+        assert rows.sort("count")["reason"][-1] == "kept"
+        assert rows["count"].sort().to_list() == list(range(len(rows)))
+
+
+def test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes(job, make, made, tmp_path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(job, 64))
+    assert [path.name for path in (tmp_path / "d").iterdir()] == [FOLDER]
+    assert len(list((tmp_path / "d" / FOLDER).glob("*.npz"))) == 2
+    resumed = make(tmp_path / "d", config=dataclasses.replace(CONFIG, unit=1000))  # goes on in the units of old
+    assert resumed.computed == make(tmp_path / "once").computed - 2 * CONFIG.unit
+    assert hashes(tmp_path / "d") == hashes(made)
+
+
+def test_a_unit_that_the_disk_has_damaged_is_computed_again(job, make, made, tmp_path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(job, 64))
+    part = next((tmp_path / "d" / FOLDER).glob("*.npz"))
+    data = bytearray(part.read_bytes())
+    data[len(data) // 2] ^= 1
+    part.write_bytes(data)
+    make(tmp_path / "d")
+    assert hashes(tmp_path / "d") == hashes(made)
+
+
+def test_a_killed_worker_costs_nothing_but_time(job, made, tmp_path) -> None:
+    class Murdered(Processes):
+        victims = 1
+
+        def collect(self):
+            found = super().collect()
+            if self.victims:
+                self.victims -= 1
+                os.kill(self.pids[0], signal.SIGKILL)
+            return found
+
+    generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Murdered(job, 8, 2))
+    assert hashes(tmp_path / "d") == hashes(made)
+
+
+def test_a_finished_dataset_is_not_computed_again(make, made, tmp_path) -> None:
+    before = hashes(made)
+    assert make(made).computed == 0
+    assert hashes(made) == before
+
+
+def test_another_configuration_is_refused_naming_what_differs(job, make, made, tmp_path) -> None:
+    other = dataclasses.replace(job, seed=4)
+    with pytest.raises(InvalidInput, match="holds a dataset with seed = 3, and this one has 4"):
+        make(made, of=other)
+    with pytest.raises(KeyboardInterrupt):
+        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(job, 64))
+    world = dataclasses.replace(job.world, release_time=0.5)
+    with pytest.raises(InvalidInput, match=r"unfinished run with .*release_time = 1\.0, and this one has 0\.5"):
+        make(tmp_path / "d", of=dataclasses.replace(job, world=world))
+
+
+def test_somebody_elses_folder_is_refused_and_left_alone(make, tmp_path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InvalidInput, match="output folder is not empty"):
+        make(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path) -> None:
+    with (
+        journal_of(tmp_path / "d", {"seed": 1}, 8),
+        pytest.raises(InvalidInput, match="another process is generating"),
+        journal_of(tmp_path / "d", {"seed": 1}, 8),
+    ):
+        pass
+
+
+def test_hopeless_filters_end_the_run_with_the_reason(job, tmp_path) -> None:
+    strict = dataclasses.replace(job, filters=dataclasses.replace(job.filters, vehicle_distance=1000.0))
+    with pytest.raises(VpsciError, match=r"0 of \d+ episodes passed the filters, 12 are wanted"):
+        generate(strict, TARGETS, tmp_path, dataclasses.replace(CONFIG, give_up=1.0), lambda: Serial(strict, 64))
+
+
+def test_counts_add_up_and_early_collisions_are_those_that_one_filter_drops(made) -> None:
+    data = Dataset(made)
+    index = data.index()
+    for name, counts in data.scenarios.items():
+        mine = index.filter(pl.col("scenario") == counts["number"])
+        assert counts["simulated"] == len(mine) == counts["kept"] + sum(counts["rejected"].values())
+        assert sum(counts["outcomes"].values()) == len(mine)
+        rejected = pl.read_parquet(made / "rejected" / f"{name}.parquet")
+        assert rejected["count"].n_unique() == len(mine) - counts["kept"]
+        early = 0
+        for (number,), rows in rejected.group_by("count"):
+            ends = rows.sort("frame")[[0, -1]]
+            moved = [
+                np.hypot(*(np.diff(ends[f"position_{axis}_{agent}"].to_numpy())[0] for axis in "xy"))
+                for agent in ("av", "ped")
+            ]
+            collided = mine.filter(pl.col("count") == number)["outcome"][0] == "collision"
+            early += collided and len(rows) < 100 and moved[0] > 10.0 and moved[1] > 4.0
+        assert early > 0
+        assert counts["with_early_collisions"]["kept"] == counts["kept"] + early
+        assert counts["with_early_collisions"]["collisions"] == counts["kept_outcomes"]["collision"] + early
+        kept = mine.filter(pl.col("reason") == "kept")["least_curvttc"].to_numpy()
+        assert counts["least_curvttc"] == pytest.approx(np.quantile(kept, (0.25, 0.5, 0.75)), abs=1e-4)
+
+
+def test_the_datasheet_states_the_datasets_own_numbers(made) -> None:
+    text = (made / "datasheet.md").read_text()
+    data = Dataset(made)
+    simulated = sum(row["simulated"] for row in data.scenarios.values())
+    assert f"{simulated:,} episodes were simulated, 24 kept." in text
+    assert all(f"| {name} | 12 |" in text for name in data.scenarios)
+
+
+def test_pandas_would_read_a_scenario_in_one_line(made) -> None:
+    rows = pl.read_parquet(made / "LocationA_PedCross_S-N.parquet")
+    assert rows.group_by("count").agg(pl.col("CurvTTC").min() < 5.0)["CurvTTC"].all()
+
+
+def test_workers_do_not_load_torch() -> None:
+    code = "import sys, vpsci_ros.generate.run; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0

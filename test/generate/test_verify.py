@@ -1,0 +1,160 @@
+"""A dataset that is not what its description says is found out, with the file and the first row that differs."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vpsci_ros.data.dataset_files import DATASET_COLUMNS
+from vpsci_ros.data.parquet import read_metadata, write_parquet
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.generate.verify import verify
+from vpsci_ros.generate.workers import Serial
+
+NAME = "LocationB_PedCross_N-S"
+
+
+def serial(job):
+    return Serial(job, 40)
+
+
+@pytest.fixture
+def copy(made: Path, tmp_path: Path) -> Path:
+    """A copy of the dataset that a test may change."""
+    shutil.copytree(made, tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+def edit(path: Path, change: Callable[[pl.DataFrame], pl.DataFrame]) -> None:
+    """Write a Parquet file of the dataset anew, with rows changed and everything else as it was."""
+    metadata = read_metadata(path)
+    write_parquet(change(pl.read_parquet(path)), path, DATASET_COLUMNS, **metadata)
+
+
+def nudge(row: int, column: str, by: float) -> Callable[[pl.DataFrame], pl.DataFrame]:
+    def change(rows: pl.DataFrame) -> pl.DataFrame:
+        values = rows[column].to_numpy().copy()
+        values[row] += by
+        return rows.with_columns(pl.Series(column, values))
+
+    return change
+
+
+def test_a_dataset_as_generated_is_the_same_to_the_bit(made) -> None:
+    result = verify(made, serial)
+    assert result.findings == []
+    assert result.episodes == sum(
+        row["simulated"] for row in json.loads((made / "dataset.json").read_text())["scenarios"].values()
+    )
+
+
+def test_a_sample_simulates_only_as_many_episodes(made) -> None:
+    result = verify(made, serial, sample=2)
+    assert (result.findings, result.episodes) == ([], 4)
+
+
+@pytest.mark.parametrize("sample", [None, 1])
+def test_one_edited_value_is_found_wherever_it_is(copy, sample) -> None:
+    path = copy / f"{NAME}.parquet"
+    rows = pl.read_parquet(path)
+    row = len(rows) - 7
+    edit(path, nudge(row, "velocity_x_ped", 0.01))
+    (finding,) = verify(copy, serial, sample=sample).findings
+    assert (finding.file, finding.changed) == (path.name, True)
+    where = f"row {row} (count {rows['count'][row]}, frame {rows['frame'][row]}): velocity_x_ped is "
+    assert finding.what.startswith(where)
+
+
+def test_an_edit_with_the_hash_made_right_is_found_all_the_same(copy) -> None:
+    from vpsci_ros.provenance import sha256
+
+    path = copy / f"{NAME}.parquet"
+    edit(path, nudge(3, "CurvTTC", 0.0))
+    edit(path, nudge(11, "position_x_av", 0.5))
+    description = json.loads((copy / "dataset.json").read_text())
+    description["files"][path.name]["sha256"] = sha256(path)
+    (copy / "dataset.json").write_text(json.dumps(description))
+    (finding,) = verify(copy, serial).findings
+    assert (finding.file, finding.changed) == (path.name, False)
+    assert finding.what.startswith("row 11 ")
+
+
+def test_within_the_tolerance_numbers_may_differ(copy) -> None:
+    edit(copy / f"{NAME}.parquet", nudge(20, "position_y_ped", 1e-3))
+    (finding,) = verify(copy, serial, tolerance=1e-2).findings
+    assert finding.what.endswith("its numbers are as simulated")
+    (finding,) = verify(copy, serial, tolerance=1e-4).findings
+    assert finding.what.startswith("row 20 ")
+
+
+def test_rows_that_are_missing_or_too_many_are_named(copy) -> None:
+    edit(copy / f"{NAME}.parquet", lambda rows: rows[:-1])
+    edit(copy / "rejected" / f"{NAME}.parquet", lambda rows: pl.concat([rows, rows[-1:]]))
+    kept, rejected = sorted(verify(copy, serial).findings, key=lambda finding: finding.file)
+    assert kept.what.startswith("missing row (count ")
+    assert rejected.what.endswith("should not be there")
+
+
+def test_damaged_bytes_are_named_with_the_file(copy) -> None:
+    path = copy / f"{NAME}.parquet"
+    data = bytearray(path.read_bytes())
+    data[200:5000] = bytes(4800)
+    path.write_bytes(data)
+    (finding,) = verify(copy, serial).findings
+    assert finding.file == path.name
+    assert "not readable as such from row 0 on" in finding.what or finding.what.startswith("row ")
+
+
+def test_an_edited_cell_of_a_csv_file_and_of_the_index_are_found(copy) -> None:
+    path = copy / f"{NAME}.csv"
+    lines = path.read_text().splitlines()
+    cells = lines[41].split(",")
+    cells[12] = "99.0"
+    lines[41] = ",".join(cells)
+    path.write_text("\n".join(lines) + "\n")
+    index = pl.read_parquet(copy / "episodes.parquet")
+    changed = index.with_columns(pl.when(pl.int_range(pl.len()) == 2).then(7).otherwise("frames").alias("frames"))
+    changed.cast(index.schema).write_parquet(copy / "episodes.parquet")
+    csv, of_index = sorted(verify(copy, serial).findings, key=lambda finding: finding.file)
+    assert csv.what.startswith("row 40 ")
+    assert "distance is 99.0" in csv.what
+    assert of_index.what.startswith("row 2 (count 2): frames is 7")
+
+
+def test_a_file_that_is_gone_is_named(copy) -> None:
+    (copy / f"{NAME}.csv").unlink()
+    (finding,) = verify(copy, serial, sample=1).findings
+    assert (finding.file, finding.what) == (f"{NAME}.csv", "no such file")
+
+
+def test_other_weights_are_refused(copy) -> None:
+    (path,) = copy.glob("weights-*.safetensors")
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(InvalidInput, match="the dataset was made with"):
+        verify(copy, serial)
+
+
+def test_a_dataset_of_a_bag_is_refused(made, copy) -> None:
+    description = json.loads((copy / "dataset.json").read_text())
+    del description["scenario_files"]
+    (copy / "dataset.json").write_text(json.dumps(description))
+    with pytest.raises(InvalidInput, match="expected a dataset of `vpsci generate`"):
+        verify(copy, serial)
+
+
+def test_not_a_number_equals_itself_and_infinity_too() -> None:
+    from vpsci_ros.generate.compare import first_difference
+
+    table = pl.DataFrame({"count": [0, 0, 0], "value": [np.nan, np.inf, 1.0]})
+    assert first_difference(table, table.with_row_index("row"), 0.0) is None
+    assert first_difference(table, table.with_row_index("row"), 0.1) is None
+    other = table.with_columns(value=pl.Series([np.nan, -np.inf, 1.0])).with_row_index("row")
+    difference = first_difference(table, other, 0.1)
+    assert difference is not None
+    assert difference.row == 1

@@ -1,0 +1,129 @@
+"""The commands about generated datasets: `vpsci generate`, `vpsci dataset info`, `vpsci dataset verify`."""
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vpsci_ros.errors import InvalidInput, VpsciError
+
+if TYPE_CHECKING:
+    from vpsci_ros.generate.job import Job
+    from vpsci_ros.generate.workers import Workers
+
+dataset_app = typer.Typer(no_args_is_help=True, help="Generated datasets: what is in them, and whether it is true.")
+
+Count = Annotated[
+    int | None, typer.Option("--workers", min=1, metavar="N", help="Processes; default: one for each usable core.")
+]
+Ray = Annotated[
+    str | None, typer.Option("--ray", metavar="ADDRESS", help="Use a Ray cluster: its address, auto or local.")
+]
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a dataset.")]
+
+
+def generate(
+    params: Annotated[Path, typer.Option("--params", help="Parameter file, params/stage3_generate.yaml.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same run.")],
+    scenarios: Annotated[
+        str | None, typer.Option(metavar="1,2,...", help="Scenarios; default: the parameter file's.")
+    ] = None,
+    episodes: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Kept episodes wanted in each scenario.")
+    ] = None,
+    table10: Annotated[bool, typer.Option("--table10", help="As many kept episodes as in Table 10: 198,157.")] = False,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="SECTION.PARAMETER=VALUE", help="Override one parameter; repeatable."),
+    ] = None,
+    workers: Count = None,
+    ray: Ray = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")] = False,
+) -> None:
+    """Stage 3: a dataset by the refined policies; the same command goes on with a run that was stopped."""
+    from vpsci_ros import config
+    from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
+    from vpsci_ros.generate.job import job_from
+    from vpsci_ros.generate.progress import ProgressOfRun
+    from vpsci_ros.generate.run import generate as run
+
+    if table10 and episodes is not None:
+        raise InvalidInput("--table10 and --episodes both say how many episodes are wanted; give one of them")
+    sections = config.load(params)
+    config.override(sections, settings or [])
+    if scenarios is not None:
+        config.override(sections, [f"world_simulator.scenarios=[{scenarios}]"])
+    values = config.pick(config.DatasetConfig, sections["dataset"], "dataset")
+    job = job_from(sections)
+    wanted = episodes or (0 if table10 else values.kept)
+    targets = {s.number: wanted or TABLE_10[s.number].kept for s in job.scenarios}
+    first = config.pick(config.RunConfig, sections["world_simulator"], "world_simulator").first_episode
+    try:
+        with ProgressOfRun({s.number: s.name for s in job.scenarios}, quiet=quiet) as progress:
+            done = run(
+                job,
+                targets,
+                output,
+                values,
+                lambda: _workers(ray, workers)(job, values.parallel),
+                first=first,
+                report=progress.show,
+            )
+    except KeyboardInterrupt:
+        print(f"stopped; what is done is in {output}: the same command goes on there", file=sys.stderr)
+        raise typer.Exit(130) from None
+    kept = sum(row["kept"] for row in done.description["scenarios"].values())
+    print(f"{kept:,} episodes kept; written: {output}, described in datasheet.md and dataset.json")
+    if done.computed:
+        simulating, writing = done.seconds
+        rate = kept / (simulating + writing) * 3600.0
+        times = f"{rate / KEPT_PER_HOUR:,.0f} times the paper's {KEPT_PER_HOUR:.0f}"
+        print(f"simulated in {simulating:.1f} s, written in {writing:.1f} s: {rate:,.0f} kept an hour, {times}")
+
+
+@dataset_app.command()
+def info(folder: Folder) -> None:
+    """Table 10 beside the paper's numbers, rejections by reason, least CurvTTC with and without early collisions."""
+    from vpsci_ros.analysis.dataset_info import print_info
+
+    print_info(folder)
+
+
+@dataset_app.command()
+def verify(
+    folder: Folder,
+    sample: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Episodes of each scenario, drawn at random; default: all.")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=0.0, help="Allowed difference [m, m/s, s]; 0: to the bit, for the same kind of CPU.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the sample.")] = 0,
+    workers: Count = None,
+    ray: Ray = None,
+) -> None:
+    """Simulate a dataset's episodes again and compare; names each file that differs, with its first differing row."""
+    from vpsci_ros.generate.verify import verify as run
+
+    result = run(folder, lambda job: _workers(ray, workers)(job, 512), sample=sample, tolerance=tolerance, seed=seed)
+    for finding in result.findings:
+        print(f"{finding.file}: {finding.what}" + (" (its hash is wrong, too)" if finding.changed else ""))
+    if result.findings:
+        hint = "" if result.same_cpu or tolerance else "; it comes from another kind of CPU: try --tolerance 1e-3"
+        raise VpsciError(f"{folder}: {len(result.findings)} of its files are not as simulated{hint}")
+    how = f"within {tolerance:g}" if tolerance else "to the bit"
+    print(f"{folder}: {result.episodes:,} episodes simulated again, {result.rows:,} rows the same {how}, hashes right")
+
+
+def _workers(ray: str | None, count: int | None) -> "Callable[[Job, int], Workers]":
+    """Return what starts the workers that the options ask for, given a job and a batch."""
+    if ray is not None:
+        from vpsci_ros.generate.ray_workers import RayWorkers
+
+        return lambda job, batch: RayWorkers(job, batch, ray, count)
+    from vpsci_ros.generate.run import local_workers
+
+    return lambda job, batch: local_workers(job, batch, count or len(os.sched_getaffinity(0)))

@@ -1,0 +1,114 @@
+"""Which unit is worth computing next, and when a scenario has what it needs.
+
+A scenario's dataset is its episodes in the order of their numbers up to the one that is the last kept one wanted, so
+the set does not depend on who computed what, or when. Units are handed out in order; what was computed beyond the last
+episode is thrown away, and the plan keeps that little by looking at the acceptance so far.
+"""
+
+import itertools
+from collections.abc import Mapping
+
+from vpsci_ros.errors import VpsciError
+from vpsci_ros.generate.job import Unit
+
+
+class ScenarioPlan:
+    """One scenario: units handed out, and what they brought.
+
+    :param target: kept episodes wanted.
+    :param first: number of the first episode.
+    :param size: episodes in a unit.
+    """
+
+    def __init__(self, scenario: int, target: int, first: int, size: int) -> None:
+        self.scenario, self.target = scenario, target
+        self._first, self._size = first, size
+        self._kept: dict[int, int] = {}  # by place of the unit
+        self._handed_out: set[int] = set()
+
+    @property
+    def simulated(self) -> int:
+        """Episodes in the units that are computed."""
+        return len(self._kept) * self._size
+
+    @property
+    def kept(self) -> int:
+        """Kept episodes in the units that are computed."""
+        return sum(self._kept.values())
+
+    @property
+    def acceptance(self) -> float:
+        """Share of episodes that are kept, 1 while nothing is known."""
+        return self.kept / self.simulated if self._kept else 1.0
+
+    @property
+    def expected(self) -> float:
+        """Kept episodes once every unit that is handed out is computed, as share of the target."""
+        running = len(self._handed_out - self._kept.keys()) * self._size
+        return (self.kept + running * self.acceptance) / self.target
+
+    @property
+    def complete(self) -> bool:
+        """Whether the units computed without a gap from the first one hold the kept episodes wanted."""
+        return self.units_needed() is not None
+
+    def units_needed(self) -> int | None:
+        """Return how many units from the first one on hold the kept episodes wanted, None while they do not."""
+        kept = 0
+        for place in range(len(self._kept)):
+            if place not in self._kept:
+                return None
+            kept += self._kept[place]
+            if kept >= self.target:
+                return place + 1
+        return None
+
+    def unit(self, place: int) -> Unit:
+        """Return the unit at a place, counted from 0."""
+        begin = self._first + place * self._size
+        return Unit(self.scenario, range(begin, begin + self._size))
+
+    def hand_out(self) -> Unit:
+        """Return the first unit that was not handed out yet."""
+        place = next(place for place in itertools.count() if place not in self._handed_out)
+        self._handed_out.add(place)
+        return self.unit(place)
+
+    def take(self, unit: Unit, kept: int) -> None:
+        """Note a unit that is computed and how many of its episodes are kept."""
+        place = (unit.numbers[0] - self._first) // self._size
+        self._handed_out.add(place)
+        self._kept[place] = kept
+
+
+class Plan:
+    """All scenarios of a run.
+
+    :param targets: kept episodes wanted by scenario.
+    :param give_up: episodes not kept, in multiples of the target, after which a scenario is hopeless.
+    """
+
+    def __init__(self, targets: Mapping[int, int], first: int, size: int, give_up: float) -> None:
+        self.scenarios = {number: ScenarioPlan(number, target, first, size) for number, target in targets.items()}
+        self._give_up = give_up
+
+    @property
+    def complete(self) -> bool:
+        """Whether every scenario is."""
+        return all(scenario.complete for scenario in self.scenarios.values())
+
+    def next(self) -> Unit | None:
+        """Return the next unit, of the scenario that is furthest behind; None while those on their way may do.
+
+        :raises VpsciError: a scenario keeps next to nothing.
+        """
+        behind = [s for s in self.scenarios.values() if s.expected < 1.0 and not s.complete]
+        if not behind:
+            return None
+        scenario = min(behind, key=lambda s: s.expected)
+        if scenario.simulated - scenario.kept > self._give_up * scenario.target + 100:
+            raise VpsciError(
+                f"scenario {scenario.scenario}: {scenario.kept} of {scenario.simulated} episodes passed the filters, "
+                f"{scenario.target} are wanted; loosen the filters, or raise give_up"
+            )
+        return scenario.hand_out()

@@ -1,0 +1,136 @@
+"""`vpsci generate`: a whole dataset, resumable, by as many workers as there are."""
+
+import json
+import platform
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vpsci_ros.config import DatasetConfig
+from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.generate.assemble import assemble
+from vpsci_ros.generate.job import Job
+from vpsci_ros.generate.journal import Journal, journal_of
+from vpsci_ros.generate.part import part_from_bytes
+from vpsci_ros.generate.plan import Plan, ScenarioPlan
+from vpsci_ros.generate.workers import Processes, Serial, Workers
+from vpsci_ros.provenance import software_versions, written_whole
+
+RECORD = "generation.json"
+Report = Callable[[Plan], None]
+
+
+@dataclass(frozen=True)
+class Generated:
+    """What a run did.
+
+    :ivar description: content of dataset.json.
+    :ivar computed: episodes simulated by this run, those beyond the last one needed included; 0 when all was there.
+    :ivar seconds: simulating and writing.
+    """
+
+    description: dict[str, Any]
+    computed: int
+    seconds: tuple[float, float]
+
+
+def local_workers(job: Job, batch: int, count: int) -> Workers:
+    """Return `count` workers on this machine; one of them is this process itself."""
+    return Serial(job, batch) if count == 1 else Processes(job, batch, count)
+
+
+def generate(
+    job: Job,
+    targets: Mapping[int, int],
+    folder: Path,
+    config: DatasetConfig,
+    workers: Callable[[], Workers],
+    *,
+    first: int = 0,
+    report: Report | None = None,
+) -> Generated:
+    """Generate a dataset, or go on with one that was stopped.
+
+    The episodes are those from `first` on, in the order of their numbers, up to the last kept one wanted in each
+    scenario. The bytes of every file but generation.json depend on (job, targets, formats, first) alone.
+
+    :param targets: kept episodes wanted by scenario number.
+    :param folder: must be new or empty, or hold the same run, unfinished or complete.
+    :param workers: called when there is something to compute.
+    :param report: called after each unit.
+    :raises InvalidInput: `folder` holds another run or anything else, or another process works in it.
+    :raises VpsciError: a scenario keeps next to nothing, or workers die again and again.
+    """
+    run = {
+        **job.description(),
+        "first_episode": first,
+        "kept_wanted": {str(number): targets[number] for number in sorted(targets)},
+        "formats": list(config.formats),
+    }
+    versions = {"versions": software_versions()}
+    begin = time.perf_counter()
+    with journal_of(folder, run | versions, _unit(config, targets)) as journal:
+        if journal is None:
+            description = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+            return Generated(description, 0, (0.0, 0.0))
+        plan = Plan(targets, first, journal.unit, config.give_up)
+        for scenario in plan.scenarios.values():
+            _resume(scenario, journal)
+        computed = 0 if plan.complete else _compute(plan, journal, workers(), report)
+        middle = time.perf_counter()
+        description = assemble(job, plan, journal, folder, config.formats, run)
+        seconds = middle - begin, time.perf_counter() - middle
+        _record(folder, computed, seconds, config)
+        journal.remove()
+    return Generated(description, computed, seconds)
+
+
+def _unit(config: DatasetConfig, targets: Mapping[int, int]) -> int:
+    """Return the size of a unit: no larger than a small dataset needs."""
+    return min(config.unit, max(32, 2 * max(targets.values())))
+
+
+def _resume(scenario: ScenarioPlan, journal: Journal) -> None:
+    finished = set(journal.finished(scenario.scenario))
+    place = 0
+    while finished:
+        unit = scenario.unit(place)
+        place += 1
+        finished.discard(unit.numbers[0])
+        if (part := journal.load(unit)) is not None:
+            scenario.take(unit, int(part.kept.sum()))
+
+
+def _compute(plan: Plan, journal: Journal, workers: Workers, report: Report | None) -> int:
+    computed = running = 0
+    try:
+        while not plan.complete:
+            while running < workers.size + 1 and (unit := plan.next()) is not None:
+                workers.submit(unit)
+                running += 1
+            for unit, data in workers.collect():
+                journal.store(unit, data)
+                part = part_from_bytes(data, "a unit just computed")
+                plan.scenarios[unit.scenario].take(unit, int(part.kept.sum()))
+                running -= 1
+                computed += len(unit.numbers)
+            if report is not None:
+                report(plan)
+    finally:
+        workers.close()
+    return computed
+
+
+def _record(folder: Path, computed: int, seconds: Sequence[float], config: DatasetConfig) -> None:
+    """Write what this run was like, which is not part of the dataset: machine, time, units."""
+    record = {
+        "episodes_computed": computed,
+        "seconds": {"simulating": round(seconds[0], 1), "writing": round(seconds[1], 1)},
+        "unit": config.unit,
+        "parallel": config.parallel,
+        "platform": platform.platform(),
+    }
+    with written_whole(folder / RECORD) as path:
+        path.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")

@@ -1,0 +1,50 @@
+"""Episodes by their numbers: world, monitor, policies and filters over one unit of work, in one thread.
+
+Every frame is simulated to the episode's end, also where it will be rejected. Whether CurvTTC can still fall below
+the threshold is not decidable from a bound on speeds (within the 10 s of an episode both agents can reach each other
+from anywhere in the scenario), and the episodes that end uncritical never pay for a policy.
+"""
+
+import numpy as np
+
+from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.filters import judge
+from vpsci_ros.errors import VpsciError
+from vpsci_ros.generate.job import Job, Unit
+from vpsci_ros.generate.part import Part, PartCollector
+from vpsci_ros.learning.agent import PolicyAgent
+from vpsci_ros.learning.rollout import rollout
+from vpsci_ros.learning.weights import weights_from_bytes
+from vpsci_ros.world import World
+
+
+class Simulator:
+    """Computes units of a job; the parts' bits do not depend on `batch`, nor on which units came before.
+
+    :param batch: episodes simulated side by side.
+    """
+
+    def __init__(self, job: Job, batch: int) -> None:
+        self._job = job
+        self._batch = batch
+        self._agents: dict[str, PolicyAgent] = {}
+        for agent, policy in job.policies.items():
+            self._agents[agent] = PolicyAgent(agent, policy.config.seed, policy.config.explore)
+            self._agents[agent].load(weights_from_bytes(policy.data, policy.name), version=1)
+
+    def run(self, unit: Unit) -> Part:
+        """Simulate the unit's episodes and judge them."""
+        job = self._job
+        scenarios = [scenario for scenario in job.scenarios if scenario.number == unit.scenario]
+        queue = ((unit.scenario, number) for number in unit.numbers)
+        world = World(job.world, scenarios, queue, self._batch, job.seed)
+        frames = EpisodeFrames(self._batch, job.world.episode_ticks + 1)
+        collector = PartCollector(job.keep_rejected)
+        for tick in rollout(world, job.monitor, self._agents):
+            ended = frames.add(tick.state, tick.curvttc, tick.distance)
+            if len(ended):
+                collector.add(ended, judge(ended, job.filters))
+        part = collector.part()
+        if not np.array_equal(part.number, unit.numbers):
+            raise VpsciError(f"scenario {unit.scenario}: {len(unit.numbers)} episodes were due, {len(part)} ended")
+        return part
