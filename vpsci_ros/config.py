@@ -72,6 +72,7 @@ class LockStepConfig:
         2.0, "without an answer for so long, the rule-based driver acts for the tick", unit="s", low=0.01, high=3600.0
     )
     real_time_factor: float = parameter(0.0, "simulated over wall time; 0: as fast as possible", low=0.0, high=1000.0)
+    recorded_bag: str = parameter("", "bag whose agents the replay drivers drive again: same scenarios and numbers")
     publish_transitions: bool = parameter(False, "publish /replay for a learner")
     replay_window: int = parameter(
         4096, "wait when the learner is so many transitions behind; 0: never wait", low=0, high=10_000_000

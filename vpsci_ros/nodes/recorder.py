@@ -38,7 +38,8 @@ class Recorder(GraphNode):
 
     def _on_message(self, topic: str, data: bytes) -> None:
         self._last_receipt = time.monotonic()
-        seconds, nanoseconds = struct.unpack_from("<iI", data, 4)  # every recorded type begins with its stamp
+        # Every recorded type begins with its stamp, after CDR's 4 bytes; in an array of markers its length comes first.
+        seconds, nanoseconds = struct.unpack_from("<iI", data, 8 if topic == "/markers" else 4)
         self._bag.write(topic, data, seconds * 1_000_000_000 + nanoseconds, time.time_ns())
 
     @property

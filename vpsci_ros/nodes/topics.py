@@ -4,13 +4,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import AccelStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import UInt64
 from visualization_msgs.msg import MarkerArray
 
-from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, WorldState
+from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, VehicleControl, WorldState
 
 LOCK_STEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """What a decision rests on: nothing is lost, and a reader a thousand messages behind still has them all."""
@@ -45,13 +46,15 @@ TOPICS = {
         ),
         Topic("/vehicle/action", AgentAction, ("vehicle_policy",), ("world_simulator", "recorder"), LOCK_STEP),
         Topic("/pedestrian/action", AgentAction, ("pedestrian_policy",), ("world_simulator", "recorder"), LOCK_STEP),
+        Topic("/vehicle/cmd_accel", AccelStamped, (), ("world_simulator", "recorder"), LOCK_STEP),
+        Topic("/vehicle/cmd_control", VehicleControl, (), ("world_simulator", "recorder"), LOCK_STEP),
         Topic("/vehicle/odometry", Odometry, ("world_simulator",), ("recorder",), LOCK_STEP),
         Topic("/pedestrian/odometry", Odometry, ("world_simulator",), ("recorder",), LOCK_STEP),
         Topic("/episode/event", EpisodeEvent, ("world_simulator",), ("recorder", "graph_watch"), LOCK_STEP),
         Topic("/replay", Transition, ("world_simulator",), ("learner", "recorder"), LOCK_STEP),
         Topic("/replay/consumed", UInt64, ("learner",), ("world_simulator",), LATCHED),
         Topic("/policy/weights", PolicyWeights, ("learner",), _POLICIES, LATCHED),
-        Topic("/markers", MarkerArray, ("world_simulator",), (), LOCK_STEP),
+        Topic("/markers", MarkerArray, ("world_simulator",), ("recorder",), LOCK_STEP),
         Topic("/diagnostics", DiagnosticArray, ("world_simulator", "learner"), ("recorder", "graph_watch"), LOCK_STEP),
     )
 }

@@ -14,10 +14,12 @@ from std_msgs.msg import UInt64
 
 from vpsci_msgs.msg import AgentAction, SafetyState
 from vpsci_ros.config import LockStepConfig, RunConfig
+from vpsci_ros.data.recorded import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.nodes.external import ExternalVehicle
 from vpsci_ros.nodes.markers import scene_markers
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, handover, load_scenarios
 from vpsci_ros.world import state as codes
@@ -43,12 +45,16 @@ class WorldSimulator(GraphNode):
         self._lock_step = self.config(LockStepConfig)
         self._config = self.config(WorldConfig)
         scenarios = load_scenarios(self._run.scenarios)
-        World(WorldConfig(), scenarios[:1], [(scenarios[0].number, 0)], 1, 0).advance(
-            None, None
-        )  # compiles the kernels
+        compiled = World(WorldConfig(), scenarios[:1], [(scenarios[0].number, 0)], 1, 0)
+        compiled.advance(None, None)  # now rather than at the first tick
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
-        self._world = World(self._config, scenarios, self._run.queue(), self._run.batch, self._run.seed)
+        recorded = recorded_from_bag(self._lock_step.recorded_bag) if self._lock_step.recorded_bag else None
+        self._world = World(self._config, scenarios, self._run.queue(), self._run.batch, self._run.seed, recorded)
         self._policies = [agent for agent in AGENTS if getattr(self._config, f"{agent}_driver") == "policy"]
+        if self._config.vehicle_driver == "external" and self._run.batch > 1:
+            raise InvalidInput(
+                f"an external vehicle driver drives one episode at a time; got batch = {self._run.batch}"
+            )
         self._builder = TransitionBuilder() if self._lock_step.publish_transitions else None
         self._counts: Counter[str] = Counter()
         self._safety: SafetyState | None = None
@@ -72,11 +78,18 @@ class WorldSimulator(GraphNode):
         self._odometry = [self.output(f"/{agent}/odometry") for agent in AGENTS] if self._run.batch == 1 else []
         self._markers = self.output("/markers") if self._run.batch == 1 else None
         self._outputs = [self._time, self._state, self._event, self._diagnostics, *self._odometry]
-        self._outputs += [self._replay] if self._replay else []
+        self._outputs += [output for output in (self._replay, self._markers) if output]
         self._answers = {"safety_monitor": self.input("/safety/state", self._on_safety)}
         for agent in self._policies:
             topic = f"/{agent}/action"
             self._answers[f"{agent}_policy"] = self.input(topic, partial(self._on_action, agent))
+        if self._config.pedestrian_driver == "external":
+            self._answers["an external pedestrian"] = self.input(
+                "/pedestrian/action", partial(self._on_action, "pedestrian")
+            )
+        self._external: ExternalVehicle | None = None
+        if self._config.vehicle_driver == "external":
+            self._external = ExternalVehicle(self, self._counts, self._advance_when_answered)
         if self._builder:
             self.input("/replay/consumed", self._on_consumed)
 
@@ -109,6 +122,8 @@ class WorldSimulator(GraphNode):
 
     def _begin_when_all_are_here(self) -> None:
         absent = {name for name, subscription in self._answers.items() if not subscription.get_publisher_count()}
+        if self._external and not any(given.get_publisher_count() for given in self._external.inputs):
+            absent.add("an external driving system")
         absent.update(name for output in self._outputs if not output.matched for name in output.expected)
         if absent:
             self.get_logger().info(f"waiting for {', '.join(sorted(absent))}", throttle_duration_sec=5.0)
@@ -124,13 +139,16 @@ class WorldSimulator(GraphNode):
         self._actions.clear()
         self._frame = handover.policy_frame(world.state, self._config)
         self._tick_started = time.monotonic()
+        if self._external:
+            self._external.begin(world.tick, world.tick * round(period * 1e9))
         if world.done:
             self.finished = True
             return
         self._time.publish(Clock(clock=convert.stamp(world.tick, period)))
         message = convert.world_state_message(world.state, self._frame, world.tick, period)
         self._state.publish(message)
-        if self._odometry and any(output.heard for output in self._odometry):
+        present = world.state["status"][0] != codes.IDLE
+        if present and self._odometry and any(output.heard for output in self._odometry):
             pair = convert.odometry_messages(world.state[0], message.header)
             for output, odometry in zip(self._odometry, pair, strict=True):
                 output.publish(odometry)
@@ -140,13 +158,22 @@ class WorldSimulator(GraphNode):
     def _advance_when_answered(self) -> None:
         if not self._begun or self.finished or self._safety is None:
             return
-        if self._frame.any() and len(self._actions) < len(self._policies):
+        if not self._all_drivers_answered():
             return
         factor = self._lock_step.real_time_factor
         if factor > 0 and time.monotonic() - self._tick_started < self._config.tick / factor:
             return
         if not self._waits_for_learner():
             self._advance()
+
+    def _all_drivers_answered(self) -> bool:
+        running = bool((self._world.state["status"] == codes.RUNNING).any())
+        if self._external and running and not self._external.answered:
+            return False
+        asked = [agent for agent in self._policies if self._frame.any()]
+        if self._config.pedestrian_driver == "external" and running:
+            asked.append("pedestrian")
+        return all(agent in self._actions for agent in asked)
 
     def _waits_for_learner(self) -> bool:
         window = self._lock_step.replay_window
@@ -165,7 +192,10 @@ class WorldSimulator(GraphNode):
             rows = self._builder.observe(world.state, self._frame, curvttc, critical, vehicle, pedestrian, **versions)
             if len(rows):
                 self._replay.publish(convert.transition_message(rows, world.tick, self._config.tick))
-        self._publish_events(world.advance(curvttc, critical, vehicle, pedestrian))
+        control = None
+        if self._external:
+            vehicle, control = self._external.acceleration, self._external.control
+        self._publish_events(world.advance(curvttc, critical, vehicle, pedestrian, vehicle_control=control))
         self._publish_tick()
 
     def _safety_arrays(self) -> tuple[NDArray[np.float64] | None, NDArray[np.bool_] | None]:

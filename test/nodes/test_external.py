@@ -1,0 +1,136 @@
+"""A driving system of one's own drives in lock-step; what it says wrongly is refused, and the world goes on."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+import rclpy
+from geometry_msgs.msg import AccelStamped
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from vpsci_msgs.msg import EpisodeEvent, VehicleControl, WorldState
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.nodes.safety_monitor import SafetyMonitor
+from vpsci_ros.nodes.world_simulator import WorldSimulator
+
+SETTINGS = {"scenarios": [1], "episodes": 1, "batch": 1, "vehicle_driver": "external", "pedestrian_driver": "autopilot"}
+
+
+class Drive:
+    """A world, a monitor and a driving system in one process; `run` drives one episode and keeps what was published."""
+
+    def __init__(self, context: Context, **settings: object) -> None:
+        overrides = [Parameter(name, value=value) for name, value in (SETTINGS | settings).items()]
+        self.world = WorldSimulator(context=context, parameter_overrides=overrides)
+        self.ads: Node = rclpy.create_node("ads", context=context)
+        self._nodes = [self.world, SafetyMonitor(context=context), self.ads]
+        self._executor = SingleThreadedExecutor(context=context)
+        for node in self._nodes:
+            self._executor.add_node(node)
+        self.speed: list[float] = []
+        self.missing = 0
+        self.ads.create_subscription(WorldState, "world/state", self._on_state, 1000)
+        self.ads.create_subscription(EpisodeEvent, "episode/event", self._on_event, 1000)
+
+    def answer(self, message_type: type, topic: str, make: Callable[[Odometry], object | None]) -> None:
+        """Answer every odometry message by what `make` makes of it."""
+        publisher = self.ads.create_publisher(message_type, topic, 1000)
+
+        def on_odometry(odometry: Odometry) -> None:
+            message = make(odometry)
+            if message is not None:
+                publisher.publish(message)
+
+        self.ads.create_subscription(Odometry, "vehicle/odometry", on_odometry, 1000)
+
+    def run(self) -> None:
+        while not self.world.finished:
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        for node in self._nodes:
+            node.destroy_node()
+
+    def _on_state(self, message: WorldState) -> None:
+        if message.status[0] != WorldState.STATUS_IDLE:
+            self.speed.append(message.vehicle_speed[0])
+
+    def _on_event(self, message: EpisodeEvent) -> None:
+        self.missing += message.kind.count(EpisodeEvent.VEHICLE_ACTION_MISSING)
+
+
+@pytest.fixture
+def drive(context: Context) -> Iterator[Callable[..., Drive]]:
+    made: list[Drive] = []
+
+    def make(**settings: object) -> Drive:
+        made.append(Drive(context, **settings))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def acceleration(odometry: Odometry, along: float) -> AccelStamped:
+    message = AccelStamped(header=odometry.header)
+    message.accel.linear.x = along
+    return message
+
+
+def test_braking_by_acceleration_stops_the_vehicle_and_never_reverses_it(drive: Callable[..., Drive]) -> None:
+    session = drive()
+    session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: acceleration(odometry, -3.0))
+    session.run()
+    first = session.speed[0]
+    assert first > 1.0
+    assert session.speed[10] == pytest.approx(max(0.0, first - 10 * 0.05 * 3.0), abs=1e-9)
+    assert min(session.speed) == session.speed[100] == 0.0
+    assert session.missing == 0
+
+
+def test_full_brake_by_control_decelerates_as_the_model_3_does(drive: Callable[..., Drive]) -> None:
+    session = drive()
+    brake = lambda odometry: VehicleControl(header=odometry.header, brake=1.0)  # noqa: E731
+    session.answer(VehicleControl, "vehicle/cmd_control", brake)
+    session.run()
+    assert session.speed[0] - session.speed[1] == pytest.approx(0.05 * 8.88)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e6])
+def test_a_command_that_is_not_to_be_driven_is_refused_counted_and_the_autopilot_drives(
+    drive: Callable[..., Drive], value: float
+) -> None:
+    session = drive(action_timeout=0.02, episode_time=0.5)
+    session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: acceleration(odometry, value))
+    session.run()
+    assert len(session.speed) == 11
+    assert np.isfinite(session.speed).all()
+    assert session.missing == 10
+    assert session.world._counts["vehicle_commands_refused"] >= 10
+
+
+def test_a_silent_driving_system_does_not_hang_the_world(drive: Callable[..., Drive]) -> None:
+    session = drive(action_timeout=0.02, episode_time=0.5)
+    session.answer(AccelStamped, "vehicle/cmd_accel", lambda _: None)
+    session.run()
+    assert session.missing == 10
+
+
+def test_a_command_for_an_earlier_tick_is_refused(drive: Callable[..., Drive]) -> None:
+    session = drive(action_timeout=0.02, episode_time=0.5)
+    late = lambda odometry: VehicleControl(tick=1, brake=1.0)  # noqa: E731
+    session.answer(VehicleControl, "vehicle/cmd_control", late)
+    session.run()
+    assert session.world._counts["vehicle_commands_refused"] >= 8
+
+
+def test_an_external_driver_of_many_episodes_at_once_is_refused(context: Context) -> None:
+    overrides = [Parameter(name, value=value) for name, value in (SETTINGS | {"batch": 2}).items()]
+    with pytest.raises(InvalidInput, match="one episode at a time; got batch = 2"):
+        WorldSimulator(context=context, parameter_overrides=overrides)

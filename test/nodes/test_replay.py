@@ -1,0 +1,51 @@
+"""A recorded vehicle drives again, bit for bit, against a live pedestrian; a bag opens with what a viewer needs."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from vpsci_ros.data.bags import read_bag
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.nodes.graph import run_graph
+from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
+
+NODES = ["world_simulator", "safety_monitor", "recorder"]
+
+
+def sections(**world: Any) -> dict[str, dict[str, Any]]:
+    settings = {"scenarios": [2], "episodes": 2, "batch": 1, "seed": 9, "pedestrian_driver": "autopilot"} | world
+    return {"graph": {"nodes": NODES}, "world_simulator": settings}
+
+
+def motion(bag: Path, names: tuple[str, ...]) -> np.ndarray:
+    """The recorded quantities of every running frame, [n, names]."""
+    rows = [tick.state[tick.state["status"] == RUNNING] for tick in read_bag(bag)]
+    return np.array([[row[name] for name in ("episode", "frame", *names)] for part in rows for row in part])
+
+
+def test_a_recorded_vehicle_drives_again_against_another_pedestrian(domain: int, tmp_path: Path) -> None:
+    first = run_graph(sections(vehicle_driver="autopilot"), tmp_path / "first", quiet=True)
+    assert first.error == ""
+    again = sections(vehicle_driver="replay", pedestrian_driver="social_force", recorded_bag=str(first.bag))
+    second = run_graph(again, tmp_path / "second", quiet=True)
+    assert second.error == ""
+    vehicle = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature")
+    recorded, replayed = motion(first.bag, vehicle), motion(second.bag, vehicle)
+    both = min((recorded[:, 0] == 0).sum(), (replayed[:, 0] == 0).sum())  # the first episode, as far as both go
+    assert both > 50
+    assert replayed[:both].tobytes() == recorded[:both].tobytes()
+    walkers = [motion(bag, ("pedestrian_x", "pedestrian_y"))[:both] for bag in (first.bag, second.bag)]
+    assert not np.array_equal(*walkers)
+
+    with AnyReader([first.bag]) as reader:
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
+    assert counts["/markers"] > 50
+    assert counts["/markers"] == counts["/world/state"]
+
+
+def test_a_replay_driver_without_a_recording_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="recorded_bag"):
+        World(WorldConfig(vehicle_driver="replay"), load_scenarios([1]), [(1, 0)], 1, 1)
