@@ -58,7 +58,9 @@ class World:
         self.tick = 0
         self.state: NDArray[np.void] = np.zeros(batch, EPISODE)
         if "replay" in (config.vehicle_driver, config.pedestrian_driver) and recorded is None:
-            raise InvalidInput("a replay driver needs recordings: World(..., recorded=...), or the node's parameter recorded_bag")
+            raise InvalidInput(
+                "a replay driver needs recordings: World(..., recorded=...), or the node's parameter recorded_bag"
+            )
         self._recorded = recorded
         self._recordings = NO_RECORDINGS if recorded is None else recorded.arrays
         self._asks = "policy" in (config.vehicle_driver, config.pedestrian_driver)
