@@ -22,12 +22,12 @@ demo: setup  ## run all three stages, small, and leave bags, tables and a pictur
 	@$(BIN)/vpsci demo --force $(if $(VPSCI_DATA),--data $(VPSCI_DATA))
 
 test: setup  ## run the tests
-	@$(BIN)/python -m pytest -q $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest -q -rs $(PYTEST_ARGS)
 
 check: setup  ## what a change has to pass: ruff, mypy, tests
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
-	@$(BIN)/python -m pytest -q $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest -q -rs $(PYTEST_ARGS)
 
 clean:  ## remove .venv and whatever was built, keep out/
 	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
