@@ -18,7 +18,7 @@ from packaging.utils import canonicalize_name
 
 import vpsci_ros
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.resources import params_dir
+from vpsci_ros.resources import messages_dir, params_dir
 
 ROOT = Path(vpsci_ros.__file__).resolve().parents[1]
 SETUP = {
@@ -183,13 +183,15 @@ def test_a_wheel_holds_every_module_and_model(wheel):
         assert str(path.relative_to(ROOT)) in wheel.namelist()
 
 
-def test_parameter_files_are_found_in_an_installed_prefix(wheel, tmp_path):
+def test_parameter_files_and_message_definitions_are_found_in_an_installed_prefix(wheel, tmp_path):
     wheel.extractall(tmp_path)
     shutil.move(tmp_path / f"vpsci_ros-{vpsci_ros.__version__}.data/data", tmp_path / "prefix")
     packages = tmp_path / "prefix" / Path(sysconfig.get_path("purelib")).relative_to(sys.prefix)
     packages.mkdir(parents=True)
     shutil.move(tmp_path / "vpsci_ros", packages)
     assert params_dir(packages / "vpsci_ros") == tmp_path / "prefix/share/vpsci_ros/params"
+    messages = {path.name for path in messages_dir(packages / "vpsci_ros").glob("*.msg")}
+    assert messages == {path.name for path in (ROOT / "msg_defs/msg").glob("*.msg")}
 
 
 def test_parameter_files_of_a_source_tree_come_before_installed_ones():

@@ -1,4 +1,4 @@
-"""The commands about generated datasets: `vpsci generate`, `vpsci dataset info`, `vpsci dataset verify`."""
+"""The commands about generated datasets: `vpsci generate`, and `vpsci dataset` info, verify, bag."""
 
 import os
 import sys
@@ -116,6 +116,27 @@ def verify(
         raise VpsciError(f"{folder}: {len(result.findings)} of its files are not as simulated{hint}")
     how = f"within {tolerance:g}" if tolerance else "to the bit"
     print(f"{folder}: {result.episodes:,} episodes simulated again, {result.rows:,} rows the same {how}, hashes right")
+
+
+@dataset_app.command()
+def bag(
+    folder: Folder,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Bag folder; must be new or empty.")],
+    episodes: Annotated[
+        list[str], typer.Option("--episode", metavar="SCENARIO:COUNT", help="An episode, say 6:12; repeatable.")
+    ],
+) -> None:
+    """Write chosen episodes as a rosbag2 folder (MCAP): world, safety, actions, odometry, as a graph records them."""
+    from vpsci_ros.generate.bag import record_episodes
+
+    chosen = []
+    for text in episodes:
+        scenario, _, number = text.partition(":")
+        if not (scenario.isdigit() and number.isdigit()):
+            raise InvalidInput(f"--episode {text}: expected SCENARIO:COUNT, two numbers, say 6:12")
+        chosen.append((int(scenario), int(number)))
+    ticks = record_episodes(folder, chosen, output)
+    print(f"{len(chosen)} episodes in {ticks:,} ticks; written: {output}")
 
 
 def _workers(ray: str | None, count: int | None) -> "Callable[[Job, int], Workers]":

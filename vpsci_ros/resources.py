@@ -1,4 +1,4 @@
-"""Where the package's own parameter files are, however it was installed."""
+"""Where the package's own data files are, however it was installed."""
 
 from pathlib import Path
 
@@ -15,14 +15,26 @@ def params_dir(package: Path = _PACKAGE) -> Path:
 
     :raises InvalidInput: the package was installed without them.
     """
+    return _data_dir(package, "params", "parameter files")
+
+
+def messages_dir(package: Path = _PACKAGE) -> Path:
+    """Return the folder of the message definitions of vpsci_msgs (`*.msg`), which lie as the parameter files do.
+
+    :raises InvalidInput: the package was installed without them.
+    """
+    return _data_dir(package, "msg_defs/msg", "message definitions")
+
+
+def _data_dir(package: Path, folder: str, what: str) -> Path:
     source = package.parent
-    if (source / "package.xml").is_file() and (source / "params").is_dir():
-        return source / "params"
+    if (source / "package.xml").is_file() and (source / folder).is_dir():
+        return source / folder
     for prefix in (source, *source.parents):
-        if (installed := prefix / "share" / package.name / "params").is_dir():
+        if (installed := prefix / "share" / package.name / folder).is_dir():
             return installed
     raise InvalidInput(
-        f"{package}: expected the parameter files in share/{package.name}/params of a folder above it, found none;"
+        f"{package}: expected the {what} in share/{package.name}/{folder} of a folder above it, found none;"
         " install the package again with pip or colcon"
     )
 

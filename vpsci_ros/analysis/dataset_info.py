@@ -46,7 +46,7 @@ def print_info(folder: str | Path, console: Console | None = None) -> None:
 
 
 def _table_10(data: Dataset) -> Table:
-    view = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
+    view = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
     view.add_column("", no_wrap=True)
     for head in ("kept", "paper", "passed", "vehicle\nkm", "m each\n(paper)", "walker\nkm", "m each\n(paper)"):
         view.add_column(head, justify="right", no_wrap=True)

@@ -5,6 +5,8 @@ the threshold is not decidable from a bound on speeds (within the 10 s of an epi
 from anywhere in the scenario), and the episodes that end uncritical never pay for a policy.
 """
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 
 from vpsci_ros.data.episode_frames import EpisodeFrames
@@ -13,7 +15,7 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.part import Part, PartCollector
 from vpsci_ros.learning.agent import PolicyAgent
-from vpsci_ros.learning.rollout import rollout
+from vpsci_ros.learning.rollout import Tick, rollout
 from vpsci_ros.learning.weights import weights_from_bytes
 from vpsci_ros.world import World
 
@@ -32,15 +34,20 @@ class Simulator:
             self._agents[agent] = PolicyAgent(agent, policy.config.seed, policy.config.explore)
             self._agents[agent].load(weights_from_bytes(policy.data, policy.name), version=1)
 
+    def ticks(self, episodes: Iterable[tuple[int, int]]) -> Iterator[Tick]:
+        """Simulate episodes, (scenario, number) each, and yield every tick."""
+        return rollout(
+            World(self._job.world, self._job.scenarios, episodes, self._batch, self._job.seed),
+            self._job.monitor,
+            self._agents,
+        )
+
     def run(self, unit: Unit) -> Part:
         """Simulate the unit's episodes and judge them."""
         job = self._job
-        scenarios = [scenario for scenario in job.scenarios if scenario.number == unit.scenario]
-        queue = ((unit.scenario, number) for number in unit.numbers)
-        world = World(job.world, scenarios, queue, self._batch, job.seed)
         frames = EpisodeFrames(self._batch, job.world.episode_ticks + 1)
         collector = PartCollector(job.keep_rejected)
-        for tick in rollout(world, job.monitor, self._agents):
+        for tick in self.ticks((unit.scenario, number) for number in unit.numbers):
             ended = frames.add(tick.state, tick.curvttc, tick.distance)
             if len(ended):
                 collector.add(ended, judge(ended, job.filters))

@@ -1,0 +1,172 @@
+"""Kept episodes per hour, end to end with files written, the ratio to the paper's 244, and where the time goes.
+
+    python test/benchmarks/bench_generate.py [--weights refined] [--episodes 200] [--workers 2] [--batches]
+                                             [--json FILE]
+
+`--episodes` are kept ones in each of the eight scenarios. The first part is a run of `vpsci generate` as it is. The
+second simulates the same number of episodes in this process, in one thread, with a stopwatch around world, CurvTTC,
+policies and the rest, and tells what simulating episodes that are never critical costs in all, which is the most that
+ending them early could save. `--batches` repeats that for several numbers of episodes side by side. Other work on the
+machine makes every number worse: the CPU time beside each tells how much.
+"""
+
+import argparse
+import json
+import os
+import platform
+import resource
+import shutil
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from vpsci_ros import config
+from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
+from vpsci_ros.generate import simulate
+from vpsci_ros.generate.job import Job, Unit, job_from
+from vpsci_ros.generate.run import generate, local_workers
+from vpsci_ros.learning import rollout
+from vpsci_ros.learning.agent import PolicyAgent
+from vpsci_ros.learning.streaming import StreamingActor
+from vpsci_ros.resources import params_dir
+from vpsci_ros.world import World
+
+BATCHES = (64, 128, 256, 512, 1024, 2048)
+
+
+class Stopwatches:
+    """CPU time of this process spent in functions that are wrapped with `watch`."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = defaultdict(float)
+        self.actor_steps = 0
+
+    def count_steps(self) -> None:
+        """Count the histories that actors take a step for."""
+        original = StreamingActor.step
+
+        def counted(actor: StreamingActor, observation: Any, curvttc: Any, reset: Any, active: Any) -> Any:
+            self.actor_steps += int(active.sum())
+            return original(actor, observation, curvttc, reset, active)
+
+        StreamingActor.step = counted  # type: ignore[method-assign]
+
+    def watch(self, owner: Any, name: str, part: str) -> None:
+        """Time each call of `owner.name`, as a share of `part`."""
+        original: Callable[..., Any] = getattr(owner, name)
+
+        def timed(*args: Any, **kwargs: Any) -> Any:
+            begin = time.process_time()
+            try:
+                return original(*args, **kwargs)
+            finally:
+                self.seconds[part] += time.process_time() - begin
+
+        setattr(owner, name, timed)
+
+
+def end_to_end(job: Job, values: config.DatasetConfig, episodes: int, workers: int) -> dict[str, float]:
+    """Generate a dataset and return its rate, its times and the memory of it."""
+    folder = Path(tempfile.mkdtemp())
+    targets = {scenario.number: episodes for scenario in job.scenarios}
+    begin = time.perf_counter()
+    done = generate(job, targets, folder / "d", values, lambda: local_workers(job, values.parallel, workers))
+    wall = time.perf_counter() - begin
+    rows = done.description["scenarios"].values()
+    kept = sum(row["kept"] for row in rows)
+    size = sum(entry["bytes"] for name, entry in done.description["files"].items() if name.endswith(".parquet"))
+    shutil.rmtree(folder)
+    own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    cpu = sum(usage.ru_utime + usage.ru_stime for usage in (own, children))
+    return {
+        "workers": workers,
+        "kept": kept,
+        "simulated": sum(row["simulated"] for row in rows),
+        "computed": done.computed,
+        "wall_s": wall,
+        "cpu_s": cpu,
+        "simulating_s": done.seconds[0],
+        "writing_s": done.seconds[1],
+        "kept_per_hour": 3600.0 * kept / wall,
+        "times_the_paper": 3600.0 * kept / wall / KEPT_PER_HOUR,
+        "table_10_minutes": sum(row.kept for row in TABLE_10.values()) / kept * wall / 60.0,
+        "parquet_mb": size / 1e6,
+        "memory_mb": (own.ru_maxrss + workers * children.ru_maxrss) / 1e3,  # no more than that
+    }
+
+
+def breakdown(job: Job, batch: int, episodes: int, watches: Stopwatches) -> dict[str, float]:
+    """Simulate units in this process and return CPU seconds by part."""
+    simulator = simulate.Simulator(job, batch)
+    simulator.run(Unit(job.scenarios[0].number, range(8)))  # compiled or loaded
+    watches.seconds.clear()
+    watches.actor_steps = 0
+    kept = uncritical_frames = frames = 0
+    begin = time.process_time()
+    for scenario in job.scenarios:
+        part = simulator.run(Unit(scenario.number, range(episodes)))
+        kept += int(part.kept.sum())
+        frames += int(part.frames.sum())
+        uncritical_frames += int(part.frames[part.failed[:, 0]].sum())
+    total = time.process_time() - begin
+    parts = {name: watches.seconds[name] for name in ("policy", "CurvTTC", "world", "collecting")}
+    uncritical = (total - parts["policy"]) * uncritical_frames / frames
+    return {
+        "batch": batch,
+        "episodes": episodes * len(job.scenarios),
+        "kept": kept,
+        "actor_steps": watches.actor_steps,
+        "total": total,
+        **parts,
+        "rest": total - sum(parts.values()),
+        "kept_per_cpu_hour": 3600.0 * kept / total,
+        "never_critical": uncritical,
+    }
+
+
+def main() -> None:
+    """Measure, print, and write the numbers where asked to."""
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("--weights", default="refined")
+    arguments.add_argument("--episodes", type=int, default=200)
+    arguments.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
+    arguments.add_argument("--batches", action="store_true")
+    arguments.add_argument("--json", type=Path)
+    options = arguments.parse_args()
+    sections = config.load(params_dir() / "stage3_generate.yaml")
+    for agent in ("vehicle", "pedestrian"):
+        sections[f"{agent}_policy"]["weights"] = options.weights
+    job, values = job_from(sections), config.pick(config.DatasetConfig, sections["dataset"], "dataset")
+
+    run = end_to_end(job, values, options.episodes, options.workers)
+    print(
+        f"{run['kept']:,} kept of {run['simulated']:,} episodes in {run['wall_s']:.1f} s by {options.workers} workers"
+        f" ({run['cpu_s']:.1f} s of CPU; writing {run['writing_s']:.1f} s, {run['parquet_mb']:.0f} MB)\n"
+        f"{run['kept_per_hour']:,.0f} kept an hour, {run['times_the_paper']:,.0f} times the paper's; "
+        f"Table 10 at this rate: {run['table_10_minutes']:.1f} min; memory below {run['memory_mb']:,.0f} MB"
+    )
+    watches = Stopwatches()
+    watches.count_steps()
+    watches.watch(PolicyAgent, "act", "policy")
+    watches.watch(rollout, "assess", "CurvTTC")
+    watches.watch(World, "advance", "world")
+    watches.watch(simulate.EpisodeFrames, "add", "collecting")
+    watches.watch(simulate, "judge", "collecting")
+    watches.watch(simulate.PartCollector, "add", "collecting")
+    watches.watch(simulate.PartCollector, "part", "collecting")
+    tables = []
+    per_scenario = max(64, int(run["simulated"] / len(job.scenarios)))
+    for batch in BATCHES if options.batches else (values.parallel,):
+        tables.append(breakdown(job, batch, per_scenario, watches))
+        print("  ".join(f"{k} {v:,.2f}" if isinstance(v, float) else f"{k} {v:,}" for k, v in tables[-1].items()))
+    if options.json is not None:
+        machine = {"cpu": job.description()["cpu"], "cores": os.cpu_count(), "platform": platform.platform()}
+        text = json.dumps({"machine": machine, "end_to_end": run, "cpu_seconds_one_thread": tables}, indent=2)
+        options.json.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

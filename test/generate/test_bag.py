@@ -1,0 +1,33 @@
+"""Chosen episodes as a bag hold what the dataset holds, and read as any bag of a graph does."""
+
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from vpsci_ros.data.bags import read_episodes
+from vpsci_ros.data.dataset_files import episode_rows
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.generate.bag import record_episodes
+from vpsci_ros.generate.compare import first_difference
+
+NAMES = {1: "LocationA_PedCross_S-N", 6: "LocationB_PedCross_N-S"}
+
+
+def test_a_bag_of_chosen_episodes_holds_the_rows_of_the_dataset(made, tmp_path: Path) -> None:
+    data = Dataset(made)
+    chosen = [(6, int(data.rows(NAMES[6])["count"][-1])), (1, int(data.rows(NAMES[1])["count"][0]))]
+    record_episodes(made, chosen, tmp_path / "bag")
+    batches = list(read_episodes(tmp_path / "bag"))
+    assert [(int(b.scenario[0]), int(b.episode[0])) for b in batches] == chosen
+    for batch, (scenario, number) in zip(batches, chosen, strict=True):
+        expected = data.rows(NAMES[scenario]).filter(pl.col("count") == number)
+        found = episode_rows([number], [batch.values[0, : batch.frames[0]]]).with_row_index("row")
+        assert first_difference(expected, found, 0.0) is None
+
+
+def test_a_scenario_that_the_dataset_lacks_is_refused(made, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="no scenario 2; it has 1, 6"):
+        record_episodes(made, [(2, 0)], tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
