@@ -157,7 +157,7 @@ def test_installed_messages_are_those_of_the_source_tree():
 def wheel(tmp_path_factory):
     """A wheel of this source tree, made offline in a copy of it."""
     tree = tmp_path_factory.mktemp("source") / "tree"
-    ignored = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "*.egg-info", "test", "msg_defs", "bags")
+    ignored = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "*.egg-info", "test", "bags")
     shutil.copytree(ROOT, tree, ignore=ignored)
     pip_wheel = [sys.executable, "-m", "pip", "-qq", "wheel", "--no-deps", "--no-build-isolation"]
     subprocess.run([*pip_wheel, "-w", tree / "dist", tree], check=True, timeout=300)
