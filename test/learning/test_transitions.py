@@ -123,6 +123,12 @@ def test_interleaved_transitions_become_whole_histories():
     assert assembler.lost == 0
 
 
+def test_a_history_of_one_step_is_a_history():
+    (finished,) = HistoryAssembler(-200.0, 100.0).add(history(1, 1))
+    assert len(finished) == 1
+    assert all(array.strides[0] % array.itemsize == 0 for array in finished.action.values())
+
+
 def test_a_lost_transition_is_counted_and_its_history_dropped():
     rows = np.concatenate([history(1, 5), history(2, 3, first_number=5)])
     assembler = HistoryAssembler(-200.0, 100.0)

@@ -52,7 +52,7 @@ class HistoryAssembler:
         return History(
             {a: np.concatenate([rows[f"{a}_observation"], rows[f"next_{a}_observation"][-1:]]) for a in AGENTS},
             np.append(rows["curvttc"], rows["next_curvttc"][-1]),
-            {a: np.ascontiguousarray(rows[f"{a}_action"]) for a in AGENTS},
+            {a: rows[f"{a}_action"].copy() for a in AGENTS},  # a view of one record has odd strides
             {a: np.zeros((len(rows), 2), np.float32) for a in AGENTS},
             events,
             terminal=bool(rows["terminal"][-1]),
