@@ -1,6 +1,7 @@
 """A dataset's bytes depend on what it is made from, not on who made it, how often it was stopped, in what pieces."""
 
 import dataclasses
+import errno
 import os
 import signal
 import subprocess
@@ -14,7 +15,7 @@ from generate.small import CONFIG, TARGETS
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.generate.journal import FOLDER, journal_of
+from vpsci_ros.generate.journal import FOLDER, Journal, journal_of
 from vpsci_ros.generate.run import RECORD, generate
 from vpsci_ros.generate.workers import Processes, Serial
 from vpsci_ros.provenance import sha256
@@ -119,6 +120,22 @@ def test_two_runs_do_not_share_a_folder(tmp_path) -> None:
         journal_of(tmp_path / "d", {"seed": 1}, 8),
     ):
         pass
+
+
+def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(job, make, made, tmp_path, monkeypatch) -> None:
+    store = Journal.store
+
+    def full(journal, unit, data):
+        if len(journal.finished(unit.scenario)) == 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        store(journal, unit, data)
+
+    monkeypatch.setattr(Journal, "store", full)
+    with pytest.raises(VpsciError, match=r"cannot write \(No space left on device\); .* the same command"):
+        make(tmp_path / "d")
+    monkeypatch.undo()
+    make(tmp_path / "d")
+    assert hashes(tmp_path / "d") == hashes(made)
 
 
 def test_hopeless_filters_end_the_run_with_the_reason(job, tmp_path) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from vpsci_ros.config import DatasetConfig
 from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.assemble import assemble
 from vpsci_ros.generate.job import Job
 from vpsci_ros.generate.journal import Journal, journal_of
@@ -61,7 +62,7 @@ def generate(
     :param workers: called when there is something to compute.
     :param report: called after each unit.
     :raises InvalidInput: `folder` holds another run or anything else, or another process works in it.
-    :raises VpsciError: a scenario keeps next to nothing, or workers die again and again.
+    :raises VpsciError: a scenario keeps next to nothing, workers die again and again, or the disk is full.
     """
     run = {
         **job.description(),
@@ -78,11 +79,16 @@ def generate(
         plan = Plan(targets, first, journal.unit, config.give_up)
         for scenario in plan.scenarios.values():
             _resume(scenario, journal)
-        computed = 0 if plan.complete else _compute(plan, journal, workers(), report)
-        middle = time.perf_counter()
-        description = assemble(job, plan, journal, folder, config.formats, run)
-        seconds = middle - begin, time.perf_counter() - middle
-        _record(folder, computed, seconds, config)
+        try:
+            computed = 0 if plan.complete else _compute(plan, journal, workers(), report)
+            middle = time.perf_counter()
+            description = assemble(job, plan, journal, folder, config.formats, run)
+            seconds = middle - begin, time.perf_counter() - middle
+            _record(folder, computed, seconds, journal.unit, config.parallel)
+        except OSError as error:
+            raise VpsciError(
+                f"{folder}: cannot write ({error.strerror}); mend that and run the same command, which goes on"
+            ) from error
         journal.remove()
     return Generated(description, computed, seconds)
 
@@ -123,13 +129,13 @@ def _compute(plan: Plan, journal: Journal, workers: Workers, report: Report | No
     return computed
 
 
-def _record(folder: Path, computed: int, seconds: Sequence[float], config: DatasetConfig) -> None:
+def _record(folder: Path, computed: int, seconds: Sequence[float], unit: int, parallel: int) -> None:
     """Write what this run was like, which is not part of the dataset: machine, time, units."""
     record = {
         "episodes_computed": computed,
         "seconds": {"simulating": round(seconds[0], 1), "writing": round(seconds[1], 1)},
-        "unit": config.unit,
-        "parallel": config.parallel,
+        "unit": unit,
+        "parallel": parallel,
         "platform": platform.platform(),
     }
     with written_whole(folder / RECORD) as path:
