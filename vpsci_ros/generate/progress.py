@@ -5,7 +5,7 @@ import time
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from vpsci_ros.generate.plan import Plan
 
@@ -25,10 +25,9 @@ class ProgressOfRun:
         self._before: dict[int, int] | None = None
         self._bars = Progress(
             TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.completed:,.0f}/{task.total:,.0f} kept, {task.fields[note]}"),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
+            BarColumn(bar_width=8),
+            TextColumn("{task.completed:,.0f}/{task.total:,.0f}{task.fields[note]}"),
+            TimeRemainingColumn(compact=True),
             console=console,
             disable=not console.is_terminal or quiet,
         )
@@ -47,15 +46,16 @@ class ProgressOfRun:
         """Bring the display up to date."""
         if self._before is None:  # what an earlier run had done does not count for this one's rate
             self._before = {number: scenario.kept for number, scenario in plan.scenarios.items()}
-        hours = (time.monotonic() - self._begin) / 3600.0
+        hours = max(1e-3, time.monotonic() - self._begin) / 3600.0
         kept = simulated = wanted = 0
         for number, scenario in plan.scenarios.items():
             done = min(scenario.kept, scenario.target)
             kept, simulated, wanted = kept + done, simulated + scenario.simulated, wanted + scenario.target
             rejected = scenario.simulated - scenario.kept
-            note = f"{rejected:,} rejected, {scenario.acceptance:.0%} pass"
+            rate = (scenario.kept - self._before[number]) / hours
+            note = f" kept, {rejected:,} rejected, {scenario.acceptance:.0%} pass, {rate:,.0f}/h"
             if number not in self._tasks:
-                self._tasks[number] = self._bars.add_task(self._names[number], total=scenario.target, note=note)
+                self._tasks[number] = self._bars.add_task(_short(self._names[number]), total=scenario.target, note=note)
             self._bars.update(self._tasks[number], completed=done, note=note)
         if self._lines and time.monotonic() - self._said >= self._interval:
             self._said = time.monotonic()
@@ -66,3 +66,8 @@ class ProgressOfRun:
                 file=sys.stderr,
                 flush=True,
             )
+
+
+def _short(name: str) -> str:
+    """Return a scenario's name without what all of Table 6 have in common."""
+    return name.removeprefix("Location").replace("_PedCross_", " ")
