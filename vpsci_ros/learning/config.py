@@ -123,9 +123,18 @@ class RefineConfig(TrainingConfig):
 
     online_learning_rate: float = parameter(5e-5, "step size of the actors in stage 2", low=0.0, high=1.0)
     online_critic_learning_rate: float = parameter(1e-4, "step size of the critics in stage 2", low=0.0, high=1.0)
-    noise_start: float = parameter(0.3, "N_0 of the exploration noise (16)", unit="m/s2", low=0.0, high=10.0)
+    noise_start: float = parameter(
+        0.3, "N_0 of the exploration noise (16)", unit="of the action limit", low=0.0, high=2.0
+    )
     noise_decay: float = parameter(0.001, "beta of (16), per training episode", low=0.0, high=1.0)
-    noise_floor: float = parameter(0.05, "N_min of (16)", unit="m/s2", low=0.0, high=10.0)
+    noise_floor: float = parameter(0.05, "N_min of (16)", unit="of the action limit", low=0.0, high=2.0)
+    real_exploration: float = parameter(
+        0.5,
+        "deviation of the actions that are scored around the actors' on real experience",
+        unit="m/s2",
+        low=0.0,
+        high=5.0,
+    )
     priority_exponent: float = parameter(0.6, "alpha of the sampling probabilities (17)", low=0.0, high=2.0)
     real_bonus: float = parameter(0.2, "beta of (17): extra priority of real experience", low=0.0, high=100.0)
     rehearsal_weight: float = parameter(
@@ -136,6 +145,9 @@ class RefineConfig(TrainingConfig):
     )
     rehearsal_rollouts: int = parameter(16, "near misses rolled out for that in one update", low=1, high=4096)
     real_capacity: float = parameter(0.3, "share of the buffer that real experience keeps", low=0.0, high=0.9)
+    online_reward_scaling: float = parameter(
+        10.0, "factor on the speed reward in stage 2, beside rewards of a hundred; 100 drowns them", low=0.0, high=1e6
+    )
     collision_reward: float = parameter(-200.0, "C_collision of (25)", low=-1e6, high=0.0)
     goal_reward: float = parameter(100.0, "C_goal of (26)", low=0.0, high=1e6)
     reward_weights: list[float] = parameter(

@@ -295,7 +295,10 @@ class Refiner:
         self, velocity: torch.Tensor, action: torch.Tensor, following: torch.Tensor, agent: str
     ) -> torch.Tensor:
         deviation = self._networks.speed_deviation[agent]
-        return speed_reward(predicted_velocity(velocity, action), following, deviation) * self._config.reward_scaling
+        return (
+            speed_reward(predicted_velocity(velocity, action), following, deviation)
+            * self._config.online_reward_scaling
+        )
 
     def _score(self, batch: Batch, actions: Mapping[str, torch.Tensor]) -> Scored:
         scored, rewards = {}, {}
@@ -303,7 +306,7 @@ class Refiner:
         weights = torch.from_numpy(self.reward_weights.values.astype(np.float32))
         for agent in AGENTS:
             mine = actions[agent].detach()
-            noise = self._rng.normal(0.0, self._config.noise_start, tuple(mine.shape)).astype(np.float32)
+            noise = self._rng.normal(0.0, self._config.real_exploration, tuple(mine.shape)).astype(np.float32)
             scored[agent] = torch.where(real, mine + torch.from_numpy(noise), batch.action[agent])
             velocity = batch.observation[agent][:, :-1, :2]
             speed = self._speed_reward(velocity, scored[agent], batch.next_velocity[agent], agent)
