@@ -106,6 +106,16 @@ def test_another_configuration_is_refused_naming_what_differs(job, make, made, t
         make(tmp_path / "d", of=dataclasses.replace(job, world=world))
 
 
+def test_another_kind_of_cpu_or_other_versions_do_not_mix_into_a_folder(make, made, monkeypatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("vpsci_ros.generate.job.cpu_name", lambda: "Another CPU")
+        with pytest.raises(InvalidInput, match="and this one has 'Another CPU'"):
+            make(made)
+    monkeypatch.setattr("vpsci_ros.generate.run.software_versions", lambda: {"numpy": "0.1"})
+    with pytest.raises(InvalidInput, match=r"holds a dataset with versions\."):
+        make(made)
+
+
 def test_somebody_elses_folder_is_refused_and_left_alone(make, tmp_path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(InvalidInput, match="output folder is not empty"):
