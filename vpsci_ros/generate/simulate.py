@@ -1,7 +1,7 @@
 """Episodes by their numbers: world, monitor, policies and filters over one unit of work, in one thread.
 
 Every episode is simulated to its end. The only ones that could be ended early are those that are never critical, and
-they run without policies: all of their frames cost less than a tenth of the time (`never_critical` of
+they run without policies: all of their frames cost about a tenth of the time (`never_critical` of
 test/benchmarks/bench_generate.py). Saving a part of that takes a proof that CurvTTC cannot fall any more, for any
 scenario file; a bound on speeds and distances, which is cheap, proves it for next to none of their frames.
 """
