@@ -91,11 +91,12 @@ def run_evaluation(data: Path, form: str, models: dict[str, str], json_path: Pat
     view = Table(
         box=box.SIMPLE_HEAD, title=f"{result['interactions']} interactions of {result['clips']} clips, mean error [m]"
     )
-    for name in ("", "reconstruction ADE", "FDE", "closed loop ADE", "FDE", "of constant velocity's"):
-        view.add_column(name, justify="left" if name == "" else "right")
+    view.add_column("", no_wrap=True)
+    for name in ("reconstruction\nADE", "\nFDE", "closed loop\nADE", "\nFDE", "ADE as share of\nconstant velocity's"):
+        view.add_column(name, justify="right", no_wrap=True)
     for name, errors in result["models"].items():
         reconstruction, loop = errors["reconstruction"], errors["closed_loop"]
-        ratio = "{:.2f} [{:.2f}, {:.2f}]".format(loop["ade_ratio"], *loop["ade_ratio_interval"])
+        ratio = "{:.2f} ({:.2f} to {:.2f})".format(loop["ade_ratio"], *loop["ade_ratio_interval"])
         cells = [f"{value:.3f}" for value in (reconstruction["ade"], reconstruction["fde"], loop["ade"], loop["fde"])]
         view.add_row(name, *cells, ratio)
     Console().print(view)
