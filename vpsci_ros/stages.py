@@ -89,14 +89,14 @@ def run_evaluation(data: Path, form: str, models: dict[str, str], json_path: Pat
         with written_whole(json_path) as part:
             part.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     view = Table(
-        box=box.SIMPLE_HEAD, title=f"{result['interactions']} interactions of {result['clips']} clips, mean error [m]"
+        box=box.SIMPLE_HEAD, title=f"{result['interactions']} interactions of {result['clips']} clips, mean error in metres"
     )
     view.add_column("", no_wrap=True)
-    for name in ("reconstruction\nADE", "\nFDE", "closed loop\nADE", "\nFDE", "ADE as share of\nconstant velocity's"):
+    for name in ("recon-\nstruction\nADE", "\n\nFDE", "closed\nloop\nADE", "\n\nFDE", "\nits share of\nthe control's"):
         view.add_column(name, justify="right", no_wrap=True)
     for name, errors in result["models"].items():
         reconstruction, loop = errors["reconstruction"], errors["closed_loop"]
-        ratio = "{:.2f} ({:.2f} to {:.2f})".format(loop["ade_ratio"], *loop["ade_ratio_interval"])
+        ratio = "{:.2f} ({:.2f}-{:.2f})".format(loop["ade_ratio"], *loop["ade_ratio_interval"])
         cells = [f"{value:.3f}" for value in (reconstruction["ade"], reconstruction["fde"], loop["ade"], loop["fde"])]
         view.add_row(name, *cells, ratio)
     Console().print(view)
