@@ -138,12 +138,12 @@ class RefineConfig(TrainingConfig):
     priority_exponent: float = parameter(0.6, "alpha of the sampling probabilities (17)", low=0.0, high=2.0)
     real_bonus: float = parameter(0.2, "beta of (17): extra priority of real experience", low=0.0, high=100.0)
     rehearsal_weight: float = parameter(
-        2.0,
+        0.2,
         "weight of real near misses rolled out in closed loop beside the policy gradient; 0: as the paper",
         low=0.0,
         high=1e3,
     )
-    rehearsal_rollouts: int = parameter(16, "near misses rolled out for that in one update", low=1, high=4096)
+    rehearsal_rollouts: int = parameter(8, "near misses rolled out for that in one update", low=1, high=4096)
     real_capacity: float = parameter(0.3, "share of the buffer that real experience keeps", low=0.0, high=0.9)
     online_reward_scaling: float = parameter(
         10.0, "factor on the speed reward in stage 2, beside rewards of a hundred; 100 drowns them", low=0.0, high=1e6
