@@ -88,9 +88,8 @@ def run_evaluation(data: Path, form: str, models: dict[str, str], json_path: Pat
     if json_path is not None:
         with written_whole(json_path) as part:
             part.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    view = Table(
-        box=box.SIMPLE_HEAD, title=f"{result['interactions']} interactions of {result['clips']} clips, mean error in metres"
-    )
+    title = f"{result['interactions']} interactions of {result['clips']} clips, mean error in metres"
+    view = Table(box=box.SIMPLE_HEAD, title=title, padding=(0, 1, 0, 0))
     view.add_column("", no_wrap=True)
     for name in ("recon-\nstruction\nADE", "\n\nFDE", "closed\nloop\nADE", "\n\nFDE", "\nits share of\nthe control's"):
         view.add_column(name, justify="right", no_wrap=True)
