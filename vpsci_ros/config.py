@@ -86,6 +86,14 @@ class PolicyConfig:
     weights: str = parameter("", "safetensors file; empty: wait for /policy/weights")
     explore: bool = parameter(False, "add the exploration noise of equation (16)")
     seed: int = parameter(1, "seed of the exploration noise", low=0, high=2**63 - 1)
+    noise_start: float = parameter(0.3, "N_0 of (16)", unit="of the action limit", low=0.0, high=2.0)
+    noise_decay: float = parameter(0.001, "beta of (16), per training episode", low=0.0, high=1.0)
+    noise_floor: float = parameter(0.05, "N_min of (16)", unit="of the action limit", low=0.0, high=2.0)
+
+    @property
+    def noise(self) -> RefineConfig:
+        """How much noise a policy adds that explores."""
+        return RefineConfig(noise_start=self.noise_start, noise_decay=self.noise_decay, noise_floor=self.noise_floor)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -120,7 +120,7 @@ def _policy(config: PolicyConfig, where: str) -> Policy:
     path = weights_path(config.weights)
     data = path.read_bytes()
     weights_from_bytes(data, str(path))
-    named = PolicyConfig(path.stem, config.explore, config.seed)  # where a file lies is nobody's business
+    named = replace(config, weights=path.stem)  # where a file lies is nobody's business
     return Policy(data, path.stem, named)
 
 

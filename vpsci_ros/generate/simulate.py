@@ -32,7 +32,7 @@ class Simulator:
         self._batch = batch
         self._agents: dict[str, PolicyAgent] = {}
         for agent, policy in job.policies.items():
-            self._agents[agent] = PolicyAgent(agent, policy.config.seed, policy.config.explore)
+            self._agents[agent] = PolicyAgent(agent, policy.config.seed, policy.config.explore, policy.config.noise)
             self._agents[agent].load(weights_from_bytes(policy.data, policy.name), version=1)
 
     def ticks(self, episodes: Iterable[tuple[int, int]]) -> Iterator[Tick]:

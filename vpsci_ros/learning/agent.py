@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.learning.config import RefineConfig
 from vpsci_ros.learning.exploration import exploration_noise
 from vpsci_ros.learning.streaming import StreamingActor
 from vpsci_ros.learning.weights import ActorWeights, Weights
@@ -19,12 +20,14 @@ class PolicyAgent:
     :param agent: "vehicle" or "pedestrian".
     :param seed: of the exploration noise.
     :param explore: add the noise of equation (16), a function of (seed, scenario, episode, step) only.
+    :param noise: whose `noise_...` fields say how much; None: the defaults.
     """
 
-    def __init__(self, agent: str, seed: int, explore: bool) -> None:
+    def __init__(self, agent: str, seed: int, explore: bool, noise: RefineConfig | None = None) -> None:
         self._index = AGENTS.index(agent)
         self._seed = seed
         self._explore = explore
+        self._noise = noise or RefineConfig()
         self._weights: ActorWeights | None = None
         self._actor: StreamingActor | None = None
         self._step = np.zeros(0, np.int64)
@@ -55,8 +58,8 @@ class PolicyAgent:
 
         :param state: EPISODE[B]; policy_frame, critical: bool[B]; curvttc: float64[B] [s].
         """
+        assert self._weights is not None, "act() before load()"
         if self._actor is None or len(self._step) != len(state):
-            assert self._weights is not None, "act() before load()"
             self._actor = StreamingActor(self._weights, len(state))
             self._step = np.zeros(len(state), np.int64)
         active = handover.acting(state, policy_frame, critical)
@@ -64,7 +67,9 @@ class PolicyAgent:
         self._step = np.where(reset, 0, self._step + active)
         action = self._actor.step(observation.observe(state)[self._index], curvttc, reset, active)
         if self._explore:
-            noise = exploration_noise(self._seed, state["scenario"], state["episode"], self._step, self._index)
-            action = np.where(active[:, None], action + noise, 0).astype(np.float32)
+            which = state["scenario"], state["episode"], self._step
+            limit = self._weights.network.action_limit
+            noise = exploration_noise(self._seed, *which, self._index, self._noise, limit)
+            action = np.where(active[:, None], np.clip(action + noise, -limit, limit), 0).astype(np.float32)
             self._actor.executed(action, active)
         return action

@@ -87,7 +87,7 @@ def refine(
     while done < len(episodes) and not refiner.finished:
         part = episodes[done : done + portion]
         simulation = World(world or WorldConfig(), scenarios, part, min(batch, len(part)), seed)
-        _simulate(simulation, refiner, builder, outcomes, monitor or MonitorConfig(), seed)
+        _simulate(simulation, refiner, builder, outcomes, monitor or MonitorConfig(), seed, config)
         done += len(part)
         rows.append(refiner.summary() | outcomes.rates(1000))
         extra = {"done": done, "rows": rows}
@@ -102,9 +102,15 @@ def refine(
 
 
 def _simulate(
-    world: World, refiner: Refiner, builder: TransitionBuilder, outcomes: Outcomes, monitor: MonitorConfig, seed: int
+    world: World,
+    refiner: Refiner,
+    builder: TransitionBuilder,
+    outcomes: Outcomes,
+    monitor: MonitorConfig,
+    seed: int,
+    noise: RefineConfig,
 ) -> None:
-    agents = policies(refiner.current(), world, seed, explore=True)
+    agents = policies(refiner.current(), world, seed, explore=True, noise=noise)
     for agent in agents.values():
         agent.version = refiner.version
     for tick in rollout(world, monitor, agents):

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.learning.agent import AGENTS, PolicyAgent
+from vpsci_ros.learning.config import RefineConfig
 from vpsci_ros.learning.weights import Weights
 from vpsci_ros.world import World, handover
 from vpsci_ros.world.monitor import MonitorConfig, assess
@@ -30,12 +31,14 @@ class Tick:
     events: NDArray[np.void]
 
 
-def policies(weights: Weights, world: World, seed: int, explore: bool) -> dict[str, PolicyAgent]:
-    """Return the learned policies of those agents that the world's configuration hands to one."""
+def policies(
+    weights: Weights, world: World, seed: int, explore: bool, noise: RefineConfig | None = None
+) -> dict[str, PolicyAgent]:
+    """Return the learned policies, see `PolicyAgent`, of those agents that the world's configuration hands to one."""
     agents = {}
     for agent in AGENTS:
         if getattr(world.config, f"{agent}_driver") == "policy":
-            agents[agent] = PolicyAgent(agent, seed, explore)
+            agents[agent] = PolicyAgent(agent, seed, explore, noise)
             agents[agent].load(weights, version=1)
     return agents
 

@@ -28,7 +28,7 @@ class AgentPolicy(GraphNode):
         config = self.config(PolicyConfig)
         self._topic = f"/{agent}/action"
         self._actions: Output | None = None
-        self._agent = PolicyAgent(agent, config.seed, config.explore)
+        self._agent = PolicyAgent(agent, config.seed, config.explore, config.noise)
         self._state: WorldState | None = None
         self._safety: SafetyState | None = None
         self._answered = -1
