@@ -47,6 +47,7 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     versions = set()
     numbers: list[int] = []
     with AnyReader([second.bag]) as reader:
+        assert reader.end_time < 1000e9, "every message is stamped with simulated time"
         for connection, _, data in reader.messages():
             if connection.topic == "/vehicle/action":
                 versions.add(reader.deserialize(data, connection.msgtype).policy_version)

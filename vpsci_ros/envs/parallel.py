@@ -12,10 +12,10 @@ from pettingzoo import ParallelEnv
 from vpsci_ros.envs.rendering import Views
 from vpsci_ros.envs.right_turn import check_render_mode, chosen_episode
 from vpsci_ros.envs.simulation import Simulation, Step
+from vpsci_ros.learning.config import AGENTS
 from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, TIMEOUT, WorldConfig
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE, observe
 
-AGENTS = ("vehicle", "pedestrian")
 BOUND = 500.0  # no entry of an observation is larger
 ACTION_LIMIT = 5.0  # [m/s2]
 COLLISION_REWARD, GOAL_REWARD = -200.0, 100.0  # (25) and (26)

@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 from vpsci_ros.config import DatasetConfig, PolicyConfig, RunConfig, pick
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.config import AGENTS
 from vpsci_ros.learning.weights import weights_from_bytes
 from vpsci_ros.provenance import cpu_name, sha256
 from vpsci_ros.resources import weights_path
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.scenario import scenario_files
-
-AGENTS = ("vehicle", "pedestrian")
 
 
 class Unit(NamedTuple):

@@ -3,13 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.learning.config import RefineConfig
+from vpsci_ros.learning.config import AGENTS, RefineConfig
 from vpsci_ros.learning.exploration import exploration_noise
 from vpsci_ros.learning.streaming import StreamingActor
 from vpsci_ros.learning.weights import ActorWeights, Weights
 from vpsci_ros.world import handover, observation
-
-AGENTS = ("vehicle", "pedestrian")
 
 
 class PolicyAgent:

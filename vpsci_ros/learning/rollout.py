@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.learning.agent import AGENTS, PolicyAgent
-from vpsci_ros.learning.config import RefineConfig
+from vpsci_ros.learning.agent import PolicyAgent
+from vpsci_ros.learning.config import AGENTS, RefineConfig
 from vpsci_ros.learning.weights import Weights
 from vpsci_ros.world import World, handover
 from vpsci_ros.world.monitor import MonitorConfig, assess

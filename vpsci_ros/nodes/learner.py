@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from rclpy.context import Context
 from std_msgs.msg import UInt64
 
@@ -39,6 +40,7 @@ class Learner(GraphNode):
         self._status: dict[str, Any] = {}
         self._reported = 0.0
         self._last_receipt = time.monotonic()
+        self._stamp = Time()  # simulated time of the latest transition
         self._refiner: Refiner | None = None
         if self._config.stage == "pretrain":
             self.create_timer(0.01, self._pretrain)
@@ -85,6 +87,7 @@ class Learner(GraphNode):
 
     def _on_transition(self, refiner: Refiner, message: Transition) -> None:
         self._last_receipt = time.monotonic()
+        self._stamp = message.header.stamp
         refiner.add(convert.transition_arrays(message))
         while refiner.due and not self.stop.is_set():
             refiner.update()
@@ -96,7 +99,7 @@ class Learner(GraphNode):
 
     def _publish_weights(self, refiner: Refiner) -> None:
         message = PolicyWeights(version=refiner.version)
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp = self._stamp
         message.safetensors.frombytes(refiner.weights())
         self._weights.publish(message)
 
@@ -108,7 +111,7 @@ class Learner(GraphNode):
         now = time.monotonic()
         if now - self._reported > REPORT_PERIOD or last:
             self._reported = now
-            at = self.get_clock().now().to_msg()
+            at = self._stamp if self._refiner else self.get_clock().now().to_msg()
             text = self._config.stage
             self._diagnostics.publish(convert.diagnostics_message("learner", text, self._status.items(), at))
 

@@ -29,7 +29,8 @@ class Recorder(GraphNode):
         config = self.config(RecorderConfig)
         explicit = set(self.peers) != set(self.essential_peers)
         recorded = [row for row in TOPICS.values() if "recorder" in row.subscribers]
-        wanted = [row for row in recorded if not explicit or speakers(row.name, self.peers)]
+        # A topic without a publisher here is an external driving system's.
+        wanted = [row for row in recorded if not (explicit and row.publishers) or speakers(row.name, self.peers)]
         topics = [BagTopic(row.name, *schemas.describe(row.type)) for row in wanted]
         self._bag = BagWriter(config.bag, topics, chunk_size=config.chunk_size * 1024)
         self._last_receipt = time.monotonic()

@@ -16,6 +16,7 @@ from vpsci_msgs.msg import AgentAction, SafetyState
 from vpsci_ros.config import LockStepConfig, RunConfig
 from vpsci_ros.data.recorded import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.config import AGENTS
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode, run
@@ -24,7 +25,6 @@ from vpsci_ros.nodes.markers import scene_markers
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, handover, load_scenarios
 from vpsci_ros.world import state as codes
 
-AGENTS = ("vehicle", "pedestrian")
 MISSING = {
     codes.VEHICLE_ACTION_MISSING: "vehicle_answers_missing",
     codes.PEDESTRIAN_ACTION_MISSING: "pedestrian_answers_missing",

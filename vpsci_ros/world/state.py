@@ -9,7 +9,6 @@ import numpy as np
 
 IDLE, RUNNING, ENDED = 0, 1, 2  # status of a slot
 NONE, COLLISION, GOAL, TIMEOUT = 0, 1, 2, 3  # outcome of an episode
-STATUS_NAMES = ("idle", "running", "ended")
 OUTCOME_NAMES = ("none", "collision", "goal", "timeout")
 
 # kinds of event, as in vpsci_msgs/EpisodeEvent
