@@ -36,12 +36,24 @@ def test_controls_beyond_their_range_are_clipped():
     assert (world.state["steer"][0], world.state["throttle"][0], world.state["brake"][0]) == (-1.0, 0.0, 1.0)
 
 
-def test_an_external_acceleration_goes_through_equations_18_to_20_without_lane_following():
-    world = world_of(EXTERNAL)
+def test_an_external_acceleration_goes_through_equations_18_to_20_where_lane_following_is_off():
+    world = world_of(dataclasses.replace(EXTERNAL, lane_following=False))
     before = world.state.copy()
     world.advance(*QUIET, np.array([[-2.0, 0.0]]))
     assert world.state["vehicle_acceleration"][0] == pytest.approx(-2.0)
     assert world.state["vehicle_heading"] == before["vehicle_heading"]
+
+
+def test_an_external_acceleration_along_the_vehicle_alone_keeps_it_on_its_lane_through_the_turn():
+    world, path = world_of(EXTERNAL, scenario=1), SCENARIOS[0].vehicle.path
+    turned = world.state["vehicle_heading"][0]
+    worst = 0.0
+    while world.state["status"][0] == RUNNING:
+        along = np.clip(4.0 - world.state["vehicle_speed"], -2.0, 2.0)
+        world.advance(*QUIET, np.array([[along[0], 0.0]]))
+        worst = max(worst, abs(path.locate(world.state["vehicle_x"][0], world.state["vehicle_y"][0])[1]))
+    assert turned - world.state["vehicle_heading"][0] > 1.0
+    assert worst < 0.5
 
 
 def test_without_an_external_answer_the_autopilot_drives_for_the_tick_and_an_event_says_so():

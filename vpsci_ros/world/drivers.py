@@ -27,9 +27,6 @@ def controls(episode, i, answers, tables, settings):  # type: ignore[no-untyped-
     if settings.vehicle_driver == EXTERNAL and len(answers.vehicle_control):
         control = answers.vehicle_control
         return control[i, 0], control[i, 1], control[i, 2]
-    if settings.vehicle_driver == EXTERNAL and len(answers.vehicle_action):
-        along, left = answers.vehicle_action[i, 0], answers.vehicle_action[i, 1]
-        return motion.steer_for(left, speed), motion.throttle_for(along), motion.brake_for(along)
     row = tables.rows[episode.table]
     keeping = pursuit_curvature(
         tables.lane,
@@ -42,8 +39,12 @@ def controls(episode, i, answers, tables, settings):  # type: ignore[no-untyped-
         episode.vehicle_heading,
         speed,
     )
-    if settings.vehicle_driver == POLICY and episode.vehicle_held:
-        along, left = episode.vehicle_long, episode.vehicle_lat
+    by_policy = settings.vehicle_driver == POLICY and episode.vehicle_held
+    if by_policy or (settings.vehicle_driver == EXTERNAL and len(answers.vehicle_action)):
+        if by_policy:
+            along, left = episode.vehicle_long, episode.vehicle_lat
+        else:
+            along, left = answers.vehicle_action[i, 0], answers.vehicle_action[i, 1]
         if settings.lane_following:
             left += keeping * speed * speed
         return motion.steer_for(left, speed), motion.throttle_for(along), motion.brake_for(along)
