@@ -22,7 +22,7 @@ def bag(tmp_path: Path, simulate, monkeypatch: pytest.MonkeyPatch) -> Path:
     (run / "bag").mkdir(parents=True)
     (run / "bag" / "bag_0.mcap").write_bytes(b"\x89MCAP0\r\n")
     ticks = [Tick(k, 0.05, *tick) for k, tick in enumerate(simulate([150, 60, 120], [GOAL, COLLISION, GOAL], 2))]
-    monkeypatch.setattr(export, "read_bag", lambda _, *, recover: iter(ticks))
+    monkeypatch.setattr(export, "read_bag", lambda *_, **__: iter(ticks))
     return run / "bag"
 
 
@@ -67,7 +67,7 @@ def test_a_bag_in_which_nothing_ended_leaves_nothing_behind(
     bag: Path, tmp_path: Path, simulate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ticks = [Tick(k, 0.05, *tick) for k, tick in enumerate(simulate([50], [GOAL], 1))][:20]
-    monkeypatch.setattr(export, "read_bag", lambda _, *, recover: iter(ticks))
+    monkeypatch.setattr(export, "read_bag", lambda *_, **__: iter(ticks))
     with pytest.raises(InvalidInput, match="not one of its 1 episodes ended"):
         export_bag(bag, tmp_path / "dataset", console=Console(file=io.StringIO()))
     assert list((tmp_path / "dataset").iterdir()) == []

@@ -35,7 +35,13 @@ def test_mcap_reads_back_every_byte(tmp_path) -> None:
         got = [(channel.topic, message.log_time, message.data) for _, channel, message in reader.iter_messages()]
         metadata = {record.name: record.metadata for record in reader.iter_metadata()}
     assert got == [("/a" if i % 2 == 0 else "/b", 1000 + i, data) for i, data in enumerate(sent)]
-    assert metadata["vpsci_ros"] == {"seed": "7"}
+    totals = {
+        "messages_seen": "5",
+        "messages_written": "5",
+        "seen": '{"/a": 3, "/b": 2}',
+        "written": '{"/a": 3, "/b": 2}',
+    }
+    assert metadata["vpsci_ros"] == {"seed": "7"} | totals
 
 
 def test_rosbags_reads_it_as_a_rosbag2_folder(tmp_path) -> None:
@@ -53,7 +59,8 @@ def test_metadata_counts_and_times_what_is_in_the_file(tmp_path) -> None:
     assert information["message_count"] == 3
     assert information["duration"] == {"nanoseconds": 2}
     assert information["starting_time"] == {"nanoseconds_since_epoch": 1000}
-    assert information["custom_data"] == {"seed": "7"}
+    assert information["custom_data"]["seed"] == "7"
+    assert information["custom_data"]["messages_written"] == "3"
     assert "&id" not in text
 
 

@@ -60,7 +60,7 @@ def test_a_tick_without_an_answer_has_an_unknown_curvttc(ticks, write_bag, tmp_p
 
 def test_a_bag_that_was_not_closed_is_refused_and_read_on_request(ticks, write_bag, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", ticks, closed=False)
-    with pytest.raises(InvalidInput, match=r"bag_0\.mcap: it was not completed: its recorder was killed.*repair_bag"):
+    with pytest.raises(InvalidInput, match=r"bag_0\.mcap: it was not completed: its recorder was killed.*bag repair"):
         next(read_bag(bag))
     back = list(read_bag(bag, recover=True))
     assert 5 < len(back) <= len(ticks)
@@ -152,7 +152,7 @@ def test_a_bag_of_something_else_is_named(tmp_path: Path) -> None:
     bag = BagWriter(tmp_path / "bag", [text])
     bag.write("/chatter", b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00", 0, 0)
     bag.close({})
-    with pytest.raises(InvalidInput, match="so this is no bag of a vpsci graph; it has /chatter"):
+    with pytest.raises(InvalidInput, match="so this is no bag of a vpsci graph.*; it has /chatter"):
         list(read_bag(tmp_path / "bag"))
 
 

@@ -10,7 +10,8 @@ from rich.console import Console
 from vpsci_ros.analysis.figures import save_trajectories
 from vpsci_ros.analysis.panels import typical_panels
 from vpsci_ros.analysis.summary import print_rejections, print_summary, summarise
-from vpsci_ros.data.bags import bag_files, read_bag
+from vpsci_ros.data.bag_reader import bag_files
+from vpsci_ros.data.bags import read_bag
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_files import FORMATS
 from vpsci_ros.data.episode_frames import EpisodeFrames

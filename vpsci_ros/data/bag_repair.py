@@ -7,8 +7,8 @@ from pathlib import Path
 from mcap.writer import Writer
 
 from vpsci_ros import __version__
-from vpsci_ros.data.bag_writer import BagTopic, write_metadata
-from vpsci_ros.data.bags import bag_files
+from vpsci_ros.data.bag_reader import bag_files
+from vpsci_ros.data.bag_writer import RUN, TOTALS, BagFile, BagTopic, write_metadata
 from vpsci_ros.data.mcap_file import McapFile
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.provenance import written_whole
@@ -47,10 +47,12 @@ def repair_bag(folder: str | Path) -> Repair:
     topics: dict[str, BagTopic] = {}
     counts: Counter[str] = Counter()
     damage: list[str] = []
-    first, last = 2**63 - 1, 0
     custom: dict[str, str] = {}
-    files = bag_files(folder)
-    for path in files:
+    paths = bag_files(folder)
+    if paths[0].suffix != ".mcap":
+        raise InvalidInput(f"{folder}: only MCAP bags are repaired; what is whole of this one is read with --recover")
+    files = [BagFile(path.name) for path in paths]
+    for path, part in zip(paths, files, strict=True):
         file = McapFile(path, strict=False)
         for schema, channel, message in file.messages():
             if channel.topic not in topics:
@@ -59,21 +61,24 @@ def repair_bag(folder: str | Path) -> Repair:
                 type_hash = details.get("topic_type_hash", "")
                 topics[channel.topic] = BagTopic(channel.topic, schema.name, schema.data.decode(), type_hash, latched)
             counts[channel.topic] += 1
-            first, last = min(first, message.log_time), max(last, message.log_time)
+            part.count(message.log_time)
         damage += [f"{path.name}: {text}" for text in file.damage]
-        custom |= file.metadata.get("vpsci_ros", {})
+        custom |= file.last_record(RUN)
     if not counts:
-        raise InvalidInput(f"{folder}: no whole message in {', '.join(f.name for f in files)}; nothing to recover")
+        raise InvalidInput(
+            f"{folder}: no whole message in {', '.join(path.name for path in paths)}; nothing to recover"
+        )
     if not damage and (folder / "metadata.yaml").is_file():
         return Repair(dict(counts), (), False)
-    for path in files:
+    for path in paths:
         if any(text.startswith(f"{path.name}: ") for text in damage):
             _rewrite(path)
     for name, topic in topics.items():
         topic.messages = counts[name]
-    if damage:
+    if damage:  # what earlier files say of the numbers of messages is of an earlier time
+        custom = {name: text for name, text in custom.items() if name not in TOTALS}
         custom["recovered"] = "; ".join(damage)
-    write_metadata(folder, [path.name for path in files], list(topics.values()), first, last, custom)
+    write_metadata(folder, files, list(topics.values()), custom)
     return Repair(dict(counts), tuple(damage), True)
 
 
@@ -94,6 +99,6 @@ def _rewrite(path: Path) -> None:
                 )
             number = channels[channel.topic]
             writer.add_message(number, message.log_time, message.data, message.publish_time, message.sequence)
-        for name, values in source.metadata.items():
+        for name, values in source.records:
             writer.add_metadata(name, values)
         writer.finish()  # type: ignore[no-untyped-call]

@@ -1,12 +1,12 @@
-"""One MCAP file read from front to back, as far as it is whole: no index is needed, so a cut-off file reads too."""
+"""One MCAP file: by its index where it is whole, from front to back otherwise, so that a cut-off file reads too."""
 
 import contextlib
 import io
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
@@ -14,6 +14,7 @@ from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, 
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from zstandard import ZstdError
 
+from vpsci_ros.data.raw import RawMessage, TopicInfo
 from vpsci_ros.errors import InvalidInput
 
 MCAP0_MAGIC = b"\x89MCAP0\r\n"
@@ -22,8 +23,8 @@ _FOOTER = struct.Struct("<QQI")  # start of the index, start of its offsets, che
 _DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, ValueError, OverflowError, MemoryError)
 
 
-class RawMessage(NamedTuple):
-    """A message as it came off the wire, with the channel and the schema that it was written with."""
+class McapMessage(NamedTuple):
+    """A message with the channel and the schema that it was written with."""
 
     schema: Schema
     channel: Channel
@@ -35,18 +36,92 @@ class McapFile:
 
     :param strict: refuse a file that is not complete and whole, instead of noting what is wrong with it.
     :ivar damage: what was found wrong while reading, one sentence each.
-    :ivar metadata: the named text records that were met while reading.
+    :ivar records: the named text records that were met while reading, each with its name.
     """
 
     def __init__(self, path: Path, *, strict: bool) -> None:
         self.path = path
         self.strict = strict
         self.damage: list[str] = []
-        self.metadata: dict[str, dict[str, str]] = {}
+        self.records: list[tuple[str, dict[str, str]]] = []
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
 
-    def messages(self) -> Iterator[RawMessage]:
+    def topics(self) -> list[TopicInfo]:
+        """Return what topics the file has, in the order of their names.
+
+        :raises InvalidInput: see `messages`.
+        """
+        self._check_ends()
+        found: dict[str, TopicInfo] = {}
+        with self._indexed() as reader:
+            if reader is not None:
+                summary = reader.get_summary()
+                counts = summary.statistics.channel_message_counts
+                for number, channel in summary.channels.items():
+                    schema = summary.schemas.get(channel.schema_id)
+                    ends = [next(reader.iter_messages([channel.topic], reverse=r), None) for r in (False, True)]
+                    first, last = (0 if end is None else end[2].log_time for end in ends)
+                    row = _topic(channel, schema, counts.get(number, 0), first, last)
+                    found[row.name] = found[row.name].joined(row) if row.name in found else row
+                return sorted(found.values(), key=lambda row: row.name)
+        for schema, channel, message in self.messages():
+            row = _topic(channel, schema, 1, message.log_time, message.log_time)
+            found[row.name] = found[row.name].joined(row) if row.name in found else row
+        return sorted(found.values(), key=lambda row: row.name)
+
+    def named_records(self) -> list[tuple[str, dict[str, str]]]:
+        """Return the file's text records with their names, in the order of writing; messages are not read for it.
+
+        :raises InvalidInput: see `messages`.
+        """
+        self._check_ends()
+        with self._indexed() as reader:
+            if reader is not None:
+                return [(record.name, dict(record.metadata)) for record in reader.iter_metadata()]
+        self.records.clear()
+        for _ in self.messages():
+            pass
+        return self.records
+
+    def select(
+        self, topics: Collection[str] | None = None, start: int = 0, stop: int = 2**63 - 1, *, ordered: bool = False
+    ) -> Iterator[RawMessage]:
+        """Yield the messages of these topics (None: all) with log times from `start` to `stop` [ns], both included.
+
+        Of a whole file only the chunks that hold any are read.
+
+        :param ordered: by log time, where the file has an index; else in the order of writing.
+        :raises InvalidInput: see `messages`.
+        """
+        self._check_ends()
+        with self._indexed() as reader:
+            if reader is not None:
+                try:
+                    chosen = reader.iter_messages(topics, starting_at=start, ending_at=stop, log_time_order=ordered)
+                    yield from (_raw(*entry) for entry in chosen)
+                    return
+                except _DAMAGE as error:
+                    self._amiss(f"a chunk is damaged ({error or type(error).__name__})")
+                    return
+        for schema, channel, message in self.messages():
+            if start <= message.log_time <= stop and (topics is None or channel.topic in topics):
+                yield _raw(schema, channel, message)
+
+    @contextlib.contextmanager
+    def _indexed(self) -> Iterator[Any]:
+        """Give a reader that uses the file's index, or None where the index is not whole or must not be trusted."""
+        with self.path.open("rb") as file:
+            reader = None
+            if self.strict and self._index_is_whole():
+                with contextlib.suppress(*_DAMAGE):
+                    reader = SeekingReader(file, validate_crcs=True)
+                    summary = reader.get_summary()
+                    if summary is None or summary.statistics is None or not summary.chunk_indexes:
+                        reader = None
+            yield reader
+
+    def messages(self) -> Iterator[McapMessage]:
         """Yield every whole message: damaged chunks are left out, and reading ends where the file breaks off.
 
         :raises InvalidInput: not an MCAP file, or (strict) one that breaks off or is damaged.
@@ -62,7 +137,7 @@ class McapFile:
                 elif isinstance(entry, Channel):
                     self._channels[entry.id] = entry
                 elif isinstance(entry, Metadata):
-                    self.metadata[entry.name] = dict(entry.metadata)
+                    self.records.append((entry.name, dict(entry.metadata)))
                 elif isinstance(entry, Message):
                     channel = self._channels.get(entry.channel_id)
                     schema = self._schemas.get(channel.schema_id) if channel else None
@@ -70,7 +145,7 @@ class McapFile:
                         undescribed += 1
                     else:
                         read += 1
-                        yield RawMessage(schema, channel, entry)
+                        yield McapMessage(schema, channel, entry)
         if undescribed:
             self._amiss(f"{undescribed} messages belong to topics whose description is lost")
 
@@ -114,6 +189,10 @@ class McapFile:
             file.seek(min(start, size))
             return checksum == 0 or checksum == zlib.crc32(file.read()[: -(4 + len(MCAP0_MAGIC))])
 
+    def last_record(self, name: str) -> dict[str, str]:
+        """Return the last record of that name which was met while reading, empty for none."""
+        return next((values for found, values in reversed(self.records) if found == name), {})
+
     def _read_summary(self) -> None:
         """Take the descriptions of topics from the index: in the data they may be lost with the first chunk."""
         with contextlib.suppress(*_DAMAGE), self.path.open("rb") as file:
@@ -136,6 +215,17 @@ class McapFile:
         if self.strict:
             raise InvalidInput(
                 f"{self.path}: {text}: its recorder was killed, or the file is cut or damaged; "
-                "complete the bag with repair_bag, or read with recover what is whole"
+                "complete the bag with `vpsci bag repair`, or read what is whole with --recover"
             )
         self.damage.append(text)
+
+
+def _topic(channel: Channel, schema: Schema | None, count: int, first: int, last: int) -> TopicInfo:
+    latched = "transient_local" in channel.metadata.get("offered_qos_profiles", "")
+    return TopicInfo(channel.topic, schema.name if schema else "", count, first, last, latched)
+
+
+def _raw(schema: Schema | None, channel: Channel, message: Message) -> RawMessage:
+    kind, form, text = (schema.name, schema.encoding, schema.data) if schema else ("", "", b"")
+    definition = text.decode(errors="replace")
+    return RawMessage(channel.topic, kind, channel.message_encoding, definition, form, message.log_time, message.data)

@@ -1,0 +1,46 @@
+"""What every file of a bag gives, whatever its storage: serialized messages, and what is known of its topics."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+
+class RawMessage(NamedTuple):
+    """A message as it came off the wire.
+
+    :ivar type: "vpsci_msgs/msg/WorldState".
+    :ivar encoding: of `data`; "cdr" is what ROS 2 writes.
+    :ivar definition, form: the type's definition and its language ("ros2msg"), both empty where the file has none.
+    :ivar time: log time [ns].
+    """
+
+    topic: str
+    type: str
+    encoding: str
+    definition: str
+    form: str
+    time: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """One topic of a file or bag: `first` and `last` are log times [ns], 0 where it has no message."""
+
+    name: str
+    type: str
+    messages: int = 0
+    first: int = 0
+    last: int = 0
+    latched: bool = False
+
+    def joined(self, other: "TopicInfo") -> "TopicInfo":
+        """Return this topic over two files."""
+        if not self.messages or not other.messages:
+            return self if self.messages else other
+        first, last = min(self.first, other.first), max(self.last, other.last)
+        return TopicInfo(self.name, self.type, self.messages + other.messages, first, last, self.latched)
+
+    @property
+    def rate(self) -> float:
+        """Messages per second of log time; 0 for less than two."""
+        return (self.messages - 1) * 1e9 / (self.last - self.first) if self.last > self.first else 0.0
