@@ -1,5 +1,6 @@
 """A learned policy as a node: answers WorldState and SafetyState of a policy tick with one agent's accelerations."""
 
+import time
 from typing import Any
 
 from rclpy.context import Context
@@ -10,6 +11,7 @@ from vpsci_ros.learning.agent import PolicyAgent
 from vpsci_ros.learning.weights import Weights, load_weights, weights_from_bytes
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode, Output
+from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.topics import LATCHED
 from vpsci_ros.resources import weights_path
 
@@ -32,11 +34,13 @@ class AgentPolicy(GraphNode):
         self._state: WorldState | None = None
         self._safety: SafetyState | None = None
         self._answered = -1
+        self._meter = Meter()
         if config.weights:
             self._take_up(load_weights(weights_path(config.weights)), version=1)
         self.input("/world/state", self._on_state)
         self.input("/safety/state", self._on_safety)
         self.input("/policy/weights", self._on_weights, LATCHED)
+        self.diagnose(self._status)
 
     def _take_up(self, weights: Weights, version: int) -> None:
         """Act with `weights` from now on; only a policy that can act offers its topic, for which the world waits."""
@@ -56,13 +60,19 @@ class AgentPolicy(GraphNode):
         self._take_up(weights_from_bytes(bytes(message.safetensors), "/policy/weights"), message.version)
         self.get_logger().info(f"acts with weights of version {message.version}")
 
+    def _status(self) -> list[tuple[str, Any]]:
+        return [*self._meter.pairs(), ("policy_version", self._agent.version)]
+
     def _answer(self) -> None:
         world, safety = self._state, self._safety
         if self._actions is None or world is None or safety is None:
             return
         if world.tick != safety.tick or world.tick == self._answered:
             return
+        arrived = time.perf_counter()
         self._answered = world.tick
+        self.simulated_time = world.header.stamp
+        self._meter.tick(world.tick)
         state, policy_frame = convert.world_state_arrays(world)
         if not policy_frame.any():
             return
@@ -70,3 +80,4 @@ class AgentPolicy(GraphNode):
         critical = convert.checked(safety.critical, len(state), "/safety/state", "critical").astype(bool)
         action = self._agent.act(state, policy_frame, curvttc, critical)
         self._actions.publish(convert.action_message(world.header, world.tick, action, self._agent.version))
+        self._meter.answered(arrived)

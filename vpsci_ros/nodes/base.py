@@ -5,11 +5,13 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 import rclpy
+from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -17,15 +19,17 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 
 from vpsci_ros.config import SECTIONS, PeerConfig, pick
 from vpsci_ros.errors import VpsciError
+from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.topics import TOPICS, listeners
 from vpsci_ros.parameters import Parameter, refuse_unknown, table
 
 T = TypeVar("T")
 DRAIN_LIMIT = 20.0  # [s] for what is still on its way when a node is asked to stop
-ALWAYS_ABSOLUTE = ("/clock", "/diagnostics")
+DIAGNOSTICS_PERIOD = 1.0  # [s] of wall time
 _SET_BY_ROS = ("use_sim_time", "start_type_description_service")
 
 
@@ -48,6 +52,10 @@ class GraphNode(Node):
         self._peer_timeout = peer_config.peer_timeout
         self.finished = False
         self.stop = threading.Event()
+        self.simulated_time = Time()
+        """Of the latest message that came or went: the stamp of this node's diagnostics; nodes keep it up to date."""
+        self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._told: tuple[Callable[[], Iterable[tuple[str, Any]]], Callable[[], str], Output] | None = None
 
     def config(self, kind: type[T]) -> T:
         """Return one of the section's configuration classes, filled with this node's parameters."""
@@ -65,6 +73,36 @@ class GraphNode(Node):
         """Subscribe to a topic of the table."""
         row = TOPICS[topic]
         return self.create_subscription(row.type, _resolved(topic), callback, qos or row.qos, raw=raw)
+
+    def wall_timer(self, period: float, callback: Callable[[], None]) -> Timer:
+        """Call back each `period` [s] of wall time, whatever `use_sim_time` says: simulated time stands still at first.
+
+        Every timer of a node of the graph is one of these.
+        """
+        return self.create_timer(period, callback, clock=self._wall_clock)
+
+    def diagnose(
+        self, pairs: Callable[[], Iterable[tuple[str, Any]]], text: Callable[[], str] = lambda: "running"
+    ) -> None:
+        """Publish what `pairs` returns on `/diagnostics`, once a second of wall time and a last time at the end.
+
+        Off the hot path: `pairs` is called by a timer, so a node only has to keep count. Without the readers that it
+        expects a message is dropped, never waited for.
+        """
+        self._told = (pairs, text, self.output("/diagnostics"))
+        self.wall_timer(DIAGNOSTICS_PERIOD, self.report)
+
+    def report(self, *, wait: bool = False) -> None:
+        """Publish the diagnostics now; `wait` for the readers that are expected rather than drop them.
+
+        :raises VpsciError: waited for longer than `peer_timeout`.
+        """
+        if self._told is None:
+            return
+        pairs, text, output = self._told
+        values = list(pairs())
+        if wait or output.matched:
+            output.publish(diagnostics_message(self.get_name(), text(), values, self.simulated_time))
 
     @property
     def quiet(self) -> bool:
@@ -182,6 +220,7 @@ def _run(node_class: Callable[..., GraphNode], context: Context, stop: threading
         node.get_logger().error(str(error))
         return 1
     finally:
+        node.report()
         node.close()
         executor.shutdown()
         node.destroy_node()
@@ -209,5 +248,8 @@ def _is_sequence(value: Any) -> bool:
 
 
 def _resolved(topic: str) -> str:
-    """Return the name to give to rclpy: relative to the node's namespace, except for topics that tools expect at /."""
-    return topic if topic in ALWAYS_ABSOLUTE else topic.removeprefix("/")
+    """Return the name to give to rclpy, relative to the node's namespace: two graphs in two namespaces share nothing.
+
+    `/clock` and `/diagnostics` are no exceptions, although tools look for them at the root: two worlds have two times.
+    """
+    return topic.removeprefix("/")

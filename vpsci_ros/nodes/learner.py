@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from rclpy.context import Context
 from std_msgs.msg import UInt64
 
@@ -36,14 +35,13 @@ class Learner(GraphNode):
         if not self._config.near_misses:
             self.get_logger().warning("no near misses given: learning from the synthetic sample, good for trials only")
         self._folder = Path(self._config.output)
-        self._diagnostics = self.output("/diagnostics")
         self._status: dict[str, Any] = {}
+        self.diagnose(self._status.items, lambda: self._config.stage)
         self._reported = 0.0
         self._last_receipt = time.monotonic()
-        self._stamp = Time()  # simulated time of the latest transition
         self._refiner: Refiner | None = None
         if self._config.stage == "pretrain":
-            self.create_timer(0.01, self._pretrain)
+            self.wall_timer(0.01, self._pretrain)
         else:
             self._refiner = self._begin_refining()
 
@@ -78,7 +76,7 @@ class Learner(GraphNode):
         self._weights = self.output("/policy/weights")
         self._consumed = self.output("/replay/consumed")
         self.input("/replay", partial(self._on_transition, refiner), RECORDING)
-        self._first = self.create_timer(0.01, partial(self._publish_first, refiner))
+        self._first = self.wall_timer(0.01, partial(self._publish_first, refiner))
         return refiner
 
     def _publish_first(self, refiner: Refiner) -> None:
@@ -87,7 +85,7 @@ class Learner(GraphNode):
 
     def _on_transition(self, refiner: Refiner, message: Transition) -> None:
         self._last_receipt = time.monotonic()
-        self._stamp = message.header.stamp
+        self.simulated_time = message.header.stamp
         refiner.add(convert.transition_arrays(message))
         while refiner.due and not self.stop.is_set():
             refiner.update()
@@ -99,7 +97,7 @@ class Learner(GraphNode):
 
     def _publish_weights(self, refiner: Refiner) -> None:
         message = PolicyWeights(version=refiner.version)
-        message.header.stamp = self._stamp
+        message.header.stamp = self.simulated_time
         message.safetensors.frombytes(refiner.weights())
         self._weights.publish(message)
 
@@ -107,13 +105,14 @@ class Learner(GraphNode):
 
     def _report(self, values: dict[str, float], last: bool = False) -> None:
         """Publish the latest value of every name, now and then."""
-        self._status |= {name: f"{value:.4g}" if isinstance(value, float) else value for name, value in values.items()}
+        for name, value in values.items():
+            self._status[name] = f"{value:.4g}" if isinstance(value, float) else value
         now = time.monotonic()
         if now - self._reported > REPORT_PERIOD or last:
             self._reported = now
-            at = self._stamp if self._refiner else self.get_clock().now().to_msg()
-            text = self._config.stage
-            self._diagnostics.publish(convert.diagnostics_message("learner", text, self._status.items(), at))
+            if not self._refiner:  # stage 1 knows no simulated time
+                self.simulated_time = self.get_clock().now().to_msg()
+            self.report(wait=last)
 
     @property
     def quiet(self) -> bool:

@@ -1,6 +1,7 @@
 """The CurvTTC safety monitor: answers every WorldState with the CurvTTC of each parallel episode."""
 
 import sys
+import time
 from typing import Any
 
 from rclpy.context import Context
@@ -8,6 +9,7 @@ from rclpy.context import Context
 from vpsci_msgs.msg import WorldState
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.world.monitor import MonitorConfig, assess, warm_up
 
 
@@ -18,13 +20,19 @@ class SafetyMonitor(GraphNode):
         super().__init__("safety_monitor", context=context, parameter_overrides=parameter_overrides)
         self._config = self.config(MonitorConfig)
         warm_up(self._config)  # before the topic is there, for which the world waits
+        self._meter = Meter()
         self._safety = self.output("/safety/state")
         self.input("/world/state", self._on_state)
+        self.diagnose(self._meter.pairs)
 
     def _on_state(self, message: WorldState) -> None:
+        arrived = time.perf_counter()
         state, _ = convert.world_state_arrays(message)
         curvttc, distance, critical = assess(state, self._config)
         self._safety.publish(convert.safety_message(message.header, message.tick, curvttc, distance, critical))
+        self.simulated_time = message.header.stamp
+        self._meter.tick(message.tick)
+        self._meter.answered(arrived)
 
 
 def main(args: list[str] | None = None) -> int:

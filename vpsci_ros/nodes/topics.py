@@ -12,6 +12,7 @@ from std_msgs.msg import UInt64
 from visualization_msgs.msg import MarkerArray
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, VehicleControl, WorldState
+from vpsci_ros.config import NODES
 
 LOCK_STEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """What a decision rests on: nothing is lost, and a reader a thousand messages behind still has them all."""
@@ -55,7 +56,7 @@ TOPICS = {
         Topic("/replay/consumed", UInt64, ("learner",), ("world_simulator",), LATCHED),
         Topic("/policy/weights", PolicyWeights, ("learner",), _POLICIES, LATCHED),
         Topic("/markers", MarkerArray, ("world_simulator",), ("recorder",), LOCK_STEP),
-        Topic("/diagnostics", DiagnosticArray, ("world_simulator", "learner"), ("recorder", "graph_watch"), LOCK_STEP),
+        Topic("/diagnostics", DiagnosticArray, NODES, ("recorder", "graph_watch"), LOCK_STEP),
     )
 }
 

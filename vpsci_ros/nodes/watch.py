@@ -52,7 +52,7 @@ class Watch:
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node(WATCH, context=self._context)
         self._node.create_subscription(EpisodeEvent, "episode/event", self._on_event, RECORDING)
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RECORDING)
+        self._node.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, RECORDING)
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._bar.start()

@@ -30,7 +30,6 @@ MISSING = {
     codes.PEDESTRIAN_ACTION_MISSING: "pedestrian_answers_missing",
     codes.SAFETY_MISSING: "safety_answers_missing",
 }
-REPORT_PERIOD = 1.0  # [s] of wall time from one diagnostics message to the next
 
 
 class WorldSimulator(GraphNode):
@@ -61,23 +60,23 @@ class WorldSimulator(GraphNode):
         self._actions: dict[str, AgentAction] = {}
         self._frame = np.zeros(self._run.batch, bool)
         self._begun = False
-        self._begun_at = self._tick_started = self._reported = time.monotonic()
-        self._reported_tick = 0
+        self._begun_at = self._tick_started = self._told_at = time.monotonic()
+        self._told_tick = 0
         self._consumed = 0
         self._connect()
         factor = self._lock_step.real_time_factor
         pace = self._config.tick / factor / 4 if factor > 0 else 0.05
-        self.create_timer(min(pace, self._lock_step.action_timeout / 4), self._on_timer)
+        self.diagnose(self._status)
+        self.wall_timer(min(pace, self._lock_step.action_timeout / 4), self._on_timer)
 
     def _connect(self) -> None:
         self._time = self.output("/clock")
         self._state = self.output("/world/state")
         self._event = self.output("/episode/event")
-        self._diagnostics = self.output("/diagnostics")
         self._replay = self.output("/replay") if self._builder else None
         self._odometry = [self.output(f"/{agent}/odometry") for agent in AGENTS] if self._run.batch == 1 else []
         self._markers = self.output("/markers") if self._run.batch == 1 else None
-        self._outputs = [self._time, self._state, self._event, self._diagnostics, *self._odometry]
+        self._outputs = [self._time, self._state, self._event, *self._odometry]
         self._outputs += [output for output in (self._replay, self._markers) if output]
         self._answers = {"safety_monitor": self.input("/safety/state", self._on_safety)}
         for agent in self._policies:
@@ -103,7 +102,6 @@ class WorldSimulator(GraphNode):
                 self._advance()
         else:
             self._advance_when_answered()
-        self._report()
 
     def _on_safety(self, message: SafetyState) -> None:
         if self._begun and message.tick == self._world.tick:
@@ -129,7 +127,7 @@ class WorldSimulator(GraphNode):
             self.get_logger().info(f"waiting for {', '.join(sorted(absent))}", throttle_duration_sec=5.0)
             return
         self._begun = True
-        self._begun_at = self._reported = time.monotonic()
+        self._begun_at = self._told_at = time.monotonic()
         self._publish_events(self._world.take_started())
         self._publish_tick()
 
@@ -144,7 +142,8 @@ class WorldSimulator(GraphNode):
         if world.done:
             self.finished = True
             return
-        self._time.publish(Clock(clock=convert.stamp(world.tick, period)))
+        self.simulated_time = convert.stamp(world.tick, period)
+        self._time.publish(Clock(clock=self.simulated_time))
         message = convert.world_state_message(world.state, self._frame, world.tick, period)
         self._state.publish(message)
         present = world.state["status"][0] != codes.IDLE
@@ -237,24 +236,19 @@ class WorldSimulator(GraphNode):
         if len(events):
             self._event.publish(convert.event_message(events, self._world.tick, self._config.tick))
 
-    def _report(self, last: bool = False) -> None:
-        now = time.monotonic()
-        if not self._begun or (now - self._reported < REPORT_PERIOD and not last):
-            return
-        tick = self._world.tick
-        rate = (tick - self._reported_tick) / max(now - self._reported, 1e-9)
-        mean = tick / max(now - self._begun_at, 1e-9)
-        self._reported, self._reported_tick = now, tick
+    def _status(self) -> list[tuple[str, Any]]:
+        """Return what the diagnostics tell: ticks and their rate by the wall clock, and the counts of the run."""
+        tick, now = self._world.tick, time.monotonic()
+        rate = (tick - self._told_tick) / max(now - self._told_at, 1e-9)
+        mean = tick / max(self._tick_started - self._begun_at, 1e-9)
+        self._told_at, self._told_tick = now, tick
         pairs = [("tick", tick), ("ticks_per_second", round(rate)), ("ticks_per_second_mean", round(mean))]
-        pairs += sorted((+self._counts).items())
-        at = convert.stamp(tick, self._config.tick)
-        self._diagnostics.publish(convert.diagnostics_message("world_simulator", "running", pairs, at))
+        return pairs + sorted((+self._counts).items())
 
     def close(self) -> None:
         """Say how it went, and wait until every reader has everything."""
         if not self._begun:
             return
-        self._report(last=True)
         if "recorder" in self.peers:
             # Until the middleware's next heartbeat, up to 3 s for all together; a dead reader would take for ever.
             all(output.flush(4.0) for output in self._outputs)

@@ -1,0 +1,46 @@
+"""Rate and lag of a node's answers, for its diagnostics: a few additions an answer, arithmetic once a second."""
+
+import time
+from typing import Any
+
+
+class Meter:
+    """Counts answers, how long each took, and the ticks of the world that never came.
+
+    Wall-clock matters: they tell of the machine, not of the episodes, and differ from run to run.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.missed = 0
+        self._tick = -1
+        self._spent = self._longest = 0.0
+        self._told = (time.perf_counter(), 0)
+
+    def tick(self, tick: int) -> None:
+        """Take note of a tick of the world, so that gaps between ticks are counted as missed."""
+        if self._tick >= 0 and tick > self._tick + 1:
+            self.missed += tick - self._tick - 1
+        self._tick = tick
+
+    def answered(self, arrived: float) -> None:
+        """Count an answer; `arrived` is the `time.perf_counter()` at which the message that it answers came."""
+        took = time.perf_counter() - arrived
+        self.count += 1
+        self._spent += took
+        self._longest = max(self._longest, took)
+
+    def pairs(self) -> list[tuple[str, Any]]:
+        """Return answers in all, answers a second, mean and longest lag [ms], all three since the last call."""
+        now, (then, before) = time.perf_counter(), self._told
+        fresh = self.count - before
+        mean, longest = self._spent / max(fresh, 1), self._longest
+        self._told, self._spent, self._longest = (now, self.count), 0.0, 0.0
+        return [
+            ("tick", self._tick),
+            ("answers", self.count),
+            ("answers_per_second", round(fresh / max(now - then, 1e-9))),
+            ("lag_mean_ms", f"{1e3 * mean:.3f}"),
+            ("lag_max_ms", f"{1e3 * longest:.3f}"),
+            ("ticks_missed", self.missed),
+        ]
