@@ -115,6 +115,9 @@ class RecorderConfig:
     chunk_size: int = parameter(
         256, "messages are compressed and written in chunks of this size", unit="KiB", low=1, high=65536
     )
+    split_size: int = parameter(
+        2**30, "begin another file when one has this size; 0: one file, however large", unit="B", low=0, high=10**12
+    )
 
 
 @dataclass(frozen=True)

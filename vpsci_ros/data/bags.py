@@ -39,20 +39,21 @@ def read_bag(folder: str | Path, *, recover: bool = False, start: int = 0, stop:
     """
     bag = Bag(folder, recover=recover)
     answers: dict[int, Any] = {}
-    waiting: dict[int, Any] = {}
+    waiting: dict[int, tuple[Any, int]] = {}
     ticks = 0
-    for topic, message in _messages(bag, start, stop):
-        if topic == WORLD and int(message.tick) in waiting:
-            raise InvalidInput(f"{folder}: tick {message.tick} comes twice; the world was reset, or ran twice")
-        (waiting if topic == WORLD else answers)[int(message.tick)] = message
+    for topic, message, time in _messages(bag, start, stop):
+        if topic == WORLD:
+            waiting[int(message.tick)] = message, time
+        else:
+            answers[int(message.tick)] = message
         for tick in list(waiting):
             if tick not in answers and len(waiting) <= _PATIENCE:
                 break
             ticks += 1
-            yield _tick(folder, waiting.pop(tick), answers.pop(tick, None))
+            yield _tick(folder, *waiting.pop(tick), answers.pop(tick, None))
     for tick in list(waiting):
         ticks += 1
-        yield _tick(folder, waiting.pop(tick), answers.pop(tick, None))
+        yield _tick(folder, *waiting.pop(tick), answers.pop(tick, None))
     if ticks == 0:
         for found in odometry_ticks(bag, start, stop):
             ticks += 1
@@ -91,15 +92,15 @@ def read_episodes(folder: str | Path, *, recover: bool = False) -> Iterator[Epis
             yield batch
 
 
-def _messages(bag: Bag, start: int, stop: int) -> Iterator[tuple[str, Any]]:
+def _messages(bag: Bag, start: int, stop: int) -> Iterator[tuple[str, Any, int]]:
     decode = Decoder()
     for raw in bag.messages(_TYPES, start, stop):
         if raw.type != _TYPES[raw.topic]:
             raise InvalidInput(f"{bag.path}: expected {_TYPES[raw.topic]} on {raw.topic}, got {raw.type}")
-        yield raw.topic, decode(raw, bag.path)
+        yield raw.topic, decode(raw, bag.path), raw.time
 
 
-def _tick(folder: str | Path, world: Any, safety: Any | None) -> Tick:
+def _tick(folder: str | Path, world: Any, time: int, safety: Any | None) -> Tick:
     missing = [name for name in _NEEDED if not hasattr(world, name)]
     if missing:
         raise InvalidInput(f"{folder}: {WORLD} has no field {', '.join(missing)}; it is of another version")
@@ -111,7 +112,7 @@ def _tick(folder: str | Path, world: Any, safety: Any | None) -> Tick:
     unknown = np.full(batch, np.nan)
     curvttc = unknown if safety is None else _sized(folder, SAFETY, "curvttc", safety.curvttc, batch)
     distance = unknown if safety is None else _sized(folder, SAFETY, "distance", safety.distance, batch)
-    return Tick(int(world.tick), float(world.dt), state, curvttc, distance)
+    return Tick(int(world.tick), float(world.dt), state, curvttc, distance, time)
 
 
 def _sized(folder: str | Path, topic: str, name: str, values: NDArray[Any], batch: int) -> NDArray[Any]:

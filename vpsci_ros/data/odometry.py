@@ -52,12 +52,12 @@ def odometry_ticks(bag: Bag, start: int = 0, stop: int = 2**63 - 1) -> Iterator[
             state["episode"], state["frame"] = number, row - first
             state["status"] = ENDED if row == after - 1 else RUNNING
             curvttc, distance, _ = assess(state, config)
-            yield Tick(tick, period, state, curvttc, distance)
+            yield Tick(tick, period, state, curvttc, distance, int(vehicle[row, 6]))
             tick += 1
 
 
 def _tracks(bag: Bag, start: int, stop: int) -> list[Floats]:
-    """Return of each float64[n, 6]: stamp [s], x, y [m], yaw of the motion [rad], speed [m/s], yaw rate [rad/s]."""
+    """Return of each float64[n, 7]: stamp [s], x, y [m], course [rad], speed [m/s], yaw rate [rad/s], log time."""
     rows: dict[str, list[tuple[float, ...]]] = {topic: [] for topic in ODOMETRY}
     decode = Decoder()
     for raw in bag.messages(ODOMETRY, start, stop):
@@ -69,9 +69,9 @@ def _tracks(bag: Bag, start: int, stop: int) -> list[Floats]:
         yaw = np.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
         along, across = twist.linear.x, twist.linear.y
         course = yaw + np.arctan2(across, along) if raw.topic == ODOMETRY[1] else yaw
-        row = (pose.position.x, pose.position.y, course, np.hypot(along, across), twist.angular.z)
+        row = (pose.position.x, pose.position.y, course, np.hypot(along, across), twist.angular.z, raw.time)
         rows[raw.topic].append((stamp.sec + 1e-9 * stamp.nanosec, *map(float, row)))
-    tracks = [np.array(sorted(rows[topic]), np.float64).reshape(-1, 6) for topic in ODOMETRY]
+    tracks = [np.array(sorted(rows[topic]), np.float64).reshape(-1, 7) for topic in ODOMETRY]
     return [track[np.isfinite(track).all(axis=1)] for track in tracks]
 
 
@@ -95,10 +95,10 @@ def _breaks(track: Floats) -> NDArray[np.bool_]:
 def _state(vehicle: Floats, pedestrian: Floats) -> NDArray[np.void]:
     """Return EPISODE[1] of one row of each track."""
     state = np.zeros(1, EPISODE)
-    _, state["vehicle_x"], state["vehicle_y"], state["vehicle_heading"], speed, yaw_rate = vehicle
+    _, state["vehicle_x"], state["vehicle_y"], state["vehicle_heading"], speed, yaw_rate, _ = vehicle
     state["vehicle_speed"] = speed
     state["vehicle_curvature"] = yaw_rate / speed if speed > SLOW else 0.0
-    _, state["pedestrian_x"], state["pedestrian_y"], course, walking, _ = pedestrian
+    _, state["pedestrian_x"], state["pedestrian_y"], course, walking, *_ = pedestrian
     state["pedestrian_vx"], state["pedestrian_vy"] = walking * np.cos(course), walking * np.sin(course)
     state["scenario"] = SCENARIO
     return state

@@ -10,7 +10,7 @@ class Tick(NamedTuple):
     """The world at one tick and what the safety monitor said of it.
 
     state: EPISODE[B], fields that the message does not carry are 0. curvttc float64[B] [s], distance float64[B] [m]:
-    NaN where the bag holds no answer to this tick.
+    NaN where the bag holds no answer to this tick. time: log time in the bag [ns].
     """
 
     tick: int
@@ -18,3 +18,4 @@ class Tick(NamedTuple):
     state: NDArray[np.void]
     curvttc: NDArray[np.float64]
     distance: NDArray[np.float64]
+    time: int = 0

@@ -1,27 +1,36 @@
 """The recorder: writes every message of the graph, as it came off the wire, to a rosbag2 folder with MCAP storage."""
 
+import hashlib
 import struct
 import sys
 import time
 from functools import partial
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from rclpy.context import Context
+from rclpy.serialization import deserialize_message
 
-from vpsci_ros.config import RecorderConfig
+from vpsci_msgs.msg import EpisodeEvent, PolicyWeights
+from vpsci_ros.config import NODES, RecorderConfig
+from vpsci_ros.data.bag_episodes import EVENTS, RECORD, BagEpisode, EpisodeLog, event_rows
+from vpsci_ros.data.bag_run import NODE, SOFTWARE, WEIGHTS, node_record, software_record
 from vpsci_ros.data.bag_writer import BagTopic, BagWriter
 from vpsci_ros.nodes import schemas
 from vpsci_ros.nodes.base import GraphNode, run
-from vpsci_ros.nodes.topics import RECORDING, TOPICS, speakers
+from vpsci_ros.nodes.peer_parameters import PeerParameters
+from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
 
 DRAIN_QUIET = 0.3  # [s] without a message: nothing is on its way any more
+PARAMETERS_PATIENCE = 5.0  # [s] for the peers' parameters, before recording begins without them
 
 
 class Recorder(GraphNode):
     """Every topic of the table that names the recorder, raw, into one bag.
 
     Log times are the simulated times in the messages, so that a bag plays back at the pace of the world and is the
-    same for the same seed; publish times are the wall times of receipt.
+    same for the same seed; publish times are the wall times of receipt. Beside the messages the bag gets the
+    parameters of the other nodes, which it asks for, and a record of each episode.
     """
 
     def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
@@ -32,16 +41,75 @@ class Recorder(GraphNode):
         # A topic without a publisher here is an external driving system's.
         wanted = [row for row in recorded if not (explicit and row.publishers) or speakers(row.name, self.peers)]
         topics = [BagTopic(row.name, *schemas.describe(row.type)) for row in wanted]
-        self._bag = BagWriter(config.bag, topics, chunk_size=config.chunk_size * 1024)
-        self._last_receipt = time.monotonic()
-        for row in wanted:
+        sizes = {"chunk_size": config.chunk_size * 1024, "split_size": config.split_size}
+        self._bag = BagWriter(config.bag, topics, **sizes)
+        self._bag.describe(SOFTWARE, software_record())
+        self._episodes = EpisodeLog()
+        self._ended: list[BagEpisode] = []
+        self._recorded_episodes = 0
+        self._untimed = explicit and "world_simulator" not in self.peers  # stage 1: diagnostics alone, in wall time
+        if self._untimed:
+            self.simulated_time = self.get_clock().now().to_msg()
+        self._last_receipt = self._begun = time.monotonic()
+        others = [name for name in (self.peers if explicit else NODES) if name not in ("recorder", "replayer")]
+        self._parameters = PeerParameters(self, others, self._on_parameters)
+        if "learner" in others:
+            self.input("/policy/weights", self._on_weights, LATCHED)
+        # Where the nodes wait for this one, it first waits for their parameters: a short run would be over before.
+        self._waiting: list[Topic] = wanted
+        if explicit:
+            self.wall_timer(0.02, self._subscribe_when_known)
+        else:
+            self._subscribe()
+        self.diagnose(self._pairs)
+
+    def _subscribe_when_known(self) -> None:
+        late = time.monotonic() - self._begun > PARAMETERS_PATIENCE
+        if self._waiting and (late or not self._parameters.missing):
+            if late:
+                missing = ", ".join(self._parameters.missing)
+                self.get_logger().warning(f"recording without the parameters of {missing}: no answer yet")
+            self._subscribe()
+
+    def _subscribe(self) -> None:
+        for row in self._waiting:
             self.input(row.name, partial(self._on_message, row.name), RECORDING, raw=True)
+        self._waiting = []
 
     def _on_message(self, topic: str, data: bytes) -> None:
         self._last_receipt = time.monotonic()
         # Every recorded type begins with its stamp, after CDR's 4 bytes; in an array of markers its length comes first.
         seconds, nanoseconds = struct.unpack_from("<iI", data, 8 if topic == "/markers" else 4)
-        self._bag.write(topic, data, seconds * 1_000_000_000 + nanoseconds, time.time_ns())
+        at = seconds * 1_000_000_000 + nanoseconds
+        if self._ended and at > self._ended[0].end_time:
+            self._write_ended()
+        self._bag.write(topic, data, at, time.time_ns())
+        if topic == EVENTS:
+            message = deserialize_message(data, EpisodeEvent)
+            self._ended += self._episodes.add(message.tick, at, event_rows(message), self._bag.path.name)
+        if topic != "/diagnostics" or self._untimed:
+            self.simulated_time = Time(sec=seconds, nanosec=nanoseconds)
+
+    def _write_ended(self) -> None:
+        """Write the records of the episodes whose last tick is over."""
+        for episode in self._ended:
+            self._bag.add_metadata(RECORD, episode.to_record())
+        self._recorded_episodes += len(self._ended)
+        self._ended.clear()
+
+    def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
+        self._bag.describe(NODE, node_record(node, values))
+
+    def _on_weights(self, message: PolicyWeights) -> None:
+        digest = hashlib.sha256(bytes(message.safetensors)).hexdigest()
+        self._bag.describe(WEIGHTS, {"version": str(message.version), "sha256": digest})
+
+    def _pairs(self) -> list[tuple[str, Any]]:
+        rows = self._bag.topics.values()
+        seen, written = sum(row.seen for row in rows), sum(row.messages for row in rows)
+        episodes = self._recorded_episodes + len(self._ended)
+        files = len(self._bag.files)
+        return [("messages_seen", seen), ("messages_written", written), ("episodes", episodes), ("files", files)]
 
     @property
     def quiet(self) -> bool:
@@ -50,9 +118,11 @@ class Recorder(GraphNode):
 
     def close(self) -> None:
         """Complete the bag."""
-        counts = {name: topic.messages for name, topic in self._bag.topics.items()}
-        self._bag.close({"messages_written": str(sum(counts.values()))})
-        self.get_logger().info(f"wrote {self._bag.folder} with {sum(counts.values())} messages")
+        self._write_ended()
+        totals = {"episodes": str(self._recorded_episodes), "episodes_unfinished": str(self._episodes.unfinished)}
+        self._bag.close(totals)
+        written = sum(topic.messages for topic in self._bag.topics.values())
+        self.get_logger().info(f"wrote {self._bag.folder}: {written} messages, {self._recorded_episodes} episodes")
 
 
 def main(args: list[str] | None = None) -> int:
