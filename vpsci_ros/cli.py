@@ -135,11 +135,11 @@ def node(
     """Run one node without a ROS 2 installation's own tools: vpsci node NAME --ros-args -p batch:=4 ..."""
     import importlib
 
-    from vpsci_ros.config import NODES
+    from vpsci_ros.config import EXECUTABLES
     from vpsci_ros.errors import InvalidInput
 
-    if name not in NODES:
-        raise InvalidInput(f"unknown node {name!r}; expected one of {', '.join(NODES)}")
+    if name not in EXECUTABLES:
+        raise InvalidInput(f"unknown node {name!r}; expected one of {', '.join(EXECUTABLES)}")
     raise typer.Exit(importlib.import_module(f"vpsci_ros.nodes.{name}").main([name, *context.args]))
 
 

@@ -16,6 +16,7 @@ from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.monitor import MonitorConfig
 
 NODES = ("world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "learner", "recorder")
+EXECUTABLES = (*NODES, "example_ads")  # of `ros2 run vpsci_ros` and `vpsci node`
 T = TypeVar("T")
 
 

@@ -130,6 +130,16 @@ def test_a_command_for_an_earlier_tick_is_refused(drive: Callable[..., Drive]) -
     assert session.world._counts["vehicle_commands_refused"] >= 8
 
 
+def test_an_answer_to_the_last_tick_of_an_episode_is_not_held_against_the_driving_system(
+    drive: Callable[..., Drive],
+) -> None:
+    session = drive(episodes=3, episode_time=0.3)
+    session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: acceleration(odometry, -3.0))
+    session.run()
+    assert session.missing == 0
+    assert session.world._counts["vehicle_commands_refused"] == 0
+
+
 def test_an_external_driver_of_many_episodes_at_once_is_refused(context: Context) -> None:
     overrides = [Parameter(name, value=value) for name, value in (SETTINGS | {"batch": 2}).items()]
     with pytest.raises(InvalidInput, match="one episode at a time; got batch = 2"):

@@ -1,6 +1,6 @@
 """An external driving system at the wheel: its commands checked and handed to the world, one tick at a time."""
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any
 
@@ -29,6 +29,7 @@ class ExternalVehicle:
         self._counts = counts
         self._heard = heard
         self._tick, self._nanoseconds = 0, 0
+        self._not_asked: deque[tuple[int, int]] = deque(maxlen=8)  # tick and time of the last ones without an episode
         self.acceleration: NDArray[np.float64] | None = None
         self.control: NDArray[np.float64] | None = None
         self.inputs = [
@@ -41,13 +42,20 @@ class ExternalVehicle:
         """Whether there is a command for the present tick."""
         return self.acceleration is not None or self.control is not None
 
-    def begin(self, tick: int, nanoseconds: int) -> None:
-        """Forget the last tick's command; the present one begins at `nanoseconds` of simulated time."""
+    def begin(self, tick: int, nanoseconds: int, *, asked: bool = True) -> None:
+        """Forget the last tick's command; the present one begins at `nanoseconds` of simulated time.
+
+        :param asked: whether an episode runs; an answer to a tick without one is neither used nor held against anybody.
+        """
         self._tick, self._nanoseconds = tick, nanoseconds
+        if not asked:
+            self._not_asked.append((tick, nanoseconds))
         self.acceleration = self.control = None
 
     def _on_acceleration(self, message: AccelStamped) -> None:
         stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+        if any(stamp == nanoseconds for _, nanoseconds in self._not_asked):
+            return
         linear = message.accel.linear
         values = np.array([[linear.x, linear.y]])
         late = 0 < stamp < self._nanoseconds
@@ -56,6 +64,8 @@ class ExternalVehicle:
             self._heard()
 
     def _on_control(self, message: VehicleControl) -> None:
+        if any(message.tick == tick for tick, _ in self._not_asked):
+            return
         values = np.array([[message.steer, message.throttle, message.brake]])
         inside = (values >= [-1.0, 0.0, 0.0]) & (values <= 1.0)
         late = 0 < message.tick < self._tick

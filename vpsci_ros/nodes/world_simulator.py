@@ -138,7 +138,8 @@ class WorldSimulator(GraphNode):
         self._frame = handover.policy_frame(world.state, self._config)
         self._tick_started = time.monotonic()
         if self._external:
-            self._external.begin(world.tick, world.tick * round(period * 1e9))
+            asked = bool((world.state["status"] == codes.RUNNING).any())
+            self._external.begin(world.tick, world.tick * round(period * 1e9), asked=asked)
         if world.done:
             self.finished = True
             return

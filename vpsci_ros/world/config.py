@@ -38,8 +38,8 @@ class WorldConfig:
     )
     lane_following: bool = parameter(
         True,
-        "add the lane-keeping lateral acceleration to a policy's (and to an external driver's /vehicle/cmd_accel) before "
-        "(18), since neither (6) nor odometry tells of the route; false: (18) alone",
+        "add the lane-keeping lateral acceleration to a policy's (and to an external driver's /vehicle/cmd_accel) "
+        "before (18), since neither (6) nor odometry tells of the route; false: (18) alone",
     )
 
     def __post_init__(self) -> None:

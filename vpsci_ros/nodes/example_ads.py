@@ -1,0 +1,95 @@
+"""A driving system to copy: keeps a speed, and brakes when it would meet the pedestrian on its path.
+
+It is written as a program of your own would be, with rclpy and public message types alone; docs/ads.md goes through
+it, and tells a C++ user the topics. `vpsci ads-test --ads "python my_ads.py"` puts yours to the exam.
+"""
+
+import contextlib
+import math
+import sys
+
+import rclpy
+from geometry_msgs.msg import AccelStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+
+FRONT, SIDE = 2.35, 0.93  # [m] from the vehicle's centre to its bumper and to its side
+RADIUS = 0.3  # [m] of the pedestrian
+
+
+class ExampleAds(Node):
+    """`/vehicle/odometry` and `/pedestrian/odometry` in, `/vehicle/cmd_accel` out, one answer a tick."""
+
+    def __init__(self) -> None:
+        super().__init__("example_ads")
+        self.cruise = self.declare_parameter("cruise_speed", 4.0).value  # [m/s]
+        self.comfort = self.declare_parameter("comfort_acceleration", 2.0).value  # [m/s2]
+        self.braking = self.declare_parameter("braking", 5.0).value  # [m/s2]
+        self.horizon = self.declare_parameter("horizon", 2.5).value  # [s]
+        self.margin = self.declare_parameter("margin", 0.7).value  # [m] to keep free around the vehicle
+        self.vehicle: Odometry | None = None
+        self.pedestrian: Odometry | None = None
+        self.command = self.create_publisher(AccelStamped, "vehicle/cmd_accel", 10)
+        self.create_subscription(Odometry, "vehicle/odometry", self.on_vehicle, 10)
+        self.create_subscription(Odometry, "pedestrian/odometry", self.on_pedestrian, 10)
+
+    def on_vehicle(self, message: Odometry) -> None:
+        """Take in where the vehicle is."""
+        self.vehicle = message
+        self.answer()
+
+    def on_pedestrian(self, message: Odometry) -> None:
+        """Take in where the pedestrian is."""
+        self.pedestrian = message
+        self.answer()
+
+    def answer(self) -> None:
+        """Answer once both are in for the same tick, under its stamp."""
+        if self.vehicle and self.pedestrian and self.vehicle.header.stamp == self.pedestrian.header.stamp:
+            message = AccelStamped(header=self.vehicle.header)
+            message.accel.linear.x = self.acceleration(self.vehicle, self.pedestrian)
+            self.command.publish(message)  # linear.y, to the left, would be added to the world's lane keeping
+
+    def acceleration(self, vehicle: Odometry, pedestrian: Odometry) -> float:
+        """Return what to do with the speed [m/s2]: brake where the paths meet within the horizon, else cruise."""
+        speed = vehicle.twist.twist.linear.x
+        if self.meet(vehicle, pedestrian, max(speed, 1.0)):  # a vehicle that stands looks whether it could set off
+            return -self.braking
+        return max(-self.comfort, min(self.comfort, (self.cruise - speed) / 0.5))
+
+    def meet(self, vehicle: Odometry, pedestrian: Odometry, speed: float) -> bool:
+        """Whether they come within the margin, if the vehicle keeps `speed` and yaw rate, the pedestrian velocity."""
+        x, y, heading = pose(vehicle)
+        px, py, direction = pose(pedestrian)
+        walking = pedestrian.twist.twist.linear.x
+        turning = vehicle.twist.twist.angular.z
+        step = 0.1  # [s]
+        for _ in range(round(self.horizon / step)):
+            heading += turning * step
+            x, y = x + speed * step * math.cos(heading), y + speed * step * math.sin(heading)
+            px, py = px + walking * step * math.cos(direction), py + walking * step * math.sin(direction)
+            forward = math.cos(heading) * (px - x) + math.sin(heading) * (py - y)
+            left = math.cos(heading) * (py - y) - math.sin(heading) * (px - x)
+            if abs(forward) < FRONT + RADIUS + self.margin and abs(left) < SIDE + RADIUS + self.margin:
+                return True
+        return False
+
+
+def pose(odometry: Odometry) -> tuple[float, float, float]:
+    """Return x, y [m] and heading [rad], counter-clockwise from x (REP 103)."""
+    at, turned = odometry.pose.pose.position, odometry.pose.pose.orientation
+    return at.x, at.y, 2.0 * math.atan2(turned.z, turned.w)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until it is stopped."""
+    rclpy.init(args=args)
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(ExampleAds())
+    rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
