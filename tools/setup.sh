@@ -75,7 +75,7 @@ if ! is_done packages constraints.txt setup.py setup.cfg pyproject.toml; then
     done_now
 fi
 
-if ! is_done messages constraints.txt tools/build_messages.sh msg_defs/CMakeLists.txt msg_defs/package.xml msg_defs/msg/*; then
+if ! is_done messages constraints.txt tools/build_messages.sh msg_defs/CMakeLists.txt msg_defs/package.xml msg_defs/msg/* msg_defs/srv/*; then
     say "building vpsci_msgs"
     tools/build_messages.sh "$venv"
     done_now

@@ -14,6 +14,7 @@ OUTCOME_NAMES = ("none", "collision", "goal", "timeout")
 # kinds of event, as in vpsci_msgs/EpisodeEvent
 STARTED, HANDED_OVER, HANDED_BACK, FINISHED = 1, 2, 3, 4
 VEHICLE_ACTION_MISSING, PEDESTRIAN_ACTION_MISSING, SAFETY_MISSING = 5, 6, 7
+SAFE_STOP = 8  # of an external driver in real time; the node that waits for its commands tells of it
 
 _QUANTITIES = (
     # the vehicle: centre of its rectangle, which moves along its heading
