@@ -13,7 +13,8 @@ from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
 from vpsci_ros import config
-from vpsci_ros.nodes.graph import as_ros_parameters, resolve
+from vpsci_ros.nodes.graph import resolve
+from vpsci_ros.parameters import as_ros_parameters
 from vpsci_ros.provenance import require_empty_folder
 
 DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"

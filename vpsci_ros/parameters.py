@@ -157,6 +157,14 @@ def load_parameter_file(path: str | Path, configs: Mapping[str, tuple[type, ...]
     return {name: {k: v for k, v in shared.items() if k in known[name]} | sections.get(name, {}) for name in known}
 
 
+def as_ros_parameters(sections: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Return sections in the layout of a ROS 2 parameter file; empty lists, which ROS cannot type, are left out."""
+    return {
+        name: {"ros__parameters": {key: value for key, value in values.items() if value != []}}
+        for name, values in sections.items()
+    }
+
+
 def markdown_table(config: type) -> str:
     """Return the parameter table of `config` as GitHub Markdown, for the README."""
     lines = ["| parameter | default | unit | range | what it sets |", "|---|---|---|---|---|"]

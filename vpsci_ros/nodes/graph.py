@@ -23,7 +23,7 @@ from vpsci_ros.config import SECTIONS, GraphConfig, pick
 from vpsci_ros.data.bag_repair import repair_bag
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.watch import WATCH, Watch
-from vpsci_ros.parameters import table
+from vpsci_ros.parameters import as_ros_parameters, table
 from vpsci_ros.provenance import require_empty_folder, sha256, software_versions, written_whole
 
 STOP_PATIENCE = 30.0  # [s] from SIGINT to SIGKILL
@@ -96,14 +96,6 @@ def resolve(sections: dict[str, dict[str, Any]], folder: Path) -> dict[str, dict
             pick(config, values, node)
             resolved[node] |= {row.name: values.get(row.name, row.default) for row in table(config)}
     return resolved
-
-
-def as_ros_parameters(sections: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """Return sections in the layout of a ROS 2 parameter file; empty lists, which ROS cannot type, are left out."""
-    return {
-        name: {"ros__parameters": {key: value for key, value in values.items() if value != []}}
-        for name, values in sections.items()
-    }
 
 
 class Processes:
