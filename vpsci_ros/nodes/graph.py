@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -46,11 +46,18 @@ class GraphResult:
         return self.folder / "bag"
 
 
-def run_graph(sections: dict[str, dict[str, Any]], folder: str | Path, *, quiet: bool = False) -> GraphResult:
+def run_graph(
+    sections: dict[str, dict[str, Any]],
+    folder: str | Path,
+    *,
+    quiet: bool = False,
+    stop_when: Callable[[Watch], str] | None = None,
+) -> GraphResult:
     """Run a graph to its end and return how it went; a run that fails or is interrupted returns with `error` set.
 
     :param sections: section -> values, as `vpsci_ros.config.load` returns them.
     :param folder: output folder, empty or new: bag/, learner/, log/, params.yaml (resolved), run.json.
+    :param stop_when: asked again and again; an answer ends the run, and is its `error`.
     :raises InvalidInput: a parameter is refused, or the folder is not empty; nothing has been started then.
     """
     resolved = resolve(sections, Path(folder))
@@ -63,7 +70,7 @@ def run_graph(sections: dict[str, dict[str, Any]], folder: str | Path, *, quiet:
     with _interruptible(), Processes(resolved["graph"]["nodes"], parameters, folder / "log") as processes:
         try:
             with Watch(resolved, quiet=quiet) as watch:
-                result.error = _follow(processes, watch, patience)
+                result.error = _follow(processes, watch, patience, stop_when)
                 result.progress = watch.summary()
         except KeyboardInterrupt:
             result.error = "stopped on request"
@@ -156,7 +163,9 @@ class Processes:
         return f"{node} {how}" + (f": {said.strip()}" if said else "") + f" (log: {self.logs / node}.log)"
 
 
-def _follow(processes: Processes, watch: Watch, patience: float) -> str:
+def _follow(
+    processes: Processes, watch: Watch, patience: float, stop_when: Callable[[Watch], str] | None = None
+) -> str:
     """Wait for the end of the run; return what went wrong, or nothing."""
     while True:
         watch.spin(POLL)
@@ -166,6 +175,8 @@ def _follow(processes: Processes, watch: Watch, patience: float) -> str:
             return ""
         for node, status in ended.items():
             return processes.explain(node, status)
+        if stop_when is not None and (reason := stop_when(watch)):
+            return reason
         if watch.idle_time() > patience:
             return f"no progress for {patience:g} s; the nodes' logs are in {processes.logs}"
 
