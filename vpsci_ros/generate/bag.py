@@ -4,7 +4,7 @@ One episode after the other in one slot, so that the odometry topics, which view
 serialised from the definitions in `msg_defs/`, without ROS.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,18 +42,26 @@ def record_episodes(folder: Path, episodes: list[tuple[int, int]], bag: Path) ->
     for scenario, _ in episodes:
         if scenario not in known:
             raise InvalidInput(f"{folder}: no scenario {scenario}; it has {', '.join(map(str, known))}")
+    weights = {f"{agent}_weights_sha256": policy.digest for agent, policy in job.policies.items()}
+    return write_ticks(Simulator(job, 1).ticks(episodes), job.world, bag, {"seed": str(job.seed), **weights})
+
+
+def write_ticks(ticks: Iterable[Tick], config: WorldConfig, bag: Path, custom_data: Mapping[str, str]) -> int:
+    """Write the ticks of one slot as a bag and return their number; `custom_data` goes into its metadata.
+
+    :raises InvalidInput: `bag` is not empty.
+    """
     messages = _Messages()
     topics = [BagTopic(name, kind, *messages.describe(kind)) for name, kind in _TOPICS.items()]
     writer = BagWriter(bag, topics)
-    ticks = 0
-    for tick in Simulator(job, 1).ticks(episodes):
-        time = tick.tick * round(job.world.tick * 1e9)
-        for topic, data in messages.of(tick, job.world, time):
+    count = 0
+    for tick in ticks:
+        time = tick.tick * round(config.tick * 1e9)
+        for topic, data in messages.of(tick, config, time):
             writer.write(topic, data, time, time)
-        ticks += 1
-    weights = {f"{agent}_weights_sha256": policy.digest for agent, policy in job.policies.items()}
-    writer.close({"seed": str(job.seed), **weights})
-    return ticks
+        count += 1
+    writer.close(custom_data)
+    return count
 
 
 class _Messages:
