@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from vpsci_ros import __version__
+from vpsci_ros.cli_bag import bag_app
 from vpsci_ros.cli_dataset import dataset_app, generate
 from vpsci_ros.errors import VpsciError
 
@@ -18,7 +19,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-bag_app = typer.Typer(no_args_is_help=True, help="Look into recorded bags.")
 safety_app = typer.Typer(no_args_is_help=True, help="CurvTTC and the measures beside it.")
 world_app = typer.Typer(no_args_is_help=True, help="Scenarios of the simulated world.")
 app.add_typer(bag_app, name="bag")
@@ -158,27 +158,6 @@ def demo(
     from vpsci_ros.demo import run_demo
 
     run_demo(output, data, force=force)
-
-
-@bag_app.command("export")
-def bag_export(
-    bag: Annotated[Path, typer.Argument(help="rosbag2 folder.")],
-    output: Output,
-    keep_rejected: Annotated[bool, typer.Option(help="Write rejected episodes, too.")] = False,
-    recover: Annotated[bool, typer.Option(help="Read what is whole of a damaged bag.")] = False,
-) -> None:
-    """Write a bag's episodes as a dataset (Tables 6 and 7), with a summary and a picture."""
-    from vpsci_ros.analysis.export import export_bag
-
-    export_bag(bag, output, keep_rejected=keep_rejected, recover=recover)
-
-
-@bag_app.command("repair")
-def bag_repair(bag: Annotated[Path, typer.Argument(help="rosbag2 folder whose recorder was killed.")]) -> None:
-    """Complete a bag that was not closed: every whole message is kept, index and metadata are written anew."""
-    from vpsci_ros.data.bag_repair import repair_bag
-
-    print(repair_bag(bag))
 
 
 @safety_app.command("compare")

@@ -9,7 +9,8 @@ from rich.console import Console
 
 from vpsci_ros.analysis import export
 from vpsci_ros.analysis.export import export_bag, provenance_of
-from vpsci_ros.data.bags import Tick
+from vpsci_ros.data.bag_writer import BagWriter
+from vpsci_ros.data.tick import Tick
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.provenance import sha256
 from vpsci_ros.world.state import COLLISION, GOAL
@@ -19,8 +20,7 @@ from vpsci_ros.world.state import COLLISION, GOAL
 def bag(tmp_path: Path, simulate, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A run's folder whose bag reads as three episodes of scenario 1 (reading real ones is tested with the bags)."""
     run = tmp_path / "run"
-    (run / "bag").mkdir(parents=True)
-    (run / "bag" / "bag_0.mcap").write_bytes(b"\x89MCAP0\r\n")
+    BagWriter(run / "bag", []).close({})
     ticks = [Tick(k, 0.05, *tick) for k, tick in enumerate(simulate([150, 60, 120], [GOAL, COLLISION, GOAL], 2))]
     monkeypatch.setattr(export, "read_bag", lambda *_, **__: iter(ticks))
     return run / "bag"

@@ -44,7 +44,7 @@ def test_the_picture_is_a_png_of_eight_panels(tmp_path: Path) -> None:
 
 def test_colour_is_speed_from_white_at_rest_to_dark_at_eight() -> None:
     axis = Figure().subplots()
-    figures._draw(axis, panel(), None)
+    figures.draw_panel(axis, panel(), None)
     lines = [item for item in axis.collections if isinstance(item, LineCollection)]
     assert lines[0].get_clim() == (0.0, 8.0)
     assert lines[0].get_array().data == pytest.approx(np.linspace(8.0, 0.0, 50)[:-1] - 4.0 / 49.0)

@@ -48,22 +48,28 @@ def save_trajectories(panels: Sequence[Panel], scenarios: Iterable[Scenario], pa
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, squeeze=False)
     for axis, one in zip(axes.flat, panels, strict=False):
-        _draw(axis, one, grounds.get(one.scenario))
+        draw_panel(axis, one, grounds.get(one.scenario))
     for axis in axes.flat[len(panels) :]:
         axis.set_axis_off()
     half = columns // 2
-    beside = ((BLUES, "vehicle speed [m/s]", axes[:, : max(half, 1)]), (REDS, "pedestrian speed [m/s]", axes[:, half:]))
+    draw_speed_bars(figure, axes[:, : max(half, 1)], axes[:, half:])
+    with written_whole(path) as part:
+        figure.savefig(part, format="png", dpi=130)
+
+
+def draw_speed_bars(figure: Figure, below_first: Any, below_second: Any) -> None:
+    """Draw the colour bars of vehicle and pedestrian speed below these axes."""
+    beside = ((BLUES, "vehicle speed [m/s]", below_first), (REDS, "pedestrian speed [m/s]", below_second))
     for colours, name, over in beside:
         bar = figure.colorbar(
             ScalarMappable(_SPEEDS, colours), ax=over, location="bottom", shrink=0.6, aspect=40, pad=0.02
         )
         bar.set_label(name, fontsize=8)
         bar.ax.tick_params(labelsize=7)
-    with written_whole(path) as part:
-        figure.savefig(part, format="png", dpi=130)
 
 
-def _draw(axis: Axes, one: Panel, ground: Scenario | None) -> None:
+def draw_panel(axis: Axes, one: Panel, ground: Scenario | None) -> None:
+    """Draw one interaction on its ground, with speed as colour; bare ground where there is no scenario."""
     axis.set_facecolor(GROUND)
     axis.set_aspect("equal")
     axis.set_title(one.title, fontsize=8)

@@ -71,8 +71,9 @@ def bag_run(bag: Bag) -> BagRun:
     :raises InvalidInput: the bag is not whole, or a record is damaged.
     """
     run = BagRun()
+    records = bag.records()
     try:
-        for name, values in bag.records():
+        for name, values in records:
             if name == NODE:
                 run.parameters[values["node"]] = dict(json.loads(values["parameters"]))
                 if "weights_sha256" in values:

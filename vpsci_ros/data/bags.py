@@ -55,9 +55,10 @@ def read_bag(folder: str | Path, *, recover: bool = False, start: int = 0, stop:
         ticks += 1
         yield _tick(folder, *waiting.pop(tick), answers.pop(tick, None))
     if ticks == 0:
-        for found in odometry_ticks(bag, start, stop):
+        for found in odometry_ticks(bag):
             ticks += 1
-            yield found
+            if start <= found.time <= stop:
+                yield found
     if ticks == 0:
         raise InvalidInput(f"{folder}: {what_is_missing(bag)}")
 

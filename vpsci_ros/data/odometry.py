@@ -29,12 +29,12 @@ _TYPE = "nav_msgs/msg/Odometry"
 Floats = NDArray[np.float64]
 
 
-def odometry_ticks(bag: Bag, start: int = 0, stop: int = 2**63 - 1) -> Iterator[Tick]:
+def odometry_ticks(bag: Bag) -> Iterator[Tick]:
     """Yield the ticks of a bag that has odometry of both; none where it has not.
 
     :raises InvalidInput: another type on these topics, or a message that cannot be read.
     """
-    tracks = _tracks(bag, start, stop)
+    tracks = _tracks(bag)
     if any(len(track) == 0 for track in tracks):
         return
     vehicle, pedestrian = _paired(*tracks)
@@ -56,11 +56,11 @@ def odometry_ticks(bag: Bag, start: int = 0, stop: int = 2**63 - 1) -> Iterator[
             tick += 1
 
 
-def _tracks(bag: Bag, start: int, stop: int) -> list[Floats]:
+def _tracks(bag: Bag) -> list[Floats]:
     """Return of each float64[n, 7]: stamp [s], x, y [m], course [rad], speed [m/s], yaw rate [rad/s], log time."""
     rows: dict[str, list[tuple[float, ...]]] = {topic: [] for topic in ODOMETRY}
     decode = Decoder()
-    for raw in bag.messages(ODOMETRY, start, stop):
+    for raw in bag.messages(ODOMETRY):
         if raw.type != _TYPE:
             raise InvalidInput(f"{bag.path}: expected {_TYPE} on {raw.topic}, got {raw.type}")
         message = decode(raw, bag.path)
