@@ -54,6 +54,7 @@ EXTRAS = {
         "ros-jazzy-rmw-fastrtps-cpp>=8.4,<8.5",  # rclpy does not import without it
         "ros-jazzy-rosgraph-msgs>=2.0,<2.1",
         "ros-jazzy-std-msgs>=5.3,<5.4",
+        "ros-jazzy-std-srvs>=5.3,<5.4",
         "ros-jazzy-visualization-msgs>=5.3,<5.4",
     ],
     # What builds vpsci_msgs (msg_defs/) on those wheels, besides a C++ compiler.

@@ -70,13 +70,50 @@ class LockStepConfig:
     """How the world simulator keeps step with its peers."""
 
     action_timeout: float = parameter(
-        2.0, "without an answer for so long, the rule-based driver acts for the tick", unit="s", low=0.01, high=3600.0
+        2.0,
+        "without an answer for so long, the rule-based driver acts for the tick",
+        unit="s",
+        low=0.01,
+        high=3600.0,
+        read_only=False,
     )
-    real_time_factor: float = parameter(0.0, "simulated over wall time; 0: as fast as possible", low=0.0, high=1000.0)
+    real_time_factor: float = parameter(
+        0.0, "simulated over wall time; 0: as fast as possible", low=0.0, high=1000.0, read_only=False
+    )
     recorded_bag: str = parameter("", "bag whose agents the replay drivers drive again: same scenarios and numbers")
     publish_transitions: bool = parameter(False, "publish /replay for a learner")
     replay_window: int = parameter(
-        4096, "wait when the learner is so many transitions behind; 0: never wait", low=0, high=10_000_000
+        4096,
+        "wait when the learner is so many transitions behind; 0: never wait",
+        low=0,
+        high=10_000_000,
+        read_only=False,
+    )
+
+
+@dataclass(frozen=True)
+class ExternalConfig:
+    """How an external driving system drives the vehicle (`vehicle_driver: external`)."""
+
+    external_mode: str = parameter(
+        "lock_step",
+        "lock_step: wait for a command at every tick, action_timeout at most; real_time: go on at real_time_factor "
+        "(1 where that is 0), the last command holds",
+        choices=("lock_step", "real_time"),
+    )
+    command_silence: float = parameter(
+        0.5,
+        "real time: without a command for so long, in simulated time, the vehicle brakes until commands come again",
+        unit="s",
+        low=0.05,
+        high=60.0,
+        read_only=False,
+    )
+    safe_stop_deceleration: float = parameter(
+        5.0, "real time: a safe stop brakes so firmly at last", unit="m/s2", low=0.5, high=8.88, read_only=False
+    )
+    safe_stop_jerk: float = parameter(
+        5.0, "real time: and gets there at this rate, from nothing", unit="m/s3", low=0.5, high=1000.0, read_only=False
     )
 
 
@@ -85,11 +122,13 @@ class PolicyConfig:
     """One agent's learned policy."""
 
     weights: str = parameter("", "safetensors file; empty: wait for /policy/weights")
-    explore: bool = parameter(False, "add the exploration noise of equation (16)")
+    explore: bool = parameter(False, "add the exploration noise of equation (16)", read_only=False)
     seed: int = parameter(1, "seed of the exploration noise", low=0, high=2**63 - 1)
-    noise_start: float = parameter(0.3, "N_0 of (16)", unit="of the action limit", low=0.0, high=2.0)
-    noise_decay: float = parameter(0.001, "beta of (16), per training episode", low=0.0, high=1.0)
-    noise_floor: float = parameter(0.05, "N_min of (16)", unit="of the action limit", low=0.0, high=2.0)
+    noise_start: float = parameter(0.3, "N_0 of (16)", unit="of the action limit", low=0.0, high=2.0, read_only=False)
+    noise_decay: float = parameter(0.001, "beta of (16), per training episode", low=0.0, high=1.0, read_only=False)
+    noise_floor: float = parameter(
+        0.05, "N_min of (16)", unit="of the action limit", low=0.0, high=2.0, read_only=False
+    )
 
     @property
     def noise(self) -> RefineConfig:
@@ -139,7 +178,7 @@ class DatasetConfig:
 
 SECTIONS: dict[str, tuple[type, ...]] = {
     "graph": (GraphConfig,),
-    "world_simulator": (PeerConfig, RunConfig, LockStepConfig, WorldConfig),
+    "world_simulator": (PeerConfig, RunConfig, LockStepConfig, ExternalConfig, WorldConfig),
     "safety_monitor": (PeerConfig, MonitorConfig),
     "vehicle_policy": (PeerConfig, PolicyConfig),
     "pedestrian_policy": (PeerConfig, PolicyConfig),

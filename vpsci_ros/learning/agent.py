@@ -45,6 +45,10 @@ class PolicyAgent:
         if self._actor is not None:
             self._actor.load(self._weights)
 
+    def set_exploration(self, explore: bool, noise: RefineConfig) -> None:
+        """Explore, or no longer, by this noise from the next step on."""
+        self._explore, self._noise = explore, noise
+
     def act(
         self,
         state: NDArray[np.void],

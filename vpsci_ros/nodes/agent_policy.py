@@ -4,8 +4,10 @@ import time
 from typing import Any
 
 from rclpy.context import Context
+from rclpy.task import Future
 
 from vpsci_msgs.msg import PolicyWeights, SafetyState, WorldState
+from vpsci_msgs.srv import History
 from vpsci_ros.config import PolicyConfig
 from vpsci_ros.learning.agent import PolicyAgent
 from vpsci_ros.learning.weights import Weights, load_weights, weights_from_bytes
@@ -15,12 +17,19 @@ from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.topics import LATCHED
 from vpsci_ros.resources import weights_path
 
+SILENCE = 0.5  # [s] without a message: ask the world whether one was missed
+REPLY_PATIENCE = 1.0  # [s] for the world's reply, before asking again
+FOREIGN_PATIENCE = 0.2  # [s] for the service of a world that may have none; ours has one
+OWN_PATIENCE = 3.0  # [s]
+
 
 class AgentPolicy(GraphNode):
     """`/world/state`, `/safety/state` and `/policy/weights` in, `/<agent>/action` out.
 
     A policy answers every tick at which some running episode is at a policy frame, with zeros for the episodes in
-    which it does not act, so that the world never waits in doubt.
+    which it does not act, so that the world never waits in doubt. Before its first answer, and whenever nothing comes,
+    it asks the world for the policy frames that it has not seen (`/world/history`): so it answers as if it had been
+    there from the beginning when it is started again on the way, and misses nothing when it is matched late.
     """
 
     def __init__(
@@ -33,14 +42,26 @@ class AgentPolicy(GraphNode):
         self._agent = PolicyAgent(agent, config.seed, config.explore, config.noise)
         self._state: WorldState | None = None
         self._safety: SafetyState | None = None
-        self._answered = -1
+        self._known = -1  # tick of the latest policy frame that was worked through
         self._meter = Meter()
+        self._caught_up = False
+        self._recalled = 0
+        self._reply: Future | None = None
+        self._asked_at = self._heard_at = time.perf_counter()
+        self._first_heard_at: float | None = None
         if config.weights:
             self._take_up(load_weights(weights_path(config.weights)), version=1)
         self.input("/world/state", self._on_state)
         self.input("/safety/state", self._on_safety)
         self.input("/policy/weights", self._on_weights, LATCHED)
-        self.diagnose(self._status)
+        self._history = self.create_client(History, "world/history")
+        self.wall_timer(0.1, self._keep_up)
+        self.diagnose(self._status, lambda: "running" if self._caught_up else "waiting")
+
+    def parameters_changed(self) -> None:
+        """Take up the exploration that was set on the running node."""
+        config = self.config(PolicyConfig)
+        self._agent.set_exploration(config.explore, config.noise)
 
     def _take_up(self, weights: Weights, version: int) -> None:
         """Act with `weights` from now on; only a policy that can act offers its topic, for which the world waits."""
@@ -61,23 +82,80 @@ class AgentPolicy(GraphNode):
         self.get_logger().info(f"acts with weights of version {message.version}")
 
     def _status(self) -> list[tuple[str, Any]]:
-        return [*self._meter.pairs(), ("policy_version", self._agent.version)]
+        version = ("policy_version", self._agent.version)
+        return [*self._meter.pairs(), version, ("frames_recalled", self._recalled)]
+
+    # ---- acting
 
     def _answer(self) -> None:
+        self._heard_at = arrived = time.perf_counter()
         world, safety = self._state, self._safety
-        if self._actions is None or world is None or safety is None:
+        if self._actions is None or world is None or safety is None or world.tick != safety.tick:
             return
-        if world.tick != safety.tick or world.tick == self._answered:
+        if world.tick == 0 and self._known > 0:
+            self._known = -1  # another world has begun
+        if world.tick <= self._known:
             return
-        arrived = time.perf_counter()
-        self._answered = world.tick
+        if not self._caught_up:
+            self._first_heard_at = self._first_heard_at or arrived
+            self._keep_up()
+            return
         self.simulated_time = world.header.stamp
         self._meter.tick(world.tick)
+        message = self._act(world, safety)
+        if message is not None:
+            self._actions.publish(message)
+            self._meter.answered(arrived)
+
+    def _act(self, world: WorldState, safety: SafetyState) -> Any:
+        """Take one tick in; return the answer, or None where none is wanted."""
+        self._known = world.tick
         state, policy_frame = convert.world_state_arrays(world)
         if not policy_frame.any():
-            return
+            return None
         curvttc = convert.checked(safety.curvttc, len(state), "/safety/state", "curvttc")
         critical = convert.checked(safety.critical, len(state), "/safety/state", "critical").astype(bool)
         action = self._agent.act(state, policy_frame, curvttc, critical)
-        self._actions.publish(convert.action_message(world.header, world.tick, action, self._agent.version))
-        self._meter.answered(arrived)
+        return convert.action_message(world.header, world.tick, action, self._agent.version)
+
+    # ---- catching up
+
+    def _keep_up(self) -> None:
+        """Ask the world for what was missed: before the first answer, and when nothing has come for a while."""
+        now = time.perf_counter()
+        if self._actions is None:
+            self.get_logger().info("waiting for weights on /policy/weights", throttle_duration_sec=5.0)
+            return
+        waits = self._reply is not None and now - self._asked_at < REPLY_PATIENCE
+        if waits or (self._caught_up and now - self._heard_at < SILENCE):
+            return
+        if self._history.service_is_ready():
+            if self._reply is not None:
+                self._history.remove_pending_request(self._reply)
+            self._asked_at = now
+            self._reply = self._history.call_async(History.Request(after_tick=self._known))
+            self._reply.add_done_callback(self._on_history)
+        elif self._first_heard_at is None:
+            self.get_logger().info("waiting for world_simulator", throttle_duration_sec=5.0)
+        elif now - self._first_heard_at > self._service_patience():
+            self._caught_up = True  # a world that keeps no history
+            self._answer()
+
+    def _service_patience(self) -> float:
+        writers = self.get_publishers_info_by_topic(self.resolve_topic_name("world/state"))
+        return OWN_PATIENCE if any(each.node_name == "world_simulator" for each in writers) else FOREIGN_PATIENCE
+
+    def _on_history(self, reply: Future) -> None:
+        if reply is not self._reply:
+            return  # an earlier one, given up
+        self._reply = None
+        self._heard_at = time.perf_counter()
+        response: Any = reply.result()
+        self._caught_up = True
+        for world, safety in zip(response.states, response.safeties, strict=True):
+            if world.tick == response.tick and (self._state is None or self._state.tick <= world.tick):
+                self._state, self._safety = world, safety
+            elif self._known < world.tick < response.tick:
+                self._act(world, safety)
+                self._recalled += 1
+        self._answer()

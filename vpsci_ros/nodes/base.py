@@ -10,11 +10,12 @@ from typing import Any, TypeVar
 
 import rclpy
 from builtin_interfaces.msg import Time
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -22,13 +23,14 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from vpsci_ros.config import SECTIONS, PeerConfig, pick
-from vpsci_ros.errors import VpsciError
+from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.topics import TOPICS, listeners
 from vpsci_ros.parameters import Parameter, refuse_unknown, table
 
 T = TypeVar("T")
 DRAIN_LIMIT = 20.0  # [s] for what is still on its way when a node is asked to stop
+STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
 DIAGNOSTICS_PERIOD = 1.0  # [s] of wall time
 _SET_BY_ROS = ("use_sim_time", "start_type_description_service")
 
@@ -55,11 +57,17 @@ class GraphNode(Node):
         self.simulated_time = Time()
         """Of the latest message that came or went: the stamp of this node's diagnostics; nodes keep it up to date."""
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._told: tuple[Callable[[], Iterable[tuple[str, Any]]], Callable[[], str], Output] | None = None
+        self.add_on_set_parameters_callback(self._check_parameters)  # both would be called at every declaration
+        self.add_post_set_parameters_callback(self._take_up_parameters)
+        self.diagnostics: list[Output] = []  # none or one
+        self._tell: Callable[[], tuple[str, list[tuple[str, Any]]]]
 
     def config(self, kind: type[T]) -> T:
         """Return one of the section's configuration classes, filled with this node's parameters."""
         return pick(kind, self._values, self._section)
+
+    def parameters_changed(self) -> None:
+        """Take up what `config` returns from now on; called after parameters were set on the running node."""
 
     def output(self, topic: str) -> "Output":
         """Return an output for a topic of the table."""
@@ -89,7 +97,8 @@ class GraphNode(Node):
         Off the hot path: `pairs` is called by a timer, so a node only has to keep count. Without the readers that it
         expects a message is dropped, never waited for.
         """
-        self._told = (pairs, text, self.output("/diagnostics"))
+        self._tell = lambda: (text(), list(pairs()))
+        self.diagnostics = [self.output("/diagnostics")]
         self.wall_timer(DIAGNOSTICS_PERIOD, self.report)
 
     def report(self, *, wait: bool = False) -> None:
@@ -97,12 +106,13 @@ class GraphNode(Node):
 
         :raises VpsciError: waited for longer than `peer_timeout`.
         """
-        if self._told is None:
-            return
-        pairs, text, output = self._told
-        values = list(pairs())
-        if wait or output.matched:
-            output.publish(diagnostics_message(self.get_name(), text(), values, self.simulated_time))
+        for output in self.diagnostics:
+            text, pairs = self._tell()
+            message = diagnostics_message(self.get_name(), text, pairs, self.simulated_time)
+            if wait:
+                output.publish(message)
+            elif output.matched:
+                output.publish_now(message)
 
     @property
     def quiet(self) -> bool:
@@ -111,6 +121,24 @@ class GraphNode(Node):
 
     def close(self) -> None:
         """Finish what the node has begun; called once on every way out, while publishing still works."""
+
+    def _check_parameters(self, given: list[RosParameter]) -> SetParametersResult:
+        try:
+            values = self._values | self._own(given)
+            for kind in SECTIONS[self._section]:
+                pick(kind, values, f"node {self._section}")
+        except InvalidInput as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _take_up_parameters(self, given: list[RosParameter]) -> None:
+        if own := self._own(given):
+            self._values |= own
+            self.parameters_changed()
+
+    def _own(self, given: list[RosParameter]) -> dict[str, Any]:
+        values = {each.name: each.value for each in given if each.name in self._values}
+        return {name: list(value) if _is_sequence(value) else value for name, value in values.items()}
 
     def _declare(self) -> dict[str, Any]:
         rows = {row.name: row for kind in SECTIONS[self._section] for row in table(kind)}
@@ -128,7 +156,10 @@ class GraphNode(Node):
 
 
 class Output:
-    """A publisher that holds its first message back until every expected reader is matched, so that none is lost."""
+    """A publisher that holds its first message back until every expected reader is matched, so that none is lost.
+
+    It also waits a moment for readers that nobody told it to expect, but that the middleware has announced already.
+    """
 
     def __init__(self, node: GraphNode, topic: str, publisher: Publisher, expected: list[str], timeout: float):
         self.topic = topic
@@ -144,6 +175,12 @@ class Output:
         return self._publisher.get_subscription_count() >= len(self.expected)
 
     @property
+    def complete(self) -> bool:
+        """Whether, besides, every other reader is there that is known of."""
+        known = self._node.count_subscribers(self._publisher.topic_name)
+        return self._publisher.get_subscription_count() >= max(known, len(self.expected))
+
+    @property
     def heard(self) -> bool:
         """Whether anybody listens, so that a view of the world is made for somebody."""
         return bool(self._publisher.get_subscription_count())
@@ -157,6 +194,10 @@ class Output:
             self._wait()
         self._publisher.publish(message)
 
+    def publish_now(self, message: Any) -> None:
+        """Publish to whoever is there."""
+        self._publisher.publish(message)
+
     def flush(self, timeout_sec: float) -> bool:
         """Wait until every reader has received all messages; return whether that happened in time."""
         return self._publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=timeout_sec))
@@ -165,8 +206,10 @@ class Output:
         begun = time.monotonic()
         told = begun
         # Matching goes on in the middleware's threads while this callback waits; a node that is to stop waits no more.
-        while not self.matched and not self._node.stop.is_set():
+        while not self.complete and not self._node.stop.is_set():
             now = time.monotonic()
+            if self.matched and now - begun > STRANGER_PATIENCE:
+                break
             if now - begun > self._timeout:
                 names = " and ".join(self.expected)
                 raise VpsciError(

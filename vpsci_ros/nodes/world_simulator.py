@@ -3,24 +3,27 @@
 import sys
 import time
 from collections import Counter
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.context import Context
+from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import UInt64
+from std_srvs.srv import SetBool, Trigger
 
-from vpsci_msgs.msg import AgentAction, SafetyState
-from vpsci_ros.config import LockStepConfig, RunConfig
+from vpsci_msgs.srv import History as HistoryService
+from vpsci_ros.config import ExternalConfig, LockStepConfig, RunConfig
 from vpsci_ros.data.recorded import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import AGENTS
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.nodes import convert
+from vpsci_ros.nodes.answers import Answers
 from vpsci_ros.nodes.base import GraphNode, run
 from vpsci_ros.nodes.external import ExternalVehicle
+from vpsci_ros.nodes.history import History
 from vpsci_ros.nodes.markers import scene_markers
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, handover, load_scenarios
 from vpsci_ros.world import state as codes
@@ -30,12 +33,14 @@ MISSING = {
     codes.PEDESTRIAN_ACTION_MISSING: "pedestrian_answers_missing",
     codes.SAFETY_MISSING: "safety_answers_missing",
 }
+STRANGER_PATIENCE = 3.0  # [s] for readers of the state that are only believed to be on their way
 
 
 class WorldSimulator(GraphNode):
     """`/safety/state` and the agents' actions in; `/clock`, `/world/state`, `/episode/event` and views of it out.
 
-    Finished when every episode of its queue has ended.
+    Finished when every episode of its queue has ended. Services: `/world/pause`, `/world/step`, `/world/reset`, and
+    `/world/history` for policies that are started again on the way.
     """
 
     def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
@@ -47,27 +52,32 @@ class WorldSimulator(GraphNode):
         compiled = World(WorldConfig(), scenarios[:1], [(scenarios[0].number, 0)], 1, 0)
         compiled.advance(None, None)  # now rather than at the first tick
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
-        recorded = recorded_from_bag(self._lock_step.recorded_bag) if self._lock_step.recorded_bag else None
-        self._world = World(self._config, scenarios, self._run.queue(), self._run.batch, self._run.seed, recorded)
-        self._policies = [agent for agent in AGENTS if getattr(self._config, f"{agent}_driver") == "policy"]
+        self._recorded = recorded_from_bag(self._lock_step.recorded_bag) if self._lock_step.recorded_bag else None
+        self._world = self._new_world()
         if self._config.vehicle_driver == "external" and self._run.batch > 1:
             raise InvalidInput(
                 f"an external vehicle driver drives one episode at a time; got batch = {self._run.batch}"
             )
         self._builder = TransitionBuilder() if self._lock_step.publish_transitions else None
+        self._history = History(self._config, self._run.batch)
         self._counts: Counter[str] = Counter()
-        self._safety: SafetyState | None = None
-        self._actions: dict[str, AgentAction] = {}
         self._frame = np.zeros(self._run.batch, bool)
-        self._begun = False
+        self._begun = self._paused = False
+        self._steps = 0  # to take while paused
+        self._due = True  # false: by the wall clock, the next tick is still to come
         self._begun_at = self._tick_started = self._told_at = time.monotonic()
+        self._all_here_since: float | None = None
         self._told_tick = 0
         self._consumed = 0
         self._connect()
-        factor = self._lock_step.real_time_factor
-        pace = self._config.tick / factor / 4 if factor > 0 else 0.05
-        self.diagnose(self._status)
-        self.wall_timer(min(pace, self._lock_step.action_timeout / 4), self._on_timer)
+        self._pacer: Timer | None = None
+        self._set_pace()
+        self.wall_timer(min(0.05, self._lock_step.action_timeout / 4), self._on_timer)
+        self.diagnose(self._status, lambda: "paused" if self._paused else "running" if self._begun else "waiting")
+
+    def _new_world(self) -> World:
+        scenarios = list(self._scenarios.values())
+        return World(self._config, scenarios, self._run.queue(), self._run.batch, self._run.seed, self._recorded)
 
     def _connect(self) -> None:
         self._time = self.output("/clock")
@@ -78,68 +88,146 @@ class WorldSimulator(GraphNode):
         self._markers = self.output("/markers") if self._run.batch == 1 else None
         self._outputs = [self._time, self._state, self._event, *self._odometry]
         self._outputs += [output for output in (self._replay, self._markers) if output]
-        self._answers = {"safety_monitor": self.input("/safety/state", self._on_safety)}
-        for agent in self._policies:
-            topic = f"/{agent}/action"
-            self._answers[f"{agent}_policy"] = self.input(topic, partial(self._on_action, agent))
-        if self._config.pedestrian_driver == "external":
-            self._answers["an external pedestrian"] = self.input(
-                "/pedestrian/action", partial(self._on_action, "pedestrian")
-            )
+        advance = self._advance_when_answered
+        self._answers = Answers(self, self._config, self._run.batch, self._counts, advance)
         self._external: ExternalVehicle | None = None
         if self._config.vehicle_driver == "external":
-            self._external = ExternalVehicle(self, self._counts, self._advance_when_answered)
+            external = self.config(ExternalConfig)
+            self._external = ExternalVehicle(self, external, self._config.tick, self._counts, advance)
         if self._builder:
             self.input("/replay/consumed", self._on_consumed)
+        self.create_service(Trigger, "world/reset", self._on_reset)
+        self.create_service(SetBool, "world/pause", self._on_pause)
+        self.create_service(Trigger, "world/step", self._on_step)
+        self.create_service(HistoryService, "world/history", self._on_history)
 
-    # ---- what comes in
+    # ---- pace
+
+    @property
+    def _real_time_factor(self) -> float:
+        factor = self._lock_step.real_time_factor
+        return 1.0 if factor == 0 and self._external and self._external.real_time else factor
+
+    def _set_pace(self) -> None:
+        """Have the wall clock say when a tick is due; its beats neither drift nor crowd after a late tick."""
+        if self._pacer:
+            self.destroy_timer(self._pacer)
+        factor = self._real_time_factor
+        self._pacer = self.wall_timer(self._config.tick / factor, self._on_pace) if factor > 0 else None
+        self._due = True
+
+    def _on_pace(self) -> None:
+        if self._begun and not self._paused:
+            self._counts["late_ticks"] += self._due  # the last one is not over yet
+            self._due = True
+            self._advance_when_answered()
+
+    def parameters_changed(self) -> None:
+        """Take up the pace, the patience and the safe stop that were set on the running node."""
+        self._lock_step = self.config(LockStepConfig)
+        if self._external:
+            self._external.config = self.config(ExternalConfig)
+        self._set_pace()
+
+    # ---- services
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Begin the queue again; ticks and simulated time go on, so that no peer and no bag sees time run backwards."""
+        response.success = not self.finished
+        response.message = "the run is over" if self.finished else "the first episode begins again"
+        if self._begun and not self.finished:
+            every = self._config.policy_ticks
+            tick = (self._world.tick // every + 1) * every  # episodes begin at policy ticks
+            self._world = self._new_world()
+            self._world.tick = tick
+            self._history.clear()
+            if self._builder:
+                before, self._builder = self._builder.count, TransitionBuilder()
+                self._builder.count = before
+            self._counts["resets"] += 1
+            self._publish_events(self._world.take_started())
+            self._publish_tick()
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._paused, self._steps = request.data, 0
+        self._tick_started = time.monotonic()
+        response.success = True
+        response.message = f"{'paused' if request.data else 'running'} at tick {self._world.tick}"
+        self._advance_when_answered()
+        return response
+
+    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._paused and self._begun and not self.finished
+        if response.success:
+            response.message = f"tick {self._world.tick} goes on to tick {self._world.tick + 1}"
+            self._steps, self._due, self._tick_started = 1, True, time.monotonic()
+            self._advance_when_answered()
+        else:
+            response.message = "not paused: call /world/pause first" if not self._paused else "the world stands still"
+        return response
+
+    def _on_history(
+        self, request: HistoryService.Request, response: HistoryService.Response
+    ) -> HistoryService.Response:
+        response.running = self._begun and not self.finished
+        if not response.running:
+            return response
+        world, safety = self._world, self._answers.safety
+        response.tick = world.tick
+        response.states, response.safeties = self._history.since(request.after_tick, world.state)
+        if safety is not None and request.after_tick < world.tick and self._frame.any():
+            present = convert.world_state_message(world.state, self._frame, world.tick, self._config.tick)
+            response.states = [*response.states, present]
+            response.safeties = [*response.safeties, safety]
+        return response
+
+    # ---- lock-step
 
     def _on_timer(self) -> None:
         if not self._begun:
             self._begin_when_all_are_here()
-        elif not self.finished and time.monotonic() - self._tick_started > self._lock_step.action_timeout:
+        elif self.finished or (self._paused and not self._steps):
+            return
+        elif time.monotonic() - self._tick_started > self._lock_step.action_timeout and self._due:
             if not self._waits_for_learner():
                 self._advance()
         else:
             self._advance_when_answered()
 
-    def _on_safety(self, message: SafetyState) -> None:
-        if self._begun and message.tick == self._world.tick:
-            self._safety = message
-            self._advance_when_answered()
-
-    def _on_action(self, agent: str, message: AgentAction) -> None:
-        if self._begun and message.tick == self._world.tick:
-            self._actions[agent] = message
-            self._advance_when_answered()
-
     def _on_consumed(self, message: UInt64) -> None:
         self._consumed = message.data
 
-    # ---- lock-step
-
     def _begin_when_all_are_here(self) -> None:
-        absent = {name for name, subscription in self._answers.items() if not subscription.get_publisher_count()}
-        if self._external and not any(given.get_publisher_count() for given in self._external.inputs):
+        absent = self._answers.absent()
+        if self._external and not self._external.present:
             absent.add("an external driving system")
         absent.update(name for output in self._outputs if not output.matched for name in output.expected)
+        now = time.monotonic()
+        if absent:
+            self._all_here_since = None
+        else:
+            self._all_here_since = self._all_here_since or now
+            if now - self._all_here_since < STRANGER_PATIENCE:
+                absent = self._answers.deaf()
+                absent.update(f"a reader of {out.topic}" for out in self._outputs if not out.complete)
         if absent:
             self.get_logger().info(f"waiting for {', '.join(sorted(absent))}", throttle_duration_sec=5.0)
             return
         self._begun = True
-        self._begun_at = self._told_at = time.monotonic()
+        self._begun_at = self._told_at = now
+        self._set_pace()
         self._publish_events(self._world.take_started())
         self._publish_tick()
 
     def _publish_tick(self) -> None:
         world, period = self._world, self._config.tick
-        self._safety = None
-        self._actions.clear()
+        self._answers.begin(world.tick)
         self._frame = handover.policy_frame(world.state, self._config)
         self._tick_started = time.monotonic()
+        self._due = self._pacer is None
         if self._external:
-            asked = bool((world.state["status"] == codes.RUNNING).any())
-            self._external.begin(world.tick, world.tick * round(period * 1e9), asked=asked)
+            self._external.begin(world.tick, asked=bool((world.state["status"] == codes.RUNNING).any()))
         if world.done:
             self.finished = True
             return
@@ -156,24 +244,18 @@ class WorldSimulator(GraphNode):
             self._markers.publish(scene_markers(world.state[0], self._scenarios, message.header))
 
     def _advance_when_answered(self) -> None:
-        if not self._begun or self.finished or self._safety is None:
+        if not self._begun or self.finished or not self._due or (self._paused and not self._steps):
             return
-        if not self._all_drivers_answered():
-            return
-        factor = self._lock_step.real_time_factor
-        if factor > 0 and time.monotonic() - self._tick_started < self._config.tick / factor:
-            return
-        if not self._waits_for_learner():
+        if self._all_drivers_answered() and not self._waits_for_learner():
             self._advance()
 
     def _all_drivers_answered(self) -> bool:
+        if self._answers.safety is None:
+            return False
         running = bool((self._world.state["status"] == codes.RUNNING).any())
         if self._external and running and not self._external.answered:
             return False
-        asked = [agent for agent in self._policies if self._frame.any()]
-        if self._config.pedestrian_driver == "external" and running:
-            asked.append("pedestrian")
-        return all(agent in self._actions for agent in asked)
+        return self._answers.complete(bool(self._frame.any()), running)
 
     def _waits_for_learner(self) -> bool:
         window = self._lock_step.replay_window
@@ -185,46 +267,25 @@ class WorldSimulator(GraphNode):
     def _advance(self) -> None:
         """Move on with whatever answers there are; the world's rule-based drivers stand in for missing ones."""
         world = self._world
-        curvttc, critical = self._safety_arrays()
-        vehicle, pedestrian = (self._action_array(agent) for agent in AGENTS)
+        self._steps = 0
+        curvttc, critical = self._answers.curvttc_and_critical()
+        vehicle, pedestrian = (self._answers.action(agent) for agent in AGENTS)
+        if curvttc is not None and critical is not None and self._answers.policies:
+            self._history.note(world.tick, world.state, self._frame, curvttc, critical)
         if self._builder and self._replay:
-            versions = {f"{agent}_version": message.policy_version for agent, message in self._actions.items()}
+            actions = self._answers.actions
+            versions = {f"{agent}_version": message.policy_version for agent, message in actions.items()}
             rows = self._builder.observe(world.state, self._frame, curvttc, critical, vehicle, pedestrian, **versions)
             if len(rows):
                 self._replay.publish(convert.transition_message(rows, world.tick, self._config.tick))
-        control = None
         if self._external:
-            vehicle, control = self._external.acceleration, self._external.control
-        self._publish_events(world.advance(curvttc, critical, vehicle, pedestrian, vehicle_control=control))
+            (vehicle, control), told = self._external.drive(world.state)
+            events = world.advance(curvttc, critical, vehicle, pedestrian, vehicle_control=control)
+            events = np.concatenate([told, events]) if len(told) else events
+        else:
+            events = world.advance(curvttc, critical, vehicle, pedestrian)
+        self._publish_events(events)
         self._publish_tick()
-
-    def _safety_arrays(self) -> tuple[NDArray[np.float64] | None, NDArray[np.bool_] | None]:
-        if self._safety is None:
-            return None, None
-        batch = self._run.batch
-        try:
-            curvttc = convert.checked(self._safety.curvttc, batch, "/safety/state", "curvttc")
-            critical = convert.checked(self._safety.critical, batch, "/safety/state", "critical").astype(bool)
-            if np.isnan(curvttc).any():
-                raise InvalidInput(f"/safety/state, tick {self._safety.tick}: CurvTTC is not a number")
-        except InvalidInput as error:
-            self._refuse("safety", error)
-            return None, None
-        return curvttc, critical
-
-    def _action_array(self, agent: str) -> NDArray[np.float64] | None:
-        message = self._actions.get(agent)
-        if message is None:
-            return None
-        try:
-            return convert.action_array(message, self._run.batch, f"/{agent}/action")
-        except InvalidInput as error:
-            self._refuse(agent, error)
-            return None
-
-    def _refuse(self, sender: str, error: InvalidInput) -> None:
-        self._counts[f"{sender}_answers_refused"] += 1
-        self.get_logger().warning(f"refused: {error}", throttle_duration_sec=5.0)
 
     # ---- what goes out beside the state
 
@@ -244,6 +305,8 @@ class WorldSimulator(GraphNode):
         mean = tick / max(self._tick_started - self._begun_at, 1e-9)
         self._told_at, self._told_tick = now, tick
         pairs = [("tick", tick), ("ticks_per_second", round(rate)), ("ticks_per_second_mean", round(mean))]
+        if self._builder:
+            pairs.append(("transitions_not_consumed", self._builder.count - self._consumed))
         return pairs + sorted((+self._counts).items())
 
     def close(self) -> None:
@@ -252,7 +315,7 @@ class WorldSimulator(GraphNode):
             return
         if "recorder" in self.peers:
             # Until the middleware's next heartbeat, up to 3 s for all together; a dead reader would take for ever.
-            all(output.flush(4.0) for output in self._outputs)
+            all(output.flush(4.0) for output in [*self._outputs, *self.diagnostics])
         totals = ", ".join(f"{name} {count}" for name, count in sorted((+self._counts).items()))
         self.get_logger().info(f"{self._world.tick} ticks; {totals}")
 

@@ -1,0 +1,78 @@
+"""The policy frames since the hand-overs of the present episodes, for a policy that is started again on the way.
+
+A policy's answer is a function of all policy frames since the hand-over, which its process carries as hidden state. A
+new process works through the frames that the world has kept for it, and then answers as the old one would have, to
+the bit.
+"""
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from std_msgs.msg import Header
+
+from vpsci_msgs.msg import SafetyState, WorldState
+from vpsci_ros.nodes import convert
+from vpsci_ros.world import EPISODE, RUNNING, WorldConfig, handover
+
+
+class _Frame(NamedTuple):
+    tick: int
+    slots: NDArray[np.int64]
+    state: NDArray[np.void]
+    curvttc: NDArray[np.float64]
+    critical: NDArray[np.bool_]
+
+
+class History:
+    """The acting slots of the last policy frames, for as long as an episode can last."""
+
+    def __init__(self, config: WorldConfig, batch: int) -> None:
+        self._batch = batch
+        self._period = config.tick
+        longest = math.ceil(config.episode_time / config.tick) // config.policy_ticks + 2
+        self._frames: deque[_Frame] = deque(maxlen=longest)
+
+    def note(
+        self,
+        tick: int,
+        state: NDArray[np.void],
+        asked: NDArray[np.bool_],
+        curvttc: NDArray[np.float64],
+        critical: NDArray[np.bool_],
+    ) -> None:
+        """Keep the slots in which the policies act at this tick: EPISODE[B], bool[B], float64[B] [s], bool[B]."""
+        slots = np.flatnonzero(handover.acting(state, asked, critical))
+        if len(slots):
+            self._frames.append(_Frame(tick, slots, state[slots], curvttc[slots], critical[slots]))
+
+    def clear(self) -> None:
+        """Forget everything: other episodes begin."""
+        self._frames.clear()
+
+    def since(self, tick: int, present: NDArray[np.void]) -> tuple[list[WorldState], list[SafetyState]]:
+        """Return the frames after `tick`, with the episodes that still run in EPISODE[B] `present`, as messages."""
+        states, safeties = [], []
+        for frame in self._frames:
+            now = present[frame.slots]
+            same = (now["scenario"] == frame.state["scenario"]) & (now["episode"] == frame.state["episode"])
+            same &= now["status"] == RUNNING
+            if frame.tick > tick and same.any():
+                state, safety = self._messages(frame, same)
+                states.append(state)
+                safeties.append(safety)
+        return states, safeties
+
+    def _messages(self, frame: _Frame, same: NDArray[np.bool_]) -> tuple[WorldState, SafetyState]:
+        slots = frame.slots[same]
+        state = np.zeros(self._batch, EPISODE)
+        curvttc, critical = np.full(self._batch, np.inf), np.zeros(self._batch, bool)
+        asked = np.zeros(self._batch, bool)
+        state[slots], curvttc[slots], critical[slots] = frame.state[same], frame.curvttc[same], frame.critical[same]
+        asked[slots] = True
+        message = convert.world_state_message(state, asked, frame.tick, self._period)
+        header = Header(stamp=message.header.stamp, frame_id=convert.MAP)
+        distance = np.zeros(self._batch)  # no policy looks at it
+        return message, convert.safety_message(header, frame.tick, curvttc, distance, critical)
