@@ -1,10 +1,7 @@
 """The demonstration: near misses in, all three stages through the graph of nodes, small, tables and a picture out."""
 
-import contextlib
-import os
 import shutil
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 from rich.console import Console
@@ -39,13 +36,14 @@ def run_demo(folder: Path, data: Path | None, *, force: bool = False) -> None:
     :raises VpsciError: a stage failed.
     """
     from vpsci_ros.analysis.export import export_bag
+    from vpsci_ros.nodes.domain import own_domain
     from vpsci_ros.nodes.graph import run_graph
 
     console = Console()
     _make_room(folder, force)
     begun = time.monotonic()
     near_misses = _near_misses(folder, data, console)
-    with _own_domain():
+    with own_domain():
         learned = ""
         for stage, (name, small) in enumerate(SMALL.items(), start=1):
             sections = config.load(params_dir() / name)
@@ -116,19 +114,3 @@ def _near_misses(folder: Path, data: Path | None, console: Console) -> Path:
     write_near_misses(result.table, path, result.metadata)
     print_import_summary(result, console)
     return path
-
-
-@contextlib.contextmanager
-def _own_domain() -> Iterator[None]:
-    """Run in a ROS domain that no other graph on this machine uses, unless the environment names one."""
-    if "ROS_DOMAIN_ID" in os.environ:
-        yield
-        return
-    from domain_coordinator import domain_id
-
-    with domain_id() as number:
-        os.environ["ROS_DOMAIN_ID"] = str(number)
-        try:
-            yield
-        finally:
-            del os.environ["ROS_DOMAIN_ID"]
