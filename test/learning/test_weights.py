@@ -18,7 +18,11 @@ from vpsci_ros.learning.weights import (
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 
 
-@pytest.mark.parametrize("config", [SMALL, NetworkConfig()], ids=["small", "table_8"])
+@pytest.mark.parametrize(
+    "config",
+    [SMALL, NetworkConfig(), NetworkConfig(range_rate=False)],
+    ids=["small", "table_8", "without the range-rate residual"],
+)
 def test_the_expected_tensors_are_those_that_the_networks_have(config):
     tensors = Networks(config).weights({}, {}).tensors
     assert {name: tensor.shape for name, tensor in tensors.items()} == weight_shapes(config)
@@ -34,6 +38,17 @@ def test_a_file_keeps_tensors_configuration_and_facts(networks, tmp_path):
     assert loaded.facts["software"]["vpsci_ros"]
     for name, tensor in weights.tensors.items():
         assert np.array_equal(loaded.tensors[name], tensor)
+
+
+def test_a_file_older_than_the_range_rate_residual_goes_without_it(networks, tmp_path):
+    old = networks(NetworkConfig(**{**vars(SMALL), "range_rate": False})).weights({}, {})
+    data = weights_to_bytes(old)
+    length = int.from_bytes(data[:8], "little")
+    header = data[8 : 8 + length].replace(b', \\"range_rate\\": false', b"")
+    assert len(header) < length
+    loaded = weights_from_bytes(len(header).to_bytes(8, "little") + header + data[8 + length :])
+    assert not loaded.network.range_rate
+    assert loaded.tensors.keys() == old.tensors.keys()
 
 
 def test_networks_come_back_from_weights(networks):

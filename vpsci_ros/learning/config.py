@@ -11,6 +11,8 @@ ACTION_SIZE = 2
 AGENTS = ("vehicle", "pedestrian")
 STEP = 0.1  # [s] of policies and of the real data
 RISK_TTC = 5.0  # [s] CurvTTC below which attention is gated towards a step
+RESIDUAL_UNIT, RESIDUAL_LIMIT = 0.3, 5.0  # [m/s], and of that unit: scale and bound of the range-rate residual
+SHORTEST_RANGE = 0.1  # [m] a shorter distance counts as this where it divides
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,11 @@ class NetworkConfig:
     attention_window: int = parameter(10, "steps that attention looks back over, this one included", low=1, high=64)
     carry_state: bool = parameter(
         True, "carry the SST state over the whole history; false: start it anew in each attention window"
+    )
+    range_rate: bool = parameter(
+        True,
+        "show the networks how far the distance's change is from what both speeds say: recorded speeds lag, simulated "
+        "ones do not",
     )
     actor_hidden: list[int] = parameter([64, 64], "two hidden layers of the actor", low=1, high=1024)
     critic_state: int = parameter(16, "critic: layer on the encoded history", low=1, high=1024)

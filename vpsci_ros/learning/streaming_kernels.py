@@ -150,9 +150,9 @@ def _attend(query, keys, values, risks, gain, scale, filled, logits, context):  
 def step_rows(slots, inputs, risks, entry, layers, head, limit, states, keys, values, seen, counts, window, work, out):  # type: ignore[no-untyped-def]
     """Take `slots.size` rows, at most as many as `work` holds, one step further.
 
-    :param slots: int64[n], which histories; inputs: float32[n, 8], normalised observation and action before; risks:
-        float32[n].
-    :param entry: (w [8, hidden], b [hidden]); layers: (decay, skip, gain, norm weight, norm bias: [L, ...], then the
+    :param slots: int64[n], which histories; inputs: float32[n, I], normalised observation, action before and, where
+        the network has it, range-rate residual; risks: float32[n].
+    :param entry: (w [I, hidden], b [hidden]); layers: (decay, skip, gain, norm weight, norm bias: [L, ...], then the
         dense input, query, key, attended, readout: [L, hidden, hidden], inputs first); head: three (w, b) in a row.
     :param states: float32[slot, L, hidden]; keys: float32[slot, L, window, key, heads]; values: float32[slot, L,
         window, hidden]; seen: float32[slot, window], risks; counts: int64[slot], steps taken; all move on by one step.
