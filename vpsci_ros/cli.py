@@ -3,13 +3,15 @@
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from vpsci_ros import __version__
 from vpsci_ros.cli_bag import bag_app
 from vpsci_ros.cli_dataset import dataset_app, generate
+from vpsci_ros.cli_learning import evaluate, pretrain, refine, study_app
+from vpsci_ros.cli_options import Output, Params, Quiet, Settings, read_sections
 from vpsci_ros.errors import VpsciError
 
 app = typer.Typer(
@@ -25,20 +27,9 @@ app.add_typer(bag_app, name="bag")
 app.add_typer(safety_app, name="safety")
 app.add_typer(world_app, name="world")
 app.add_typer(dataset_app, name="dataset")
-app.command()(generate)
-
-Params = Annotated[Path, typer.Option("--params", help="Parameter file; those of the package are in params/.")]
-Output = Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")]
-Settings = Annotated[
-    list[str] | None, typer.Option("--set", metavar="NODE.PARAMETER=VALUE", help="Override one parameter; repeatable.")
-]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
-
-
-NearMisses = Annotated[
-    list[Path] | None,
-    typer.Option("--near-misses", metavar="FILE", help="Near-miss table (Parquet); repeatable. Default: synthetic."),
-]
+app.add_typer(study_app, name="study")
+for command in (pretrain, refine, evaluate, generate):
+    app.command()(command)
 
 
 @app.callback(invoke_without_command=True)
@@ -77,55 +68,13 @@ def graph(
     """Run a whole graph of nodes as processes: start, watch, stop cleanly. The parameter file selects the stage."""
     from vpsci_ros.nodes.graph import run_graph
 
-    sections = _sections(params, settings)
+    sections = read_sections(params, settings)
     if domain_id is not None:
         os.environ["ROS_DOMAIN_ID"] = str(domain_id)
     result = run_graph(sections, output, quiet=quiet)
     if result.error:
         raise VpsciError(f"{result.error}; what was written up to then is in {output}")
     print(f"done in {result.wall_time:.1f} s; written: {output}")
-
-
-@app.command()
-def pretrain(
-    params: Params,
-    output: Output,
-    near_misses: NearMisses = None,
-    settings: Settings = None,
-    quiet: Quiet = False,
-) -> None:
-    """Stage 1 in this process: learn from real near misses. A run that was stopped goes on in the same folder."""
-    from vpsci_ros.stages import run_pretraining
-
-    run_pretraining(_sections(params, settings, near_misses), output, quiet=quiet)
-
-
-@app.command()
-def refine(
-    params: Params,
-    output: Output,
-    near_misses: NearMisses = None,
-    settings: Settings = None,
-    quiet: Quiet = False,
-) -> None:
-    """Stage 2 in this process: learn on in simulation. `vpsci graph` runs the same stage through the nodes."""
-    from vpsci_ros.stages import run_refinement
-
-    run_refinement(_sections(params, settings, near_misses), output, quiet=quiet)
-
-
-@app.command()
-def evaluate(
-    data: Annotated[Path, typer.Option("--data", help="Near-miss table (Parquet), or a folder of recordings.")],
-    form: Annotated[str, typer.Option("--format", help="near-misses, vci-dut or vci-citr.")] = "near-misses",
-    json_path: Annotated[Path | None, typer.Option("--json", help="Write the numbers to this file.")] = None,
-    refined: Annotated[str, typer.Option(help="Weights: a file or a shipped name.")] = "refined",
-    pretrained: Annotated[str, typer.Option(help="Weights: a file or a shipped name.")] = "pretrained",
-) -> None:
-    """Table 9's columns by two protocols, reconstruction and closed loop, beside the naive controls."""
-    from vpsci_ros.stages import run_evaluation
-
-    run_evaluation(data, form, {"refined": refined, "pretrained": pretrained}, json_path)
 
 
 @app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
@@ -180,19 +129,6 @@ def world_show(
 
     save_scenario(load_scenario(int(scenario) if scenario.isdigit() else scenario), output, seed)
     print(f"written: {output}")
-
-
-def _sections(
-    params: Path, settings: list[str] | None, near_misses: list[Path] | None = None
-) -> dict[str, dict[str, Any]]:
-    """Return the parameter file with overrides applied."""
-    from vpsci_ros import config
-
-    sections = config.load(params)
-    config.override(sections, settings or [])
-    if near_misses:
-        sections["learner"]["near_misses"] = [str(path) for path in near_misses]
-    return sections
 
 
 def main() -> None:

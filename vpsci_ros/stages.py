@@ -1,28 +1,31 @@
 """Stages 1 and 2 and the evaluation as commands in one process: parameters in, files and a summary out."""
 
 import json
-import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 from rich import box
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from vpsci_ros.analysis.errors import evaluate
+from vpsci_ros.analysis.learning_figures import save_learning
 from vpsci_ros.config import LearnerConfig, RunConfig, pick
 from vpsci_ros.data.corpus import load_corpus
 from vpsci_ros.data.importers import FORMATS, import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
+from vpsci_ros.learning.interactions import table_hash
 from vpsci_ros.learning.online import refine
 from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.learning.weights import load_weights
-from vpsci_ros.provenance import written_whole
+from vpsci_ros.provenance import sha256, software_versions, written_whole
 from vpsci_ros.resources import weights_path
+from vpsci_ros.run_folder import RunFolder
+from vpsci_ros.stage_bar import StageBar, stopped_between_updates
 from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.monitor import MonitorConfig
 
@@ -32,49 +35,80 @@ Sections = dict[str, dict[str, Any]]
 def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) -> None:
     """Stage 1; goes on from a checkpoint that the same configuration left in `folder`.
 
-    :raises InvalidInput: a parameter or the near misses are refused, or another run's checkpoint lies in `folder`.
+    :raises InvalidInput: a parameter or the near misses are refused, or another run lies in `folder`.
+    :raises Stopped: a signal asked for it; what is done is in `folder`.
     """
-    values = sections["learner"]
-    learner = pick(LearnerConfig, values, "learner")
+    learner, config, network = learner_section(sections, LearnerConfig, PretrainConfig, NetworkConfig)
     corpus = load_corpus(learner.near_misses)
-    with _Bar("stage 1", quiet) as bar:
-        pretrain(
-            corpus,
-            pick(PretrainConfig, values, "learner"),
-            pick(NetworkConfig, values, "learner"),
-            seed=learner.seed,
-            out_dir=folder,
-            report=lambda report: bar.show(report, "episode", "episodes"),
-        )
-    print(f"written: {folder / 'pretrained.safetensors'}, log.csv beside it")
+    resolved = {"learner": as_section(learner, config, network)}
+    with RunFolder(folder, resolved, learner.near_misses) as run, StageBar("stage 1", quiet) as bar:
+
+        def report(values: dict[str, float]) -> None:
+            bar.show(values)
+            check()
+
+        try:
+            with stopped_between_updates() as check:
+                weights = pretrain(corpus, config, network, seed=learner.seed, out_dir=folder, report=report)
+            run.results |= weights.facts.get("held_out", {})
+        finally:
+            save_learning(folder)
+    print(f"written: {folder / 'pretrained.safetensors'}; log.csv, learning.png, run.json beside it")
 
 
 def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> None:
-    """Stage 2; goes on from a checkpoint as stage 1 does.
+    """Stage 2; goes on from the last whole portion of episodes that a stopped run left in `folder`.
 
     :raises InvalidInput: as `run_pretraining`, or the weights to start from are refused.
     """
-    values = sections["learner"]
-    learner, run = (
-        pick(LearnerConfig, values, "learner"),
-        pick(RunConfig, sections["world_simulator"], "world_simulator"),
+    learner, config = learner_section(sections, LearnerConfig, RefineConfig)
+    run, world, monitor = simulation_sections(sections)
+    start = weights_path(learner.weights)
+    weights, corpus = load_weights(start), load_corpus(learner.near_misses)
+    resolved = {
+        "learner": as_section(learner, config),
+        "world_simulator": as_section(run, world),
+        "safety_monitor": as_section(monitor),
+    }
+    with RunFolder(folder, resolved, [*learner.near_misses, start]) as record, StageBar("stage 2", quiet) as bar:
+        try:
+            refined = refine(
+                corpus,
+                config,
+                weights,
+                scenarios=load_scenarios(run.scenarios),
+                episodes=list(run.queue()),
+                batch=run.batch,
+                seed=run.seed,
+                out_dir=folder,
+                world=world,
+                monitor=monitor,
+                report=bar.show,
+            )
+            record.results |= {name: refined.facts[name] for name in ("held_out", "learned")}
+        finally:
+            save_learning(folder)
+    print(f"written: {folder / 'refined.safetensors'}; refine_log.csv, learning.png, run.json beside it")
+
+
+def learner_section(sections: Sections, *kinds: type) -> list[Any]:
+    """Return configuration objects of these classes from the section `learner`."""
+    return [pick(kind, sections["learner"], "learner") for kind in kinds]
+
+
+def simulation_sections(sections: Sections) -> tuple[RunConfig, WorldConfig, MonitorConfig]:
+    """Return what says which episodes are simulated, and how."""
+    world = sections["world_simulator"]
+    return (
+        pick(RunConfig, world, "world_simulator"),
+        pick(WorldConfig, world, "world_simulator"),
+        pick(MonitorConfig, sections["safety_monitor"], "safety_monitor"),
     )
-    weights = load_weights(weights_path(learner.weights))
-    with _Bar("stage 2", quiet) as bar:
-        refine(
-            load_corpus(learner.near_misses),
-            pick(RefineConfig, values, "learner"),
-            weights,
-            scenarios=load_scenarios(run.scenarios),
-            episodes=list(run.queue()),
-            batch=run.batch,
-            seed=run.seed,
-            out_dir=folder,
-            world=pick(WorldConfig, sections["world_simulator"], "world_simulator"),
-            monitor=pick(MonitorConfig, sections["safety_monitor"], "safety_monitor"),
-            report=lambda report: bar.show(report, "simulated", "episodes_wanted"),
-        )
-    print(f"written: {folder / 'refined.safetensors'}, refine_log.csv beside it")
+
+
+def as_section(*configs: Any) -> dict[str, Any]:
+    """Return the values of configuration objects, without the output folder, which a run is told apart from."""
+    return {name: value for config in configs for name, value in asdict(config).items() if name != "output"}
 
 
 def run_evaluation(data: Path, form: str, models: dict[str, str], json_path: Path | None) -> None:
@@ -84,10 +118,16 @@ def run_evaluation(data: Path, form: str, models: dict[str, str], json_path: Pat
     :raises InvalidInput: unknown format, unreadable data or weights.
     """
     table = _near_misses(data, form)
-    result = evaluate(table, {name: load_weights(weights_path(path)) for name, path in models.items()})
+    paths = {name: weights_path(model) for name, model in models.items()}
+    result = evaluate(table, {name: load_weights(path) for name, path in paths.items()})
     if json_path is not None:
+        made_from = {
+            "data": {"path": str(data), "sha256": table_hash(table)},
+            "weights_sha256": {name: sha256(path) for name, path in paths.items()},
+            "software": software_versions(),
+        }
         with written_whole(json_path) as part:
-            part.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+            part.write_text(json.dumps(result | made_from, indent=2) + "\n", encoding="utf-8")
     title = f"{result['interactions']} interactions of {result['clips']} clips, mean error in metres"
     view = Table(box=box.SIMPLE_HEAD, title=title, padding=(0, 1, 0, 0))
     view.add_column("", no_wrap=True)
@@ -108,35 +148,3 @@ def _near_misses(data: Path, form: str) -> pl.DataFrame:
     if form not in FORMATS:
         raise InvalidInput(f"--format {form}: expected near-misses or one of {', '.join(FORMATS)}")
     return import_trajectories(data, form).table
-
-
-class _Bar:
-    """A progress bar of a stage on standard error; lines now and then where there is no terminal."""
-
-    def __init__(self, title: str, quiet: bool) -> None:
-        console = Console(stderr=True)
-        self._lines = not console.is_terminal and not quiet
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        last = (TimeRemainingColumn(), TextColumn("{task.fields[note]}"))
-        self._bar = Progress(*columns, *last, console=console, disable=not console.is_terminal or quiet)
-        self._task = self._bar.add_task(title, total=None, note="")
-        self._latest: dict[str, float] = {}
-        self._said = 0
-
-    def __enter__(self) -> "_Bar":
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-    def show(self, report: dict[str, float], done: str, total: str) -> None:
-        """Take the latest numbers in and bring the display up to date."""
-        self._latest |= report
-        worth = ("closed_loop_ade", "held_out_closed_loop_ade", "collision_rate", "goal_rate", "rollbacks")
-        note = ", ".join(f"{name.replace('_', ' ')} {self._latest[name]:.3g}" for name in worth if name in self._latest)
-        self._bar.update(self._task, completed=report[done], total=report[total], note=note)
-        tenth = int(10 * report[done] / report[total])
-        if self._lines and tenth > self._said:
-            self._said = tenth
-            print(f"  {report[done]:.0f} of {report[total]:.0f}; {note}", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""What the paper says of its own dataset: Table 10, the quartiles of section 4.3, and the time of section 3.3."""
+"""What the paper says of itself: its studies (Tables 3 and 5), its dataset (Table 10, section 4.3), its time (3.3)."""
 
 from typing import NamedTuple
 
@@ -25,3 +25,41 @@ LEAST_CURVTTC = (1.41, 2.01, 2.83)  # [s] quartiles of the published dataset
 REAL_LEAST_CURVTTC = (1.43, 2.01, 2.85)  # [s] quartiles of the paper's real near misses
 HOURS = 812.0
 KEPT_PER_HOUR = sum(row.kept for row in TABLE_10.values()) / HOURS  # 244
+
+
+class PublishedSample(NamedTuple):
+    """A row of Table 3."""
+
+    vehicle_reward: float
+    pedestrian_reward: float
+    critic_loss: float
+
+
+class PublishedWeighting(NamedTuple):
+    """A row of Table 5: w_1 to w_3 (none where they adapt), rates as shares of 1, errors [m]."""
+
+    weights: tuple[float, ...]
+    collision_rate: float
+    goal_rate: float
+    ade: float
+    fde: float
+
+
+TABLE_3 = {  # interactions -> row
+    50: PublishedSample(-6.83, -7.21, 0.4812),
+    100: PublishedSample(-5.47, -6.03, 0.3654),
+    150: PublishedSample(-4.12, -4.89, 0.2431),
+    200: PublishedSample(-2.14, -3.67, 0.1124),
+    250: PublishedSample(-2.09, -3.61, 0.1098),
+    336: PublishedSample(-1.94, -3.52, 0.1073),
+}
+TABLE_5 = {
+    "equal": PublishedWeighting((0.33, 0.33, 0.33), 0.184, 0.712, 0.214, 0.423),
+    "safety": PublishedWeighting((0.60, 0.20, 0.20), 0.121, 0.743, 0.187, 0.371),
+    "goal": PublishedWeighting((0.20, 0.60, 0.20), 0.217, 0.786, 0.231, 0.458),
+    "speed": PublishedWeighting((0.20, 0.20, 0.60), 0.153, 0.728, 0.196, 0.389),
+    "safety_goal": PublishedWeighting((0.45, 0.45, 0.10), 0.138, 0.764, 0.179, 0.354),
+    "safety_speed": PublishedWeighting((0.45, 0.10, 0.45), 0.112, 0.731, 0.163, 0.321),
+    "goal_speed": PublishedWeighting((0.10, 0.45, 0.45), 0.235, 0.779, 0.248, 0.491),
+    "adaptive": PublishedWeighting((), 0.083, 0.812, 0.072, 0.142),
+}

@@ -55,7 +55,8 @@ def pretrain(
     """Train both agents on near misses and write `pretrained.safetensors` and `log.csv` to `out_dir`.
 
     A checkpoint in `out_dir` made by the same configuration, data and seed is gone on from, to the same result; on
-    Ctrl-C, or where `report` raises `Stopped`, one is written before the exception goes on.
+    Ctrl-C, or where `report` raises `Stopped`, one is written before the exception goes on. The log is written anew at
+    every held-out error and checkpoint, and however the run ends.
 
     :param near_misses: near-miss table; `config.held_out_fraction` of it, by whole clips, is kept for the held-out
         error.
@@ -76,21 +77,24 @@ def pretrain(
             losses, reward = run.iterate(out_dir)
             due = run.episode % config.evaluate_every == 0 or run.episode == config.episodes
             held_out = run.held_out.errors(run.weights()) if run.held_out is not None and due else {}
-            run.log.append({"episode": run.episode} | losses | reward | held_out)
+            control = run.held_out.control if run.held_out is not None and due else {}
+            row = losses | reward | held_out | {f"control_{name}": value for name, value in control.items()}
+            run.log.append({"episode": run.episode} | row)
             if report is not None:
-                control = run.held_out.control if run.held_out is not None and due else {}
                 values = {"episode": run.episode, "episodes": config.episodes, "seconds": time.monotonic() - started}
-                report(values | losses | reward | held_out | {f"control_{k}": v for k, v in control.items()})
+                report(values | row)
             if run.episode % config.checkpoint_every == 0:
                 save_checkpoint(out_dir / CHECKPOINT, run.state())
+            if due or run.episode % config.checkpoint_every == 0:
                 write_log(out_dir / LOG, run.log)
     except (KeyboardInterrupt, Stopped):
         save_checkpoint(out_dir / CHECKPOINT, run.state())
-        write_log(out_dir / LOG, run.log)
         raise
+    finally:
+        if run.log:
+            write_log(out_dir / LOG, run.log)
     weights = run.weights(final=True)
     save_weights(out_dir / WEIGHTS, weights)
-    write_log(out_dir / LOG, run.log)
     (out_dir / CHECKPOINT).unlink(missing_ok=True)
     return weights
 

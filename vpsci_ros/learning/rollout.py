@@ -1,7 +1,8 @@
 """Episodes in process: world, monitor and policies called in turn, exactly as the graph of nodes calls them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,19 @@ from vpsci_ros.learning.config import AGENTS, RefineConfig
 from vpsci_ros.learning.weights import Weights
 from vpsci_ros.world import World, handover
 from vpsci_ros.world.monitor import MonitorConfig, assess
+
+
+class Acting(Protocol):
+    """Whatever answers a world's state with the accelerations of one agent, as `PolicyAgent` does."""
+
+    def act(
+        self,
+        state: NDArray[np.void],
+        policy_frame: NDArray[np.bool_],
+        curvttc: NDArray[np.float64],
+        critical: NDArray[np.bool_],
+    ) -> NDArray[np.float32]:
+        """See `PolicyAgent.act`."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +57,7 @@ def policies(
     return agents
 
 
-def rollout(world: World, monitor: MonitorConfig, agents: dict[str, PolicyAgent]) -> Iterator[Tick]:
+def rollout(world: World, monitor: MonitorConfig, agents: Mapping[str, Acting]) -> Iterator[Tick]:
     """Run a world until its queue of episodes is done, yielding every tick."""
     while not world.done:
         tick, state = world.tick, world.state.copy()

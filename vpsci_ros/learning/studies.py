@@ -1,34 +1,46 @@
-"""Tables 3 and 5 of the paper: how much real data stage 1 needs, and how stage 2 should weight its rewards."""
+"""Tables 3 and 5 of the paper: how much real data stage 1 needs, and how stage 2 should weight its rewards.
 
+Each configuration of a study learns in a folder of its own. A study that was stopped goes on with what is missing, and
+one that is repeated with more configurations runs only those.
+"""
+
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
+from vpsci_ros.data.near_misses import split_by_clip
+from vpsci_ros.data.published import TABLE_3, TABLE_5
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
-from vpsci_ros.learning.online import LOG as REFINE_LOG
-from vpsci_ros.learning.online import refine
-from vpsci_ros.learning.pretrain import LOG as PRETRAIN_LOG
-from vpsci_ros.learning.pretrain import pretrain
-from vpsci_ros.learning.weights import Weights
-from vpsci_ros.world import Scenario
+from vpsci_ros.learning import online
+from vpsci_ros.learning import pretrain as stage_1
+from vpsci_ros.learning.config import AGENTS, NetworkConfig, PretrainConfig, RefineConfig
+from vpsci_ros.learning.held_out import HeldOut
+from vpsci_ros.learning.interactions import Interactions, from_table, table_hash
+from vpsci_ros.learning.measured import measure_outcomes, rates_with_intervals
+from vpsci_ros.learning.predictors import PolicyPredictor, Predictor, RepeatVelocity
+from vpsci_ros.learning.pretrain import Report
+from vpsci_ros.learning.protocols import reconstruct
+from vpsci_ros.learning.refine import CHECKPOINT, WEIGHTS, Refiner
+from vpsci_ros.learning.study_state import once
+from vpsci_ros.learning.weights import Weights, load_weights, resolved
+from vpsci_ros.provenance import written_whole
+from vpsci_ros.world import Scenario, WorldConfig
+from vpsci_ros.world.monitor import MonitorConfig
 
-SAMPLE_SIZES = (50, 100, 150, 200, 250, 336)
-WEIGHTINGS: Mapping[str, tuple[float, ...]] = {
-    "equal": (0.33, 0.33, 0.33),
-    "safety": (0.60, 0.20, 0.20),
-    "goal": (0.20, 0.60, 0.20),
-    "speed": (0.20, 0.20, 0.60),
-    "safety_goal": (0.45, 0.45, 0.10),
-    "safety_speed": (0.45, 0.10, 0.45),
-    "goal_speed": (0.10, 0.45, 0.45),
-    "adaptive": (),
-}
+SAMPLE_SIZES = tuple(TABLE_3)
+WEIGHTINGS: Mapping[str, tuple[float, ...]] = {name: row.weights for name, row in TABLE_5.items()}
+UNREFINED, NO_ACCELERATION = "pretrained", "constant_velocity"  # controls of Table 5
+REPEATED = "repeat_velocity"  # control of Table 3
 LAST = 0.1  # share of a run's iterations at its end that count as convergence
+
+StudyReport = Callable[[str, Report], None]
 
 
 def sample_size_study(
@@ -39,33 +51,64 @@ def sample_size_study(
     sizes: Sequence[int] = SAMPLE_SIZES,
     seed: int,
     out_dir: str | Path,
-    report: Callable[[str], None] | None = None,
+    report: StudyReport | None = None,
 ) -> pl.DataFrame:
-    """Train stage 1 on subsets of the near misses (Table 3); return and write `table_3.csv`.
+    """Train stage 1 on subsets of the near misses (Table 3); return and write `table_3.csv`, the control as last row.
 
-    A subset of n holds the first n interactions of one random order, so smaller ones are parts of larger ones. Rewards
-    are those of the actors' own actions summed over an episode, mean over the last tenth of the run.
+    The same whole clips are held out for all sizes (`config.held_out_fraction`), and a subset of n holds the first n
+    interactions of one random order, so smaller ones are parts of larger ones. The order ends with the held-out
+    interactions: a size that needs them has no held-out errors. The replay buffer is made to hold every subset.
 
-    :raises InvalidInput: a size exceeds the number of interactions.
+    Columns: `interactions`; of the last tenth of the run, means of `vehicle_reward` and `pedestrian_reward` (of the
+    actors' own actions, summed over an interaction) and of each `..._critic_loss`; on the held-out clips, ADE and FDE
+    [m] of both protocols, and `..._held_out_reward`: (14)-(15) summed over the critical steps of an interaction, with
+    the deviations of the whole table, so that sizes compare. Rewards in training use those of the subset.
+
+    :param report: called with the configuration's name (the size) and what `pretrain` reports.
+    :raises InvalidInput: a size exceeds the number of interactions, or `out_dir` holds another study.
     """
-    out_dir = Path(out_dir)
-    numbers = np.random.default_rng(seed).permutation(near_misses["interaction"].unique(maintain_order=True).to_numpy())
-    rows = []
+    pool, kept_out = near_misses, near_misses.head(0)
+    if config.held_out_fraction > 0:
+        pool, kept_out = split_by_clip(near_misses, config.held_out_fraction, seed)
+    rng = np.random.default_rng(seed)
+    numbers = (part["interaction"].unique().sort().to_numpy() for part in (pool, kept_out))
+    order = np.concatenate([rng.permutation(part) for part in numbers])
     for size in sizes:
-        if size > len(numbers):
-            raise InvalidInput(f"sizes: {size} interactions wanted, the near misses hold {len(numbers)}")
-        subset = near_misses.filter(pl.col("interaction").is_in(numbers[:size].tolist()))
-        weights = pretrain(subset, config, network, seed=seed, out_dir=out_dir / f"{size}")
-        log = pl.read_csv(out_dir / f"{size}" / PRETRAIN_LOG).tail(max(1, int(LAST * config.episodes)))
-        row: dict[str, Any] = {"interactions": size}
-        for name in ("vehicle_reward", "pedestrian_reward", "vehicle_critic_loss", "pedestrian_critic_loss"):
-            row[name] = log[name].mean()
-        rows.append(row | weights.facts.get("held_out", {}).get("errors", {}))
-        if report is not None:
-            report(f"{size} interactions: vehicle reward {row['vehicle_reward']:.3g}")
-    table = pl.DataFrame(rows)
-    table.write_csv(out_dir / "table_3.csv")
-    return table
+        if not 2 <= size <= len(order):
+            raise InvalidInput(f"sizes: expected 2 to {len(order)} interactions, as the near misses hold, got {size}")
+    config = replace(config, held_out_fraction=0.0, buffer_capacity=max(config.buffer_capacity, near_misses.height))
+    deviation = _deviation(from_table(near_misses), config.least_speed_deviation)
+    held_out = HeldOut(kept_out) if kept_out.height else None
+    out_dir = Path(out_dir)
+    identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses)}
+
+    def row(size: int) -> dict[str, Any]:
+        subset = near_misses.filter(pl.col("interaction").is_in(order[:size].tolist()))
+        folder, told = out_dir / f"{size}", _bound(report, f"{size}")
+        if not (folder / stage_1.WEIGHTS).exists() or (folder / stage_1.CHECKPOINT).exists():
+            stage_1.pretrain(subset, config, network, seed=seed, out_dir=folder, report=told)
+        weights = load_weights(folder / stage_1.WEIGHTS)
+        log = pl.read_csv(folder / stage_1.LOG).tail(max(1, int(LAST * config.episodes)))
+        names = [f"{agent}_{what}" for what in ("reward", "critic_loss") for agent in AGENTS]
+        values: dict[str, Any] = {name: log[name].mean() for name in names}
+        if held_out is None or size > pool["interaction"].n_unique():
+            return values
+        rewards = _held_out_rewards(PolicyPredictor(weights), held_out.interactions, deviation, config.reward_scaling)
+        return values | held_out.errors(weights) | rewards
+
+    rows = [{"interactions": f"{n}"} | once(out_dir / f"{n}", identity, partial(row, n)) for n in sizes]
+    if held_out is not None:
+        rewards = _held_out_rewards(RepeatVelocity(), held_out.interactions, deviation, config.reward_scaling)
+        rows.append({"interactions": REPEATED} | held_out.control | rewards)
+    return _written(rows, out_dir / "table_3.csv")
+
+
+@dataclass(frozen=True)
+class FreshEpisodes:
+    """What the rates of Table 5 are measured on: simulated without exploration, after training."""
+
+    episodes: Sequence[tuple[int, int]]
+    seed: int
 
 
 def reward_weight_study(
@@ -77,34 +120,96 @@ def reward_weight_study(
     episodes: Sequence[tuple[int, int]],
     batch: int,
     seed: int,
+    fresh: FreshEpisodes,
     out_dir: str | Path,
     weightings: Mapping[str, Sequence[float]] = WEIGHTINGS,
-    report: Callable[[str], None] | None = None,
+    world: WorldConfig | None = None,
+    monitor: MonitorConfig | None = None,
+    report: StudyReport | None = None,
 ) -> pl.DataFrame:
     """Run stage 2 under each weighting of its rewards (Table 5); return and write `table_5.csv`.
 
-    Rates are those of the last 1,000 critical episodes, errors those of the held-out near misses.
+    The last rows are controls: the weights that all start from, and no acceleration at all. Columns: `weights`; the
+    rates of `rates_with_intervals`; ADE and FDE [m] of both protocols on the held-out clips; where there was learning,
+    the final `w_collision`, `w_goal`, `w_speed`, and `updates`, `refreshes`, `rollbacks`.
+
+    :param weightings: name -> w_1 to w_3 of (27), or nothing for the adaptive scheme (28).
+    :param fresh: other episodes than `episodes`, by another seed.
+    :param report: called with the weighting's name and what `refine` reports.
+    :raises InvalidInput: `fresh` has the seed of training, or `out_dir` holds another study.
     """
-    out_dir = Path(out_dir)
+    if fresh.seed == seed:
+        raise InvalidInput(f"fresh episodes: expected another seed than training's, got {seed} for both")
+    out_dir, world, monitor = Path(out_dir), world or WorldConfig(), monitor or MonitorConfig()
+    identity = {"weights": _tensors_hash(weights), "data": table_hash(near_misses), "seed": seed, "batch": batch}
+    identity |= {"episodes": _digest(episodes), "fresh": _digest(fresh.episodes), "fresh_seed": fresh.seed}
+    identity |= {"scenarios": [s.name for s in scenarios], "world": asdict(world), "monitor": asdict(monitor)}
+    simulated: dict[str, Any] = {"scenarios": scenarios, "batch": batch, "world": world, "monitor": monitor}
+
+    def measured(model: Weights | None) -> dict[str, Any]:
+        outcomes = measure_outcomes(model, episodes=fresh.episodes, seed=fresh.seed, **simulated)
+        return dict(rates_with_intervals(outcomes))
+
+    def row(name: str, chosen: RefineConfig) -> dict[str, Any]:
+        folder = out_dir / name
+        if not (folder / WEIGHTS).exists() or (folder / CHECKPOINT).exists():
+            settings = simulated | {"episodes": episodes, "seed": seed, "report": _bound(report, name)}
+            online.refine(near_misses, chosen, weights, out_dir=folder, **settings)
+        refined = load_weights(folder / WEIGHTS)
+        last = pl.read_csv(folder / online.LOG).row(-1, named=True)
+        learned = {k: v for k, v in last.items() if k.startswith("w_") or k in ("updates", "refreshes", "rollbacks")}
+        return measured(refined) | refined.facts["held_out"]["errors"] | learned
+
     rows = []
     for name, values in weightings.items():
-        refine(
-            near_misses,
-            replace(config, reward_weights=list(values)),
-            weights,
-            scenarios=scenarios,
-            episodes=episodes,
-            batch=batch,
-            seed=seed,
-            out_dir=out_dir / name,
-        )
-        last = pl.read_csv(out_dir / name / REFINE_LOG).row(-1, named=True)
-        kept = {
-            key: value for key, value in last.items() if key.endswith("_rate") or key.startswith(("w_", "held_out_"))
-        }
-        rows.append({"weights": name} | kept)
-        if report is not None:
-            report(f"{name}: collisions {last['collision_rate']:.1%}, goals {last['goal_rate']:.1%}")
-    table = pl.DataFrame(rows)
-    table.write_csv(out_dir / "table_5.csv")
+        chosen = replace(config, reward_weights=list(values))
+        done = once(out_dir / name, identity | resolved(chosen), partial(row, name, chosen))
+        rows.append({"weights": name} | done)
+    errors = Refiner(config, weights, near_misses, seed=seed).current().facts["held_out"]
+    for name, model, error in ((UNREFINED, weights, "stage_1"), (NO_ACCELERATION, None, "control")):
+        done = once(out_dir / name, identity, partial(measured, model))
+        rows.append({"weights": name} | done | errors[error])
+    return _written(rows, out_dir / "table_5.csv")
+
+
+def _written(rows: list[dict[str, Any]], path: Path) -> pl.DataFrame:
+    table = pl.DataFrame(rows, infer_schema_length=None)
+    with written_whole(path) as part:
+        table.write_csv(part)
     return table
+
+
+def _tensors_hash(weights: Weights) -> str:
+    digest = hashlib.sha256()  # the bytes of a file will not do: its metadata come in any order
+    for name in sorted(weights.tensors):
+        digest.update(name.encode() + weights.tensors[name].tobytes())
+    return digest.hexdigest()
+
+
+def _digest(values: Sequence[Any]) -> str:
+    return f"{len(values)}, sha256 {hashlib.sha256(repr(list(values)).encode()).hexdigest()}"
+
+
+def _bound(report: StudyReport | None, name: str) -> Callable[[Report], None] | None:
+    return None if report is None else lambda values: report(name, values)
+
+
+def _deviation(interactions: Interactions, least: float) -> dict[str, NDArray[np.float64]]:
+    """Return the deviations of the next speeds, float64[2] [m/s] by agent, as `Networks.set_statistics` takes them."""
+    deviations = {}
+    for agent in AGENTS:
+        speeds = interactions.next_velocity[agent][interactions.acted].astype(np.float64)
+        mean = speeds.mean(axis=0) * [1.0, 0.0]
+        deviations[agent] = np.maximum(np.sqrt(((speeds - mean) ** 2).mean(axis=0)), least)
+    return deviations
+
+
+def _held_out_rewards(
+    model: Predictor, interactions: Interactions, deviation: Mapping[str, NDArray[np.float64]], scaling: float
+) -> dict[str, float]:
+    squares = reconstruct(model, interactions).squares
+    rewards = {}
+    for i, agent in enumerate(AGENTS):
+        own = squares[:, 2 * i : 2 * i + 2] / deviation[agent] ** 2
+        rewards[f"{agent}_held_out_reward"] = -scaling * float(own.sum(axis=1).mean())
+    return rewards

@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+
+from vpsci_ros.learning.measured import measure_outcomes, rates_with_intervals, wilson_interval
+from vpsci_ros.learning.online import Outcomes
+from vpsci_ros.world import COLLISION, GOAL, TIMEOUT, WorldConfig, load_scenarios
+
+
+def test_wilson_intervals_are_those_of_the_literature():
+    """Newcombe, 'Two-sided confidence intervals for the single proportion' (1998), Table I, method 3."""
+    for count, total, expected in ((81, 263, (0.2553, 0.3662)), (15, 148, (0.0624, 0.1605)), (0, 20, (0.0, 0.1611))):
+        assert wilson_interval(count, total) == pytest.approx(expected, abs=5e-5)
+    assert wilson_interval(29, 29) == pytest.approx((0.8830, 1.0), abs=5e-5)
+    assert wilson_interval(0, 0) == (0.0, 1.0)
+
+
+def test_rates_add_up_and_carry_their_intervals():
+    outcomes = Outcomes(outcomes=[COLLISION, GOAL, GOAL, TIMEOUT], least_curvttc=[0.0, 1.0, 2.0, 3.0])
+    row = rates_with_intervals(outcomes)
+    assert (row["collision_rate"], row["goal_rate"], row["timeout_rate"]) == (0.25, 0.5, 0.25)
+    assert (row["goal_low"], row["goal_high"]) == wilson_interval(2, 4)
+    assert row["least_curvttc_50"] == 1.5
+    assert row["critical_episodes"] == 4
+
+
+def test_without_critical_episodes_rates_are_not_numbers_and_intervals_say_nothing():
+    row = rates_with_intervals(Outcomes())
+    assert np.isnan(row["collision_rate"])
+    assert (row["collision_low"], row["collision_high"]) == (0.0, 1.0)
+
+
+def test_measuring_is_a_function_of_its_seed_and_whoever_does_not_accelerate_goes_on(networks):
+    options = {"scenarios": load_scenarios([1]), "episodes": [(1, e) for e in range(8)], "seed": 5}
+    first, second = (measure_outcomes(networks().weights({}, {}), batch=batch, **options) for batch in (8, 3))
+    assert first.outcomes
+    assert sorted(zip(first.outcomes, first.least_curvttc, strict=True)) == sorted(
+        zip(second.outcomes, second.least_curvttc, strict=True)
+    )
+    idle = measure_outcomes(None, batch=8, **options)
+    held = measure_outcomes(None, batch=8, world=WorldConfig(release_time=0.5), **options)
+    assert idle.outcomes
+    assert idle.rates()["critical_episodes"] == held.rates()["critical_episodes"]

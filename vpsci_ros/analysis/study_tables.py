@@ -1,0 +1,194 @@
+"""Tables 3 and 5 beside the paper's values, as text and as pictures."""
+
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from vpsci_ros.data.published import TABLE_3, TABLE_5
+from vpsci_ros.learning.config import AGENTS
+from vpsci_ros.provenance import written_whole
+
+VEHICLE, PEDESTRIAN, PAPER, GREEN, ORANGE = "#08519c", "#cb181d", "#8c8c8c", "#2ca02c", "#e6550d"
+_COLOURS = dict(zip(AGENTS, (VEHICLE, PEDESTRIAN), strict=True))
+
+Row = dict[str, Any]
+
+
+def print_table_3(table: pl.DataFrame, console: Console) -> None:
+    """Print what `sample_size_study` returned, in 80 columns; the paper's values in brackets."""
+    learned = _table("in training, mean of the run's last tenth [paper's]", "inter-\nactions")
+    for name in ("vehicle\nreward", "", "pedestrian\nreward", "", "critics:\nvehicle", "loss of\npedestrian", ""):
+        learned.add_column(name, justify="right", no_wrap=True)
+    errors = _table("on held-out clips: ADE, FDE in metres", "interactions")
+    for name in ("recon-\nstr. ADE", "\nFDE", "closed\nloop ADE", "\nFDE", "vehicle\nreward", "pedestrian\nreward"):
+        errors.add_column(_text(name), justify="right")
+    for row in table.iter_rows(named=True):
+        paper = TABLE_3.get(_size(row))
+        if row.get("vehicle_reward") is not None:
+            published = [_text(f"[{value:.4g}]") for value in paper] if paper else [""] * 3
+            rewards = [f"{row[f'{agent}_reward']:.1f}" for agent in AGENTS]
+            losses = [f"{row[f'{agent}_critic_loss']:.3g}" for agent in AGENTS]
+            learned.add_row(
+                row["interactions"], rewards[0], published[0], rewards[1], published[1], *losses, published[2]
+            )
+        names = [f"{protocol}_{error}" for protocol in ("reconstruction", "closed_loop") for error in ("ade", "fde")]
+        cells = [_number(row.get(name), ".4f" if name.startswith("r") else ".3f") for name in names]
+        errors.add_row(row["interactions"], *cells, *(_number(row.get(f"{a}_held_out_reward"), ".1f") for a in AGENTS))
+    console.print(learned, errors)
+    console.print(
+        "Rewards and losses depend on the data, so the paper's show a trend only. Rewards in training are measured "
+        "against the subset's own deviations, those on held-out clips against the whole table's. '-': all clips are "
+        "needed to learn from, so none is held out. repeat_velocity is the control.",
+        highlight=False,
+    )
+
+
+def print_table_5(table: pl.DataFrame, console: Console) -> None:
+    """Print what `reward_weight_study` returned, in 80 columns; the paper's values in brackets."""
+    count = int(table["critical_episodes"].max() or 0)  # type: ignore[arg-type]
+    rates = _table("fresh episodes without exploration: share of critical ones, 95% interval [paper's]", "weights")
+    for name in ("collision [%]", "", "goal [%]", "", "n", "least CurvTTC\nmedian [s]"):
+        rates.add_column(_text(name), justify="right", no_wrap=True)
+    errors = _table("held-out clips: ADE, FDE in metres [paper's, on its own data]", "weights")
+    for name in (
+        "recon-\nstruction\nADE",
+        "\n\nFDE",
+        "closed\nloop\nADE",
+        "\n\nFDE",
+        "final weights\ncollision, goal, speed",
+    ):
+        errors.add_column(_text(name), justify="right", no_wrap=True)
+    for row in table.iter_rows(named=True):
+        paper = TABLE_5.get(row["weights"])
+        cells = []
+        for name in ("collision", "goal"):
+            low, rate, high = (100.0 * row[f"{name}_{part}"] for part in ("low", "rate", "high"))
+            published = f"[{100.0 * getattr(paper, f'{name}_rate'):.1f}]" if paper else ""
+            cells += [f"{rate:.1f} ({low:.1f}-{high:.1f})", _text(published)]
+        rates.add_row(
+            row["weights"], *cells, f"{row['critical_episodes']:.0f}", _number(row["least_curvttc_50"], ".2f")
+        )
+        ade, fde = (f"{row[f'reconstruction_{e}']:.4f}" + (f" [{getattr(paper, e):.3f}]" if paper else "") for e in _E)
+        loop = [f"{row[f'closed_loop_{e}']:.3f}" for e in _E]
+        learned = [row.get(f"w_{name}") for name in ("collision", "goal", "speed")]
+        weights = ", ".join(f"{value:.2f}" for value in learned) if learned[0] is not None else "-"
+        errors.add_row(row["weights"], _text(ade), _text(fde), *loop, weights)
+    console.print(rates, errors)
+    console.print(
+        "Controls: pretrained is what all start from; constant_velocity accelerates nobody. The intervals are "
+        f"those of {count} episodes after one training each: the luck of a training's seed is not in them.",
+        highlight=False,
+    )
+
+
+def save_table_3(table: pl.DataFrame, path: Path) -> None:
+    """Draw rewards, critic losses and held-out errors over the number of interactions, as a PNG."""
+    figure, (rewards, losses, errors) = _figure(3)
+    rows = [row for row in table.iter_rows(named=True) if row.get("vehicle_reward") is not None]
+    sizes = [_size(row) for row in rows]
+    for agent in AGENTS:
+        look: Row = {"color": _COLOURS[agent], "marker": "o", "markersize": 4}
+        held_out = [row.get(f"{agent}_held_out_reward") for row in rows]
+        rewards.plot(sizes, [row[f"{agent}_reward"] for row in rows], label=f"{agent}, in training", **look)
+        if any(value is not None for value in held_out):
+            rewards.plot(sizes, _gaps(held_out), linestyle=":", label=f"{agent}, held-out clips", **look)
+        losses.plot(sizes, [row[f"{agent}_critic_loss"] for row in rows], label=f"{agent}'s critic", **look)
+    losses.plot(list(TABLE_3), [p.critic_loss for p in TABLE_3.values()], color=PAPER, linestyle="--", label="paper's")
+    losses.set_yscale("log")
+    for agent, column in zip(AGENTS, ("vehicle_reward", "pedestrian_reward"), strict=True):
+        paper = [getattr(row, column) for row in TABLE_3.values()]
+        line: Row = {"linestyle": "--", "linewidth": 0.9, "color": _COLOURS[agent], "alpha": 0.6}
+        rewards.plot(list(TABLE_3), paper, label=f"{agent}, paper's", **line)
+    rewards.set_yscale("symlog", linthresh=1.0)
+    control = table.row(-1, named=True)
+    for protocol, colour in (("closed_loop", ORANGE), ("reconstruction", GREEN)):
+        values = [row.get(f"{protocol}_ade") for row in rows]
+        if any(value is not None for value in values):
+            name = protocol.replace("_", " ")
+            errors.plot(sizes, _gaps(values), color=colour, marker="o", markersize=4, label=name)
+            errors.axhline(control[f"{protocol}_ade"], color=colour, linestyle="--", label=f"{name}, velocity repeated")
+    errors.set_ylim(bottom=0.0)
+    _finish(rewards, "reward of an interaction", "reward")
+    _finish(losses, "critic loss", "loss")
+    _finish(errors, "error on held-out clips", "ADE [m]")
+    for axis in (rewards, losses, errors):
+        axis.set_xlabel("interactions learned from", fontsize=9)
+    _save(figure, path)
+
+
+def save_table_5(table: pl.DataFrame, path: Path) -> None:
+    """Draw rates with their intervals and held-out errors by weighting, with the paper's values, as a PNG."""
+    figure, (collisions, goals, errors) = _figure(3)
+    rows = list(table.iter_rows(named=True))[::-1]
+    places = list(range(len(rows)))
+    for axis, name, colour in ((collisions, "collision", ORANGE), (goals, "goal", GREEN)):
+        rate, low, high = ([100.0 * row[f"{name}_{part}"] for row in rows] for part in ("rate", "low", "high"))
+        spread = [[r - a for r, a in zip(rate, low, strict=True)], [b - r for r, b in zip(rate, high, strict=True)]]
+        axis.barh(places, rate, xerr=spread, color=colour, alpha=0.75, ecolor="#404040", capsize=2, label="here")
+        known = [(i, TABLE_5[row["weights"]]) for i, row in enumerate(rows) if row["weights"] in TABLE_5]
+        paper = [100.0 * getattr(published, f"{name}_rate") for _, published in known]
+        axis.plot(paper, [i for i, _ in known], "D", color="black", markersize=5, label="paper's")
+        axis.set_xlim(0.0, 100.0)
+        axis.set_xlabel("share of critical episodes [%], 95% interval", fontsize=9)
+    for shift, protocol, colour in ((0.2, "closed_loop", ORANGE), (-0.2, "reconstruction", GREEN)):
+        values = [row[f"{protocol}_ade"] for row in rows]
+        errors.barh([i + shift for i in places], values, 0.38, color=colour, label=protocol.replace("_", " "))
+    errors.set_xlabel("ADE on held-out clips [m]", fontsize=9)
+    for axis, title in ((collisions, "collisions"), (goals, "goals"), (errors, "errors")):
+        axis.set_yticks(places, [row["weights"] for row in rows])
+        _finish(axis, title, "")
+    _save(figure, path)
+
+
+_E = ("ade", "fde")
+
+
+def _size(row: Row) -> int:
+    return int(row["interactions"]) if row["interactions"].isdigit() else 0
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else f"{value:{form}}"
+
+
+def _gaps(values: list[float | None]) -> list[float]:
+    return [float("nan") if value is None else value for value in values]
+
+
+def _text(text: str) -> str:
+    """Return `text` so that rich takes no bracket in it for a style."""
+    return text.replace("[", r"\[")
+
+
+def _table(title: str, first: str) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title=_text(title), title_justify="left", padding=(0, 1, 0, 0))
+    table.add_column(first, no_wrap=True)
+    return table
+
+
+def _figure(columns: int) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(4.6 * columns, 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, list(figure.subplots(1, columns))
+
+
+def _finish(axis: Axes, title: str, beside: str) -> None:
+    axis.set_title(title, fontsize=10)
+    axis.set_ylabel(beside, fontsize=9)
+    axis.tick_params(labelsize=8)
+    axis.grid(color="#e4e4e4", linewidth=0.7)
+    axis.set_axisbelow(True)
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(fontsize=7, frameon=False)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    with written_whole(path) as part:
+        figure.savefig(part, format="png", dpi=110)

@@ -1,0 +1,161 @@
+"""The commands about learning: `vpsci pretrain`, `refine`, `evaluate`, and `vpsci study` samples and weights."""
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vpsci_ros.cli_options import NearMisses, Params, Quiet, Resumable, Settings, read_sections
+from vpsci_ros.errors import InvalidInput
+
+study_app = typer.Typer(no_args_is_help=True, help="The paper's studies of learning, Tables 3 and 5.")
+
+SIZES, WEIGHTINGS = (
+    "50,100,150,200,250,336",
+    "equal,safety,goal,speed,safety_goal,safety_speed,goal_speed,adaptive",
+)
+
+
+def pretrain(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Stage 1 in this process: learn from real near misses.
+
+    Leaves pretrained.safetensors, log.csv, learning.png, params.yaml and
+    run.json. A run that is stopped (Ctrl-C) goes on when the same command is
+    given again, to the same result. `vpsci graph` runs the same stage through
+    a node.
+    """
+    from vpsci_ros.stages import run_pretraining
+
+    with _stoppable(output):
+        run_pretraining(read_sections(params, settings, near_misses), output, quiet=quiet)
+
+
+def refine(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Stage 2 in this process: learn on in simulation.
+
+    Starts from the parameter learner.weights. Leaves refined.safetensors,
+    refine_log.csv, learning.png (Figure 6), params.yaml and run.json. A run
+    that is stopped (Ctrl-C) goes on from its last whole portion of episodes
+    when the same command is given again, to the same result. `vpsci graph`
+    runs the same stage through the nodes.
+    """
+    from vpsci_ros.stages import run_refinement
+
+    with _stoppable(output):
+        run_refinement(read_sections(params, settings, near_misses), output, quiet=quiet)
+
+
+def evaluate(
+    data: Annotated[Path, typer.Option("--data", help="Near-miss table (Parquet), or a folder of recordings.")],
+    form: Annotated[str, typer.Option("--format", help="near-misses, vci-dut or vci-citr.")] = "near-misses",
+    json_path: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers to this file.")
+    ] = None,
+    refined: Annotated[str, typer.Option(help="Weights after stage 2: a file or a shipped name.")] = "refined",
+    pretrained: Annotated[str, typer.Option(help="Weights after stage 1: a file or a shipped name.")] = "pretrained",
+) -> None:
+    """Errors of both stages' policies on near misses, beside naive controls: Table 9's columns, by two protocols.
+
+    Measures whatever interactions the data hold: for honest errors give clips
+    that the weights have not learned from. The metadata of a weights file
+    names the clips that were held out.
+    """
+    from vpsci_ros.stages import run_evaluation
+
+    run_evaluation(data, form, {"refined": refined, "pretrained": pretrained}, json_path)
+
+
+@study_app.command()
+def samples(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    sizes: Annotated[str, typer.Option(metavar="N,N,...", help="Interactions to learn from, one run each.")] = SIZES,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Table 3: stage 1 on 50 to 336 interactions, beside the paper's values.
+
+    Rewards and critic losses in training; rewards and errors on held-out
+    clips, the same for all sizes, beside the last velocity repeated. Leaves
+    table_3.csv, table_3.png, run.json and a folder for each size. A study
+    that is stopped (Ctrl-C) goes on when the same command is given again;
+    finished sizes are not trained again.
+
+    In full, with params/stage1_pretrain.yaml: about 25 minutes on one free
+    core. A trial of a minute: --sizes 50,100 --set learner.episodes=20
+    """
+    from vpsci_ros.study import run_sample_study
+
+    if not all(part.strip().isdigit() for part in sizes.split(",")):
+        raise InvalidInput(f"--sizes {sizes}: expected whole numbers with commas, say 50,100")
+    with _stoppable(output):
+        chosen = [int(part) for part in sizes.split(",")]
+        run_sample_study(read_sections(params, settings, near_misses), output, chosen, quiet=quiet)
+
+
+@study_app.command()
+def weights(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    weightings: Annotated[str, typer.Option(metavar="NAME,...", help="Weightings of Table 5.")] = WEIGHTINGS,
+    fresh_episodes: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Episodes in each scenario that rates are measured on.")
+    ] = 200,
+    fresh_seed: Annotated[int, typer.Option(min=0, help="Of those episodes; not the seed of training.")] = 1000,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Table 5: stage 2 under seven fixed weightings of its rewards and the adaptive one, beside the paper's values.
+
+    All start from learner.weights. Collision and goal rates, with 95%
+    intervals, are measured after training, on fresh episodes without
+    exploration; ADE and FDE by both protocols on held-out clips; controls:
+    the weights that all start from, and no acceleration at all. Leaves
+    table_5.csv, table_5.png, run.json and a folder for each weighting. A
+    study that is stopped (Ctrl-C) goes on when the same command is given
+    again; what is finished is not trained again.
+
+    In full, with params/stage2_online.yaml: about 80 minutes on one free
+    core. A trial of a minute: --weightings equal,adaptive --fresh-episodes 5
+    --set world_simulator.episodes=4
+    """
+    from vpsci_ros.study import run_weight_study
+
+    with _stoppable(output):
+        run_weight_study(
+            read_sections(params, settings, near_misses),
+            output,
+            [name.strip() for name in weightings.split(",")],
+            fresh_episodes=fresh_episodes,
+            fresh_seed=fresh_seed,
+            quiet=quiet,
+        )
+
+
+@contextlib.contextmanager
+def _stoppable(folder: Path) -> Iterator[None]:
+    """Say after Ctrl-C or SIGTERM where what is done is, and how to go on."""
+    from vpsci_ros.learning.pretrain import Stopped
+
+    try:
+        yield
+    except (KeyboardInterrupt, Stopped):
+        print(f"stopped; what is done is in {folder}: the same command goes on there", file=sys.stderr)
+        raise typer.Exit(130) from None

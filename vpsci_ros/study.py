@@ -1,0 +1,97 @@
+"""Tables 3 and 5 as commands: parameters in, a table beside the paper's, its CSV and its picture out."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from vpsci_ros.analysis.study_tables import print_table_3, print_table_5, save_table_3, save_table_5
+from vpsci_ros.config import LearnerConfig
+from vpsci_ros.data.corpus import load_corpus
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
+from vpsci_ros.learning.studies import WEIGHTINGS, FreshEpisodes, reward_weight_study, sample_size_study
+from vpsci_ros.learning.weights import load_weights
+from vpsci_ros.resources import weights_path
+from vpsci_ros.run_folder import RunFolder
+from vpsci_ros.stage_bar import StageBar, stopped_between_updates
+from vpsci_ros.stages import Sections, as_section, learner_section, simulation_sections
+from vpsci_ros.world import load_scenarios
+
+
+def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, quiet: bool = False) -> None:
+    """Table 3 by `sample_size_study`; goes on with what a stopped study left in `folder`.
+
+    :raises InvalidInput: a parameter, a size or the near misses are refused, or `folder` holds another study.
+    :raises Stopped: a signal asked for it; what is done is in `folder`.
+    """
+    learner, config, network = learner_section(sections, LearnerConfig, PretrainConfig, NetworkConfig)
+    corpus = load_corpus(learner.near_misses)
+    resolved = {"learner": as_section(learner, config, network)}
+    facts = {"study": {"sizes": list(sizes)}}
+    with RunFolder(folder, resolved, learner.near_misses, facts) as run:
+        with StageBar("samples", quiet) as bar, stopped_between_updates() as check:
+
+            def report(name: str, values: dict[str, float]) -> None:
+                bar.show(values, f"{name} interactions")
+                check()
+
+            table = sample_size_study(
+                corpus, config, network, sizes=sizes, seed=learner.seed, out_dir=folder, report=report
+            )
+        run.results["table_3"] = table.to_dicts()
+        save_table_3(table, folder / "table_3.png")
+    print_table_3(table, Console())
+    print(f"written: {folder / 'table_3.csv'}, table_3.png and run.json beside it")
+
+
+def run_weight_study(
+    sections: Sections,
+    folder: Path,
+    weightings: Sequence[str],
+    *,
+    fresh_episodes: int,
+    fresh_seed: int,
+    quiet: bool = False,
+) -> None:
+    """Table 5 by `reward_weight_study`; goes on with what a stopped study left in `folder`.
+
+    :param weightings: names of `WEIGHTINGS`.
+    :param fresh_episodes: simulated in each scenario, by `fresh_seed`, to measure the rates on.
+    :raises InvalidInput: a parameter, a name or an input is refused, or `folder` holds another study.
+    """
+    for name in weightings:
+        if name not in WEIGHTINGS:
+            raise InvalidInput(f"--weightings: {name!r} is unknown; expected names among {', '.join(WEIGHTINGS)}")
+    learner, config = learner_section(sections, LearnerConfig, RefineConfig)
+    run, world, monitor = simulation_sections(sections)
+    start = weights_path(learner.weights)
+    weights, corpus = load_weights(start), load_corpus(learner.near_misses)
+    resolved = {
+        "learner": as_section(learner, config),
+        "world_simulator": as_section(run, world),
+        "safety_monitor": as_section(monitor),
+    }
+    facts = {"study": {"weightings": list(weightings), "fresh_episodes": fresh_episodes, "fresh_seed": fresh_seed}}
+    fresh = FreshEpisodes([(s, e) for e in range(fresh_episodes) for s in run.scenarios], fresh_seed)
+    with RunFolder(folder, resolved, [*learner.near_misses, start], facts) as record:
+        with StageBar("weights", quiet) as bar:
+            table = reward_weight_study(
+                corpus,
+                config,
+                weights,
+                scenarios=load_scenarios(run.scenarios),
+                episodes=list(run.queue()),
+                batch=run.batch,
+                seed=run.seed,
+                fresh=fresh,
+                out_dir=folder,
+                weightings={name: WEIGHTINGS[name] for name in weightings},
+                world=world,
+                monitor=monitor,
+                report=lambda name, values: bar.show(values, name),
+            )
+        record.results["table_5"] = table.to_dicts()
+        save_table_5(table, folder / "table_5.png")
+    print_table_5(table, Console())
+    print(f"written: {folder / 'table_5.csv'}, table_5.png and run.json beside it")
