@@ -20,6 +20,7 @@ EXECUTABLES = [
     "learner",
     "pedestrian_policy",
     "recorder",
+    "replayer",
     "safety_monitor",
     "vehicle_policy",
     "world_simulator",

@@ -34,7 +34,7 @@ NAMES = {"yaml": ("pyyaml", "python3-yaml"), "rosbags": ("rosbags", "python3-ros
 NO_ROSDEP_KEY = {"mcap", "polars", "pyarrow", "safetensors", "zstandard"}
 OPTIONAL = {"gymnasium", "pettingzoo", "PIL", "ray"}  # extras: vpsci_ros/envs, and generation on a cluster
 NOT_REQUIRED = {"builtin_interfaces", "rcl_interfaces", "vpsci_msgs"}  # they come with rclpy and with this repository
-ROS = {"domain_coordinator", "launch", "launch_ros", "rclpy"}  # and whatever ends in _msgs or _interfaces
+ROS = {"domain_coordinator", "launch", "launch_ros", "rclpy", "std_srvs"}  # and whatever ends in _msgs or _interfaces
 
 
 def imported(folder: str) -> set[str]:

@@ -16,7 +16,7 @@ from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.monitor import MonitorConfig
 
 NODES = ("world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "learner", "recorder")
-EXECUTABLES = (*NODES, "example_ads")  # of `ros2 run vpsci_ros` and `vpsci node`
+EXECUTABLES = (*NODES, "replayer", "example_ads")  # of `ros2 run vpsci_ros` and `vpsci node`
 T = TypeVar("T")
 
 
@@ -161,6 +161,20 @@ class RecorderConfig:
 
 
 @dataclass(frozen=True)
+class ReplayerConfig:
+    """Which bag is published, from where on, how fast, and what of it."""
+
+    bag: str = parameter("out/bag", "bag to publish: a rosbag2 folder, MCAP or sqlite3, or one of its files")
+    rate: float = parameter(
+        1.0, "recorded over wall time; 0: as fast as the readers take it", low=0.0, high=1000.0, read_only=False
+    )
+    first_episode: str = parameter("", "begin with this one, its number or SCENARIO:NUMBER; empty: at the beginning")
+    topics: list[str] = parameter([], "publish these only; empty: all that the bag holds")
+    leave_out: list[str] = parameter([], "topics that are not published")
+    paused: bool = parameter(False, "begin paused, to be stepped or resumed by the services")
+
+
+@dataclass(frozen=True)
 class DatasetConfig:
     """What a dataset holds and how it is computed; the bounds of its filters stand beside it in the same section."""
 
@@ -184,6 +198,7 @@ SECTIONS: dict[str, tuple[type, ...]] = {
     "pedestrian_policy": (PeerConfig, PolicyConfig),
     "learner": (PeerConfig, LearnerConfig, NetworkConfig, PretrainConfig, RefineConfig),
     "recorder": (PeerConfig, RecorderConfig),
+    "replayer": (ReplayerConfig,),
     "dataset": (DatasetConfig, FilterConfig),
 }
 

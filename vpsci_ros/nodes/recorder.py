@@ -52,7 +52,7 @@ class Recorder(GraphNode):
             self.simulated_time = self.get_clock().now().to_msg()
         self._last_receipt = self._begun = time.monotonic()
         others = [name for name in (self.peers if explicit else NODES) if name not in ("recorder", "replayer")]
-        self._parameters = PeerParameters(self, others, self._on_parameters)
+        self._asked = PeerParameters(self, others, self._on_parameters)
         if "learner" in others:
             self.input("/policy/weights", self._on_weights, LATCHED)
         # Where the nodes wait for this one, it first waits for their parameters: a short run would be over before.
@@ -65,9 +65,9 @@ class Recorder(GraphNode):
 
     def _subscribe_when_known(self) -> None:
         late = time.monotonic() - self._begun > PARAMETERS_PATIENCE
-        if self._waiting and (late or not self._parameters.missing):
+        if self._waiting and (late or not self._asked.missing):
             if late:
-                missing = ", ".join(self._parameters.missing)
+                missing = ", ".join(self._asked.missing)
                 self.get_logger().warning(f"recording without the parameters of {missing}: no answer yet")
             self._subscribe()
 

@@ -1,0 +1,176 @@
+"""The replayer: publishes what a bag holds, message for message as it was recorded, at the pace of its times."""
+
+import importlib
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool, Trigger
+
+from vpsci_ros.config import ReplayerConfig
+from vpsci_ros.data.bag_episodes import bag_episodes, chosen_episode
+from vpsci_ros.data.bag_reader import Bag
+from vpsci_ros.data.raw import RawMessage, TopicInfo
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.nodes.topics import LATCHED
+
+CLOCK = "/clock"
+PERIOD = 0.001  # [s] between looks at what is due
+SLICE = 0.02  # [s] of publishing at a stretch, so that services are answered
+FLUSH = Duration(seconds=4.0)  # for readers to acknowledge the last messages: one heartbeat of the middleware
+SETTLED = 0.5  # [s] without a new reader: those that run already have been found
+REPLAY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1, reliability=ReliabilityPolicy.RELIABLE)
+"""A reader that must see every message is waited for, however fast the replay would be."""
+
+
+class Replayer(GraphNode):
+    """A bag in, its topics and `/clock` out; `~/pause` (SetBool) and `~/step` (Trigger, to the next time) steer it.
+
+    Messages are not deserialised. A bag without `/clock`, of another tool say, gets one from its log times.
+    """
+
+    essential_peers = ()
+
+    def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
+        super().__init__("replayer", context=context, parameter_overrides=parameter_overrides)
+        config = self.config(ReplayerConfig)
+        self._rate, self._paused = config.rate, config.paused
+        bag = Bag(config.bag)
+        chosen = self._chosen(bag.topics(), config)
+        self._outlets = {topic.name: publisher for topic in chosen if (publisher := self._publisher(topic))}
+        if not self._outlets:
+            raise InvalidInput(f"{config.bag}: none of the message types of {_names(chosen)} is installed here")
+        self._clock_output = None
+        if CLOCK not in self._outlets and CLOCK not in config.leave_out:
+            self._clock_output = self.create_publisher(Clock, "clock", REPLAY)
+        start = chosen_episode(bag_episodes(bag), config.first_episode).start_time if config.first_episode else 0
+        self._messages = self._read(bag, start)
+        self._next: RawMessage | None = next(self._messages, None)
+        if self._next is None:
+            raise InvalidInput(f"{config.bag}: the bag holds no message of {_names(chosen)}")
+        self._sent = 0
+        self._at = self._next.time
+        self._anchor = (time.monotonic(), self._at)
+        self._readers, self._readers_since = -1, time.monotonic()
+        self._begun = False
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self.create_service(Trigger, "~/step", self._on_step)
+        self.diagnose(lambda: [("messages_published", self._sent), ("time", f"{self._at * 1e-9:.3f}")], self._status)
+        self.wall_timer(PERIOD, self._on_timer)
+
+    def _chosen(self, topics: dict[str, TopicInfo], config: ReplayerConfig) -> list[TopicInfo]:
+        for name in (*config.topics, *config.leave_out):
+            if name not in topics and name != CLOCK:
+                raise InvalidInput(f"{config.bag}: no topic {name}; it has {', '.join(topics) or 'none'}")
+        rows = [row for row in topics.values() if row.messages and (row.name in config.topics or not config.topics)]
+        return [row for row in rows if row.name not in config.leave_out]
+
+    def _publisher(self, topic: TopicInfo) -> Publisher | None:
+        package, _, name = topic.type.partition("/msg/")
+        try:
+            kind = getattr(importlib.import_module(f"{package}.msg"), name)
+        except (ImportError, AttributeError):
+            self.get_logger().warning(f"{topic.name} is left out: its type {topic.type} is not installed here")
+            return None
+        return self.create_publisher(kind, topic.name.removeprefix("/"), LATCHED if topic.latched else REPLAY)
+
+    def _read(self, bag: Bag, start: int) -> Iterator[RawMessage]:
+        return bag.messages(self._outlets, start, ordered=True)
+
+    # ---- pace
+
+    def _on_timer(self) -> None:
+        if not self._begun:
+            self._begin_when_readers_are_found()
+        elif not self._paused:
+            until = time.monotonic() + SLICE
+            while self._next is not None and (now := time.monotonic()) < until and self._due(now):
+                self._publish()
+            if self._next is None:
+                self.finished = True
+
+    def _begin_when_readers_are_found(self) -> None:
+        now, readers = time.monotonic(), sum(p.get_subscription_count() for p in self._outlets.values())
+        if readers != self._readers:
+            self._readers, self._readers_since = readers, now
+        if not readers:
+            self.get_logger().info("waiting for a reader of any of its topics", throttle_duration_sec=5.0)
+        elif now - self._readers_since > SETTLED:
+            self._begun = True
+            self._restart_pace()
+
+    def _restart_pace(self) -> None:
+        self._anchor = (time.monotonic(), self._at if self._next is None else self._next.time)
+
+    def _due(self, now: float) -> bool:
+        begun, at = self._anchor
+        assert self._next is not None
+        return self._rate == 0.0 or (self._next.time - at) * 1e-9 <= (now - begun) * self._rate
+
+    def parameters_changed(self) -> None:
+        """Go on at the new rate."""
+        self._rate = self.config(ReplayerConfig).rate
+        self._restart_pace()
+
+    def _publish(self) -> None:
+        message = self._next
+        assert message is not None
+        if message.time > self._at or not self._sent:
+            self._at = message.time
+            self.simulated_time = Time(sec=self._at // 1_000_000_000, nanosec=self._at % 1_000_000_000)
+            if self._clock_output is not None:
+                self._clock_output.publish(Clock(clock=self.simulated_time))
+        self._outlets[message.topic].publish(message.data)
+        self._sent += 1
+        self._next = next(self._messages, None)
+
+    # ---- services
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._paused = request.data
+        self._restart_pace()
+        response.success, response.message = True, f"{self._status()} at {self._at * 1e-9:.3f} s"
+        return response
+
+    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._paused or self._next is None:
+            response.message = "the bag is over" if self._next is None else "not paused; call pause first"
+            return response
+        until, before = self._next.time, self._sent
+        while self._next is not None and self._next.time <= until:
+            self._publish()
+        self.finished = self._next is None
+        response.success = True
+        response.message = f"published {self._sent - before} messages at {self._at * 1e-9:.3f} s"
+        return response
+
+    def _status(self) -> str:
+        return "paused" if self._paused else "waiting for readers" if not self._begun else "playing"
+
+    def close(self) -> None:
+        """Say how much was published, and wait until every reader has it."""
+        if self._sent:
+            for publisher in self._outlets.values():
+                publisher.wait_for_all_acked(FLUSH)
+        self.get_logger().info(f"published {self._sent} messages, to {self._at * 1e-9:.3f} s")
+
+
+def _names(topics: list[TopicInfo]) -> str:
+    return ", ".join(topic.name for topic in topics) or "the chosen topics"
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until the bag is over or it is stopped."""
+    return run(Replayer, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
