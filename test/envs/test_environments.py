@@ -158,7 +158,7 @@ def test_standing_still_is_truncated_after_ten_seconds():
 
 
 def test_the_observation_previews_the_lane_in_the_vehicles_frame():
-    env = RightTurnEnv(scenarios=[5], **WALKER)
+    env = RightTurnEnv(scenarios=[3], **WALKER)
     observation, _ = env.reset(seed=2)
     preview = observation[6:16].reshape(-1, 2)
     assert preview[:, 0] == pytest.approx(driving.PREVIEW, rel=0.1)  # straight ahead at the spawn ...
