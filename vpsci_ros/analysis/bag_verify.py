@@ -29,7 +29,7 @@ from vpsci_ros.resources import weights_path
 from vpsci_ros.world import EPISODE, World, WorldConfig, handover, load_scenarios
 from vpsci_ros.world.monitor import MonitorConfig, assess
 from vpsci_ros.world.scenario import scenario_files
-from vpsci_ros.world.state import PEDESTRIAN_ACTION_MISSING, SAFETY_MISSING, VEHICLE_ACTION_MISSING
+from vpsci_ros.world.state import PEDESTRIAN_ACTION_MISSING, RUNNING, SAFETY_MISSING, STARTED, VEHICLE_ACTION_MISSING
 
 _MISSING = {VEHICLE_ACTION_MISSING: "vehicle", PEDESTRIAN_ACTION_MISSING: "pedestrian", SAFETY_MISSING: "safety"}
 _LATE = 50  # ticks by which a message of an earlier tick may come later in the file
@@ -77,6 +77,9 @@ def verify_bag(path: str | Path, *, weights: str = "", recover: bool = False) ->
             expected += 1
         result.difference = simulation.compare(tick, messages, result)
         if result.difference:
+            break
+        if simulation.interrupted(following):
+            result.notes += (f"the world was reset after tick {tick}: compared up to there",)
             break
         simulation.advance(_missing_answers(following))
         expected += 1
@@ -186,6 +189,13 @@ class _Simulation:
             found = found or _compare(f"/{agent}/action", tick, messages.get(f"/{agent}/action"), columns, result)
         return found
 
+    def interrupted(self, following: dict[str, Any]) -> bool:
+        """Whether the recorded world began another episode in a slot whose episode had not ended: it was reset."""
+        if EVENTS not in following:
+            return False
+        events = following[EVENTS]
+        return bool((self.world.state["status"][events.slot[events.kind == STARTED]] == RUNNING).any())
+
     def advance(self, missing: set[str]) -> None:
         """Move to the next tick, without the answers that the recorded world did without."""
         if self.world.done:
@@ -227,7 +237,7 @@ def _ticks(bag: Bag, result: Verified) -> Iterator[tuple[int, dict[str, Any]]]:
         tick = int(message.tick)
         if raw.topic == WORLD:
             if tick <= newest:
-                result.notes += (f"the world was reset after tick {newest}: the first run was compared",)
+                result.notes += (f"the world ran again after tick {newest}: the first run was compared",)
                 break
             newest = tick
         gathered.setdefault(tick, {})[raw.topic] = message

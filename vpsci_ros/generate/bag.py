@@ -4,22 +4,25 @@ One episode after the other in one slot, so that the odometry topics, which view
 serialised from the definitions in `msg_defs/`, without ROS.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from vpsci_ros.data.bag_episodes import RECORD, EpisodeLog, EventRow
+from vpsci_ros.data.bag_run import NODE, SOFTWARE, node_record, software_record
 from vpsci_ros.data.bag_writer import BagTopic, BagWriter
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.decoder import known_types
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.simulate import Simulator
 from vpsci_ros.generate.verify import job_of
 from vpsci_ros.learning.rollout import Tick
-from vpsci_ros.resources import messages_dir
 from vpsci_ros.world import handover
 from vpsci_ros.world.config import WorldConfig
+from vpsci_ros.world.state import ENDED, FINISHED, IDLE, STARTED
 
 _TOPICS = {
     "/world/state": "vpsci_msgs/msg/WorldState",
@@ -42,35 +45,58 @@ def record_episodes(folder: Path, episodes: list[tuple[int, int]], bag: Path) ->
     for scenario, _ in episodes:
         if scenario not in known:
             raise InvalidInput(f"{folder}: no scenario {scenario}; it has {', '.join(map(str, known))}")
-    weights = {f"{agent}_weights_sha256": policy.digest for agent, policy in job.policies.items()}
-    return write_ticks(Simulator(job, 1).ticks(episodes), job.world, bag, {"seed": str(job.seed), **weights})
+    run = {"seed": job.seed, "scenarios": sorted({scenario for scenario, _ in episodes}), "batch": 1}
+    nodes = [node_record("world_simulator", asdict(job.world) | run | {"queue": [list(each) for each in episodes]})]
+    nodes.append(node_record("safety_monitor", asdict(job.monitor)))
+    for agent, policy in job.policies.items():
+        nodes.append(node_record(f"{agent}_policy", asdict(policy.config), policy.digest))
+    return write_ticks(Simulator(job, 1).ticks(episodes), job.world, bag, {}, nodes)
 
 
-def write_ticks(ticks: Iterable[Tick], config: WorldConfig, bag: Path, custom_data: Mapping[str, str]) -> int:
+def write_ticks(
+    ticks: Iterable[Tick],
+    config: WorldConfig,
+    bag: Path,
+    custom_data: Mapping[str, str],
+    nodes: Iterable[Mapping[str, str]] = (),
+) -> int:
     """Write the ticks of one slot as a bag and return their number; `custom_data` goes into its metadata.
 
+    :param nodes: records of `vpsci_ros.data.bag_run.node_record`, from which `vpsci bag verify` makes the bag again.
     :raises InvalidInput: `bag` is not empty.
     """
     messages = _Messages()
     topics = [BagTopic(name, kind, *messages.describe(kind)) for name, kind in _TOPICS.items()]
     writer = BagWriter(bag, topics)
+    writer.describe(SOFTWARE, software_record())
+    for record in nodes:
+        writer.describe(NODE, record)
+    log = EpisodeLog()
     count = 0
     for tick in ticks:
         time = tick.tick * round(config.tick * 1e9)
         for topic, data in messages.of(tick, config, time):
             writer.write(topic, data, time, time)
+        for ended in log.add(tick.tick, time, _events(tick.state[0]), writer.path.name):
+            writer.add_metadata(RECORD, ended.to_record())
         count += 1
     writer.close(custom_data)
     return count
+
+
+def _events(record: np.void) -> Iterator[EventRow]:
+    """Yield the beginning or the end of an episode that the state of a slot shows."""
+    for kind, here in ((STARTED, record["frame"] == 0), (FINISHED, record["status"] == ENDED)):
+        if here and record["status"] != IDLE:
+            scenario, episode, outcome = (int(record[name]) for name in ("scenario", "episode", "outcome"))
+            yield EventRow(kind, 0, scenario, episode, outcome, float(record["least_curvttc"]))
 
 
 class _Messages:
     """A tick as serialised messages."""
 
     def __init__(self) -> None:
-        self._store = get_typestore(Stores.ROS2_JAZZY)
-        for path in sorted(messages_dir().glob("*.msg")):
-            self._store.register(get_types_from_msg(path.read_text(encoding="utf-8"), f"vpsci_msgs/msg/{path.stem}"))
+        self._store = known_types()
         fields = self._store.fielddefs["vpsci_msgs/msg/WorldState"][1]
         self._state_fields = [name for name, _ in fields if name not in ("header", "tick", "dt", "policy_frame")]
 
