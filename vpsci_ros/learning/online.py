@@ -18,7 +18,7 @@ from vpsci_ros.world import COLLISION, GOAL, Scenario, World, WorldConfig, hando
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.state import FINISHED, HANDED_OVER
 
-LOG = "refine_log.csv"
+LOG, EPISODES = "refine_log.csv", "refine_episodes.csv"
 
 
 @dataclass
@@ -66,7 +66,7 @@ def refine(
     monitor: MonitorConfig | None = None,
     report: Callable[[Report], None] | None = None,
 ) -> Weights:
-    """Simulate `episodes` with exploration, learn from them, and write `refined.safetensors` and a log to `out_dir`.
+    """Simulate `episodes` with exploration, learn from them, and write `refined.safetensors` and logs to `out_dir`.
 
     Episodes run in portions of four times `batch`; a checkpoint after each lets a stopped run go on to the same
     result. It ends early where the convergence test of section 4.1 is met.
@@ -79,7 +79,7 @@ def refine(
     out_dir.mkdir(parents=True, exist_ok=True)
     refiner = Refiner(config, weights, near_misses, seed=seed, out_dir=out_dir)
     portion, done, rows = 4 * batch, 0, []
-    outcomes, builder = Outcomes(), TransitionBuilder()
+    outcomes, builder = Outcomes(), TransitionBuilder(scenarios)
     if (out_dir / CHECKPOINT).exists():
         extra = refiner.restore(out_dir / CHECKPOINT)
         done, rows, builder.count = extra["done"], extra["rows"], refiner.received
@@ -94,6 +94,7 @@ def refine(
         extra |= {"outcomes": outcomes.outcomes, "least_curvttc": outcomes.least_curvttc}
         refiner.save_checkpoint(out_dir / CHECKPOINT, extra)
         write_log(out_dir / LOG, rows)
+        write_log(out_dir / EPISODES, refiner.episode_returns)
         if report is not None:
             report({"simulated": float(done), "episodes_wanted": float(len(episodes))} | rows[-1])
     refiner.save()

@@ -106,6 +106,8 @@ class Refiner:
         self.updates, self.version, self.refreshes, self.rollbacks, self.episodes = 0, 1, 0, 0, 0
         self._last: dict[str, float] = {}
         self._returns = dict.fromkeys(AGENTS, 0.0)
+        self.episode_returns: list[dict[str, float]] = []
+        """The reward (27) of every episode so far, by agent, and its number: the raw material of Figure 6."""
 
     # ---- experience in
 
@@ -118,11 +120,12 @@ class Refiner:
         for history in finished:
             components = self._components(history)
             self.reward_weights.episode(np.mean([components[agent] for agent in AGENTS], axis=0))
-            for agent in AGENTS:
-                total = float(self.reward_weights.total(components[agent]).sum())
+            totals = {agent: float(self.reward_weights.total(components[agent]).sum()) for agent in AGENTS}
+            for agent, total in totals.items():
                 self._returns[agent] += RETURN_SMOOTHING * (total - self._returns[agent])
             self._buffer.append(history)
             self.episodes += 1
+            self.episode_returns.append({"episode": self.episodes} | totals)
             self._calm = self._calm + 1 if self._norm < self._config.gradient_tolerance else 0
 
     @property
@@ -251,7 +254,7 @@ class Refiner:
 
     def _state(self) -> dict[str, Any]:
         names = ["updates", "version", "refreshes", "rollbacks", "episodes", "errors", "_credit", "_norm", "_calm"]
-        names += ["_last", "_returns", "_refreshed"]
+        names += ["_last", "_returns", "_refreshed", "episode_returns"]
         return {
             "configuration": resolved(self._config),
             "data": self._facts["data"],
