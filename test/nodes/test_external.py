@@ -1,5 +1,6 @@
 """A driving system of one's own drives in lock-step; what it says wrongly is refused, and the world goes on."""
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -8,7 +9,7 @@ import rclpy
 from geometry_msgs.msg import AccelStamped
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -28,11 +29,11 @@ class Drive:
         self.world = WorldSimulator(context=context, parameter_overrides=overrides)
         self.ads: Node = rclpy.create_node("ads", context=context)
         self._nodes = [self.world, SafetyMonitor(context=context), self.ads]
-        self._executor = SingleThreadedExecutor(context=context)
+        self._executor = EventsExecutor(context=context)
         for node in self._nodes:
             self._executor.add_node(node)
         self.speed: list[float] = []
-        self.missing = 0
+        self.kinds: Counter[int] = Counter()
         self.ads.create_subscription(WorldState, "world/state", self._on_state, 1000)
         self.ads.create_subscription(EpisodeEvent, "episode/event", self._on_event, 1000)
 
@@ -47,9 +48,16 @@ class Drive:
 
         self.ads.create_subscription(Odometry, "vehicle/odometry", on_odometry, 1000)
 
+    @property
+    def missing(self) -> int:
+        return self.kinds[EpisodeEvent.VEHICLE_ACTION_MISSING]
+
+    def spin(self) -> None:
+        self._executor.spin_once(timeout_sec=0.1)
+
     def run(self) -> None:
         while not self.world.finished:
-            self._executor.spin_once(timeout_sec=0.1)
+            self.spin()
 
     def close(self) -> None:
         self._executor.shutdown()
@@ -61,7 +69,7 @@ class Drive:
             self.speed.append(message.vehicle_speed[0])
 
     def _on_event(self, message: EpisodeEvent) -> None:
-        self.missing += message.kind.count(EpisodeEvent.VEHICLE_ACTION_MISSING)
+        self.kinds.update(message.kind)
 
 
 @pytest.fixture
@@ -144,3 +152,117 @@ def test_an_external_driver_of_many_episodes_at_once_is_refused(context: Context
     overrides = [Parameter(name, value=value) for name, value in (SETTINGS | {"batch": 2}).items()]
     with pytest.raises(InvalidInput, match="one episode at a time; got batch = 2"):
         WorldSimulator(context=context, parameter_overrides=overrides)
+
+
+# ---- in real time
+
+FAST = {"external_mode": "real_time", "real_time_factor": 20.0}  # a tick each 2.5 ms
+
+
+def test_in_real_time_the_last_command_holds(drive: Callable[..., Drive]) -> None:
+    session = drive(**FAST, episode_time=1.0, command_silence=60.0)
+    once = iter([-1.0])
+    session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: given(odometry, next(once, None)))
+    session.run()
+    assert np.diff(session.speed[-10:]) == pytest.approx(-0.05, abs=1e-9)
+    assert session.missing == 0
+    assert session.world._counts["vehicle_commands"] == 1
+    assert session.kinds[EpisodeEvent.SAFE_STOP] == 0
+
+
+def test_silence_in_real_time_brings_the_vehicle_to_a_safe_stop_which_an_event_tells(
+    drive: Callable[..., Drive],
+) -> None:
+    session = drive(**FAST, command_silence=0.5, safe_stop_deceleration=4.0, safe_stop_jerk=8.0)
+    keep = iter([0.0, 0.0, 0.0])
+    session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: given(odometry, next(keep, None)))
+    session.run()
+    braking = -np.diff(session.speed) / 0.05
+    moving = braking[: int(np.argmin(session.speed)) - 1]
+    begins = int(np.argmax(moving > 1e-6))
+    assert np.allclose(moving[:begins], 0.0, atol=1e-9), "the last command holds until then"
+    assert moving[begins : begins + 12] == pytest.approx(np.minimum(4.0, 8.0 * 0.05 * np.arange(1, 13)))
+    assert session.speed[-1] == 0.0
+    assert session.kinds[EpisodeEvent.SAFE_STOP] == 1
+    assert session.world._counts["safe_stops"] == 1
+    assert session.missing == 0
+
+
+def test_a_vehicle_in_a_safe_stop_drives_on_when_commands_come_again(drive: Callable[..., Drive]) -> None:
+    session = drive(**FAST, command_silence=0.2)
+    session.answer(
+        AccelStamped,
+        "vehicle/cmd_accel",
+        lambda odometry: given(odometry, 2.0 if seconds(odometry) > 1.0 else None),
+    )
+    session.run()
+    assert session.kinds[EpisodeEvent.SAFE_STOP] == 1
+    assert session.speed[-1] > min(session.speed) + 1.0
+
+
+@pytest.mark.parametrize("value", [np.nan, -np.inf, 1e300])
+def test_in_real_time_bad_commands_are_refused_and_count_as_silence(drive: Callable[..., Drive], value: float) -> None:
+    session = drive(**FAST, episode_time=1.0, command_silence=0.1)
+    session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: acceleration(odometry, value))
+    session.run()
+    assert np.isfinite(session.speed).all()
+    assert session.world._counts["vehicle_commands_refused"] >= 10
+    assert session.kinds[EpisodeEvent.SAFE_STOP] == 1
+
+
+def test_in_real_time_a_command_of_long_ago_or_out_of_order_is_refused(drive: Callable[..., Drive]) -> None:
+    session = drive(**FAST, episode_time=1.0, command_silence=0.2)
+    session.answer(VehicleControl, "vehicle/cmd_control", lambda odometry: VehicleControl(tick=1, throttle=1.0))
+    session.run()
+    assert session.world._counts["vehicle_commands"] <= 6
+    assert session.world._counts["vehicle_commands_refused"] >= 8
+    assert session.kinds[EpisodeEvent.SAFE_STOP] == 1
+
+
+def test_a_command_for_a_tick_that_has_not_been_is_refused(drive: Callable[..., Drive]) -> None:
+    session = drive(action_timeout=0.02, episode_time=0.5)
+    session.answer(VehicleControl, "vehicle/cmd_control", lambda odometry: VehicleControl(tick=2**40, brake=1.0))
+    session.run()
+    assert session.world._counts["vehicle_commands_refused"] >= 8
+    assert session.missing == 10
+
+
+@pytest.mark.parametrize("settings", [{}, FAST])
+def test_a_flood_of_commands_is_counted_and_stops_nothing(
+    drive: Callable[..., Drive], settings: dict[str, object]
+) -> None:
+    session = drive(**settings, episode_time=0.5)
+    publisher = session.ads.create_publisher(AccelStamped, "vehicle/cmd_accel", 1000)
+
+    def flood(odometry: Odometry) -> None:
+        for _ in range(50):
+            publisher.publish(acceleration(odometry, -1.0))
+
+    session.ads.create_subscription(Odometry, "vehicle/odometry", flood, 1000)
+    session.run()
+    assert len(session.speed) == 11
+    assert session.world._counts["vehicle_commands_surplus"] + session.world._counts["vehicle_commands_refused"] > 200
+    assert np.diff(session.speed)[2:] == pytest.approx(-0.05, abs=1e-9)
+
+
+def test_a_driving_system_that_ends_in_lock_step_is_waited_for_once(drive: Callable[..., Drive]) -> None:
+    session = drive(action_timeout=0.3, episode_time=10.0)
+    left = iter(range(5))
+    session.answer(
+        AccelStamped, "vehicle/cmd_accel", lambda odometry: given(odometry, None if next(left, None) is None else -0.1)
+    )
+    while len(session.speed) < 7:
+        session.spin()
+    for publisher in list(session.ads.publishers):
+        session.ads.destroy_publisher(publisher)
+    session.world.set_parameters([Parameter("action_timeout", value=60.0)])  # to wait again would be noticed
+    session.run()
+    assert session.missing > 20
+
+
+def given(odometry: Odometry, along: float | None) -> AccelStamped | None:
+    return None if along is None else acceleration(odometry, along)
+
+
+def seconds(odometry: Odometry) -> float:
+    return float(odometry.header.stamp.sec + odometry.header.stamp.nanosec * 1e-9)

@@ -145,12 +145,12 @@ class AgentPolicy(GraphNode):
         writers = self.get_publishers_info_by_topic(self.resolve_topic_name("world/state"))
         return OWN_PATIENCE if any(each.node_name == "world_simulator" for each in writers) else FOREIGN_PATIENCE
 
-    def _on_history(self, reply: Future) -> None:
+    def _on_history(self, reply: Any) -> None:
         if reply is not self._reply:
             return  # an earlier one, given up
         self._reply = None
         self._heard_at = time.perf_counter()
-        response: Any = reply.result()
+        response = reply.result()
         self._caught_up = True
         for world, safety in zip(response.states, response.safeties, strict=True):
             if world.tick == response.tick and (self._state is None or self._state.tick <= world.tick):

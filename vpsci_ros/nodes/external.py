@@ -13,7 +13,7 @@ from vpsci_ros.config import ExternalConfig
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.world import EPISODE, EVENT
 from vpsci_ros.world.events import NO_EVENTS
-from vpsci_ros.world.state import SAFE_STOP
+from vpsci_ros.world.state import RUNNING, SAFE_STOP
 
 LARGEST_ACCELERATION = 50.0  # [m/s2] beyond any vehicle's: a sign of wrong units
 Command = tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]  # acceleration [1, 2] or controls [1, 3]
@@ -96,7 +96,7 @@ class ExternalVehicle:
 
         :param state: EPISODE[1].
         """
-        if not self.real_time or self._commanded is None:
+        if not self.real_time or self._commanded is None or state["status"][0] != RUNNING:
             return self._command, NO_EVENTS
         silence = (self._now - self._commanded) / 1e9 - self.config.command_silence
         if silence <= 0.0:

@@ -1,0 +1,103 @@
+"""Nodes started one by one as processes, as a user does, and what their bag holds."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rosbags.highlevel import AnyReader
+
+from vpsci_ros.nodes.graph import as_ros_parameters, resolve
+
+PATIENCE = 90.0  # [s]
+
+
+class ByHand:
+    """Processes of one graph; `sections` as `vpsci_ros.config.load` returns them."""
+
+    def __init__(self, folder: Path, sections: dict[str, dict[str, Any]], namespace: str = "") -> None:
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        resolved = resolve(sections, folder)
+        self.nodes: list[str] = resolved["graph"]["nodes"]
+        for node in self.nodes:
+            resolved[node]["peers"] = list(self.nodes)
+        self._parameters = folder / "params.yaml"
+        named = {f"{namespace}/{name}" if namespace else name: section for name, section in resolved.items()}
+        self._parameters.write_text(yaml.safe_dump(as_ros_parameters(named)), encoding="utf-8")
+        self._namespace = namespace
+        self.running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, *nodes: str, extra: tuple[str, ...] = ()) -> None:
+        """Start nodes; a second process of the same name replaces the first in `running`."""
+        for node in nodes:
+            command = [sys.executable, "-m", f"vpsci_ros.nodes.{node}", "--ros-args"]
+            command += ["--params-file", str(self._parameters)]
+            command += ["-r", f"__ns:={self._namespace}"] * bool(self._namespace)
+            with open(self.folder / f"{node}.log", "ab") as log:
+                self.running[node] = subprocess.Popen([*command, *extra], stdout=log, stderr=subprocess.STDOUT)
+
+    def log(self, node: str) -> str:
+        """Return what a node has said so far."""
+        return (self.folder / f"{node}.log").read_text()
+
+    def kill(self, node: str) -> None:
+        """End a node as the kernel does when memory runs out."""
+        self.running[node].send_signal(signal.SIGKILL)
+        self.running[node].wait(PATIENCE)
+
+    def finish(self) -> Path:
+        """Wait for the world's end, stop the others, the recorder last; return the bag."""
+        assert self.running["world_simulator"].wait(PATIENCE) == 0, self.log("world_simulator")
+        for node in sorted(self.running, key=lambda name: name == "recorder"):
+            if self.running[node].poll() is None:
+                self.running[node].send_signal(signal.SIGINT)
+                assert self.running[node].wait(PATIENCE) == 0, self.log(node)
+        return self.folder / "bag"
+
+    def close(self) -> None:
+        """End whatever is left."""
+        for process in self.running.values():
+            if process.poll() is None:
+                process.kill()
+            process.wait(PATIENCE)
+
+
+def wait_for(condition: Callable[[], bool], what: str) -> None:
+    """Wait until a condition holds that other processes bring about."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, f"waited {PATIENCE:g} s for {what}"
+        os.sched_yield()
+        time.sleep(0.01)
+
+
+def content(bag: Path) -> dict[tuple[str, int], list[bytes]]:
+    """Return what a bag holds by topic and time, without `/diagnostics`, which tell of the machine.
+
+    Serialized anew, since the middleware leaves whatever it finds in the bytes that align the fields.
+    """
+    held: dict[tuple[str, int], list[bytes]] = {}
+    with AnyReader([bag]) as reader:
+        for connection, at, data in reader.messages():
+            if connection.topic != "/diagnostics":
+                message = reader.deserialize(data, connection.msgtype)
+                whole = bytes(reader.typestore.serialize_cdr(message, connection.msgtype))
+                held.setdefault((connection.topic, at), []).append(whole)
+    return held
+
+
+def diagnostics(bag: Path) -> dict[str, dict[str, str]]:
+    """Return the last diagnostics of every node in a bag."""
+    last: dict[str, dict[str, str]] = {}
+    with AnyReader([bag]) as reader:
+        for connection, _, data in reader.messages():
+            if connection.topic == "/diagnostics":
+                for status in reader.deserialize(data, connection.msgtype).status:
+                    last[status.name] = {pair.key: pair.value for pair in status.values}
+    return last

@@ -1,0 +1,118 @@
+"""Nodes started one by one: in any order, in namespaces, with simulated time, killed and started again on the way."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from nodes.by_hand import PATIENCE, ByHand, content, diagnostics, wait_for
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+from vpsci_msgs.msg import WorldState
+from vpsci_ros.learning.config import NetworkConfig
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.weights import save_weights
+from vpsci_ros.nodes.topics import RECORDING
+
+NODES = ["recorder", "vehicle_policy", "pedestrian_policy", "world_simulator", "safety_monitor"]
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("weights") / "initial.safetensors"
+    save_weights(path, Networks(NetworkConfig()).weights({}, {}))
+    return str(path)
+
+
+@pytest.fixture
+def by_hand(domain: int, tmp_path: Path, weights: str) -> Iterator[Callable[..., ByHand]]:
+    made: list[ByHand] = []
+
+    def make(name: str, namespace: str = "", **world: Any) -> ByHand:
+        settings = {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4, "action_timeout": PATIENCE} | world
+        policy = {"weights": weights, "explore": True}
+        sections = {
+            "graph": {"nodes": NODES},
+            "world_simulator": settings,
+            "vehicle_policy": policy,
+            "pedestrian_policy": policy,
+        }
+        made.append(ByHand(tmp_path / name, sections, namespace))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def test_a_policy_that_is_killed_and_started_again_leaves_the_same_bag(
+    by_hand: Callable[..., ByHand], context: Context
+) -> None:
+    undisturbed = by_hand("undisturbed")
+    undisturbed.start(*NODES)
+    expected = content(undisturbed.finish())
+
+    graph = by_hand("killed")
+    watcher = rclpy.create_node("watcher", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(watcher)
+    frames = {"vehicle_policy": 4, "pedestrian_policy": 40}  # to kill in the middle of episodes that have a history
+
+    def on_state(message: WorldState) -> None:
+        held = int(np.count_nonzero(np.frombuffer(message.controlled, np.uint8)))
+        for policy, left in list(frames.items()):
+            frames[policy] = left - bool(held)
+            if frames[policy] == 0:
+                graph.kill(policy)
+                graph.start(policy)
+
+    watcher.create_subscription(WorldState, "world/state", on_state, RECORDING)
+    graph.start(*reversed(NODES))
+    while graph.running["world_simulator"].poll() is None:
+        executor.spin_once(timeout_sec=0.1)
+    bag = graph.finish()
+    executor.shutdown()
+    watcher.destroy_node()
+    assert max(frames.values()) <= 0, "nobody was killed"
+    told = diagnostics(bag)
+    for policy in frames:
+        assert int(told[policy]["frames_recalled"]) > 0
+        assert told[policy]["ticks_missed"] == "0"
+    assert "vehicle_answers_missing" not in told["world_simulator"]
+    found = content(bag)
+    assert sorted(found) == sorted(expected)
+    assert found == expected
+
+
+def test_two_graphs_in_two_namespaces_do_not_see_each_other_and_follow_the_parameter_file(
+    by_hand: Callable[..., ByHand],
+) -> None:
+    left = by_hand("left", "/left", batch=1, episodes=1, scenarios=[3])
+    right = by_hand("right", "/right", batch=4, episodes=2, scenarios=[4])
+    for node in NODES:  # side by side; a message that strays has arrays of another length, which ends its reader
+        left.start(node, extra=("-p", "use_sim_time:=true", "-r", "/clock:=clock"))
+        right.start(node)
+    ticks = []
+    for graph, batch in ((left, 1), (right, 4)):
+        held = content(graph.finish())
+        states = {at: messages for (topic, at), messages in held.items() if topic == "/world/state"}
+        assert {len(messages) for messages in states.values()} == {1}
+        assert ("/safety/state", 0) in held
+        assert (("/markers", 0) in held) == (batch == 1)
+        ticks.append(len(states))
+    assert ticks[0] != ticks[1]
+
+
+def test_every_node_says_for_whom_it_waits(by_hand: Callable[..., ByHand]) -> None:
+    graph = by_hand("waits")
+    graph.start("world_simulator", "vehicle_policy")
+    wait_for(lambda: "waiting for" in graph.log("world_simulator"), "the world to say for whom it waits")
+    log = graph.log("world_simulator")
+    assert all(name in log for name in ("safety_monitor", "pedestrian_policy", "recorder"))
+    graph.kill("world_simulator")
+    alone = by_hand("alone", "/alone")
+    alone.start("pedestrian_policy")
+    wait_for(lambda: "waiting for world_simulator" in alone.log("pedestrian_policy"), "the policy to say so")

@@ -1,0 +1,159 @@
+"""The world by services and by parameters: paused, stepped, begun again, paced otherwise, all while it runs."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool, Trigger
+
+from vpsci_msgs.msg import EpisodeEvent, WorldState
+from vpsci_ros.nodes.safety_monitor import SafetyMonitor
+from vpsci_ros.nodes.world_simulator import WorldSimulator
+
+RULES = {"vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"}
+
+
+class Session:
+    """A rule-based world and its monitor in one process, and a node that calls and listens."""
+
+    def __init__(self, context: Context, **settings: Any) -> None:
+        chosen = RULES | {"scenarios": [1], "episodes": 2, "batch": 1} | settings
+        overrides = [Parameter(name, value=value) for name, value in chosen.items()]
+        self.world = WorldSimulator(context=context, parameter_overrides=overrides)
+        self.caller = rclpy.create_node("caller", context=context)
+        self.nodes = [self.world, SafetyMonitor(context=context), self.caller]
+        self.executor = EventsExecutor(context=context)
+        for node in self.nodes:
+            self.executor.add_node(node)
+        self.ticks: list[int] = []
+        self.begins: list[tuple[int, int]] = []
+        self.started: list[int] = []
+        self.told: dict[str, list[DiagnosticArray]] = {}
+        self.caller.create_subscription(WorldState, "world/state", self._on_state, 1000)
+        self.caller.create_subscription(EpisodeEvent, "episode/event", self._on_event, 1000)
+        self.caller.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, 1000)
+
+    def spin_until(self, condition: Callable[[], bool]) -> None:
+        for _ in range(100_000):
+            if condition():
+                return
+            self.executor.spin_once(timeout_sec=0.01)
+        raise AssertionError("it never came to be")
+
+    def call(self, kind: type, name: str, **request: Any) -> Any:
+        client = self.caller.create_client(kind, name)
+        self.spin_until(client.service_is_ready)
+        future = client.call_async(kind.Request(**request))
+        self.spin_until(future.done)
+        return future.result()
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        for node in self.nodes:
+            node.destroy_node()
+
+    def _on_state(self, message: WorldState) -> None:
+        self.ticks.append(message.tick)
+        if message.status[0] != WorldState.STATUS_IDLE and message.frame[0] == 0:
+            self.begins.append((message.tick, message.episode[0]))
+
+    def _on_event(self, message: EpisodeEvent) -> None:
+        self.started += [e for e, kind in zip(message.episode, message.kind, strict=True) if kind == message.STARTED]
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self.told.setdefault(message.status[0].name, []).append(message)
+
+
+@pytest.fixture
+def begin(context: Context) -> Iterator[Callable[..., Session]]:
+    made: list[Session] = []
+
+    def make(**settings: Any) -> Session:
+        made.append(Session(context, **settings))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def test_a_paused_world_waits_for_steps_and_takes_one_tick_for_each(begin: Callable[..., Session]) -> None:
+    session = begin(action_timeout=0.2)
+    assert session.call(SetBool, "world/pause", data=True).success
+    session.spin_until(lambda: session.ticks == [0])
+    for step in (1, 2, 3):
+        answer = session.call(Trigger, "world/step")
+        assert answer.success, answer.message
+        session.spin_until(lambda: len(session.ticks) > step)  # noqa: B023 - called at once
+    assert session.ticks == [0, 1, 2, 3]
+    for _ in range(50):
+        session.executor.spin_once(timeout_sec=0.01)  # longer than action_timeout: nothing is missed while paused
+    assert session.ticks == [0, 1, 2, 3]
+    assert session.world._counts["safety_answers_missing"] == 0
+    assert session.call(SetBool, "world/pause", data=False).success
+    session.spin_until(lambda: session.world.finished)
+    assert session.ticks == list(range(len(session.ticks)))
+
+
+def test_a_running_world_refuses_steps(begin: Callable[..., Session]) -> None:
+    session = begin(real_time_factor=1.0)
+    answer = session.call(Trigger, "world/step")
+    assert not answer.success
+    assert "call /world/pause first" in answer.message
+
+
+def test_a_reset_begins_the_same_episodes_again_and_time_goes_on(begin: Callable[..., Session]) -> None:
+    session = begin(real_time_factor=20.0)
+    session.spin_until(lambda: len(session.ticks) > 10)
+    session.call(Trigger, "world/reset")
+    session.spin_until(lambda: len(session.started) == 2)
+    session.call(SetBool, "world/pause", data=True)
+    session.call(Trigger, "world/reset")
+    session.spin_until(lambda: len(session.started) == 3)
+    session.call(SetBool, "world/pause", data=False)
+    session.world.set_parameters([Parameter("real_time_factor", value=0.0)])
+    session.spin_until(lambda: session.world.finished and session.started == [0, 0, 0, 1])
+    assert session.ticks == sorted(set(session.ticks))
+    assert [episode for _, episode in session.begins] == [0, 0, 0, 1]
+    assert all(tick % 2 == 0 for tick, _ in session.begins), "episodes begin at policy ticks"
+
+
+def test_parameters_that_may_change_do_and_bad_values_are_refused_with_the_reason(
+    begin: Callable[..., Session],
+) -> None:
+    world = begin(real_time_factor=1.0).world
+
+    def change(name: str, value: Any) -> str:
+        (result,) = world.set_parameters([Parameter(name, value=value)])
+        return "" if result.successful else result.reason
+
+    assert change("real_time_factor", 2.0) == ""
+    assert world._pacer.timer_period_ns == 25_000_000
+    assert change("action_timeout", 7.5) == ""
+    assert world._lock_step.action_timeout == 7.5
+    assert "read-only" in change("batch", 2)
+    assert "real_time_factor" in change("real_time_factor", -1.0)
+    assert "expected 'Type.DOUBLE' got 'Type.STRING'" in change("real_time_factor", "fast")
+    assert "action_timeout" in change("action_timeout", float("nan"))
+    assert world._lock_step.real_time_factor == 2.0
+
+
+def test_every_node_tells_rate_lag_and_misses(begin: Callable[..., Session]) -> None:
+    session = begin(real_time_factor=1.0)
+    session.spin_until(lambda: {"world_simulator", "safety_monitor"} <= set(session.told) and len(session.ticks) > 30)
+    session.spin_until(lambda: int(value(session.told["safety_monitor"][-1], "answers")) > 10)
+    assert 10 <= int(value(session.told["world_simulator"][-1], "ticks_per_second")) <= 25
+    monitor = session.told["safety_monitor"][-1]
+    assert float(value(monitor, "lag_mean_ms")) > 0.0
+    assert float(value(monitor, "lag_max_ms")) >= float(value(monitor, "lag_mean_ms"))
+    assert value(monitor, "ticks_missed") == "0"
+    assert monitor.header.stamp.sec * 20 + monitor.header.stamp.nanosec / 5e7 == int(value(monitor, "tick"))
+
+
+def value(message: DiagnosticArray, key: str) -> str:
+    return next(pair.value for pair in message.status[0].values if pair.key == key)
