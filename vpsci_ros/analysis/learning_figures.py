@@ -27,7 +27,8 @@ _ACTOR_LOSSES = {
     "vehicle_actor_loss": "vehicle",
     "pedestrian_actor_loss": "pedestrian",
 }
-_WINDOWS = 30  # rolling means span the run's length over this
+_EPISODES = 100  # of stage 2 in a rolling mean
+_WINDOWS = 30  # rolling means of stage 1 span the run's length over this
 
 Floats = NDArray[np.float64]
 
@@ -39,8 +40,8 @@ def save_learning(folder: str | Path) -> Path | None:
     FigureCanvasAgg(figure)
     axes = figure.subplots(2, 2)
     if (folder / online.LOG).exists():
-        log = pl.read_csv(folder / online.LOG, infer_schema_length=None)
-        _draw_stage_2(axes.ravel().tolist(), log, _held_out(folder / refine.WEIGHTS))
+        log, episodes = (pl.read_csv(folder / name, infer_schema_length=None) for name in (online.LOG, online.EPISODES))
+        _draw_stage_2(axes.ravel().tolist(), log, episodes, _held_out(folder / refine.WEIGHTS))
     elif (folder / pretrain.LOG).exists():
         log = pl.read_csv(folder / pretrain.LOG, infer_schema_length=None)
         _draw_stage_1(axes.ravel().tolist(), log)
@@ -71,12 +72,14 @@ def _draw_stage_1(axes: list[Axes], log: pl.DataFrame) -> None:
     _finish(axes[3], "actors, rolling mean", "training episode", "loss")
 
 
-def _draw_stage_2(axes: list[Axes], log: pl.DataFrame, held_out: dict[str, dict[str, float]]) -> None:
+def _draw_stage_2(
+    axes: list[Axes], log: pl.DataFrame, episodes: pl.DataFrame, held_out: dict[str, dict[str, float]]
+) -> None:
     x = _column(log, "episodes")
+    window = min(_EPISODES, max(1, episodes.height // 5))
     for agent in AGENTS:
-        # The running mean starts from zero, which weighs (1 - share)^episodes in it.
-        known = 1.0 - (1.0 - refine.RETURN_SMOOTHING) ** np.maximum(x, 1.0)
-        _line(axes[0], x, _column(log, f"{agent}_return") / known, agent, COLOURS[agent])
+        rewards = _rolling(_column(episodes, agent), window)
+        _line(axes[0], _column(episodes, "episode")[window - 1 :], rewards[window - 1 :], agent, COLOURS[agent])
         _line(axes[3], x, _column(log, f"{agent}_critic_loss"), f"{agent}'s critic", COLOURS[agent])
     _line(axes[3], x, _column(log, "gradient_norm"), "norm of the policy gradient", GREY)
     paper = TABLE_5["adaptive"]
@@ -88,7 +91,7 @@ def _draw_stage_2(axes: list[Axes], log: pl.DataFrame, held_out: dict[str, dict[
     _level(axes[2], held_out.get("stage_1", {}).get("closed_loop_ade"), "after stage 1", COLOURS["vehicle"])
     _level(axes[2], held_out.get("control", {}).get("closed_loop_ade"), "last velocity repeated", GREY)
     below = "critical episodes learned from"
-    _finish(axes[0], "Figure 6: episodic reward, rolling mean", below, "reward of an episode")
+    _finish(axes[0], f"Figure 6: episodic reward, mean of the last {window}", below, "reward of an episode")
     _finish(axes[1], "critical episodes under exploration, the last 1,000", below, "share [%]", zero=True)
     _finish(axes[2], "closed-loop error on held-out clips", below, "ADE [m]", zero=True)
     _finish(axes[3], "last update of each portion", below, "loss, norm", log_scale=True)
@@ -107,9 +110,9 @@ def _column(log: pl.DataFrame, name: str) -> Floats:
     return values
 
 
-def _rolling(values: Floats) -> Floats:
+def _rolling(values: Floats, window: int = 0) -> Floats:
     """Return the mean of the latest values, as many as there are at first."""
-    window = max(1, len(values) // _WINDOWS)
+    window = window or max(1, len(values) // _WINDOWS)
     means: Floats = pl.Series(values, dtype=pl.Float64).rolling_mean(window, min_samples=1).to_numpy()
     return means
 

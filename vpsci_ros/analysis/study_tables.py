@@ -32,7 +32,7 @@ def print_table_3(table: pl.DataFrame, console: Console) -> None:
     for row in table.iter_rows(named=True):
         paper = TABLE_3.get(_size(row))
         if row.get("vehicle_reward") is not None:
-            published = [_text(f"[{value:.4g}]") for value in paper] if paper else [""] * 3
+            published = [_text(f"[{value:.3g}]") for value in paper] if paper else [""] * 3
             rewards = [f"{row[f'{agent}_reward']:.1f}" for agent in AGENTS]
             losses = [f"{row[f'{agent}_critic_loss']:.3g}" for agent in AGENTS]
             learned.add_row(
@@ -53,17 +53,12 @@ def print_table_3(table: pl.DataFrame, console: Console) -> None:
 def print_table_5(table: pl.DataFrame, console: Console) -> None:
     """Print what `reward_weight_study` returned, in 80 columns; the paper's values in brackets."""
     count = int(table["critical_episodes"].max() or 0)  # type: ignore[arg-type]
-    rates = _table("fresh episodes without exploration: share of critical ones, 95% interval [paper's]", "weights")
-    for name in ("collision [%]", "", "goal [%]", "", "n", "least CurvTTC\nmedian [s]"):
+    rates = _table("fresh episodes, no exploration: share of the critical ones in % [paper's]", "weights")
+    for name in ("collisions\n(95%)", "", "goals\n(95%)", "", "n", "CurvTTC\n[s]"):
         rates.add_column(_text(name), justify="right", no_wrap=True)
     errors = _table("held-out clips: ADE, FDE in metres [paper's, on its own data]", "weights")
-    for name in (
-        "recon-\nstruction\nADE",
-        "\n\nFDE",
-        "closed\nloop\nADE",
-        "\n\nFDE",
-        "final weights\ncollision, goal, speed",
-    ):
+    heads = ("recon-\nstruct.\nADE", "\n\nFDE", "", "", "closed\nloop\nADE", "\n\nFDE", "final w\nin %")
+    for name in heads:
         errors.add_column(_text(name), justify="right", no_wrap=True)
     for row in table.iter_rows(named=True):
         paper = TABLE_5.get(row["weights"])
@@ -71,18 +66,20 @@ def print_table_5(table: pl.DataFrame, console: Console) -> None:
         for name in ("collision", "goal"):
             low, rate, high = (100.0 * row[f"{name}_{part}"] for part in ("low", "rate", "high"))
             published = f"[{100.0 * getattr(paper, f'{name}_rate'):.1f}]" if paper else ""
-            cells += [f"{rate:.1f} ({low:.1f}-{high:.1f})", _text(published)]
+            cells += [f"{rate:.1f} ({low:.0f}-{high:.0f})", _text(published)]
         rates.add_row(
             row["weights"], *cells, f"{row['critical_episodes']:.0f}", _number(row["least_curvttc_50"], ".2f")
         )
-        ade, fde = (f"{row[f'reconstruction_{e}']:.4f}" + (f" [{getattr(paper, e):.3f}]" if paper else "") for e in _E)
-        loop = [f"{row[f'closed_loop_{e}']:.3f}" for e in _E]
+        own = [f"{row[f'reconstruction_{e}']:.4f}" for e in ("ade", "fde")]
+        published_errors = [_text(f"[{value:.3f}]") for value in (paper.ade, paper.fde)] if paper else ["", ""]
+        loop = [f"{row[f'closed_loop_{e}']:.3f}" for e in ("ade", "fde")]
         learned = [row.get(f"w_{name}") for name in ("collision", "goal", "speed")]
-        weights = ", ".join(f"{value:.2f}" for value in learned) if learned[0] is not None else "-"
-        errors.add_row(row["weights"], _text(ade), _text(fde), *loop, weights)
+        weights = " ".join("-" if value is None else f"{100.0 * value:.0f}" for value in learned)
+        errors.add_row(row["weights"], *own, *published_errors, *loop, weights)
     console.print(rates, errors)
     console.print(
-        "Controls: pretrained is what all start from; constant_velocity accelerates nobody. The intervals are "
+        "Controls: pretrained is what all start from; constant_velocity accelerates nobody. "
+        "CurvTTC: median of the episodes' least. w: collision, goal, speed. The intervals are "
         f"those of {count} episodes after one training each: the luck of a training's seed is not in them.",
         highlight=False,
     )
@@ -106,18 +103,18 @@ def save_table_3(table: pl.DataFrame, path: Path) -> None:
         paper = [getattr(row, column) for row in TABLE_3.values()]
         line: Row = {"linestyle": "--", "linewidth": 0.9, "color": _COLOURS[agent], "alpha": 0.6}
         rewards.plot(list(TABLE_3), paper, label=f"{agent}, paper's", **line)
-    rewards.set_yscale("symlog", linthresh=1.0)
     control = table.row(-1, named=True)
     for protocol, colour in (("closed_loop", ORANGE), ("reconstruction", GREEN)):
         values = [row.get(f"{protocol}_ade") for row in rows]
         if any(value is not None for value in values):
-            name = protocol.replace("_", " ")
-            errors.plot(sizes, _gaps(values), color=colour, marker="o", markersize=4, label=name)
-            errors.axhline(control[f"{protocol}_ade"], color=colour, linestyle="--", label=f"{name}, velocity repeated")
+            of = control[f"{protocol}_ade"]
+            label = f"{protocol.replace('_', ' ')}, of {of:.3g} m"
+            errors.plot(sizes, [v / of for v in _gaps(values)], color=colour, marker="o", markersize=4, label=label)
+    errors.axhline(1.0, color=PAPER, linestyle="--", label="last velocity repeated")
     errors.set_ylim(bottom=0.0)
     _finish(rewards, "reward of an interaction", "reward")
     _finish(losses, "critic loss", "loss")
-    _finish(errors, "error on held-out clips", "ADE [m]")
+    _finish(errors, "ADE on held-out clips", "share of the control's")
     for axis in (rewards, losses, errors):
         axis.set_xlabel("interactions learned from", fontsize=9)
     _save(figure, path)
@@ -138,16 +135,13 @@ def save_table_5(table: pl.DataFrame, path: Path) -> None:
         axis.set_xlim(0.0, 100.0)
         axis.set_xlabel("share of critical episodes [%], 95% interval", fontsize=9)
     for shift, protocol, colour in ((0.2, "closed_loop", ORANGE), (-0.2, "reconstruction", GREEN)):
-        values = [row[f"{protocol}_ade"] for row in rows]
+        values = [row[f"{protocol}_ade"] / rows[0][f"{protocol}_ade"] for row in rows]
         errors.barh([i + shift for i in places], values, 0.38, color=colour, label=protocol.replace("_", " "))
-    errors.set_xlabel("ADE on held-out clips [m]", fontsize=9)
-    for axis, title in ((collisions, "collisions"), (goals, "goals"), (errors, "errors")):
+    errors.set_xlabel("share of the control's", fontsize=9)
+    for axis, title in ((collisions, "collisions"), (goals, "goals"), (errors, "ADE on held-out clips")):
         axis.set_yticks(places, [row["weights"] for row in rows])
         _finish(axis, title, "")
     _save(figure, path)
-
-
-_E = ("ade", "fde")
 
 
 def _size(row: Row) -> int:
