@@ -1,13 +1,14 @@
 """What each section of a parameter file may hold: one entry a node, plus `graph` for the run as a whole.
 
 The sections are the nodes' names, as ROS 2 wants them, and the commands that run in process read the same sections.
-`dataset` is read by `vpsci generate` only.
+`dataset` is read by `vpsci generate` only, `ads_test` by `vpsci ads-test`.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from vpsci_ros.analysis.exam.config import ExamConfig
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
@@ -200,6 +201,7 @@ SECTIONS: dict[str, tuple[type, ...]] = {
     "recorder": (PeerConfig, RecorderConfig),
     "replayer": (ReplayerConfig,),
     "dataset": (DatasetConfig, FilterConfig),
+    "ads_test": (ExamConfig,),
 }
 
 

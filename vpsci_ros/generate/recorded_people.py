@@ -22,6 +22,7 @@ from vpsci_ros.generate.bag import write_ticks
 from vpsci_ros.learning.rollout import Tick
 from vpsci_ros.safety.paths import first_crossing
 from vpsci_ros.world import RUNNING, Scenario, World, WorldConfig
+from vpsci_ros.world.events import NO_EVENTS
 
 Floats = NDArray[np.float64]
 Motion = dict[tuple[int, int], Floats]
@@ -42,11 +43,13 @@ def spawns(
     return World(drivers, scenarios, episodes, len(episodes), seed).state.copy()
 
 
-def nobody(begins: NDArray[np.void], config: WorldConfig) -> Motion:
-    """Return the motion of pedestrians who stand a kilometre away, for episodes as they begin, EPISODE[n]."""
-    frames = np.ones((config.episode_ticks + 1, 1))
+def nobody(begins: NDArray[np.void]) -> Motion:
+    """Return the motion of pedestrians who stand a kilometre away, for episodes as they begin, EPISODE[n].
+
+    One frame each: beyond its recording a replayed pedestrian keeps its velocity.
+    """
     return {
-        (int(b["scenario"]), int(b["episode"])): frames * [b["vehicle_x"] + FAR, b["vehicle_y"], 0.0, 0.0]
+        (int(b["scenario"]), int(b["episode"])): np.array([[b["vehicle_x"] + FAR, b["vehicle_y"], 0.0, 0.0]])
         for b in begins
     }
 
@@ -97,7 +100,9 @@ class _Person:
         heading = walk.path.heading(walk.conflict)
         turn = lane.heading(lane.locate(x, y)[0]) - heading
         mirror = 1.0 if (math.sin(turn) < 0.0) == self._from_left else -1.0
-        step = self._crossing + (np.arange(config.episode_ticks + 1) * config.tick - arrival) / STEP
+        step: Floats = (
+            np.arange(config.episode_ticks + 1, dtype=np.float64) * config.tick - arrival
+        ) / STEP + self._crossing
         local = self._at(step) * [1.0, mirror, 1.0, mirror]
         cos, sin = math.cos(heading), math.sin(heading)
         turned = np.array([[cos, sin], [-sin, cos]])
@@ -160,5 +165,5 @@ def _ticks(motion: Mapping[tuple[int, int], Floats], begins: NDArray[np.void]) -
                 ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"), row, strict=True
             ):
                 state[name] = value
-            yield Tick(tick, state, nowhere, nowhere, np.array([False]), {}, np.empty(0))
+            yield Tick(tick, state, nowhere, nowhere, np.array([False]), {}, NO_EVENTS)
             tick += 1

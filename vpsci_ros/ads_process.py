@@ -1,0 +1,119 @@
+"""The driving system under test as a process: started with a command line, watched, and stopped."""
+
+import contextlib
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.provenance import sha256
+
+PATIENCE = 5.0  # [s] from SIGINT to SIGTERM, and from there to SIGKILL
+OWN = "example_ads"
+
+
+def command_of(text: str) -> list[str]:
+    """Return the command line that `text` means: no shell, `example_ads` is the package's own.
+
+    :raises InvalidInput: quotes that do not close, or a program that is not there.
+    """
+    if text.strip() == OWN:
+        return [sys.executable, "-m", f"vpsci_ros.nodes.{OWN}"]
+    try:
+        command = shlex.split(text)
+    except ValueError as error:
+        raise InvalidInput(f"--ads {text!r}: not a command line ({error})") from None
+    if not command or shutil.which(command[0]) is None:
+        raise InvalidInput(
+            f"--ads {text!r}: no program {command[0] if command else ''!r} on the path; give a command such as "
+            "'python my_ads.py' or 'ros2 run my_package my_ads', or 'external' to start it yourself"
+        )
+    return command
+
+
+def files_of(text: str) -> dict[str, str]:
+    """Return the files that a command line names, with their SHA-256: what was examined."""
+    words = [Path(__file__).parent / "nodes" / f"{OWN}.py"] if text.strip() == OWN else map(Path, shlex.split(text))
+    return {word.name: sha256(word) for word in words if word.is_file()}
+
+
+class AdsProcess:
+    """The process, logging to a file; use it in a `with` block, after which it is gone with all that it started.
+
+    :raises InvalidInput: the program cannot be started.
+    """
+
+    def __init__(self, command: list[str], log: Path) -> None:
+        self._command, self._log = command, log
+
+    def __enter__(self) -> "AdsProcess":
+        with open(self._log, "wb") as log:
+            try:
+                self._process = subprocess.Popen(
+                    self._command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    env=_environment(),
+                    start_new_session=True,  # Ctrl-C reaches the exam only, which stops it in order
+                )
+            except OSError as error:
+                raise InvalidInput(f"--ads {shlex.join(self._command)}: cannot be started ({error.strerror})") from None
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._process.pid, number)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(PATIENCE)
+                break
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)  # what it started and left behind
+
+    def failure(self) -> str:
+        """Return how the process ended, with the last line that it wrote; nothing while it runs."""
+        status = self._process.poll()
+        if status is None:
+            return ""
+        how = f"was killed by {signal.Signals(-status).name}" if status < 0 else f"ended with exit status {status}"
+        lines = self._log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        said = f", having said {lines[-1].strip()!r}" if lines else ""
+        return f"the ADS {how}{said} (log: {self._log})"
+
+
+def silence(limit: int) -> Callable[[dict[str, float]], str]:
+    """Return what tells, from the world's diagnostics seen now and then, that the ADS has fallen silent.
+
+    It has where it left `limit` ticks unanswered while it answered fewer than that.
+    """
+    seen = {"ticks": 0.0, "missing": 0.0}
+
+    def check(numbers: dict[str, float]) -> str:
+        ticks = numbers.get("world_simulator.tick", 0.0)
+        missing = numbers.get("world_simulator.vehicle_answers_missing", 0.0)
+        if ticks < seen["ticks"] or missing - seen["missing"] < 0.5 * (ticks - seen["ticks"]):
+            seen.update(ticks=ticks, missing=missing)
+        if missing - seen["missing"] < limit:
+            return ""
+        return f"the ADS gave no usable command for {missing - seen['missing']:.0f} ticks in a row"
+
+    return check
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of the ADS: as this process was given it, before Python's ROS 2 wheels changed it."""
+    environment = dict(os.environ)
+    environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
+    libraries = environment.pop("LD_LIBRARY_PATH", "").split(os.pathsep)
+    if own := [path for path in libraries if path and not Path(path).is_relative_to(sys.prefix)]:
+        environment["LD_LIBRARY_PATH"] = os.pathsep.join(own)
+    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    environment.setdefault("PYTHONUNBUFFERED", "1")
+    return environment

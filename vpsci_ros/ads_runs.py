@@ -1,0 +1,212 @@
+"""The runs of an exam: a driving system, or the autopilot, meets one pedestrian after the other on the same episodes.
+
+The driving system drives through the graph of nodes, in lock-step, one episode at a time; the autopilot in this
+process. What a run came to is read from its bag.
+"""
+
+import contextlib
+import dataclasses
+import json
+import shutil
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.ads_process import AdsProcess, command_of, silence
+from vpsci_ros.analysis.exam.config import ALONE, DRIVERS, EXTERNAL, TITLES, ExamConfig
+from vpsci_ros.analysis.exam.measures import Drive, Key, drives
+from vpsci_ros.analysis.exam.report import Conduct
+from vpsci_ros.config import RunConfig, pick
+from vpsci_ros.data.bag_episodes import EVENTS
+from vpsci_ros.data.bag_reader import Bag
+from vpsci_ros.data.bags import read_episodes
+from vpsci_ros.data.decoder import Decoder
+from vpsci_ros.data.episode_frames import EpisodeBatch, EpisodeFrames
+from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.errors import VpsciError
+from vpsci_ros.generate.recorded_people import Motion, nobody, recorded_people, spawns, write_motion
+from vpsci_ros.learning.agent import PolicyAgent
+from vpsci_ros.learning.rollout import rollout
+from vpsci_ros.learning.weights import load_weights
+from vpsci_ros.resources import weights_path
+from vpsci_ros.world import Recorded, Scenario, World, WorldConfig, load_scenarios
+from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
+
+Sections = dict[str, dict[str, Any]]
+_BATCH = 64  # episodes side by side, of the autopilot
+_STOPPED = "stopped on request"
+
+
+@dataclasses.dataclass(frozen=True)
+class Exam:
+    """What is examined, and on which episodes.
+
+    :ivar sections: the parameters that the graphs are started with.
+    """
+
+    sections: Sections
+    config: ExamConfig
+    run: RunConfig
+    world: WorldConfig
+
+    @property
+    def episodes(self) -> list[Key]:
+        """The episodes, the same ones with each pedestrian."""
+        return list(self.run.queue())
+
+    @property
+    def scenarios(self) -> list[Scenario]:
+        """Where they take place."""
+        return load_scenarios(self.run.scenarios)
+
+    @property
+    def weights(self) -> Path:
+        """Weights of the learned pedestrian."""
+        return weights_path(self.sections["pedestrian_policy"]["weights"])
+
+    def with_pedestrian(self, pedestrian: str, vehicle: str) -> WorldConfig:
+        """Return the world's configuration with one of the pedestrians and this driver of the vehicle."""
+        driver = DRIVERS.get(pedestrian, "replay")
+        return dataclasses.replace(self.world, vehicle_driver=vehicle, pedestrian_driver=driver)
+
+    def motion(self, pedestrian: str) -> Motion:
+        """Return the motion of a pedestrian that is replayed: recorded people, or nobody."""
+        begins = self.spawns()
+        if pedestrian == ALONE:
+            return nobody(begins)
+        path = self.config.recorded
+        return recorded_people(read_near_misses(path), begins, self.scenarios, self.world, self.run.seed, path)
+
+    def spawns(self) -> NDArray[np.void]:
+        """Return the episodes as they begin, EPISODE[n]."""
+        return spawns(self.world, self.scenarios, self.episodes, self.run.seed)
+
+
+class Met(NamedTuple):
+    """What a run with one pedestrian came to: its episodes, ticks without a command of the ADS, and how it went."""
+
+    drives: list[Drive]
+    unanswered: dict[Key, int]
+    conduct: Conduct
+
+
+def hold(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, Met]:
+    """Have the ADS meet one pedestrian after the other, nobody at first; what is done in `folder` is not done again.
+
+    :raises VpsciError: a node has failed.
+    :raises KeyboardInterrupt: stopped on request.
+    """
+    from vpsci_ros.nodes.domain import own_domain
+
+    met: dict[str, Met] = {}
+    names = [ALONE, *exam.config.met]
+    for name in ("runs", "logs"):
+        (folder / name).mkdir(exist_ok=True)
+    with contextlib.nullcontext() if exam.config.ads == EXTERNAL else own_domain():
+        for n, name in enumerate(names, 1):
+            error, refused = _record(folder, name)
+            if error:
+                if not quiet:
+                    print(f"{n} of {len(names)}: {TITLES[name]}, {len(exam.episodes)} episodes", file=sys.stderr)
+                shutil.rmtree(folder / "runs" / name, ignore_errors=True)
+                _meet(exam, name, folder, quiet)
+                error, refused = _record(folder, name)
+            conduct = Conduct(len(exam.episodes), refused, f"{TITLES[name]}: {error}" if error else "")
+            met[name] = _read(folder / "runs" / name / "bag", conduct)
+            if not met[name].drives:
+                break  # it does not drive at all: no need to have that said once for each pedestrian
+    return met
+
+
+def autopilot(exam: Exam, pedestrian: str) -> list[Drive]:
+    """Return the episodes as the rule-based autopilot drives them."""
+    config = exam.with_pedestrian(pedestrian, "autopilot")
+    recorded = None
+    if config.pedestrian_driver == "replay":
+        motion = exam.motion(pedestrian)
+        recorded = Recorded({key: (np.zeros((len(rows), 5)), rows) for key, rows in motion.items()})
+    agents = {}
+    if config.pedestrian_driver == "policy":
+        agents["pedestrian"] = PolicyAgent("pedestrian", 0, explore=False)
+        agents["pedestrian"].load(load_weights(exam.weights), version=1)
+    episodes = exam.episodes
+    batch = min(_BATCH, len(episodes))
+    world = World(config, exam.scenarios, episodes, batch, exam.run.seed, recorded)
+    monitor = pick(MonitorConfig, exam.sections["safety_monitor"], "safety_monitor")
+    frames = EpisodeFrames(batch, config.episode_ticks + 1)
+
+    def ended() -> Iterator[EpisodeBatch]:
+        for tick in rollout(world, monitor, agents):
+            yield frames.add(tick.state, tick.curvttc, tick.distance)
+
+    return drives(ended())
+
+
+def _meet(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
+    """Run the graph with one pedestrian; an ADS that fails is in the run's record."""
+    from vpsci_ros.nodes.graph import run_graph
+    from vpsci_ros.nodes.watch import Watch
+
+    silent = silence(exam.config.silent_ticks)
+    reasons: list[str] = []
+    with contextlib.ExitStack() as stack:
+        ads = None
+        if exam.config.ads != EXTERNAL:
+            log = folder / "logs" / f"ads_{name}.log"
+            ads = stack.enter_context(AdsProcess(command_of(exam.config.ads), log))
+
+        def failed(watch: Watch) -> str:
+            reasons.append((ads.failure() if ads else "") or silent(watch.summary()))
+            return reasons[-1]
+
+        result = run_graph(_graph(exam, name, folder), folder / "runs" / name, quiet=quiet, stop_when=failed)
+    if result.error == _STOPPED:
+        print(f"what is done is in {folder}: the same command goes on there", file=sys.stderr)
+        raise KeyboardInterrupt
+    if result.error and not any(reasons):
+        raise VpsciError(f"{TITLES[name]}: {result.error}; does the ADS publish /vehicle/cmd_accel or cmd_control?")
+
+
+def _graph(exam: Exam, name: str, folder: Path) -> Sections:
+    """Return the sections of the graph in which the ADS meets one pedestrian."""
+    config = exam.with_pedestrian(name, "external")
+    drivers = {"vehicle_driver": "external", "pedestrian_driver": config.pedestrian_driver}
+    world = exam.sections["world_simulator"] | drivers | {"batch": 1}
+    nodes = ["world_simulator", "safety_monitor", "recorder"]
+    if config.pedestrian_driver == "policy":
+        nodes.insert(2, "pedestrian_policy")
+    if config.pedestrian_driver == "replay":
+        bag = folder / "runs" / f"{name}_motion"
+        shutil.rmtree(bag, ignore_errors=True)
+        write_motion(exam.motion(name), exam.spawns(), config, bag)
+        world["recorded_bag"] = str(bag)
+    return exam.sections | {"graph": exam.sections["graph"] | {"nodes": nodes}, "world_simulator": world}
+
+
+def _record(folder: Path, name: str) -> tuple[str, int]:
+    """Return what went wrong in a run, nothing where it is done, and how many commands were refused."""
+    try:
+        record = json.loads((folder / "runs" / name / "run.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return "it has not been run", 0
+    return str(record["error"]), int(record["progress"].get("world_simulator.vehicle_commands_refused", 0))
+
+
+def _read(bag: Path, conduct: Conduct) -> Met:
+    """Return what a bag holds; of one that broke off, the episodes that ended."""
+    recording = Bag(bag, recover=bool(conduct.failure))
+    if not any(row.messages for row in recording.topics().values()):
+        return Met([], {}, conduct)
+    unanswered: Counter[Key] = Counter()
+    decode = Decoder()
+    for raw in recording.messages([EVENTS]):
+        message = decode(raw, bag)
+        for kind, scenario, episode in zip(message.kind, message.scenario, message.episode, strict=True):
+            unanswered[int(scenario), int(episode)] += int(kind) == VEHICLE_ACTION_MISSING
+    return Met(drives(read_episodes(bag, recover=bool(conduct.failure))), dict(+unanswered), conduct)
