@@ -1,6 +1,8 @@
 """What the tests of several rooms use."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -47,3 +49,22 @@ def simulate() -> Callable[..., Iterator[SimulatedTick]]:
             yield state.copy(), curvttc, distance
 
     return ticks
+
+
+@pytest.fixture(scope="session")
+def own_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of the episodes 1:0, 6:4 and 1:2, one after the other, by the rule-based pair; not to be changed."""
+    from vpsci_ros.data.bag_run import node_record
+    from vpsci_ros.generate.bag import write_ticks
+    from vpsci_ros.learning.rollout import rollout
+    from vpsci_ros.world import World, WorldConfig, load_scenarios
+    from vpsci_ros.world.monitor import MonitorConfig
+
+    config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot")
+    queue = [(1, 0), (6, 4), (1, 2)]
+    world = World(config, load_scenarios([1, 6]), queue, 1, 3)
+    run = {"seed": 3, "scenarios": [1, 6], "batch": 1, "queue": queue}
+    nodes = [node_record("world_simulator", asdict(config) | run), node_record("safety_monitor", {})]
+    bag = tmp_path_factory.mktemp("own") / "bag"
+    write_ticks(rollout(world, MonitorConfig(), {}), config, bag, {}, nodes)
+    return bag

@@ -100,11 +100,11 @@ class BagWriter:
         :raises VpsciError: the disk refuses it.
         """
         row = self.topics[topic]
-        row.seen += 1
         try:
             if self._split_size and self._file.tell() >= self._split_size and self.files[-1].messages:
                 self._finish()
                 self._open()
+            row.seen += 1
             self._writer.add_message(row.channel, log_time, data, publish_time, row.messages)
             self._file.flush()  # a chunk that has just filled goes to the operating system at once
         except OSError as error:

@@ -12,8 +12,7 @@ from vpsci_ros.errors import InvalidInput
 
 _TOPICS = """SELECT t.name, t.type, COUNT(m.id), COALESCE(MIN(m.timestamp), 0), COALESCE(MAX(m.timestamp), 0),
     t.offered_qos_profiles FROM topics t LEFT JOIN messages m ON m.topic_id = t.id GROUP BY t.id ORDER BY t.name"""
-_MESSAGES = """SELECT t.name, t.type, t.serialization_format, m.timestamp, m.data FROM messages m JOIN topics t
-    ON t.id = m.topic_id WHERE m.timestamp BETWEEN ? AND ? ORDER BY """
+_MESSAGES = "SELECT topic_id, timestamp, data FROM messages {} WHERE timestamp BETWEEN ? AND ? ORDER BY {}"
 
 
 class SqliteFile:
@@ -53,8 +52,11 @@ class SqliteFile:
         with contextlib.suppress(InvalidInput):  # older files have no such table
             query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
             definitions = {kind: (text, form) for kind, form, text in self._rows(query, quiet=True)}
-        order = "m.timestamp, m.id" if self.strict else "m.id"  # a damaged file is read as far as it goes
-        for name, kind, encoding, time, data in self._rows(_MESSAGES + order, (start, stop)):
+        described = {row[0]: row[1:] for row in self._rows("SELECT id, name, type, serialization_format FROM topics")}
+        # A damaged file is read as far as it goes, which its index does not know.
+        order = ("", "timestamp, id") if self.strict else ("NOT INDEXED", "id")
+        for topic, time, data in self._rows(_MESSAGES.format(*order), (start, stop)):
+            name, kind, encoding = described[topic]
             if topics is None or name in topics:
                 definition, form = definitions.get(kind, ("", ""))
                 yield RawMessage(name, kind, encoding, definition, form, time, bytes(data))
