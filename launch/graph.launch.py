@@ -39,12 +39,14 @@ def start(context: LaunchContext) -> list[Node]:
     for name in nodes:
         sections[name]["peers"] = list(nodes)  # no list twice: ROS 2 reads no YAML aliases
     parameters = require_empty_folder(output) / "params.yaml"
-    parameters.write_text(yaml.safe_dump(as_ros_parameters(sections), sort_keys=False), encoding="utf-8")
+    layout = as_ros_parameters(sections, any_namespace=True)
+    parameters.write_text(yaml.safe_dump(layout, sort_keys=False), encoding="utf-8")
     return [
         Node(
             package="vpsci_ros",
             executable=name,
             name=name,
+            namespace=sections["graph"]["namespace"],
             parameters=[str(parameters)],
             output="screen",
             on_exit=Shutdown(reason=f"{name} has ended"),

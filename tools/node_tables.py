@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from vpsci_ros.config import SECTIONS
-from vpsci_ros.nodes.topics import TOPICS
+from vpsci_ros.nodes.topics import SERVICES, TOPICS
 from vpsci_ros.parameters import markdown_table
 
 PAGE = Path(__file__).parent.parent / "docs" / "nodes.md"
@@ -17,6 +17,24 @@ Written from the code by `tools/node_tables.py`; a test holds it to the code. `p
 the node with a message that says so.
 """
 
+NOTES = """
+## Names, time and diagnostics
+
+- All names follow the node's namespace: with `-r __ns:=/left` the state is on `/left/world/state`, simulated time on
+  `/left/clock`, so that graphs in two namespaces (or two values of `ROS_DOMAIN_ID`) share nothing. rclpy takes
+  simulated time from `/clock`: in a namespace, give a node with `use_sim_time` also `-r /clock:=clock`. In a parameter
+  file for a namespace, write `/**/world_simulator:` in place of `world_simulator:`, as ROS 2 wants it.
+- No node of this package needs `use_sim_time`; their timers run on the wall clock, so setting it stops nothing.
+- Every node tells of itself on `/diagnostics` once a second of wall time, stamped with simulated time: rates, lag in
+  milliseconds, ticks missed, late, refused. These tell of the machine and differ from run to run. Everything else in a
+  bag is a function of the parameters alone, whatever the load and the order in which nodes were started, as long as
+  no answer is missed (`action_timeout`) and no learner or external driving system takes part.
+- A policy that is killed and started again within `action_timeout` (the node alone, while the others wait) leaves the
+  same bag: it asks the world for the frames that it has not seen and goes on as if it had been there.
+  `graph.restarts` has `vpsci graph` do so by itself.
+- Parameters marked "running" may be set on the running node (`ros2 param set`); the others are read-only.
+"""
+
 
 def page() -> str:
     """Return the whole page."""
@@ -26,6 +44,12 @@ def page() -> str:
         qos = f"{row.qos.reliability.name.lower()}, {row.qos.durability.name.lower()}, depth {row.qos.depth}"
         ends = " | ".join(", ".join(f"`{n}`" for n in names) for names in (row.publishers, row.subscribers))
         parts.append(f"| `{row.name}` | {package}/{row.type.__name__} | {ends} | {qos} |")
+    parts += ["\n## Services\n", "| service | type | offered by | what it does |", "|---|---|---|---|"]
+    for service in SERVICES.values():
+        package = service.type.__module__.split(".")[0]
+        kind = f"{package}/{service.type.__name__}"
+        parts.append(f"| `{service.name}` | {kind} | `{service.server}` | {service.description} |")
+    parts.append(NOTES)
     for node, classes in SECTIONS.items():
         parts.append(f"\n## {node}\n")
         for config in classes:

@@ -29,6 +29,15 @@ class GraphConfig:
     progress_timeout: float = parameter(
         60.0, "without progress for so long, the run is stopped with an error", unit="s", low=1.0, high=86400.0
     )
+    restarts: int = parameter(
+        0, "times that a policy that dies is started again, the world standing still meanwhile", low=0, high=1000
+    )
+    namespace: str = parameter("", "namespace of all nodes, such as /left; empty: none")
+
+    def __post_init__(self) -> None:
+        parts = self.namespace.split("/")
+        if self.namespace and (parts[0] or not all(part.isidentifier() for part in parts[1:])):
+            raise InvalidInput(f"namespace = {self.namespace!r}: expected names after slashes, such as /left")
 
 
 @dataclass(frozen=True)

@@ -143,8 +143,9 @@ def load_parameter_file(path: str | Path, configs: Mapping[str, tuple[type, ...]
         raise InvalidInput(f"{path}: expected sections 'node: ros__parameters: ...', got {type(document).__name__}")
     known = {name: {row.name: row for config in classes for row in table(config)} for name, classes in configs.items()}
     sections: dict[str, dict[str, Any]] = {}
-    for name, section in document.items():
-        where = f"{path}, {name}"
+    for key, section in document.items():
+        where = f"{path}, {key}"
+        name = str(key).removeprefix(f"{EVERY_NODE}/")  # in any namespace
         if name != EVERY_NODE and name not in known:
             raise InvalidInput(f"{where}: unknown section; expected {EVERY_NODE} or one of {', '.join(known)}")
         body = section.get("ros__parameters") if isinstance(section, dict) and len(section) == 1 else None
@@ -152,15 +153,20 @@ def load_parameter_file(path: str | Path, configs: Mapping[str, tuple[type, ...]
             raise InvalidInput(f"{where}: expected one key ros__parameters with a mapping below it, got {section!r}")
         rows = {k: v for n in known for k, v in known[n].items()} if name == EVERY_NODE else known[name]
         refuse_unknown(body, rows, where)
-        sections[name] = {key: rows[key].check(value, where) for key, value in body.items()}
+        checked = {key: rows[key].check(value, where) for key, value in body.items()}
+        sections[name] = sections.get(name, {}) | checked
     shared = sections.pop(EVERY_NODE, {})
     return {name: {k: v for k, v in shared.items() if k in known[name]} | sections.get(name, {}) for name in known}
 
 
-def as_ros_parameters(sections: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """Return sections in the layout of a ROS 2 parameter file; empty lists, which ROS cannot type, are left out."""
+def as_ros_parameters(sections: dict[str, dict[str, Any]], *, any_namespace: bool = False) -> dict[str, Any]:
+    """Return sections in the layout of a ROS 2 parameter file; empty lists, which ROS cannot type, are left out.
+
+    :param any_namespace: name the nodes so that ROS 2 finds them in whatever namespace.
+    """
+    prefix = f"{EVERY_NODE}/" if any_namespace else ""
     return {
-        name: {"ros__parameters": {key: value for key, value in values.items() if value != []}}
+        prefix + name: {"ros__parameters": {key: value for key, value in values.items() if value != []}}
         for name, values in sections.items()
     }
 
@@ -172,7 +178,8 @@ def markdown_table(config: type) -> str:
         bounds = "" if row.low is None and row.high is None else f"{_bound(row.low)} to {_bound(row.high)}"
         bounds = " \\| ".join(row.choices) if row.choices else bounds
         default = f"`{row.default}`" if row.default != "" else ""
-        lines.append(f"| `{row.name}` | {default} | {row.unit} | {bounds} | {row.description} |")
+        running = "" if row.read_only else " (running)"
+        lines.append(f"| `{row.name}` | {default} | {row.unit} | {bounds} | {row.description}{running} |")
     return "\n".join(lines)
 
 

@@ -12,7 +12,8 @@ from typing import Any
 import yaml
 from rosbags.highlevel import AnyReader
 
-from vpsci_ros.nodes.graph import as_ros_parameters, resolve
+from vpsci_ros.nodes.graph import resolve
+from vpsci_ros.parameters import as_ros_parameters
 
 PATIENCE = 90.0  # [s]
 
@@ -28,8 +29,8 @@ class ByHand:
         for node in self.nodes:
             resolved[node]["peers"] = list(self.nodes)
         self._parameters = folder / "params.yaml"
-        named = {f"{namespace}/{name}" if namespace else name: section for name, section in resolved.items()}
-        self._parameters.write_text(yaml.safe_dump(as_ros_parameters(named)), encoding="utf-8")
+        layout = as_ros_parameters(resolved, any_namespace=bool(namespace))
+        self._parameters.write_text(yaml.safe_dump(layout), encoding="utf-8")
         self._namespace = namespace
         self.running: dict[str, subprocess.Popen[bytes]] = {}
 

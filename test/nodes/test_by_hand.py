@@ -1,5 +1,7 @@
 """Nodes started one by one: in any order, in namespaces, with simulated time, killed and started again on the way."""
 
+import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,9 @@ from vpsci_msgs.msg import WorldState
 from vpsci_ros.learning.config import NetworkConfig
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.weights import save_weights
+from vpsci_ros.nodes.graph import GraphResult, Processes, run_graph
 from vpsci_ros.nodes.topics import RECORDING
+from vpsci_ros.nodes.watch import Watch
 
 NODES = ["recorder", "vehicle_policy", "pedestrian_policy", "world_simulator", "safety_monitor"]
 
@@ -85,6 +89,41 @@ def test_a_policy_that_is_killed_and_started_again_leaves_the_same_bag(
     found = content(bag)
     assert sorted(found) == sorted(expected)
     assert found == expected
+
+
+def test_a_graph_starts_a_policy_again_that_dies_and_its_bag_shows_nothing_of_it(
+    domain: int, tmp_path: Path, weights: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def chosen(name: str, restarts: int) -> GraphResult:
+        policy = {"weights": weights}
+        sections = {
+            "graph": {"restarts": restarts, "namespace": "/here"},
+            "world_simulator": {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4, "action_timeout": 10.0},
+            "vehicle_policy": policy,
+            "pedestrian_policy": policy,
+        }
+        return run_graph(sections, tmp_path / name, quiet=True)
+
+    expected = chosen("undisturbed", 0)
+    assert expected.error == ""
+    victims: list[int] = []
+    follow = Watch.spin
+
+    def spin(self: Watch, seconds: float) -> None:
+        follow(self, seconds)
+        if not victims and any(int(status.get("answers", 0)) > 20 for status in self._status.values()):
+            victims.append(started[0].running["vehicle_policy"].pid)
+            os.kill(victims[0], signal.SIGKILL)
+
+    started: list[Processes] = []
+    enter = Processes.__enter__
+    monkeypatch.setattr(Processes, "__enter__", lambda self: started.append(self) or enter(self))
+    monkeypatch.setattr(Watch, "spin", spin)
+    result = chosen("killed", 1)
+    assert result.error == ""
+    assert victims
+    assert result.exits["vehicle_policy"] == 0
+    assert content(result.bag) == content(expected.bag)
 
 
 def test_two_graphs_in_two_namespaces_do_not_see_each_other_and_follow_the_parameter_file(

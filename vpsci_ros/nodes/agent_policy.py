@@ -54,7 +54,7 @@ class AgentPolicy(GraphNode):
         self.input("/world/state", self._on_state)
         self.input("/safety/state", self._on_safety)
         self.input("/policy/weights", self._on_weights, LATCHED)
-        self._history = self.create_client(History, "world/history")
+        self._history = self.client("/world/history")
         self.wall_timer(0.1, self._keep_up)
         self.diagnose(self._status, lambda: "running" if self._caught_up else "waiting")
 
@@ -146,11 +146,11 @@ class AgentPolicy(GraphNode):
         return OWN_PATIENCE if any(each.node_name == "world_simulator" for each in writers) else FOREIGN_PATIENCE
 
     def _on_history(self, reply: Any) -> None:
+        response = reply.result()
         if reply is not self._reply:
             return  # an earlier one, given up
         self._reply = None
         self._heard_at = time.perf_counter()
-        response = reply.result()
         self._caught_up = True
         for world, safety in zip(response.states, response.safeties, strict=True):
             if world.tick == response.tick and (self._state is None or self._state.tick <= world.tick):

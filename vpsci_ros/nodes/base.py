@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import rclpy
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
@@ -25,7 +26,7 @@ from rclpy.timer import Timer
 from vpsci_ros.config import SECTIONS, PeerConfig, pick
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.convert import diagnostics_message
-from vpsci_ros.nodes.topics import TOPICS, listeners
+from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
 from vpsci_ros.parameters import Parameter, refuse_unknown, table
 
 T = TypeVar("T")
@@ -81,6 +82,14 @@ class GraphNode(Node):
         """Subscribe to a topic of the table."""
         row = TOPICS[topic]
         return self.create_subscription(row.type, _resolved(topic), callback, qos or row.qos, raw=raw)
+
+    def serve(self, name: str, callback: Callable[[Any, Any], Any]) -> None:
+        """Offer a service of the table."""
+        self.create_service(SERVICES[name].type, _resolved(name), callback)
+
+    def client(self, name: str) -> Client:
+        """Return a client of a service of the table."""
+        return self.create_client(SERVICES[name].type, _resolved(name))
 
     def wall_timer(self, period: float, callback: Callable[[], None]) -> Timer:
         """Call back each `period` [s] of wall time, whatever `use_sim_time` says: simulated time stands still at first.

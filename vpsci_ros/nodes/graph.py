@@ -56,21 +56,22 @@ def run_graph(
     """Run a graph to its end and return how it went; a run that fails or is interrupted returns with `error` set.
 
     :param sections: section -> values, as `vpsci_ros.config.load` returns them.
-    :param folder: output folder, empty or new: bag/, learner/, log/, params.yaml (resolved), run.json.
+    :param folder: output folder, empty or new: bag/, learner/ with learning.png, log/, params.yaml (resolved), run.json.
     :param stop_when: asked again and again; an answer ends the run, and is its `error`.
     :raises InvalidInput: a parameter is refused, or the folder is not empty; nothing has been started then.
     """
     resolved = resolve(sections, Path(folder))
     folder = require_empty_folder(folder)
     parameters = folder / "params.yaml"
-    parameters.write_text(yaml.safe_dump(as_ros_parameters(resolved), sort_keys=False), encoding="utf-8")
+    chosen = pick(GraphConfig, resolved["graph"], "graph")
+    layout = as_ros_parameters(resolved, any_namespace=bool(chosen.namespace))
+    parameters.write_text(yaml.safe_dump(layout, sort_keys=False), encoding="utf-8")
     result = GraphResult(folder)
     begun = time.monotonic()
-    patience = resolved["graph"]["progress_timeout"]
-    with _interruptible(), Processes(resolved["graph"]["nodes"], parameters, folder / "log") as processes:
+    with _interruptible(), Processes(chosen.nodes, parameters, folder / "log", chosen.namespace) as processes:
         try:
             with Watch(resolved, quiet=quiet) as watch:
-                result.error = _follow(processes, watch, patience, stop_when)
+                result.error = _follow(processes, watch, chosen, stop_when)
                 result.progress = watch.summary()
         except KeyboardInterrupt:
             result.error = "stopped on request"
@@ -78,6 +79,10 @@ def run_graph(
             result.exits = processes.stop()
     result.wall_time = time.monotonic() - begun
     _settle_bag(result, processes)
+    if "learner" in processes.running:
+        from vpsci_ros.analysis.learning_figures import save_learning  # with torch, which no other graph needs here
+
+        save_learning(folder / "learner")
     _write_record(result, resolved)
     return result
 
@@ -108,29 +113,32 @@ def resolve(sections: dict[str, dict[str, Any]], folder: Path) -> dict[str, dict
 class Processes:
     """The graph's processes, each logging to a file; all are gone when the `with` block is left."""
 
-    def __init__(self, nodes: list[str], parameters: Path, logs: Path) -> None:
+    def __init__(self, nodes: list[str], parameters: Path, logs: Path, namespace: str = "") -> None:
         self.leader = "world_simulator" if "world_simulator" in nodes else "learner"
         self.logs = logs
         self._nodes = nodes
-        self._parameters = parameters
+        self._arguments = ["--ros-args", "--params-file", str(parameters)]
+        self._arguments += ["-r", f"__ns:={namespace}"] if namespace else []
         self.running: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> "Processes":
         self.logs.mkdir()
         for node in self._nodes:
-            command = [sys.executable, "-m", f"vpsci_ros.nodes.{node}"]
-            command += ["--ros-args", "--params-file", str(self._parameters)]
-            with open(self.logs / f"{node}.log", "wb") as log:
-                self.running[node] = subprocess.Popen(
-                    command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=log,
-                    stderr=subprocess.STDOUT,
-                    env=_environment(),
-                    start_new_session=True,  # Ctrl-C reaches this process only, which stops the others in order
-                    preexec_fn=_die_with_parent,  # noqa: PLW1509 - one call of the C library, no Python lock
-                )
+            self.start(node)
         return self
+
+    def start(self, node: str) -> None:
+        """Start a node; its log goes on where one of the same name has stopped."""
+        with open(self.logs / f"{node}.log", "ab") as log:
+            self.running[node] = subprocess.Popen(
+                [sys.executable, "-m", f"vpsci_ros.nodes.{node}", *self._arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=_environment(),
+                start_new_session=True,  # Ctrl-C reaches this process only, which stops the others in order
+                preexec_fn=_die_with_parent,  # noqa: PLW1509 - one call of the C library, no Python lock
+            )
 
     def __exit__(self, *_: object) -> None:
         self.stop()
@@ -164,9 +172,10 @@ class Processes:
 
 
 def _follow(
-    processes: Processes, watch: Watch, patience: float, stop_when: Callable[[Watch], str] | None = None
+    processes: Processes, watch: Watch, graph: GraphConfig, stop_when: Callable[[Watch], str] | None = None
 ) -> str:
     """Wait for the end of the run; return what went wrong, or nothing."""
+    restarts = graph.restarts
     while True:
         watch.spin(POLL)
         ended = processes.ended()
@@ -174,11 +183,15 @@ def _follow(
             watch.drain()
             return ""
         for node, status in ended.items():
-            return processes.explain(node, status)
+            if status > 0 or not node.endswith("_policy") or restarts == 0:
+                return processes.explain(node, status)
+            restarts -= 1
+            watch.hold(node)
+            processes.start(node)
         if stop_when is not None and (reason := stop_when(watch)):
             return reason
-        if watch.idle_time() > patience:
-            return f"no progress for {patience:g} s; the nodes' logs are in {processes.logs}"
+        if watch.idle_time() > graph.progress_timeout:
+            return f"no progress for {graph.progress_timeout:g} s; the nodes' logs are in {processes.logs}"
 
 
 def _settle_bag(result: GraphResult, processes: Processes) -> None:
@@ -192,12 +205,14 @@ def _settle_bag(result: GraphResult, processes: Processes) -> None:
 
 def _write_record(result: GraphResult, resolved: dict[str, dict[str, Any]]) -> None:
     weights = {values["weights"] for values in resolved.values() if values.get("weights")}
+    near_misses = resolved.get("learner", {}).get("near_misses", [])
     record = {
         "error": result.error,
         "wall_time_sec": round(result.wall_time, 3),
         "progress": result.progress,
         "exit_status": result.exits,
         "weights_sha256": {path: sha256(path) for path in sorted(weights) if Path(path).is_file()},
+        "near_misses_sha256": {path: sha256(path) for path in near_misses if Path(path).is_file()},
         "software": software_versions(),
     }
     with written_whole(result.folder / "run.json") as path:

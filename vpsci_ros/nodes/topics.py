@@ -9,9 +9,11 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import UInt64
+from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, VehicleControl, WorldState
+from vpsci_msgs.srv import History
 from vpsci_ros.config import NODES
 
 LOCK_STEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
@@ -57,6 +59,37 @@ TOPICS = {
         Topic("/policy/weights", PolicyWeights, ("learner",), _POLICIES, LATCHED),
         Topic("/markers", MarkerArray, ("world_simulator",), ("recorder",), LOCK_STEP),
         Topic("/diagnostics", DiagnosticArray, NODES, ("recorder", "graph_watch"), LOCK_STEP),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Service:
+    """A row of the table of services; `server` is the node that offers it."""
+
+    name: str
+    type: Any
+    server: str
+    description: str
+
+
+SERVICES = {
+    service.name: service
+    for service in (
+        Service(
+            "/world/reset",
+            Trigger,
+            "world_simulator",
+            "begins the run's episodes again from the first one; ticks and simulated time go on",
+        ),
+        Service("/world/pause", SetBool, "world_simulator", "true: stands still at the present tick; false: goes on"),
+        Service("/world/step", Trigger, "world_simulator", "while paused, takes one tick as soon as it is answered"),
+        Service(
+            "/world/history",
+            History,
+            "world_simulator",
+            "for a policy that was started again: the policy frames that it has not seen",
+        ),
     )
 }
 

@@ -13,6 +13,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from std_srvs.srv import SetBool
 
 from vpsci_msgs.msg import EpisodeEvent
 from vpsci_ros.nodes import convert
@@ -32,6 +33,8 @@ class Watch:
     """
 
     def __init__(self, resolved: dict[str, dict[str, Any]], *, quiet: bool = False) -> None:
+        self._namespace = resolved["graph"]["namespace"]
+        self._held: dict[str, set[bytes]] = {}  # policies that are awaited, and whoever spoke in their place before
         self._total = _episodes(resolved)
         self._ended = 0
         self._last = time.monotonic()
@@ -50,7 +53,8 @@ class Watch:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         self._context = Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node(WATCH, context=self._context)
+        self._node = rclpy.create_node(WATCH, context=self._context, namespace=self._namespace or None)
+        self._pause = self._node.create_client(SetBool, "world/pause")
         self._node.create_subscription(EpisodeEvent, "episode/event", self._on_event, RECORDING)
         self._node.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, RECORDING)
         self._executor = EventsExecutor(context=self._context)
@@ -71,7 +75,20 @@ class Watch:
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0:
             self._executor.spin_once(timeout_sec=left)
+        for policy in [name for name, before in self._held.items() if self._speakers(name) - before]:
+            del self._held[policy]
+            if not self._held:
+                self._pause.call_async(SetBool.Request(data=False))
         self._show()
+
+    def hold(self, policy: str) -> None:
+        """Have the world stand still until another process of this policy is there."""
+        self._held[policy] = self._speakers(policy)
+        self._pause.call_async(SetBool.Request(data=True))
+
+    def _speakers(self, policy: str) -> set[bytes]:
+        topic = self._node.resolve_topic_name(f"{policy.removesuffix('_policy')}/action")
+        return {bytes(writer.endpoint_gid) for writer in self._node.get_publishers_info_by_topic(topic)}
 
     def drain(self) -> None:
         """Handle what is still on its way at the end of the run."""
@@ -95,7 +112,8 @@ class Watch:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             pairs = {pair.key: pair.value for pair in status.values}
-            if pairs != self._status.get(status.name):
+            stands_still = status.message == "paused" and not self._held  # as somebody has asked for
+            if stands_still or pairs != self._status.get(status.name):
                 self._last = time.monotonic()
             self._status[status.name] = pairs
 

@@ -58,7 +58,7 @@ class WorldSimulator(GraphNode):
             raise InvalidInput(
                 f"an external vehicle driver drives one episode at a time; got batch = {self._run.batch}"
             )
-        self._builder = TransitionBuilder() if self._lock_step.publish_transitions else None
+        self._builder = TransitionBuilder(scenarios) if self._lock_step.publish_transitions else None
         self._history = History(self._config, self._run.batch)
         self._counts: Counter[str] = Counter()
         self._frame = np.zeros(self._run.batch, bool)
@@ -96,10 +96,10 @@ class WorldSimulator(GraphNode):
             self._external = ExternalVehicle(self, external, self._config.tick, self._counts, advance)
         if self._builder:
             self.input("/replay/consumed", self._on_consumed)
-        self.create_service(Trigger, "world/reset", self._on_reset)
-        self.create_service(SetBool, "world/pause", self._on_pause)
-        self.create_service(Trigger, "world/step", self._on_step)
-        self.create_service(HistoryService, "world/history", self._on_history)
+        self.serve("/world/reset", self._on_reset)
+        self.serve("/world/pause", self._on_pause)
+        self.serve("/world/step", self._on_step)
+        self.serve("/world/history", self._on_history)
 
     # ---- pace
 
@@ -142,7 +142,7 @@ class WorldSimulator(GraphNode):
             self._world.tick = tick
             self._history.clear()
             if self._builder:
-                before, self._builder = self._builder.count, TransitionBuilder()
+                before, self._builder = self._builder.count, TransitionBuilder(list(self._scenarios.values()))
                 self._builder.count = before
             self._counts["resets"] += 1
             self._publish_events(self._world.take_started())
