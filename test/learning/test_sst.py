@@ -115,13 +115,13 @@ def test_the_gate_turns_attention_towards_risk():
 
 
 def test_the_range_rate_residual_is_the_bias_of_a_speed_along_the_line_of_sight():
-    """A vehicle at 5 m/s on its way to a standing pedestrian 20 m ahead, its published speed 0.6 m/s too low."""
-    first = torch.tensor([[4.4, 0.0, -20.0, 0.0, 4.4, 0.0]])
-    second = torch.tensor([[4.4, 0.0, -19.5, 0.0, 4.4, 0.0]])
+    """A vehicle at 5 m/s on its way to a standing pedestrian 20 m ahead, its published speed 0.15 m/s too low."""
+    first = torch.tensor([[4.85, 0.0, -20.0, 0.0, 4.85, 0.0]])
+    second = torch.tensor([[4.85, 0.0, -19.5, 0.0, 4.85, 0.0]])
     r = residual(range_and_rate(second), range_and_rate(first))
-    torch.testing.assert_close(r, torch.tensor([[-0.6 / 0.3]]), atol=1e-4, rtol=0.0)
+    torch.testing.assert_close(r, torch.tensor([[-0.15 / 0.3]]), atol=1e-4, rtol=0.0)
     far = residual(range_and_rate(-10.0 * second), range_and_rate(first))
-    assert far.abs().item() == 5.0  # bounded
+    assert far.abs().item() == 1.0  # bounded
     assert residual(range_and_rate(first), torch.full((1, 2), torch.nan)).item() == 0.0  # first step
     assert residual(range_and_rate(torch.zeros(1, 6)), range_and_rate(torch.zeros(1, 6))).item() == 0.0  # no distance
 

@@ -151,7 +151,7 @@ class _Run:
     def weights(self, final: bool = False) -> Weights:
         """Return what the run has learned; `final` adds the held-out errors to it."""
         facts: dict[str, Any] = dict(self._facts)
-        # The running average of the actors predicts unseen clips better than their last state (README of models/).
+        # The running average of the actors predicts unseen clips better than their last state.
         actors = "actor" if self._imitation is None else "target_actor"
         configuration = resolved(self._config)
         if final and self.held_out is not None:
