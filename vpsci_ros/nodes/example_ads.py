@@ -25,7 +25,8 @@ class ExampleAds(Node):
         super().__init__("example_ads")
         self.cruise = self.declare_parameter("cruise_speed", 4.0).value  # [m/s]
         self.comfort = self.declare_parameter("comfort_acceleration", 2.0).value  # [m/s2]
-        self.braking = self.declare_parameter("braking", 5.0).value  # [m/s2]
+        self.braking = self.declare_parameter("braking", 3.0).value  # [m/s2] at least, for a pedestrian
+        self.strongest = self.declare_parameter("strongest_braking", 8.0).value  # [m/s2]
         self.horizon = self.declare_parameter("horizon", 2.5).value  # [s]
         self.margin = self.declare_parameter("margin", 0.7).value  # [m] to keep free around the vehicle
         self.vehicle: Odometry | None = None
@@ -52,28 +53,28 @@ class ExampleAds(Node):
             self.command.publish(message)  # linear.y, to the left, would be added to the world's lane keeping
 
     def acceleration(self, vehicle: Odometry, pedestrian: Odometry) -> float:
-        """Return what to do with the speed [m/s2]: brake where the paths meet within the horizon, else cruise."""
+        """Return what to do with the speed [m/s2]: brake for a contact within the horizon, else go on cruising."""
         speed = vehicle.twist.twist.linear.x
-        if self.meet(vehicle, pedestrian, max(speed, 1.0)):  # a vehicle that stands looks whether it could set off
-            return -self.braking
+        time = self.time_to_contact(vehicle, pedestrian, max(speed, 1.0))  # standing, it looks whether it could set off
+        if time < self.horizon:
+            return -min(self.strongest, max(self.braking, 0.5 * speed / max(time, 0.1)))  # to stop just short of it
         return max(-self.comfort, min(self.comfort, (self.cruise - speed) / 0.5))
 
-    def meet(self, vehicle: Odometry, pedestrian: Odometry, speed: float) -> bool:
-        """Whether they come within the margin, if the vehicle keeps `speed` and yaw rate, the pedestrian velocity."""
+    def time_to_contact(self, vehicle: Odometry, pedestrian: Odometry, speed: float) -> float:
+        """Return when they come within the margin [s], the vehicle at `speed` and its yaw rate, both going on so."""
         x, y, heading = pose(vehicle)
         px, py, direction = pose(pedestrian)
-        walking = pedestrian.twist.twist.linear.x
-        turning = vehicle.twist.twist.angular.z
-        step = 0.1  # [s]
-        for _ in range(round(self.horizon / step)):
-            heading += turning * step
-            x, y = x + speed * step * math.cos(heading), y + speed * step * math.sin(heading)
-            px, py = px + walking * step * math.cos(direction), py + walking * step * math.sin(direction)
+        walking, turning = pedestrian.twist.twist.linear.x, vehicle.twist.twist.angular.z
+        time, step = 0.0, 0.1  # [s]
+        while time < self.horizon:
             forward = math.cos(heading) * (px - x) + math.sin(heading) * (py - y)
             left = math.cos(heading) * (py - y) - math.sin(heading) * (px - x)
             if abs(forward) < FRONT + RADIUS + self.margin and abs(left) < SIDE + RADIUS + self.margin:
-                return True
-        return False
+                return time
+            time, heading = time + step, heading + turning * step
+            x, y = x + speed * step * math.cos(heading), y + speed * step * math.sin(heading)
+            px, py = px + walking * step * math.cos(direction), py + walking * step * math.sin(direction)
+        return math.inf
 
 
 def pose(odometry: Odometry) -> tuple[float, float, float]:
