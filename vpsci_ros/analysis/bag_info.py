@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from vpsci_ros.data.bag_episodes import EVENTS, BagEpisode, bag_episodes
+from vpsci_ros.data.bag_episodes import EVENTS, RECORD, BagEpisode, bag_episodes
 from vpsci_ros.data.bag_reader import Bag
 from vpsci_ros.data.bag_run import BagRun, bag_run
 from vpsci_ros.data.bags import SAFETY, WORLD
@@ -70,11 +70,11 @@ def bag_info(path: str | Path) -> dict[str, Any]:
         "outcomes": dict(Counter(episode.outcome for episode in episodes)),
         "episodes_unfinished": int(run.totals.get("episodes_unfinished", 0)),
         "run": {name: value for name, value in dataclasses.asdict(run).items() if name != "totals"},
-        "missing": what_is_missing(topics, run),
+        "missing": what_is_missing(topics, run, [name for name, _ in bag.records()]),
     }
 
 
-def what_is_missing(topics: dict[str, TopicInfo], run: BagRun) -> list[str]:
+def what_is_missing(topics: dict[str, TopicInfo], run: BagRun, records: list[str]) -> list[str]:
     """Say what a bag lacks, and what cannot be done therefore."""
     has = {name for name, topic in topics.items() if topic.messages}
     missing = []
@@ -84,7 +84,7 @@ def what_is_missing(topics: dict[str, TopicInfo], run: BagRun) -> list[str]:
         missing.append(f"{WORLD}, and one of {' and '.join(ODOMETRY)}: no export, no plot, no verify")
     elif SAFETY not in has:
         missing.append(f"{SAFETY}: CurvTTC is unknown")
-    if WORLD in has and EVENTS not in has:
+    if WORLD in has and EVENTS not in has and RECORD not in records:
         missing.append(f"{EVENTS}: episodes are found by reading all of the world's states")
     if WORLD in has and "world_simulator" not in run.parameters:
         missing.append("the nodes' parameters: no verify")

@@ -156,7 +156,7 @@ def _from_ticks(bag: Bag, recover: bool) -> Iterator[BagEpisode]:
             if slot not in begun or begun[slot][0] != key:
                 begun[slot] = key, tick.tick, tick.time
                 least[slot] = math.inf
-            least[slot] = min(least[slot], np.nan_to_num(tick.curvttc[slot], nan=math.inf))
+            least[slot] = min(least[slot], np.nan_to_num(tick.curvttc[slot], nan=math.inf, posinf=math.inf))
             if record["status"] == ENDED:
                 _, start_tick, start_time = begun.pop(slot)
                 ends = start_tick, tick.tick, start_time, tick.time

@@ -32,7 +32,7 @@ REPLAY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1, reliability=Reliabi
 
 
 class Replayer(GraphNode):
-    """A bag in, its topics and `/clock` out; `~/pause` (SetBool) and `~/step` (Trigger, to the next time) steer it.
+    """A bag in, its topics and `/clock` out; `/replayer/pause` (SetBool) and `/replayer/step` (Trigger) steer it.
 
     Messages are not deserialised. A bag without `/clock`, of another tool say, gets one from its log times.
     """
@@ -61,8 +61,8 @@ class Replayer(GraphNode):
         self._anchor = (time.monotonic(), self._at)
         self._readers, self._readers_since = -1, time.monotonic()
         self._begun = False
-        self.create_service(SetBool, "~/pause", self._on_pause)
-        self.create_service(Trigger, "~/step", self._on_step)
+        self.serve("/replayer/pause", self._on_pause)
+        self.serve("/replayer/step", self._on_step)
         self.diagnose(lambda: [("messages_published", self._sent), ("time", f"{self._at * 1e-9:.3f}")], self._status)
         self.wall_timer(PERIOD, self._on_timer)
 

@@ -90,6 +90,8 @@ SERVICES = {
             "world_simulator",
             "for a policy that was started again: the policy frames that it has not seen",
         ),
+        Service("/replayer/pause", SetBool, "replayer", "true: stands still at the present time; false: goes on"),
+        Service("/replayer/step", Trigger, "replayer", "while paused, publishes all messages of the next time"),
     )
 }
 

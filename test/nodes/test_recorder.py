@@ -1,0 +1,132 @@
+"""The recorder asks for the parameters of its peers, keeps the episodes, loses nothing, and splits by size."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+
+from vpsci_msgs.msg import EpisodeEvent
+from vpsci_ros.analysis.bag_info import bag_info
+from vpsci_ros.analysis.bag_verify import verify_bag
+from vpsci_ros.data.bag_reader import Bag, bag_files
+from vpsci_ros.data.bag_run import bag_run
+from vpsci_ros.nodes import convert
+from vpsci_ros.nodes.graph import run_graph
+from vpsci_ros.nodes.recorder import Recorder
+from vpsci_ros.nodes.safety_monitor import SafetyMonitor
+from vpsci_ros.nodes.topics import LOCK_STEP
+
+NODES = ["world_simulator", "safety_monitor", "recorder"]
+
+
+def overrides(**values: Any) -> list[Parameter]:
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def spin(executor: SingleThreadedExecutor, until: Callable[[], bool], seconds: float = 30.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not until():
+        assert time.monotonic() < deadline, "waited in vain"
+        executor.spin_once(timeout_sec=0.05)
+
+
+def test_a_graphs_bag_holds_parameters_episodes_and_counts_over_split_files_and_verifies(
+    domain: int, tmp_path: Path
+) -> None:
+    drivers = {"vehicle_driver": "autopilot", "pedestrian_driver": "social_force"}
+    world = {"scenarios": [2, 7], "episodes": 3, "batch": 2, "seed": 11} | drivers
+    sections = {
+        "graph": {"nodes": NODES},
+        "world_simulator": world,
+        "safety_monitor": {"horizon": 8.0},
+        "recorder": {"chunk_size": 16, "split_size": 20_000},
+    }
+    result = run_graph(sections, tmp_path / "run", quiet=True)
+    assert result.error == ""
+    assert len(bag_files(result.bag)) > 2
+    info = bag_info(result.bag)
+    parameters = info["run"]["parameters"]
+    assert parameters["world_simulator"]["seed"] == 11
+    assert parameters["world_simulator"]["scenarios"] == [2, 7]
+    assert parameters["safety_monitor"]["horizon"] == 8.0
+    assert info["messages_seen"] == info["messages_written"] == info["messages"]
+    assert sorted(e["name"] for e in info["episodes"]) == ["2:0", "2:1", "2:2", "7:0", "7:1", "7:2"]
+    assert {e["first_file"] for e in info["episodes"]} != {e["file"] for e in info["episodes"]}
+    counts = {topic["name"]: topic["messages"] for topic in info["topics"]}
+    assert counts["/clock"] == counts["/world/state"] == counts["/safety/state"]
+    verified = verify_bag(result.bag)
+    assert (verified.difference, verified.ticks, verified.episodes) == ("", counts["/world/state"], 6)
+
+
+@pytest.fixture
+def monitor(context: Context):
+    """A peer, and a publisher of events, spun together."""
+    node = SafetyMonitor(context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    yield executor, node.create_publisher(EpisodeEvent, "episode/event", LOCK_STEP)
+    executor.shutdown()
+    node.destroy_node()
+
+
+def event(tick: int, kind: int, outcome: int = 0) -> EpisodeEvent:
+    message = EpisodeEvent(tick=tick, header=convert.Header(stamp=convert.stamp(tick, 0.05), frame_id="map"))
+    message.kind, message.slot, message.scenario, message.episode = [kind], [0], [4], [17]
+    message.frame, message.outcome, message.least_curvttc = [tick], [outcome], [1.5]
+    message.vehicle_path = message.pedestrian_path = [9.0]
+    return message
+
+
+def test_a_recorder_alone_learns_who_is_there_and_records_what_comes(context: Context, monitor, tmp_path: Path) -> None:
+    executor, events = monitor
+    recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
+    executor.add_node(recorder)
+    spin(executor, lambda: events.get_subscription_count() > 0)
+    for message in (event(3, EpisodeEvent.STARTED), event(90, EpisodeEvent.ENDED, 2)):
+        events.publish(message)
+    row = recorder._bag.topics["/episode/event"]
+    spin(executor, lambda: row.messages == 2 and "safety_monitor" not in recorder._asked.missing)
+    recorder.close()
+    executor.remove_node(recorder)
+    recorder.destroy_node()
+    run = bag_run(Bag(tmp_path / "bag"))
+    assert run.parameters["safety_monitor"]["method"] == "footprint"
+    assert json.loads(run.totals["written"])["/episode/event"] == 2
+    (episode,) = bag_info(tmp_path / "bag")["episodes"]
+    assert (episode["name"], episode["outcome"], episode["least_curvttc"]) == ("4:17", "goal", 1.5)
+    assert (episode["start"], episode["end"]) == (pytest.approx(0.15), pytest.approx(4.5))
+
+
+def test_a_killed_recorder_leaves_a_file_that_opens_up_to_its_last_chunk(
+    context: Context, monitor, tmp_path: Path
+) -> None:
+    executor, events = monitor
+    command = [sys.executable, "-m", "vpsci_ros.nodes.recorder", "--ros-args", "-p", f"bag:={tmp_path / 'bag'}"]
+    recorder = subprocess.Popen([*command, "-p", "chunk_size:=1"], env=os.environ, stderr=subprocess.DEVNULL)
+    try:
+        spin(executor, lambda: events.get_subscription_count() > 0, 60.0)
+        file = tmp_path / "bag" / "bag_0.mcap"
+        before, tick = file.stat().st_size, 0
+        while file.stat().st_size < before + 3000:
+            tick += 1
+            events.publish(event(tick, EpisodeEvent.HANDED_OVER))
+            executor.spin_once(timeout_sec=0.005)
+            assert tick < 10_000
+    finally:
+        recorder.send_signal(signal.SIGKILL)
+        recorder.wait()
+    info = bag_info(tmp_path / "bag")
+    assert "breaks off" in info["damage"][0]
+    found = [raw.time for raw in Bag(tmp_path / "bag", recover=True).messages(["/episode/event"])]
+    assert len(found) >= 10
+    assert found == [(i + 1) * 50_000_000 for i in range(len(found))]
