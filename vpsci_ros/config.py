@@ -42,11 +42,14 @@ class GraphConfig:
 
 @dataclass(frozen=True)
 class PeerConfig:
-    """What every node has: the peers it waits for before it speaks."""
+    """What every node has: the peers it waits for before it speaks, and what runs its callbacks."""
 
     peers: list[str] = parameter([], "nodes of this graph; empty: only those without which this node cannot work")
     peer_timeout: float = parameter(
         60.0, "wait so long for peers to appear before giving up", unit="s", low=0.1, high=86400.0
+    )
+    executor: str = parameter(
+        "events", "rclpy's executor: events, or the slower single-threaded one", choices=("events", "single")
     )
 
 

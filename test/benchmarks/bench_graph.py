@@ -1,83 +1,138 @@
-"""Lock-step ticks per second of the whole graph in separate processes, beside the same episodes in process.
+"""Speed of the graph of nodes: lock-step ticks per second by executor, transport and number of parallel episodes.
 
-    python test/benchmarks/bench_graph.py [--batches 1 1024] [--ticks 2000] [--weights FILE]
+    python test/benchmarks/bench_graph.py [--ticks 2000] [--batches 1 1024] [--quick] [--weights FILE] [--json FILE]
 
-Untrained weights are used where no file is given; the cost of a step does not depend on their values.
+Every row is a run of its own from spawn to end; the rate is counted from the first tick to the last. `separate`: each
+node in a process; `composed`: all in one; `engine`: the same episodes without nodes, as the control. The graph with
+policies is world, monitor and both policies (the shipped `pretrained` weights unless given); without policies the
+rule-based pair drives. Some minutes on two cores.
 """
 
 import argparse
+import json
 import os
 import platform
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 from domain_coordinator import domain_id
 
 from vpsci_ros.config import RunConfig, WorldConfig, pick
-from vpsci_ros.learning.config import NetworkConfig
-from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.rollout import policies, rollout
-from vpsci_ros.learning.weights import load_weights, save_weights
-from vpsci_ros.nodes.graph import run_graph
+from vpsci_ros.learning.weights import load_weights
+from vpsci_ros.nodes.composed import composed
+from vpsci_ros.nodes.graph import resolve, run_graph
 from vpsci_ros.provenance import software_versions
+from vpsci_ros.resources import weights_path
 from vpsci_ros.world import World, load_scenarios
 from vpsci_ros.world.monitor import MonitorConfig
 
-NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy"]
+EPISODE_TICKS = 200  # at most; with the default episode_time
+TRANSPORTS = {"shared memory": "DEFAULT", "UDP": "UDPv4"}  # FASTDDS_BUILTIN_TRANSPORTS; its default takes shared memory
+RULES = {"vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"}
+POLICIES = ("vehicle_policy", "pedestrian_policy")
 
 
-def sections(batch: int, ticks: int, weights: str, recorder: bool) -> dict:
-    """Return parameters of a run of about `ticks` ticks: an episode lasts up to 200."""
+def sections(batch: int, ticks: int, weights: str, *, acting: bool, recorder: bool, executor: str) -> dict[str, Any]:
+    """Return parameters of a run of about `ticks` ticks."""
     scenarios = [1] if batch == 1 else [1, 2, 3, 4, 5, 6, 7, 8]
-    episodes = max(1, batch * ticks // 200 // len(scenarios))
-    return {
-        "graph": {"nodes": NODES + ["recorder"] * recorder},
-        "world_simulator": {"batch": batch, "episodes": episodes, "scenarios": scenarios},
-        "vehicle_policy": {"weights": weights},
-        "pedestrian_policy": {"weights": weights},
-    }
+    episodes = max(1, batch * ticks // EPISODE_TICKS // len(scenarios))
+    nodes = ["world_simulator", "safety_monitor", *POLICIES * acting, *["recorder"] * recorder]
+    chosen: dict[str, Any] = {node: {"executor": executor} for node in nodes}
+    chosen["world_simulator"] |= {"batch": batch, "episodes": episodes, "scenarios": scenarios}
+    chosen["world_simulator"] |= {} if acting else RULES
+    for policy in POLICIES * acting:
+        chosen[policy]["weights"] = weights
+    return chosen | {"graph": {"nodes": nodes}}
 
 
-def in_process(chosen: dict, weights: str) -> tuple[int, float]:
-    """Return (ticks, seconds) of the same episodes without nodes."""
-    run = pick(RunConfig, chosen["world_simulator"], "benchmark")
-    world = World(WorldConfig(), load_scenarios(run.scenarios), run.queue(), run.batch, run.seed)
-    steps = rollout(world, MonitorConfig(), policies(load_weights(weights), world, seed=1, explore=False))
+def separate(chosen: dict[str, Any], folder: Path) -> float:
+    """Return the ticks per second of a graph in separate processes."""
+    result = run_graph(chosen, folder, quiet=True)
+    if result.error:
+        raise SystemExit(result.error)
+    return result.progress["world_simulator.ticks_per_second_mean"]
+
+
+def in_one_process(chosen: dict[str, Any], folder: Path) -> float:
+    """Return the ticks per second of a graph composed in this process."""
+    with composed(resolve(chosen, folder)) as nodes:
+        return float(dict(nodes["world_simulator"].status())["ticks_per_second_mean"])
+
+
+def engine(chosen: dict[str, Any], weights: str) -> float:
+    """Return the ticks per second of the same episodes without nodes."""
+    values = chosen["world_simulator"]
+    run, config = pick(RunConfig, values, "benchmark"), pick(WorldConfig, values, "benchmark")
+    world = World(config, load_scenarios(run.scenarios), run.queue(), run.batch, run.seed)
+    agents = policies(load_weights(weights_path(weights)), world, seed=1, explore=False)
+    steps = rollout(world, MonitorConfig(), agents)
     next(steps)  # compilation is not what is measured
     begun = time.perf_counter()
     count = sum(1 for _ in steps)
-    return count, time.perf_counter() - begun
+    return count / (time.perf_counter() - begun)
+
+
+def runs(batches: list[int], *, quick: bool) -> list[dict[str, Any]]:
+    """Return what to measure."""
+    rows: list[dict[str, Any]] = []
+    for batch in batches:
+        ways = [(executor, transport) for executor in ("events", "single") for transport in TRANSPORTS]
+        for executor, transport in ways[:1] if quick else ways:
+            rows += [{"how": "separate", "batch": batch, "executor": executor, "transport": transport}]
+        rows.append({"how": "separate", "batch": batch, "recorder": True})
+        rows += [{"how": "composed", "batch": batch, "executor": name} for name in ("events", "single")[: 2 - quick]]
+        rows.append({"how": "engine", "batch": batch})
+    for batch in sorted({1, *batches, 4096}):
+        rows += [{"how": how, "batch": batch, "acting": False} for how in ("separate", "composed", "engine")]
+    defaults = {"executor": "events", "transport": "shared memory", "recorder": False, "acting": True}
+    return [defaults | row for row in rows]
+
+
+def measure(row: dict[str, Any], ticks: int, weights: str, folder: Path) -> float:
+    """Return the ticks per second of one row."""
+    flags = {name: row[name] for name in ("acting", "recorder", "executor")}
+    # A batch of episodes ends within 200 ticks, the last few of them nearly alone, so larger batches run a few rounds.
+    chosen = sections(row["batch"], ticks if row["batch"] == 1 else EPISODE_TICKS * 2, weights, **flags)
+    os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = TRANSPORTS[row["transport"]]
+    if row["how"] == "engine":
+        return engine(chosen, weights)
+    return in_one_process(chosen, folder) if row["how"] == "composed" else separate(chosen, folder)
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--batches", type=int, nargs="+", default=[1, 1024])
-    parser.add_argument("--ticks", type=int, default=2000, help="about so many ticks a run")
-    parser.add_argument("--weights", default="", help="safetensors file")
+    parser.add_argument("--ticks", type=int, default=2000, help="about so many ticks a run of one episode at a time")
+    parser.add_argument("--weights", default="pretrained", help="safetensors file, or the name of shipped weights")
+    parser.add_argument("--quick", action="store_true", help="events and shared memory only")
+    parser.add_argument("--json", type=Path, help="write the results there, too")
     arguments = parser.parse_args()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores; {software_versions()}")
+    machine = f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"
+    print(f"{machine}; load {os.getloadavg()[0]:.1f}; {software_versions()}")
+    print(
+        f"{'policies':>8} {'nodes':>9} {'executor':>8} {'transport':>13} {'recorder':>8} {'parallel':>8} {'ticks/s':>8}"
+        f" {'episode-ticks/s':>15}"
+    )
+    rows = []
     with domain_id() as number, tempfile.TemporaryDirectory() as folder:
         os.environ["ROS_DOMAIN_ID"] = str(number)
-        weights = arguments.weights or str(Path(folder) / "initial.safetensors")
-        if not arguments.weights:
-            save_weights(weights, Networks(NetworkConfig()).weights({}, {}))
-        print(f"{'parallel':>10} {'recorder':>9} {'ticks':>7} {'graph ticks/s':>14} {'in process':>11} {'ratio':>6}")
-        for batch in arguments.batches:
-            for recorder in (False, True):
-                chosen = sections(batch, arguments.ticks, weights, recorder)
-                result = run_graph(chosen, Path(folder) / f"{batch}{recorder}", quiet=True)
-                if result.error:
-                    raise SystemExit(result.error)
-                rate = result.progress["world_simulator.ticks_per_second_mean"]
-                ticks, seconds = in_process(chosen, weights)
-                print(
-                    f"{batch:>10,} {'yes' if recorder else 'no':>9} {ticks:>7,} {rate:>14,.0f}"
-                    f" {ticks / seconds:>11,.0f} {rate * seconds / ticks:>6.2f}",
-                    flush=True,
-                )
+        for index, row in enumerate(runs(arguments.batches, quick=arguments.quick)):
+            rate = measure(row, arguments.ticks, arguments.weights, Path(folder) / str(index))
+            rows.append(row | {"ticks_per_second": rate, "episode_ticks_per_second": rate * row["batch"]})
+            through = ("", "", "") if row["how"] == "engine" else (row["executor"], row["transport"], row["recorder"])
+            print(
+                f"{'yes' if row['acting'] else 'no':>8} {row['how']:>9} {through[0]:>8} {through[1]:>13}"
+                f" {'yes' if through[2] else '':>8} {row['batch']:>8,} {rate:>8,.0f} {rate * row['batch']:>15,.0f}",
+                flush=True,
+            )
+    if arguments.json:
+        document = {"machine": machine, "software": software_versions(), "rows": rows}
+        arguments.json.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

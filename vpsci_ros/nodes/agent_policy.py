@@ -110,9 +110,9 @@ class AgentPolicy(GraphNode):
     def _act(self, world: WorldState, safety: SafetyState) -> Any:
         """Take one tick in; return the answer, or None where none is wanted."""
         self._known = world.tick
-        state, policy_frame = convert.world_state_arrays(world)
-        if not policy_frame.any():
+        if not convert.values(world.policy_frame).any():
             return None
+        state, policy_frame = convert.world_state_arrays(world)
         curvttc = convert.checked(safety.curvttc, len(state), "/safety/state", "curvttc")
         critical = convert.checked(safety.critical, len(state), "/safety/state", "critical").astype(bool)
         action = self._agent.act(state, policy_frame, curvttc, critical)

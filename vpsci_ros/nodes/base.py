@@ -14,6 +14,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
@@ -30,6 +31,7 @@ from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
 from vpsci_ros.parameters import Parameter, refuse_unknown, table
 
 T = TypeVar("T")
+EXECUTORS: dict[str, Any] = {"events": EventsExecutor, "single": SingleThreadedExecutor}
 DRAIN_LIMIT = 20.0  # [s] for what is still on its way when a node is asked to stop
 STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
 DIAGNOSTICS_PERIOD = 1.0  # [s] of wall time
@@ -259,7 +261,7 @@ def _run(node_class: Callable[..., GraphNode], context: Context, stop: threading
         print(f"error: {error}", file=sys.stderr)
         return 2
     node.stop = stop
-    executor = EventsExecutor(context=context)
+    executor = EXECUTORS[node.config(PeerConfig).executor](context=context)
     executor.add_node(node)
     try:
         while not stop.is_set() and not node.finished:

@@ -28,6 +28,7 @@ MAP = "map"
 _CODES = {"u1": "B", "u4": "I", "u8": "Q", "f4": "f", "f8": "d"}
 _DTYPES = {code: np.dtype(kind) for kind, code in _CODES.items()}
 _STATE_FIELDS = [name for name in WorldState.get_fields_and_field_types() if name in (EPISODE.names or ())]
+_STATE_CODES = [(name, _CODES[EPISODE[name].str[1:]]) for name in _STATE_FIELDS]
 _EVENT_FIELDS = [name for name in EpisodeEvent.get_fields_and_field_types() if name in (EVENT.names or ())]
 _TRANSITION_FIELDS = [
     name
@@ -38,9 +39,7 @@ _TRANSITION_FIELDS = [
 
 def sequence(values: Array) -> array[Any]:
     """Return the values of an array, flattened in row-major order, as a message field takes them."""
-    out = array(_CODES[values.dtype.str[1:]])
-    out.frombytes(np.ascontiguousarray(values).tobytes())
-    return out
+    return array(_CODES[values.dtype.str[1:]], values.tobytes())
 
 
 def values(field: array[Any]) -> Array:
@@ -54,12 +53,20 @@ def stamp(tick: int, period: float) -> Time:
     return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
 
 
-def world_state_message(state: Array, policy_frame: Array, tick: int, period: float) -> WorldState:
-    """Return EPISODE[B] records at `tick` as a message."""
-    message = WorldState(header=Header(stamp=stamp(tick, period), frame_id=MAP), tick=tick, dt=period)
-    for name in _STATE_FIELDS:
-        setattr(message, name, sequence(state[name]))
-    message.policy_frame = sequence(policy_frame.astype(np.uint8))
+def world_state_message(
+    state: Array, policy_frame: Array, tick: int, period: float, into: WorldState | None = None
+) -> WorldState:
+    """Return EPISODE[B] records at `tick` as a message.
+
+    :param into: a message to fill instead of a new one, for a publisher that keeps none: making one takes a third of
+        the time.
+    """
+    message = into or WorldState()
+    message.header = Header(stamp=stamp(tick, period), frame_id=MAP)
+    message.tick, message.dt = tick, period
+    for name, code in _STATE_CODES:
+        setattr(message, name, array(code, state[name].tobytes()))
+    message.policy_frame = array("B", policy_frame.tobytes())
     return message
 
 
@@ -81,7 +88,7 @@ def safety_message(header: Header, tick: int, curvttc: Array, distance: Array, c
         tick=tick,
         curvttc=sequence(curvttc),
         distance=sequence(distance),
-        critical=sequence(critical.astype(np.uint8)),
+        critical=array("B", critical.tobytes()),
     )
 
 

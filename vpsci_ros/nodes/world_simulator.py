@@ -13,6 +13,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import UInt64
 from std_srvs.srv import SetBool, Trigger
 
+from vpsci_msgs.msg import WorldState
 from vpsci_msgs.srv import History as HistoryService
 from vpsci_ros.config import ExternalConfig, LockStepConfig, RunConfig
 from vpsci_ros.data.recorded import recorded_from_bag
@@ -62,6 +63,7 @@ class WorldSimulator(GraphNode):
         self._history = History(self._config, self._run.batch)
         self._counts: Counter[str] = Counter()
         self._frame = np.zeros(self._run.batch, bool)
+        self._message = WorldState()  # filled anew for every tick
         self._begun = self._paused = False
         self._steps = 0  # to take while paused
         self._due = True  # false: by the wall clock, the next tick is still to come
@@ -73,7 +75,7 @@ class WorldSimulator(GraphNode):
         self._pacer: Timer | None = None
         self._set_pace()
         self.wall_timer(min(0.05, self._lock_step.action_timeout / 4), self._on_timer)
-        self.diagnose(self._status, lambda: "paused" if self._paused else "running" if self._begun else "waiting")
+        self.diagnose(self.status, lambda: "paused" if self._paused else "running" if self._begun else "waiting")
 
     def _new_world(self) -> World:
         scenarios = list(self._scenarios.values())
@@ -233,7 +235,7 @@ class WorldSimulator(GraphNode):
             return
         self.simulated_time = convert.stamp(world.tick, period)
         self._time.publish(Clock(clock=self.simulated_time))
-        message = convert.world_state_message(world.state, self._frame, world.tick, period)
+        message = convert.world_state_message(world.state, self._frame, world.tick, period, self._message)
         self._state.publish(message)
         present = world.state["status"][0] != codes.IDLE
         if present and self._odometry and any(output.heard for output in self._odometry):
@@ -290,15 +292,16 @@ class WorldSimulator(GraphNode):
     # ---- what goes out beside the state
 
     def _publish_events(self, events: NDArray[np.void]) -> None:
+        if not len(events):
+            return
         ended = events[events["kind"] == codes.FINISHED]
         for outcome in ended["outcome"]:
             self._counts[OUTCOME_NAMES[outcome]] += 1
         for kind, name in MISSING.items():
             self._counts[name] += int(np.count_nonzero(events["kind"] == kind))
-        if len(events):
-            self._event.publish(convert.event_message(events, self._world.tick, self._config.tick))
+        self._event.publish(convert.event_message(events, self._world.tick, self._config.tick))
 
-    def _status(self) -> list[tuple[str, Any]]:
+    def status(self) -> list[tuple[str, Any]]:
         """Return what the diagnostics tell: ticks and their rate by the wall clock, and the counts of the run."""
         tick, now = self._world.tick, time.monotonic()
         rate = (tick - self._told_tick) / max(now - self._told_at, 1e-9)
