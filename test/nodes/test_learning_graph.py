@@ -3,8 +3,11 @@
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 from rosbags.highlevel import AnyReader
 
+from vpsci_ros.data.near_misses import write_near_misses
+from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.learning.weights import load_weights
 from vpsci_ros.nodes.graph import run_graph
 
@@ -29,6 +32,8 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     assert first.progress["learner.episode"] == 2
     pretrained = first.folder / "learner" / "pretrained.safetensors"
     assert load_weights(pretrained).facts["stage"] == "pretrained"
+    assert pl.read_csv(first.folder / "learner" / "log.csv").height == 2
+    assert (first.folder / "learner" / "learning.png").exists()
 
     everybody = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "learner", "recorder"]
     chosen: dict[str, dict[str, Any]] = {
@@ -43,6 +48,11 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     assert second.progress["learner.updates"] > 2
     assert second.progress["learner.lost"] == 0
     assert load_weights(second.folder / "learner" / "refined.safetensors").facts["stage"] == "refined"
+    rows = pl.read_csv(second.folder / "learner" / "refine_log.csv")
+    rewards = pl.read_csv(second.folder / "learner" / "refine_episodes.csv")
+    assert rows["updates"][-1] == second.progress["learner.updates"]
+    assert rewards["episode"].to_list() == list(range(1, rows["episodes"][-1] + 1)), "a row for every episode"
+    assert (second.folder / "learner" / "learning.png").exists()
 
     versions = set()
     numbers: list[int] = []
@@ -57,3 +67,23 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     assert versions >= {1, 2}, "the policies never took up refreshed weights"
     assert numbers == list(range(len(numbers))), "transitions are numbered without gaps"
     assert 0 < second.progress["learner.transitions"] <= len(numbers), "the learner ends a little behind the world"
+
+
+def test_a_loss_that_is_not_a_number_ends_the_graph_and_leaves_batch_and_log(domain: int, tmp_path: Path) -> None:
+    table = synthetic_near_misses(8).table
+    write_near_misses(table, tmp_path / "near.parquet")
+    chosen = SMALL_STAGE_1 | {
+        "near_misses": [str(tmp_path / "near.parquet")],
+        "objective": "ddpg",
+        "episodes": 100,
+        "critic_learning_rate": 1.0,
+        "gradient_clip": 1e9,
+        "reward_scaling": 1e6,
+        "held_out_fraction": 0.0,
+    }
+    result = run_graph({"graph": {"nodes": ["learner"]}, "learner": chosen}, tmp_path / "run", quiet=True)
+    assert "expected finite losses" in result.error
+    assert str(tmp_path / "run" / "learner" / "diverged.npz") in result.error
+    assert (tmp_path / "run" / "learner" / "diverged.npz").exists()
+    assert (tmp_path / "run" / "learner" / "log.csv").exists()
+    assert not (tmp_path / "run" / "learner" / "pretrained.safetensors").exists()

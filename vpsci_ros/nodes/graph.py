@@ -56,7 +56,7 @@ def run_graph(
     """Run a graph to its end and return how it went; a run that fails or is interrupted returns with `error` set.
 
     :param sections: section -> values, as `vpsci_ros.config.load` returns them.
-    :param folder: output folder, empty or new: bag/, learner/ with learning.png, log/, params.yaml (resolved), run.json.
+    :param folder: output folder, empty or new: bag/, learner/, log/, params.yaml (resolved), run.json.
     :param stop_when: asked again and again; an answer ends the run, and is its `error`.
     :raises InvalidInput: a parameter is refused, or the folder is not empty; nothing has been started then.
     """

@@ -15,6 +15,7 @@ from vpsci_ros.data.corpus import load_corpus
 from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.pretrain import Stopped, pretrain
 from vpsci_ros.learning.refine import Refiner
+from vpsci_ros.learning.refine_log import RefineLog
 from vpsci_ros.learning.weights import load_weights
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode, run
@@ -73,6 +74,7 @@ class Learner(GraphNode):
         weights = load_weights(weights_path(self._config.weights))
         config = self.config(RefineConfig)
         refiner = Refiner(config, weights, self._near_misses, seed=self._config.seed, out_dir=self._folder)
+        self._log = RefineLog(refiner, self._folder)
         self._weights = self.output("/policy/weights")
         self._consumed = self.output("/replay/consumed")
         self.input("/replay", partial(self._on_transition, refiner), RECORDING)
@@ -94,6 +96,7 @@ class Learner(GraphNode):
             self._publish_weights(refiner)
         self._consumed.publish(UInt64(data=refiner.received))
         self._report(refiner.summary())
+        self._log.note()
 
     def _publish_weights(self, refiner: Refiner) -> None:
         message = PolicyWeights(version=refiner.version)
@@ -120,8 +123,9 @@ class Learner(GraphNode):
         return self._refiner is None or time.monotonic() - self._last_receipt > DRAIN_QUIET
 
     def close(self) -> None:
-        """Write the refined weights."""
+        """Write the refined weights and the last of the log."""
         if self._refiner is not None:
+            self._log.note(last=True)
             self._report(self._refiner.summary(), last=True)
             self.get_logger().info(f"wrote {self._refiner.save()}")
 

@@ -1,0 +1,76 @@
+"""What lies in the folder of a run beside its results, and which folders a run refuses."""
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+
+from vpsci_ros import config
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.pretrain import Stopped
+from vpsci_ros.provenance import sha256
+from vpsci_ros.run_folder import RunFolder
+from vpsci_ros.stage_bar import stopped_between_updates
+
+SECTIONS = {"learner": {"seed": 1, "episodes": 600, "near_misses": []}}
+
+
+def test_the_parameters_are_there_before_the_run_and_the_record_after_it(tmp_path: Path) -> None:
+    data, folder = tmp_path / "data.parquet", tmp_path / "out"
+    data.write_bytes(b"near misses")
+    with RunFolder(folder, SECTIONS, [data], {"study": 3}) as run:
+        assert config.load(folder / "params.yaml")["learner"] == {"seed": 1, "episodes": 600}
+        assert not (folder / "run.json").exists()
+        (folder / "result.csv").write_text("a\n")
+        run.results["rows"] = 1
+    record = json.loads((folder / "run.json").read_text())
+    assert record["error"] == ""
+    assert record["inputs_sha256"] == {str(data): sha256(data)}
+    assert record["outputs_sha256"]["result.csv"] == sha256(folder / "result.csv")
+    assert record["results"] == {"rows": 1}
+    assert record["study"] == 3
+    assert {"torch", "numpy", "vpsci_ros"} <= set(record["software"])
+
+
+@pytest.mark.parametrize(("error", "said"), [(Stopped(), "stopped on request"), (ValueError("too hot"), "too hot")])
+def test_a_run_that_does_not_reach_its_end_says_why(tmp_path: Path, error: Exception, said: str) -> None:
+    with pytest.raises(type(error)), RunFolder(tmp_path / "out", SECTIONS):
+        raise error
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["error"] == said
+
+
+def test_a_folder_of_other_parameters_or_of_something_else_is_refused(tmp_path: Path) -> None:
+    with RunFolder(tmp_path / "out", SECTIONS):
+        pass
+    with RunFolder(tmp_path / "out", SECTIONS):
+        pass
+    other = {"learner": SECTIONS["learner"] | {"episodes": 5}}
+    with pytest.raises(InvalidInput, match=r"holds a run with learner.episodes = 600, expected 5; choose another"):
+        RunFolder(tmp_path / "out", other)
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "cat.jpg").write_bytes(b"")
+    with pytest.raises(InvalidInput, match="the output folder is not empty"):
+        RunFolder(tmp_path / "photos", SECTIONS)
+    assert [path.name for path in (tmp_path / "photos").iterdir()] == ["cat.jpg"]
+
+
+def test_what_a_graph_was_stopped_with_may_be_gone_on_from(tmp_path: Path) -> None:
+    (tmp_path / "checkpoint.safetensors").write_bytes(b"")
+    with RunFolder(tmp_path, SECTIONS):
+        pass
+    assert "checkpoint.safetensors" not in json.loads((tmp_path / "run.json").read_text())["outputs_sha256"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_a_run_between_two_updates_only(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    updates = []
+    with pytest.raises(Stopped), stopped_between_updates() as check:
+        for update in range(5):
+            check()
+            if update == 2:
+                signal.raise_signal(number)
+            updates.append(update)
+    assert updates == [0, 1, 2], "the update in which the signal came is whole"
+    assert signal.getsignal(number) is before

@@ -1,0 +1,30 @@
+"""The logs of stage 2 where transitions come from outside, as in the graph: written while it learns, always whole."""
+
+from pathlib import Path
+
+from vpsci_ros.learning.online import EPISODES, LOG
+from vpsci_ros.learning.pretrain import write_log
+from vpsci_ros.learning.refine import Refiner
+
+EPISODES_A_ROW = 20
+
+
+class RefineLog:
+    """Writes `refine_log.csv`, a row every `EPISODES_A_ROW` episodes, and `refine_episodes.csv` to `folder`.
+
+    The rows are those of `online.refine`, without the rates of Table 5: a learner does not see how episodes end.
+    """
+
+    def __init__(self, refiner: Refiner, folder: Path) -> None:
+        self._refiner, self._folder = refiner, folder
+        self._rows: list[dict[str, float]] = []
+
+    def note(self, last: bool = False) -> None:
+        """Write the logs if it is time to, or if this is the `last` time; without an episode there is nothing."""
+        known = self._rows[-1]["episodes"] if self._rows else 0
+        if self._refiner.episodes - known < (1 if last else EPISODES_A_ROW):
+            return
+        self._rows.append(self._refiner.summary())
+        self._folder.mkdir(parents=True, exist_ok=True)
+        write_log(self._folder / LOG, self._rows)
+        write_log(self._folder / EPISODES, self._refiner.episode_returns)
