@@ -153,5 +153,7 @@ def test_every_node_says_for_whom_it_waits(by_hand: Callable[..., ByHand]) -> No
     assert all(name in log for name in ("safety_monitor", "pedestrian_policy", "recorder"))
     graph.kill("world_simulator")
     alone = by_hand("alone", "/alone")
-    alone.start("pedestrian_policy")
-    wait_for(lambda: "waiting for world_simulator" in alone.log("pedestrian_policy"), "the policy to say so")
+    others = ("pedestrian_policy", "safety_monitor", "recorder")
+    alone.start(*others)
+    for node in others:
+        wait_for(lambda: "world_simulator" in alone.log(node), f"{node} to say so")  # noqa: B023 - called at once

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from domain_coordinator import domain_id
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
@@ -157,3 +158,21 @@ def test_every_node_tells_rate_lag_and_misses(begin: Callable[..., Session]) -> 
 
 def value(message: DiagnosticArray, key: str) -> str:
     return next(pair.value for pair in message.status[0].values if pair.key == key)
+
+
+def test_two_graphs_in_two_domains_of_one_machine_do_not_see_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with domain_id() as first, domain_id() as second:
+        contexts = [Context(), Context()]
+        for context, number in zip(contexts, (first, second), strict=True):
+            rclpy.init(context=context, domain_id=number)
+        sessions = [Session(context, batch=batch) for context, batch in zip(contexts, (1, 2), strict=True)]
+        while not all(session.world.finished for session in sessions):
+            for session in sessions:  # a message that strayed would have arrays of another length
+                session.executor.spin_once(timeout_sec=0.001)
+        for session in sessions:
+            assert session.ticks == list(range(len(session.ticks)))
+            assert session.world._counts["safety_answers_refused"] == 0
+            session.close()
+        for context in contexts:
+            context.try_shutdown()

@@ -135,9 +135,7 @@ class AgentPolicy(GraphNode):
             self._asked_at = now
             self._reply = self._history.call_async(History.Request(after_tick=self._known))
             self._reply.add_done_callback(self._on_history)
-        elif self._first_heard_at is None:
-            self.get_logger().info("waiting for world_simulator", throttle_duration_sec=5.0)
-        elif now - self._first_heard_at > self._service_patience():
+        elif self._first_heard_at is not None and now - self._first_heard_at > self._service_patience():
             self._caught_up = True  # a world that keeps no history
             self._answer()
 

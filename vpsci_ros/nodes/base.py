@@ -27,7 +27,7 @@ from rclpy.timer import Timer
 from vpsci_ros.config import SECTIONS, PeerConfig, pick
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.convert import diagnostics_message
-from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
+from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners, speakers
 from vpsci_ros.parameters import Parameter, refuse_unknown, table
 
 T = TypeVar("T")
@@ -62,6 +62,7 @@ class GraphNode(Node):
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.add_on_set_parameters_callback(self._check_parameters)  # both would be called at every declaration
         self.add_post_set_parameters_callback(self._take_up_parameters)
+        self._inputs: dict[str, Subscription] = {}
         self.diagnostics: list[Output] = []  # none or one
         self._tell: Callable[[], tuple[str, list[tuple[str, Any]]]]
 
@@ -83,7 +84,9 @@ class GraphNode(Node):
     ) -> Subscription:
         """Subscribe to a topic of the table."""
         row = TOPICS[topic]
-        return self.create_subscription(row.type, _resolved(topic), callback, qos or row.qos, raw=raw)
+        given = self.create_subscription(row.type, _resolved(topic), callback, qos or row.qos, raw=raw)
+        self._inputs[topic] = given
+        return given
 
     def serve(self, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Offer a service of the table."""
@@ -110,7 +113,18 @@ class GraphNode(Node):
         """
         self._tell = lambda: (text(), list(pairs()))
         self.diagnostics = [self.output("/diagnostics")]
-        self.wall_timer(DIAGNOSTICS_PERIOD, self.report)
+        self.wall_timer(DIAGNOSTICS_PERIOD, self._report_and_call)
+
+    def _report_and_call(self) -> None:
+        """Tell of oneself, and call for the peers that do not speak yet."""
+        said: dict[str, bool] = {}  # some of what a peer publishes depends on its parameters, so one topic is enough
+        for topic, given in self._inputs.items():
+            for name in speakers(topic, self.peers) if topic != "/diagnostics" else ():
+                said[name] = said.get(name, False) or given.get_publisher_count() > 0
+        absent = [name for name, present in said.items() if not present]
+        if absent:
+            self.get_logger().info(f"waiting for {', '.join(absent)}", throttle_duration_sec=5.0)
+        self.report()
 
     def report(self, *, wait: bool = False) -> None:
         """Publish the diagnostics now; `wait` for the readers that are expected rather than drop them.
