@@ -1,0 +1,152 @@
+"""The exam end to end: the graph of nodes, a driving system as a process, and a report that tells what happened."""
+
+import base64
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from vpsci_ros import config
+from vpsci_ros.ads_test import prepare, run_exam
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.resources import params_dir
+
+ODD = """
+import os, sys
+import rclpy
+from geometry_msgs.msg import AccelStamped
+from nav_msgs.msg import Odometry
+
+answered = 0
+
+def on_odometry(odometry):
+    global answered
+    answered += 1
+    if "die" in sys.argv and answered > 30:
+        print("out of memory", flush=True)
+        os._exit(3)
+    values = [float("nan"), float("inf"), 1e9] if "wrong" in sys.argv else []
+    stamps = [odometry.header.stamp] * len(values)
+    if "flood" in sys.argv:
+        values, stamps = [*values, *[0.5] * 20], [*stamps, *[odometry.header.stamp] * 20]
+    good = [] if "only" in sys.argv else [0.5]
+    for value, stamp in zip(values + good, stamps + [odometry.header.stamp]):
+        message = AccelStamped()
+        message.header.stamp = stamp
+        message.accel.linear.x = value
+        command.publish(message)
+
+rclpy.init()
+node = rclpy.create_node("odd_ads")
+command = node.create_publisher(AccelStamped, "vehicle/cmd_accel", 1000)
+node.create_subscription(Odometry, "vehicle/odometry", on_odometry, 1000)
+rclpy.spin(node)
+"""
+
+
+@pytest.fixture
+def odd(tmp_path: Path) -> str:
+    """A command that starts a driving system which misbehaves as its arguments say."""
+    script = tmp_path / "odd_ads.py"
+    script.write_text(ODD)
+    return f"{sys.executable} {script}"
+
+
+def sections(**exam: Any) -> dict[str, dict[str, Any]]:
+    found = config.load(params_dir() / "ads_test.yaml")
+    found["world_simulator"] |= {"scenarios": [1], "episodes": 2, "episode_time": 3.0, "action_timeout": 30.0}
+    found["ads_test"] |= {"pedestrians": ["walker"], "baseline": False} | exam
+    return found
+
+
+def read(folder: Path) -> tuple[dict[str, Any], str]:
+    return json.loads((folder / "report.json").read_text()), (folder / "report.html").read_text()
+
+
+def test_an_exam_leaves_episodes_report_and_provenance_and_goes_on_without_driving_again(
+    domain: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "exam"
+    chosen = sections(pedestrians=["learned", "walker"], baseline=True)
+    assert run_exam(prepare(chosen), folder, ["collision_rate > 1", "ticks_unanswered > 0"], quiet=True) == []
+
+    table = pl.read_parquet(folder / "episodes.parquet")
+    groups = table.group_by("driver", "pedestrian").len().sort("driver", "pedestrian").rows()
+    assert groups == [("ads", "alone", 2), ("ads", "learned", 2), ("ads", "walker", 2),
+                      ("autopilot", "learned", 2), ("autopilot", "walker", 2)]  # fmt: skip
+    assert table["duration"].max() == pytest.approx(3.0)
+    assert table.filter(pl.col("pedestrian") == "alone")["time_lost"].abs().max() < 1e-6
+    assert table.filter(pl.col("driver") == "ads")["driven"].min() > 1.0
+    report, page = read(folder)
+    assert report["conduct"]["learned"]["commands_refused"] == 0
+    assert len(report["exam"]["weights_sha256"]) == 64
+    assert report["exam"]["ads_files_sha256"].keys() == {"example_ads.py"}
+    images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    assert [base64.b64decode(image)[:8] for image in images] == [b"\x89PNG\r\n\x1a\n"] * 2
+    assert page.count("src=") == len(images), "nothing from elsewhere"
+    assert "<b>Passed</b>" in page
+
+    before = {path: path.stat().st_mtime_ns for path in (folder / "runs").rglob("*")}
+    failures = run_exam(prepare(chosen), folder, ["time_lost < 100 @learned"], quiet=True)
+    assert failures == [f"time_lost < 100 @learned: {report_value(folder)} with learned, failed"]
+    assert {path: path.stat().st_mtime_ns for path in (folder / "runs").rglob("*")} == before
+    assert "<b>Failed</b>" in read(folder)[1]
+    assert "FAILED" in capfd.readouterr().out
+
+    chosen["world_simulator"]["seed"] = 7
+    with pytest.raises(InvalidInput, match=r"holds another exam \(parameters differ\)"):
+        run_exam(prepare(chosen), folder, quiet=True)
+
+
+def report_value(folder: Path) -> str:
+    return f"{read(folder)[0]['drivers']['ads']['learned']['time_lost']['value']:.4g}"
+
+
+def test_an_ads_that_dies_fails_the_exam_and_the_report_says_with_what(domain: int, tmp_path: Path, odd: str) -> None:
+    failures = run_exam(prepare(sections(), f"{odd} die"), tmp_path / "exam", quiet=True)
+    assert len(failures) == 1, "it never drove an episode, which is found out once"
+    assert "the ADS ended with exit status 3, having said 'out of memory'" in failures[0]
+    report, page = read(tmp_path / "exam")
+    assert report["conduct"]["alone"]["episodes_driven"] == 0
+    assert "out of memory" in page
+
+
+def test_what_a_flooding_ads_sends_wrongly_is_refused_and_counted_and_the_exam_goes_on(
+    domain: int, tmp_path: Path, odd: str
+) -> None:
+    failures = run_exam(
+        prepare(sections(), f"{odd} wrong flood"), tmp_path / "exam", ["commands_refused > 0 @walker"], quiet=True
+    )
+    report, _ = read(tmp_path / "exam")
+    for conduct in report["conduct"].values():
+        assert conduct["episodes_driven"] == 2
+        assert conduct["commands_refused"] >= 3 * 50
+        assert conduct["ticks_unanswered"] == 0
+    assert [text.split(":")[0] for text in failures] == ["commands_refused > 0 @walker"]
+
+
+def test_an_ads_without_a_usable_command_is_found_silent_while_the_world_goes_on(
+    domain: int, tmp_path: Path, odd: str
+) -> None:
+    chosen = sections(silent_ticks=5)
+    chosen["world_simulator"] |= {"action_timeout": 0.05, "episodes": 100}
+    failures = run_exam(prepare(chosen, f"{odd} wrong only"), tmp_path / "exam", quiet=True)
+    assert "the ADS gave no usable command for" in failures[0]
+    report, _ = read(tmp_path / "exam")
+    assert report["conduct"]["alone"]["episodes_driven"] < 100
+    assert report["conduct"]["alone"]["commands_refused"] > 5
+
+
+def test_bad_input_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    for exam, criteria, said in (
+        ({}, ["colision_rate > 0"], "unknown measure"),
+        ({"recorded": str(tmp_path / "none.parquet")}, [], "no such file"),
+        ({"ads": "no_such_program"}, [], "no program 'no_such_program'"),
+    ):
+        with pytest.raises(InvalidInput, match=said):
+            run_exam(prepare(sections(**exam)), tmp_path / "exam", criteria, quiet=True)
+    assert not (tmp_path / "exam").exists()
