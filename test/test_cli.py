@@ -38,6 +38,10 @@ def test_help_loads_neither_torch_nor_ros() -> None:
         (["bag", "export", "nowhere", "-o", "x"], "nowhere: no such folder"),
         (["demo", "-o", "vpsci_ros"], "not empty, and not an earlier demo's"),
         (["world", "show", "9", "-o", "x.png"], "9"),
+        (
+            ["study", "samples", "--params", "params/stage1_pretrain.yaml", "-o", "x", "--sizes", "5,few"],
+            "--sizes 5,few: expected whole numbers",
+        ),
     ],
 )
 def test_an_error_is_one_line_that_says_what_and_where(arguments: list[str], message: str) -> None:
@@ -79,3 +83,20 @@ def test_pretraining_writes_weights_that_evaluation_reads(tmp_path: Path) -> Non
     assert set(models) == {"refined", "pretrained", "repeat_velocity", "constant_velocity"}
     assert models["refined"]["closed_loop"]["ade"] > 0
     assert pl.read_csv(tmp_path / "run" / "log.csv").height == 2
+
+    record = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert record["error"] == ""
+    assert set(record["outputs_sha256"]) == {"log.csv", "learning.png", "params.yaml", "pretrained.safetensors"}
+    made_from = json.loads((tmp_path / "out.json").read_text())["weights_sha256"]
+    assert made_from["refined"] == record["outputs_sha256"]["pretrained.safetensors"]
+    again = vpsci("pretrain", "--params", str(PARAMS / "stage1_pretrain.yaml"), "-o", str(tmp_path / "run"))
+    assert again.returncode == 2
+    assert "this folder holds a run with learner.batch_size = 16, expected 256" in again.stderr
+
+
+def test_the_studies_run_the_papers_configurations_unless_told_otherwise() -> None:
+    from vpsci_ros import cli_learning
+    from vpsci_ros.learning.studies import SAMPLE_SIZES, WEIGHTINGS
+
+    assert tuple(map(int, cli_learning.SIZES.split(","))) == SAMPLE_SIZES
+    assert tuple(cli_learning.WEIGHTINGS.split(",")) == tuple(WEIGHTINGS)

@@ -1,12 +1,17 @@
-"""Updates per second and memory of both stages, and what 3,000 stage-1 iterations come to.
+"""Updates per second and memory of both stages, what 3,000 stage-1 episodes come to, and how all that grows.
 
-    python test/benchmarks/bench_training.py [--threads 2] [--data near_misses.parquet]
+    python test/benchmarks/bench_training.py [--threads 1] [--data near_misses.parquet] [--updates 12] [--json FILE]
 
 Without data the synthetic sample stands in. Each row runs in a process of its own, so that the peak memory is its own.
+A row is the mean of `--updates` updates after three. Other work on the machine makes the wall time worse; the CPU time
+beside it is what one free core would take, as long as there is one thread. The time of 3,000 stage-1 episodes (an
+episode of Algorithm 1 is one update of all networks) is extrapolated from the row, by both.
 Results measured so far are in test/benchmarks/results_training.md.
 """
 
 import argparse
+import json
+import os
 import resource
 import subprocess
 import sys
@@ -14,6 +19,7 @@ import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -26,72 +32,123 @@ from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.transitions import TRANSITION
+from vpsci_ros.provenance import cpu_name, software_versions
 
-WARM, MEASURED = 3, 12
-ROWS = (
-    ("stage 1, closed_loop (default)", {}),
-    ("stage 1, closed_loop", {"rollouts": 64}),
-    ("stage 1, closed_loop", {"rollout_steps": 30}),
-    ("stage 1, ddpg", {"objective": "ddpg"}),
-    ("stage 1, ddpg", {"objective": "ddpg", "batch_size": 64}),
-    ("stage 1, ddpg", {"objective": "ddpg", "batch_size": 1024}),
-    ("stage 2", {"steps": 20}),
-    ("stage 2", {"steps": 100}),
-)
+WARM = 3
+EPISODES = 3000  # Table 8
+SIZES = (64, 256, 1024)  # steps in a batch; 256 is Table 8's
+LENGTHS = (10, 30, 100)  # steps of a history
+Clock = tuple[float, float]  # wall, CPU [s]
 
 
-def stage_1(table: pl.DataFrame, settings: dict[str, object]) -> float:
-    """Return seconds per iteration."""
-    config = replace(PretrainConfig(), episodes=WARM + MEASURED, held_out_fraction=0.0, **settings)
-    times: list[float] = []
+def rows() -> list[tuple[str, str, dict[str, Any]]]:
+    """Return (what grows, stage, settings) of every row."""
+    closed, ddpg = {"objective": "closed_loop"}, {"objective": "ddpg"}
+    found: list[tuple[str, str, dict[str, Any]]] = [("", "1", closed), ("", "1", ddpg), ("", "2", {})]
+    for objective in (closed, ddpg):
+        found += [("batch", "1", objective | {"batch_size": n}) for n in SIZES]
+    found += [("batch", "1", closed | {"rollouts": n}) for n in (8, 32, 128)]
+    found += [("batch", "2", {"batch_size": n}) for n in SIZES]
+    found += [("length", "1", ddpg | {"steps": n}) for n in LENGTHS]
+    found += [("length", "1", closed | {"rollout_steps": n}) for n in (5, 15, 30)]
+    found += [("length", "2", {"steps": n}) for n in LENGTHS]
+    return found
+
+
+def clock() -> Clock:
+    """Return the time on the wall and that of this process's threads on CPUs [s]."""
+    return time.perf_counter(), time.process_time()
+
+
+def per_update(begin: Clock, end: Clock, updates: int) -> Clock:
+    """Return seconds an update."""
+    return (end[0] - begin[0]) / updates, (end[1] - begin[1]) / updates
+
+
+def stage_1(table: pl.DataFrame, updates: int, steps: int | None = None, **settings: object) -> Clock:
+    """Time iterations of stage 1; with `steps`, every recorded history is cut to so many, or left out if shorter."""
+    if steps is not None:
+        long = table.filter(pl.len().over("interaction") > steps, pl.col("step") <= steps)
+        table = long.filter((pl.col("curvttc") < 5.0).any().over("interaction"))
+        if table.is_empty():
+            raise SystemExit(f"no near miss has {steps} steps")
+    config = replace(PretrainConfig(), episodes=WARM + updates, held_out_fraction=0.0, **settings)
+    times: list[Clock] = []
     with tempfile.TemporaryDirectory() as folder:
-        pretrain(
-            table,
-            config,
-            NetworkConfig(),
-            seed=1,
-            out_dir=Path(folder),
-            report=lambda _: times.append(time.perf_counter()),
-        )
-    return (times[-1] - times[WARM - 1]) / MEASURED
+        options = {"seed": 1, "out_dir": Path(folder), "report": lambda _: times.append(clock())}
+        pretrain(table, config, NetworkConfig(), **options)
+    return per_update(times[WARM - 1], times[-1], updates)
 
 
-def stage_2(table: pl.DataFrame, steps: int) -> float:
-    """Return seconds per update, with simulated histories of `steps` steps."""
+def stage_2(table: pl.DataFrame, updates: int, steps: int = 20, **settings: object) -> Clock:
+    """Time updates of stage 2 with simulated histories of `steps` steps, rehearsal of real near misses included."""
     torch.manual_seed(1)
-    config = RefineConfig(critic_warm_up=0, updates_per_refresh=10**6, warm_up_steps=1)
+    config = RefineConfig(critic_warm_up=0, updates_per_refresh=10**6, warm_up_steps=1, **settings)
     refiner = Refiner(config, Networks(NetworkConfig()).weights({}, {}), table, seed=1)
-    rows = np.zeros(5000 // steps * steps, TRANSITION)
-    rows["number"], rows["scenario"] = np.arange(len(rows)), 1
-    rows["episode"], rows["step"] = np.arange(len(rows)) // steps, np.arange(len(rows)) % steps
-    rows["last"] = rows["step"] == steps - 1
-    refiner.add(rows)
-    for i in range(WARM + MEASURED):
-        if i == WARM:
-            start = time.perf_counter()
+    made = np.zeros(5000 // steps * steps, TRANSITION)
+    made["number"], made["scenario"] = np.arange(len(made)), 1
+    made["episode"], made["step"] = np.arange(len(made)) // steps, np.arange(len(made)) % steps
+    made["last"] = made["step"] == steps - 1
+    refiner.add(made)
+    for _ in range(WARM):
         refiner.update()
-    return (time.perf_counter() - start) / MEASURED
+    begin = clock()
+    for _ in range(updates):
+        refiner.update()
+    return per_update(begin, clock(), updates)
+
+
+def measure(number: int, data: Path | None, updates: int) -> dict[str, Any]:
+    """Return what row `number` came to, in this process."""
+    grows, stage, settings = rows()[number]
+    table = read_near_misses(data) if data else synthetic_near_misses().table
+    wall, cpu = (stage_1 if stage == "1" else stage_2)(table, updates, **settings)
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {"grows": grows, "stage": stage, **settings, "wall_s": wall, "cpu_s": cpu, "memory_mb": memory}
+
+
+def show(row: dict[str, Any]) -> None:
+    """Print a row."""
+    numbers = ("grows", "stage", "wall_s", "cpu_s", "memory_mb")
+    what = f"stage {row['stage']}" + (f", {row['objective']}" if "objective" in row else "")
+    what += "".join(f", {name} {value}" for name, value in row.items() if name not in (*numbers, "objective"))
+    wall, cpu = row["wall_s"], row["cpu_s"]
+    total = f"{wall * EPISODES / 60:8.1f} {cpu * EPISODES / 60:8.1f}" if row["stage"] == "1" else ""
+    print(f"{what:45s}{wall:8.3f} {cpu:7.3f} {1 / wall:8.1f}{row['memory_mb']:8.0f}{total:>18s}", flush=True)
 
 
 def main() -> None:
-    """Print the table, or measure one row of it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--threads", type=int, default=2)
+    """Print the tables, or measure one row of them."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--data", type=Path)
+    parser.add_argument("--updates", type=int, default=12)
+    parser.add_argument("--json", type=Path)
     parser.add_argument("--row", type=int, help=argparse.SUPPRESS)
     args = parser.parse_args()
-    if args.row is None:
-        print(f"{args.threads} thread(s)\n{'':60s}{'s/update':>10s}{'updates/s':>11s}{'3,000 in':>11s}{'memory':>10s}")
-        for i in range(len(ROWS)):
-            subprocess.run([sys.executable, __file__, *sys.argv[1:], "--row", str(i)], check=True)
+    if args.row is not None:
+        torch.set_num_threads(args.threads)
+        print(json.dumps(measure(args.row, args.data, args.updates)))
         return
-    torch.set_num_threads(args.threads)
-    table = read_near_misses(args.data) if args.data else synthetic_near_misses().table
-    name, settings = ROWS[args.row]
-    seconds = stage_2(table, **settings) if name == "stage 2" else stage_1(table, settings)
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    label = name + "".join(f", {key} = {value}" for key, value in settings.items() if key != "objective")
-    print(f"{label:60s}{seconds:10.3f}{1 / seconds:11.1f}{seconds * 50:8.0f} min{memory:7.0f} MB", flush=True)
+    machine = {"cpu": cpu_name(), "cores": len(os.sched_getaffinity(0)), "threads": args.threads}
+    machine |= {"load_average": round(os.getloadavg()[0], 2), "updates": args.updates, "software": software_versions()}
+    print(f"{machine['cpu']}, {machine['cores']} cores, load average {machine['load_average']} before the start")
+    print(
+        ", ".join(f"{name} {version}" for name, version in machine["software"].items()), f"\n{args.threads} thread(s)"
+    )
+    print(f"{'':45s}{'s/update':>8s} {'CPU s':>7s} {'1/s':>8s}{'MB':>8s}{'3,000: min, CPU':>18s}")
+    done: list[dict[str, Any]] = []
+    titles = {"": "as the parameters are", "batch": "by size of the batch", "length": "by length of the histories"}
+    for number, (grows, _, _) in enumerate(rows()):
+        if number == 0 or grows != done[-1]["grows"]:
+            print(f"-- {titles[grows]}")
+        command = [sys.executable, __file__, "--threads", f"{args.threads}", "--updates", f"{args.updates}"]
+        command += ["--row", f"{number}", *(["--data", str(args.data)] if args.data else [])]
+        done.append(json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout.splitlines()[-1]))
+        show(done[-1])
+        if args.json:
+            args.json.write_text(json.dumps({"machine": machine, "rows": done}, indent=2) + "\n")
+    print("3,000: stage-1 episodes, minutes of wall time and of CPU time, extrapolated from the mean of the row")
 
 
 if __name__ == "__main__":
