@@ -211,7 +211,7 @@ SECTIONS: dict[str, tuple[type, ...]] = {
     "pedestrian_policy": (PeerConfig, PolicyConfig),
     "learner": (PeerConfig, LearnerConfig, NetworkConfig, PretrainConfig, RefineConfig),
     "recorder": (PeerConfig, RecorderConfig),
-    "replayer": (ReplayerConfig,),
+    "replayer": (PeerConfig, ReplayerConfig),
     "dataset": (DatasetConfig, FilterConfig),
     "ads_test": (ExamConfig,),
 }

@@ -18,15 +18,15 @@ from vpsci_ros.config import ReplayerConfig
 from vpsci_ros.data.bag_episodes import bag_episodes, chosen_episode
 from vpsci_ros.data.bag_reader import Bag
 from vpsci_ros.data.raw import RawMessage, TopicInfo
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.base import GraphNode, run
-from vpsci_ros.nodes.topics import LATCHED
+from vpsci_ros.nodes.topics import LATCHED, TOPICS, listeners
 
 CLOCK = "/clock"
 PERIOD = 0.001  # [s] between looks at what is due
 SLICE = 0.02  # [s] of publishing at a stretch, so that services are answered
 FLUSH = Duration(seconds=4.0)  # for readers to acknowledge the last messages: one heartbeat of the middleware
-SETTLED = 0.5  # [s] without a new reader: those that run already have been found
+SETTLED = 1.0  # [s] without a new reader: those that run already have been found
 REPLAY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1, reliability=ReliabilityPolicy.RELIABLE)
 """A reader that must see every message is waited for, however fast the replay would be."""
 
@@ -34,6 +34,7 @@ REPLAY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1, reliability=Reliabi
 class Replayer(GraphNode):
     """A bag in, its topics and `/clock` out; `/replayer/pause` (SetBool) and `/replayer/step` (Trigger) steer it.
 
+    It begins when the readers among `peers` are there and, for the others, when no new one has come for a while.
     Messages are not deserialised. A bag without `/clock`, of another tool say, gets one from its log times.
     """
 
@@ -48,9 +49,9 @@ class Replayer(GraphNode):
         self._outlets = {topic.name: publisher for topic in chosen if (publisher := self._publisher(topic))}
         if not self._outlets:
             raise InvalidInput(f"{config.bag}: none of the message types of {_names(chosen)} is installed here")
-        self._clock_output = None
-        if CLOCK not in self._outlets and CLOCK not in config.leave_out:
-            self._clock_output = self.create_publisher(Clock, "clock", REPLAY)
+        self._makes_clock = CLOCK not in (*self._outlets, *config.leave_out)
+        if self._makes_clock:
+            self._outlets[CLOCK] = self.create_publisher(Clock, "clock", REPLAY)
         start = chosen_episode(bag_episodes(bag), config.first_episode).start_time if config.first_episode else 0
         self._messages = self._read(bag, start)
         self._next: RawMessage | None = next(self._messages, None)
@@ -101,11 +102,24 @@ class Replayer(GraphNode):
         now, readers = time.monotonic(), sum(p.get_subscription_count() for p in self._outlets.values())
         if readers != self._readers:
             self._readers, self._readers_since = readers, now
-        if not readers:
-            self.get_logger().info("waiting for a reader of any of its topics", throttle_duration_sec=5.0)
-        elif now - self._readers_since > SETTLED:
+        if absent := self._absent():
+            if now - self._readers_since > self._peer_timeout:
+                raise VpsciError(f"replayer: waited {self._peer_timeout:g} s for {absent}; or leave it out of 'peers'")
+        elif readers and now - self._readers_since > SETTLED:
             self._begun = True
             self._restart_pace()
+            return
+        what = absent or "a reader of any of its topics"
+        if now - self._readers_since > SETTLED:
+            self.get_logger().info(f"waiting for {what}", throttle_duration_sec=5.0)
+
+    def _absent(self) -> str:
+        """Return which of the peers has not subscribed yet to what, in words."""
+        for topic, outlet in self._outlets.items():
+            expected = listeners(topic, self.peers) if topic in TOPICS else []
+            if outlet.get_subscription_count() < len(expected):
+                return f"{' and '.join(expected)} to subscribe to {topic}"
+        return ""
 
     def _restart_pace(self) -> None:
         self._anchor = (time.monotonic(), self._at if self._next is None else self._next.time)
@@ -126,8 +140,8 @@ class Replayer(GraphNode):
         if message.time > self._at or not self._sent:
             self._at = message.time
             self.simulated_time = Time(sec=self._at // 1_000_000_000, nanosec=self._at % 1_000_000_000)
-            if self._clock_output is not None:
-                self._clock_output.publish(Clock(clock=self.simulated_time))
+            if self._makes_clock:
+                self._outlets[CLOCK].publish(Clock(clock=self.simulated_time))
         self._outlets[message.topic].publish(message.data)
         self._sent += 1
         self._next = next(self._messages, None)
