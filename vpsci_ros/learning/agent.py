@@ -65,6 +65,8 @@ class PolicyAgent:
             self._actor = StreamingActor(self._weights, len(state))
             self._step = np.zeros(len(state), np.int64)
         active = handover.acting(state, policy_frame, critical)
+        if not active.any():
+            return np.zeros((len(state), 2), np.float32)
         reset = active & (state["controlled"] == 0)
         self._step = np.where(reset, 0, self._step + active)
         action = self._actor.step(observation.observe(state)[self._index], curvttc, reset, active)

@@ -63,6 +63,7 @@ class WorldSimulator(GraphNode):
         self._history = History(self._config, self._run.batch)
         self._counts: Counter[str] = Counter()
         self._frame = np.zeros(self._run.batch, bool)
+        self._asked = self._running = False  # whether any episode is at a policy frame, is running
         self._message = WorldState()  # filled anew for every tick
         self._begun = self._paused = False
         self._steps = 0  # to take while paused
@@ -178,7 +179,7 @@ class WorldSimulator(GraphNode):
         world, safety = self._world, self._answers.safety
         response.tick = world.tick
         response.states, response.safeties = self._history.since(request.after_tick, world.state)
-        if safety is not None and request.after_tick < world.tick and self._frame.any():
+        if safety is not None and request.after_tick < world.tick and self._asked:
             present = convert.world_state_message(world.state, self._frame, world.tick, self._config.tick)
             response.states = [*response.states, present]
             response.safeties = [*response.safeties, safety]
@@ -226,10 +227,12 @@ class WorldSimulator(GraphNode):
         world, period = self._world, self._config.tick
         self._answers.begin(world.tick)
         self._frame = handover.policy_frame(world.state, self._config)
+        self._asked = bool(self._frame.any())
+        self._running = bool((world.state["status"] == codes.RUNNING).any())
         self._tick_started = time.monotonic()
         self._due = self._pacer is None
         if self._external:
-            self._external.begin(world.tick, asked=bool((world.state["status"] == codes.RUNNING).any()))
+            self._external.begin(world.tick, asked=self._running)
         if world.done:
             self.finished = True
             return
@@ -254,10 +257,9 @@ class WorldSimulator(GraphNode):
     def _all_drivers_answered(self) -> bool:
         if self._answers.safety is None:
             return False
-        running = bool((self._world.state["status"] == codes.RUNNING).any())
-        if self._external and running and not self._external.answered:
+        if self._external and self._running and not self._external.answered:
             return False
-        return self._answers.complete(bool(self._frame.any()), running)
+        return self._answers.complete(self._asked, self._running)
 
     def _waits_for_learner(self) -> bool:
         window = self._lock_step.replay_window
