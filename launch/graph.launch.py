@@ -46,7 +46,7 @@ def start(context: LaunchContext) -> list[Node]:
             package="vpsci_ros",
             executable=name,
             name=name,
-            namespace=sections["graph"]["namespace"],
+            namespace=sections["graph"]["namespace"] or None,
             parameters=[str(parameters)],
             output="screen",
             on_exit=Shutdown(reason=f"{name} has ended"),

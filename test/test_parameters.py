@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 
 import pytest
+import yaml
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import build, load_parameter_file, markdown_table, parameter, table
+from vpsci_ros.parameters import as_ros_parameters, build, load_parameter_file, markdown_table, parameter, table
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,14 @@ def test_a_bad_file_is_refused_by_name(tmp_path, text: str, message: str) -> Non
         load_parameter_file(path, SECTIONS)
     assert str(path) in str(caught.value)
     assert message in str(caught.value)
+
+
+def test_a_section_for_any_namespace_is_the_nodes(tmp_path) -> None:
+    path = tmp_path / "params.yaml"
+    layout = as_ros_parameters({"node": {"gain": 0.5}, "other": {"count": 7}}, any_namespace=True)
+    assert list(layout) == ["/**/node", "/**/other"]
+    path.write_text(yaml.safe_dump(layout))
+    assert load_parameter_file(path, SECTIONS) == {"node": {"gain": 0.5}, "other": {"count": 7}}
 
 
 def test_a_missing_file_says_where_the_packages_own_are(tmp_path) -> None:
