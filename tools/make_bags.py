@@ -4,8 +4,9 @@
     tools/make_bags.py [--output bags] [--weights refined] [--seed 1] [--look 200]
 
 In each scenario the first LOOK episodes of the seed are simulated, and the most telling one is recorded: the policies
-acted in it, both agents reached their goals, and its least CurvTTC is nearest to 1.5 s. Where no episode ends well, the
-nearest of the others is taken, and what is printed says so. Every bag is then simulated again and compared.
+acted in it, both agents reached their goals, it was critical for a second, and its least CurvTTC is nearest to 1.5 s.
+Where no episode ends well, the nearest of the others is taken, and what is printed says so. Every bag is then
+simulated again and compared.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import shutil
 import sys
 import tempfile
 import time
+from collections import Counter
 from pathlib import Path
 
 import yaml
@@ -29,6 +31,7 @@ from vpsci_ros.world.state import ENDED, GOAL, OUTCOME_NAMES
 
 STAGE = "params/stage3_generate.yaml"
 TELLING = 1.5  # [s] of least CurvTTC
+LONG = 20  # critical ticks that make an interaction to look at
 LARGEST = 200_000  # bytes
 PATIENCE = 120.0  # [s] for one run of the graph
 
@@ -36,11 +39,12 @@ PATIENCE = 120.0  # [s] for one run of the graph
 def telling_episode(sections: dict, scenario: int, look: int) -> tuple[int, str, float]:
     """Return number, outcome and least CurvTTC [s] of the episode to record."""
     sections["world_simulator"] |= {"scenarios": [scenario]}
-    found = {}
+    found, critical = {}, Counter()
     for tick in Simulator(job_from(sections), 64).ticks((scenario, number) for number in range(look)):
+        critical.update(tick.state["episode"][tick.critical].tolist())
         for row in tick.state[tick.state["status"] == ENDED]:
             found[int(row["episode"])] = (int(row["outcome"]), float(row["least_curvttc"]))
-    best = min(found, key=lambda number: (found[number][0] != GOAL, abs(found[number][1] - TELLING), number))
+    best = min(found, key=lambda n: (found[n][0] != GOAL, critical[n] < LONG, abs(found[n][1] - TELLING), n))
     return best, OUTCOME_NAMES[found[best][0]], found[best][1]
 
 

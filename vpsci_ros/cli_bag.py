@@ -90,7 +90,7 @@ def verify(
         print(f"{bag}: differs at {result.difference}; {result.ticks - 1:,} ticks before it are the same")
         raise typer.Exit(1)
     print(
-        f"{bag}: {result.episodes:,} episodes in {result.ticks:,} ticks simulated again, "
+        f"{bag}: {result.episodes:,} episode{'s' * (result.episodes != 1)} in {result.ticks:,} ticks simulated again, "
         f"{result.values:,} values of state, safety and actions the same to the bit"
     )
 
