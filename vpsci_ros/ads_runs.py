@@ -110,15 +110,12 @@ def hold(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, Met]:
         (folder / name).mkdir(exist_ok=True)
     with contextlib.nullcontext() if exam.config.ads == EXTERNAL else own_domain():
         for n, name in enumerate(names, 1):
-            error, refused = _record(folder, name)
-            if error:
+            if _conduct(exam, folder, name).failure:
                 if not quiet:
                     print(f"{n} of {len(names)}: {TITLES[name]}, {len(exam.episodes)} episodes", file=sys.stderr)
                 shutil.rmtree(folder / "runs" / name, ignore_errors=True)
                 _meet(exam, name, folder, quiet)
-                error, refused = _record(folder, name)
-            conduct = Conduct(len(exam.episodes), refused, f"{TITLES[name]}: {error}" if error else "")
-            met[name] = _read(folder / "runs" / name / "bag", conduct)
+            met[name] = _read(folder / "runs" / name / "bag", _conduct(exam, folder, name), exam.config.silent_ticks)
             if not met[name].drives:
                 break  # it does not drive at all: no need to have that said once for each pedestrian
     return met
@@ -189,17 +186,21 @@ def _graph(exam: Exam, name: str, folder: Path) -> Sections:
     return exam.sections | {"graph": exam.sections["graph"] | {"nodes": nodes}, "world_simulator": world}
 
 
-def _record(folder: Path, name: str) -> tuple[str, int]:
-    """Return what went wrong in a run, nothing where it is done, and how many commands were refused."""
+def _conduct(exam: Exam, folder: Path, name: str) -> Conduct:
+    """Return how a run went, by its record; one that has not been is a failure, too."""
+    wanted = len(exam.episodes)
     try:
         record = json.loads((folder / "runs" / name / "run.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return "it has not been run", 0
-    return str(record["error"]), int(record["progress"].get("world_simulator.vehicle_commands_refused", 0))
+        return Conduct(wanted, failure=f"{TITLES[name]}: has not been run")
+    keys = ("vehicle_commands_refused", "vehicle_commands_surplus", "safe_stops")
+    refused, surplus, stops = (int(record["progress"].get(f"world_simulator.{key}", 0)) for key in keys)
+    failure = f"{TITLES[name]}: {record['error']}" if record["error"] else ""
+    return Conduct(wanted, refused, surplus, stops, failure)
 
 
-def _read(bag: Path, conduct: Conduct) -> Met:
-    """Return what a bag holds; of one that broke off, the episodes that ended."""
+def _read(bag: Path, conduct: Conduct, silent_ticks: int) -> Met:
+    """Return what a bag holds: the episodes that ended, without those that were left to the autopilot."""
     recording = Bag(bag, recover=bool(conduct.failure))
     if not any(row.messages for row in recording.topics().values()):
         return Met([], {}, conduct)
@@ -209,4 +210,9 @@ def _read(bag: Path, conduct: Conduct) -> Met:
         message = decode(raw, bag)
         for kind, scenario, episode in zip(message.kind, message.scenario, message.episode, strict=True):
             unanswered[int(scenario), int(episode)] += int(kind) == VEHICLE_ACTION_MISSING
-    return Met(drives(read_episodes(bag, recover=bool(conduct.failure))), dict(+unanswered), conduct)
+    found = drives(read_episodes(bag, recover=bool(conduct.failure)))
+    own = [drive for drive in found if unanswered[drive.key] < silent_ticks]
+    if len(own) < len(found) and not conduct.failure:
+        left = f"{len(found) - len(own)} episodes were left to the autopilot for {silent_ticks} ticks or more"
+        conduct = dataclasses.replace(conduct, failure=left)
+    return Met(own, dict(+unanswered), conduct)

@@ -126,7 +126,7 @@ def test_a_report_says_how_much_the_driver_lives_off_the_pedestrians_yielding():
 def test_a_report_counts_refused_commands_and_unanswered_ticks():
     rows = episode_table([drive(np.full(30, 4.0))], [], CONFIG, PERIOD, driver="ads", pedestrian="learned",
                          unanswered={(1, 0): 7})  # fmt: skip
-    report = make_report(rows, {"learned": Conduct(4, 12, "the ADS was killed")}, CONFIG)
+    report = make_report(rows, {"learned": Conduct(4, 12, failure="the ADS was killed")}, CONFIG)
     conduct = report["conduct"]["learned"]
     assert (conduct["episodes_driven"], conduct["episodes_wanted"], conduct["commands_refused"]) == (1, 4, 12)
     assert (conduct["ticks_unanswered"], conduct["episodes_with_unanswered_ticks"]) == (7, 1)

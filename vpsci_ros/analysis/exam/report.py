@@ -13,7 +13,7 @@ from vpsci_ros.analysis.exam.statistics import Estimate
 
 ADS, BASELINE = "ads", "autopilot"
 INCREASES = {"collision_increase": "collision_rate", "moving_collision_increase": "moving_collision_rate"}
-COUNTS = ("commands_refused", "ticks_unanswered")
+COUNTS = ("commands_refused", "commands_surplus", "ticks_unanswered", "safe_stops")
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,15 @@ class Conduct:
 
     :ivar wanted: episodes that it was to drive.
     :ivar refused: commands that the world refused: not finite, out of range, or late.
+    :ivar surplus: good commands beyond the first one at a tick.
+    :ivar safe_stops: in real time, how often the world braked because no command came.
     :ivar failure: empty, or why it did not drive all of them.
     """
 
     wanted: int
     refused: int = 0
+    surplus: int = 0
+    safe_stops: int = 0
     failure: str = ""
 
 
@@ -119,6 +123,8 @@ def _conduct(rows: pl.DataFrame, run: Conduct) -> dict[str, Any]:
         "episodes_wanted": run.wanted,
         "episodes_driven": rows.height,
         "commands_refused": run.refused,
+        "commands_surplus": run.surplus,
+        "safe_stops": run.safe_stops,
         "ticks_unanswered": int(rows["unanswered"].sum()),
         "episodes_with_unanswered_ticks": int((rows["unanswered"] > 0).sum()),
         "failure": run.failure,

@@ -12,6 +12,7 @@ from vpsci_ros.analysis.exam.report import ADS, BASELINE
 from vpsci_ros.analysis.exam.scores import DIFFERENCES
 
 NAMES = {ADS: "The ADS", BASELINE: "The rule-based autopilot"}
+_CONDUCT = ("commands_refused", "commands_surplus", "ticks_unanswered", "episodes_with_unanswered_ticks", "safe_stops")
 WORST = 10  # episodes in the list of those to look at
 
 
@@ -53,15 +54,13 @@ def reliance(report: Mapping[str, Any]) -> str:
 
 def conduct(report: Mapping[str, Any]) -> str:
     """Return how the ADS behaved as a program."""
-    head = ["", "episodes<br>driven", "commands<br>refused", "ticks without a<br>usable command",
-            "episodes with<br>such ticks", "failure"]  # fmt: skip
+    head = ["", "episodes<br>driven", "commands<br>refused", "surplus<br>commands", "ticks without a<br>usable command",
+            "episodes with<br>such ticks", "safe<br>stops", "failure"]  # fmt: skip
     lines = [
         [
             TITLES[name],
             f"{row['episodes_driven']} of {row['episodes_wanted']}",
-            str(row["commands_refused"]),
-            str(row["ticks_unanswered"]),
-            str(row["episodes_with_unanswered_ticks"]),
+            *(str(row[name]) for name in _CONDUCT),
             escape(row["failure"]) or "-",
         ]
         for name, row in report["conduct"].items()

@@ -23,8 +23,10 @@ test; not corrected for the number of comparisons."""
 RELIANCE = """First: share of the critical episodes without a contact, with the learned pedestrian. Second: the very
 same episodes with the walker that does not react. Third: over all episodes, in percentage points."""
 
-CONDUCT = """Refused: not finite, out of range, or for an earlier tick. At a tick without a usable command the world's
-autopilot drives; such episodes count, and are marked in episodes.parquet (unanswered)."""
+CONDUCT = """Refused: not finite, out of range, or for an earlier tick. Surplus: beyond the first one at a tick. At a
+tick without a usable command the world's autopilot drives; such episodes count, and are marked in episodes.parquet
+(unanswered), unless so many ticks were left to it (silent_ticks) that they are not the ADS's. Safe stops: in real time
+only."""
 
 WORST = "The worst of the ADS. Each is in runs/PEDESTRIAN/bag, for Foxglove or <code>vpsci bag plot</code>."
 
