@@ -7,8 +7,12 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from vpsci_ros.analysis.bag_verify import verify_bag
 from vpsci_ros.data.bags import read_bag
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.config import NetworkConfig
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.weights import save_weights
 from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 
@@ -44,6 +48,28 @@ def test_a_recorded_vehicle_drives_again_against_another_pedestrian(domain: int,
         counts = {connection.topic: connection.msgcount for connection in reader.connections}
     assert counts["/markers"] > 50
     assert counts["/markers"] == counts["/world/state"]
+
+
+def test_a_recorded_car_drives_against_the_live_pedestrian_policy(domain: int, tmp_path: Path) -> None:
+    first = run_graph(sections(vehicle_driver="autopilot"), tmp_path / "first", quiet=True)
+    assert first.error == ""
+    weights = tmp_path / "initial.safetensors"
+    save_weights(weights, Networks(NetworkConfig()).weights({}, {}))
+    again = sections(vehicle_driver="replay", pedestrian_driver="policy", recorded_bag=str(first.bag))
+    again["graph"] = {"nodes": [*NODES, "pedestrian_policy"]}
+    again["pedestrian_policy"] = {"weights": str(weights)}
+    second = run_graph(again, tmp_path / "second", quiet=True)
+    assert second.error == ""
+    vehicle = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed")
+    recorded, replayed = motion(first.bag, vehicle), motion(second.bag, vehicle)
+    both = min((recorded[:, 0] == 0).sum(), (replayed[:, 0] == 0).sum())
+    assert replayed[:both].tobytes() == recorded[:both].tobytes()
+    with AnyReader([second.bag]) as reader:
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
+    assert counts["/pedestrian/action"] > 20
+    assert counts.get("/vehicle/action", 0) == 0
+    assert any(tick.state["controlled"][0] for tick in read_bag(second.bag))
+    assert verify_bag(second.bag).difference == ""
 
 
 def test_a_replay_driver_without_a_recording_is_refused() -> None:

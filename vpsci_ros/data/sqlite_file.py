@@ -33,7 +33,9 @@ class SqliteFile:
         :raises InvalidInput: not such a file, or (strict) a damaged one.
         """
         return [
-            TopicInfo(name, kind, count, first, last, "durability: 1" in str(qos))
+            TopicInfo(
+                name, kind, count, first, last, any(text in str(qos) for text in ("durability: 1", "transient_local"))
+            )
             for name, kind, count, first, last, qos in self._rows(_TOPICS)
         ]
 
