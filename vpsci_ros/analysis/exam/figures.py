@@ -109,7 +109,7 @@ def _draw_least(axis: Axes, table: pl.DataFrame, names: list[str]) -> None:
     axis.set_ylabel("% of episodes at or below", fontsize=8)
     axis.tick_params(labelsize=8)
     axis.grid(color="#e5e5e5")
-    axis.legend(fontsize=7, loc="upper left", frameon=False)
+    axis.legend(fontsize=7, loc="lower right", frameon=False)
 
 
 def _draw_ends(axis: Axes, table: pl.DataFrame, names: list[str]) -> None:
