@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -57,7 +59,9 @@ def test_updates_fall_due_with_new_experience(refiner):
     assert refiner.lost == 0
 
 
-def test_actors_rest_while_the_critics_warm_up(refiner):
+def test_actors_that_follow_the_critics_rest_while_these_warm_up(networks, near_misses):
+    config = dataclasses.replace(QUICK, online_objective="ddpg")
+    refiner = Refiner(config, networks(gain=1.0).weights({}, {}), near_misses, seed=4)
     refiner.add(experience())
     assert "gradient_norm" not in refiner.update()
     assert refiner.update()["gradient_norm"] > 0.0

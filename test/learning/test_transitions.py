@@ -13,7 +13,7 @@ from vpsci_ros.world.monitor import MonitorConfig, assess
 def run():
     """Sixteen episodes under constant braking: every tick's state, and all transitions."""
     world = World(WorldConfig(), load_scenarios([1, 2, 5, 7]), [(s, e) for e in range(4) for s in (1, 2, 5, 7)], 8, 3)
-    builder, rows, ticks = TransitionBuilder(), [], []
+    builder, rows, ticks = TransitionBuilder(world.scenarios), [], []
     action = np.tile([-1.0, 0.2], (8, 1))
     while not world.done:
         state = world.state.copy()
@@ -88,7 +88,7 @@ def one_slot(frame, controlled, step):
 
 
 def test_a_missing_answer_ends_the_history():
-    builder, yes = TransitionBuilder(), np.ones(1, bool)
+    builder, yes = TransitionBuilder(load_scenarios([1])), np.ones(1, bool)
     action = np.ones((1, 2))
     assert len(builder.observe(one_slot(0, 0, 0), yes, np.ones(1), yes, action, action)) == 0
     rows = builder.observe(one_slot(2, 1, 1), yes, np.ones(1), yes, None, action)

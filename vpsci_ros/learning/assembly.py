@@ -57,6 +57,7 @@ class HistoryAssembler:
             events,
             terminal=bool(rows["terminal"][-1]),
             real=False,
+            lane=rows["lane_heading"].copy(),
         )
 
     def state(self) -> dict[str, Any]:

@@ -135,8 +135,33 @@ class PretrainConfig(TrainingConfig):
 class RefineConfig(TrainingConfig):
     """Stage 2: learning on in simulation (section 3.2)."""
 
+    online_objective: str = parameter(
+        "closed_loop",
+        "ddpg: the critics' policy gradient, as the paper; closed_loop: rewards (25)-(27) made smooth and followed "
+        "through the known kinematics, critics by TD",
+        choices=("closed_loop", "ddpg"),
+    )
     online_learning_rate: float = parameter(5e-5, "step size of the actors in stage 2", low=0.0, high=1.0)
     online_critic_learning_rate: float = parameter(1e-4, "step size of the critics in stage 2", low=0.0, high=1.0)
+    learning_rate_decay: float = parameter(
+        0.0, "the actors' step size falls by this share with every episode, to a tenth at most", low=0.0, high=1.0
+    )
+    foresight_rollouts: int = parameter(
+        32, "objective closed_loop: moments of simulated experience rolled out in one update", low=1, high=4096
+    )
+    foresight_steps: int = parameter(
+        40, "objective closed_loop: length of a roll-out", unit="steps of 0.1 s", low=1, high=200
+    )
+    foresight_scale: list[float] = parameter(
+        [180.0, 30.0, 1.0],
+        "objective closed_loop: what the smooth collision and goal rewards and the speed reward are worth before their "
+        "weights (27)",
+        low=0.0,
+        high=1e4,
+    )
+    clearance_margin: float = parameter(
+        0.5, "objective closed_loop: clearance that the agents should keep", unit="m", low=0.01, high=10.0
+    )
     noise_start: float = parameter(
         0.3, "N_0 of the exploration noise (16)", unit="of the action limit", low=0.0, high=2.0
     )
@@ -153,7 +178,8 @@ class RefineConfig(TrainingConfig):
     real_bonus: float = parameter(0.2, "beta of (17): extra priority of real experience", low=0.0, high=100.0)
     rehearsal_weight: float = parameter(
         0.2,
-        "weight of real near misses rolled out in closed loop beside the policy gradient; 0: as the paper",
+        "weight of real near misses rolled out in closed loop, beside the policy gradient (objective closed_loop: of "
+        "their clipped gradient, beside that of the simulated seconds); 0: as the paper",
         low=0.0,
         high=1e3,
     )
@@ -193,6 +219,8 @@ class RefineConfig(TrainingConfig):
     converged_episodes: int = parameter(100, "for so many episodes in a row", low=1, high=1_000_000)
 
     def __post_init__(self) -> None:
+        if len(self.foresight_scale) != 3:
+            raise InvalidInput(f"foresight_scale must be three numbers, got {self.foresight_scale}")
         weights = self.reward_weights
         if weights and (len(weights) != 3 or not math.isclose(sum(weights), 1.0, abs_tol=0.011)):
             raise InvalidInput(f"reward_weights must be three numbers that add up to 1 (or empty), got {weights}")

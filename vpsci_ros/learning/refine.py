@@ -9,6 +9,9 @@ give them, so neither the pedestrian's halved accelerations (21)-(24) nor lane k
 Real experience has no observed collision or goal. As in stage 1 it scores the acting policy's action, with exploration
 around it, against the recorded next speed, by the speed reward alone.
 
+The actors follow the critics, as in the paper (`online_objective: ddpg`), or simulated seconds through the known
+kinematics (`closed_loop`, see `foresight`); then their running average acts and is kept.
+
 Sampling (17) and the speed reward alone let the actors forget people faster than the critics can tell them, so every
 update also rehearses a few real near misses in closed loop (`imitation`), and adds that gradient to the policy's.
 
@@ -33,6 +36,7 @@ from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.config import AGENTS, PretrainConfig, RefineConfig
 from vpsci_ros.learning.divergence import check_losses
+from vpsci_ros.learning.foresight import draw_moments, foresee, start_at, step_along
 from vpsci_ros.learning.held_out import HeldOut
 from vpsci_ros.learning.imitation import draw, rollout_loss
 from vpsci_ros.learning.interactions import from_table, table_hash
@@ -50,6 +54,7 @@ from vpsci_ros.learning.replay import (
 )
 from vpsci_ros.learning.rewards import RewardWeights, predicted_velocity, speed_reward
 from vpsci_ros.learning.weights import Weights, resolved, save_weights, weights_to_bytes
+from vpsci_ros.world import WorldConfig
 
 RETURN_SMOOTHING = 0.02  # share of the newest episode in the running mean return (Figure 6)
 WEIGHTS, CHECKPOINT = "refined.safetensors", "refine_checkpoint.safetensors"
@@ -100,6 +105,8 @@ class Refiner:
         self.errors = dict(self.stage_1_errors)
         self._facts: dict[str, Any] = {"stage": "refined", "seed": seed, "data": {"sha256": table_hash(near_misses)}}
         self._facts["data"]["held_out_clips"] = sorted(set(self._held_out.interactions.clip))
+        self._foresees = config.online_objective == "closed_loop"
+        self._acting = "target_actor" if self._foresees else "actor"
         self._accepted = self._actor_state()
         self._credit, self._norm, self._calm = 0.0, math.inf, 0
         self._refreshed = False
@@ -158,15 +165,20 @@ class Refiner:
         self._credit -= self._config.steps_per_update
         histories = self._buffer.draw(self._config.batch_size, self._rng)
         batch = collate(histories)
-        actors_rest = self.updates < self._config.critic_warm_up
+        actors_rest = not self._foresees and self.updates < self._config.critic_warm_up
+        follow = not (actors_rest or self._foresees)
         with torch.set_grad_enabled(not actors_rest):
             actions = self._maddpg.act(batch)
         scored = self._score(batch, actions)
-        if actors_rest:
-            result = self._maddpg.update(batch, scored, None)
+        self._slow_down()
+        if follow:
+            weight = self._config.rehearsal_weight
+            result = self._maddpg.update(batch, scored, actions, weight * self._rehearse() if weight > 0.0 else None)
         else:
-            result = self._maddpg.update(batch, scored, actions, self._rehearse())
+            result = self._maddpg.update(batch, scored, None)
         self._note(result, batch)
+        if self._foresees:
+            self._last |= self._look_ahead(batch, actions)
         check_losses(self._last, batch, self.updates, self._out_dir)
         self._buffer.reprioritise(histories, result.error)
         self.updates += 1
@@ -201,7 +213,7 @@ class Refiner:
     def current(self) -> Weights:
         """Return the accepted actors and the critics as they are."""
         networks = copy.deepcopy(self._networks)
-        networks.actor.load_state_dict(self._accepted["actor"])
+        networks.actor.load_state_dict(self._accepted[self._acting])
         held_out = {"errors": self.errors, "stage_1": self.stage_1_errors, "control": self._held_out.control}
         learned = {
             "updates": self.updates,
@@ -316,14 +328,48 @@ class Refiner:
             rewards[agent] = ((batch.events[agent] * weights[:2]).sum(dim=2) + weights[2] * speed) * batch.present
         return Scored(scored, rewards)
 
-    def _rehearse(self) -> torch.Tensor | None:
-        """Return the weighted closed-loop error of a few real near misses, as stage 1 minimises it."""
-        if self._config.rehearsal_weight == 0.0:
-            return None
+    def _slow_down(self) -> None:
+        """Give the actors the step size of this episode."""
+        share = max(0.1, (1.0 - self._config.learning_rate_decay) ** self.episodes)
+        for group in self._maddpg.actor_optimiser.param_groups:
+            group["lr"] = self._config.online_learning_rate * share
+
+    def _look_ahead(self, batch: Batch, actions: Mapping[str, torch.Tensor]) -> dict[str, float]:
+        """Improve the actors by what they lose in the next simulated seconds, and return it by name."""
+        config, simulated = self._config, self._buffer.simulated
+        if not simulated:
+            return {}
+        histories, at = draw_moments(simulated, config.foresight_rollouts, self._rng)
+        collision, goal = foresee(
+            self._networks.actor,
+            start_at(histories, at),
+            steps=config.foresight_steps,
+            margin=config.clearance_margin,
+            gain=WorldConfig().pedestrian_gain,
+        )
+        rewards = [
+            self._speed_reward(batch.observation[a][:, :-1, :2], actions[a], batch.next_velocity[a], a) for a in AGENTS
+        ]
+        strange = -(torch.stack(rewards) * batch.present).sum() / (len(AGENTS) * batch.present.sum())
+        losses = {"collision": collision, "goal": goal, "speed": strange}
+        weights = self.reward_weights.values * config.foresight_scale
+        total = sum((float(w) * part for w, part in zip(weights, losses.values(), strict=True)), torch.zeros(()))
+        self._norm = step_along(
+            self._maddpg.actor_optimiser,
+            self._networks.actor,
+            total,
+            self._rehearse(),
+            config.rehearsal_weight,
+            config.gradient_clip,
+        )
+        return {f"lost_{name}": float(part.detach()) for name, part in losses.items()} | {"gradient_norm": self._norm}
+
+    def _rehearse(self) -> torch.Tensor:
+        """Return the closed-loop error of a few real near misses, as stage 1 minimises it."""
         rehearsal = PretrainConfig(rollouts=self._config.rehearsal_rollouts)
         start = draw(self._real, rehearsal, self._rng)
         position, velocity = rollout_loss(self._networks, self._real, start, rehearsal)
-        return self._config.rehearsal_weight * (position + rehearsal.velocity_weight * velocity)
+        return position + rehearsal.velocity_weight * velocity
 
     def _note(self, result: UpdateResult, batch: Batch) -> None:
         self._last = {f"{agent}_critic_loss": result.critic_loss[agent] for agent in AGENTS}
@@ -337,7 +383,7 @@ class Refiner:
     def _refresh(self) -> None:
         """Measure the held-out error and accept the actors, or go back to the last accepted ones."""
         self.refreshes += 1
-        errors = self._held_out.errors(self._networks.weights({}, {}))
+        errors = self._held_out.errors(self._networks.weights({}, {}, actors=self._acting))
         limit = self.stage_1_errors["closed_loop_ade"] * (1.0 + self._config.rollback_margin)
         if errors["closed_loop_ade"] <= limit:
             self._accepted, self.errors = self._actor_state(), errors

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from vpsci_ros.learning.config import AGENTS
 from vpsci_ros.learning.interactions import Interactions
+from vpsci_ros.learning.transitions import LANE_NODES
 
 Floats = NDArray[np.float32]
 
@@ -27,7 +28,8 @@ class History:
     observation float32[T + 1, 6] and curvttc float32[T + 1] include what followed the last action; action float32[T, 2]
     as executed [m/s2]; next_velocity float32[T, 2]: the next speeds that rewards (14)-(15) compare with, recorded ones
     in real experience, the frozen stage-1 actor's in simulated; events float32[T, 2]: collision and goal, unweighted
-    rewards (25)-(26); terminal: whether the episode ended with the last step. `priority` float64[T] is |delta|.
+    rewards (25)-(26); terminal: whether the episode ended with the last step; lane float32[T, 21] [rad]: the lane ahead
+    of each step, as in `transitions`, empty in real experience. `priority` float64[T] is |delta|.
     """
 
     observation: dict[str, Floats]
@@ -37,6 +39,7 @@ class History:
     events: dict[str, Floats]
     terminal: bool
     real: bool
+    lane: Floats = field(default_factory=lambda: np.zeros((0, LANE_NODES), np.float32))
     priority: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
@@ -145,6 +148,11 @@ class ReplayBuffer:
             if oldest is None or self.histories[oldest] is history:
                 break
             self.steps -= len(self.histories.pop(oldest))
+
+    @property
+    def simulated(self) -> list[History]:
+        """The simulated histories."""
+        return [history for history in self.histories if not history.real]
 
     def restore(self, histories: list[History], highest: float) -> None:
         """Hold `histories`, with their priorities, instead."""

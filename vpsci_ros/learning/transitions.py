@@ -1,11 +1,15 @@
 """Experience for the learner: one record per policy step, made from successive states of a world."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.world import handover
+from vpsci_ros.world import Scenario, handover
 from vpsci_ros.world.observation import observe
 from vpsci_ros.world.state import COLLISION, ENDED, GOAL
+
+LANE_GRID, LANE_NODES = 2.0, 21  # [m] between the nodes of the lane that lies ahead, and how many of them
 
 # Fields as in vpsci_msgs/Transition, which says what each one holds; `number` counts transitions without gaps.
 TRANSITION = np.dtype(
@@ -22,6 +26,7 @@ TRANSITION = np.dtype(
         ("next_curvttc", "f4"),
         ("next_vehicle_observation", "f4", 6),
         ("next_pedestrian_observation", "f4", 6),
+        ("lane_heading", "f4", LANE_NODES),
         ("vehicle_next_velocity", "f4", 2),
         ("pedestrian_next_velocity", "f4", 2),
         ("collision", "u1"),
@@ -40,9 +45,12 @@ class TransitionBuilder:
 
     Call `observe` at every tick, in order. Steps without an answer of both policies make no transition and end the
     history: what the rule-based pair does in their place is not the policies' experience.
+
+    :param scenarios: of the world: where its lanes go is part of a transition.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, scenarios: Sequence[Scenario]) -> None:
+        self._lanes = {scenario.number: _lane_headings(scenario) for scenario in scenarios}
         self.count = 0  # transitions made so far
         self._pending = np.zeros(0, TRANSITION)
         self._open = np.zeros(0, bool)
@@ -98,6 +106,7 @@ class TransitionBuilder:
             pending[f"{agent}_observation"][acts] = observation[acts]
             pending[f"{agent}_action"][acts] = np.asarray(action)[acts]
         self._heading[acts] = state["vehicle_heading"][acts]
+        pending["lane_heading"][acts] = self._lanes_ahead(state[acts])
         self._open |= acts
 
     def _complete(self, state, curvttc, observations, due, acts) -> NDArray[np.void]:  # type: ignore[no-untyped-def]
@@ -123,3 +132,20 @@ class TransitionBuilder:
         rows["terminal"] = ended & ((now["outcome"] == COLLISION) | (now["outcome"] == GOAL))
         rows["last"] = ended | ~acts[due] | (now["controlled"] == 0)
         return rows
+
+    def _lanes_ahead(self, state: NDArray[np.void]) -> NDArray[np.float64]:
+        """Return the lane's direction from the vehicle on, float64[n, LANE_NODES] [rad], relative to its heading."""
+        ahead = np.zeros((len(state), LANE_NODES))
+        for row, episode in zip(ahead, state, strict=True):
+            s, heading = self._lanes[int(episode["scenario"])]
+            row[:] = np.interp(episode["route_s"] + LANE_GRID * np.arange(LANE_NODES), s, heading)
+        ahead -= state["vehicle_heading"][:, None]
+        turns = np.round(ahead[:, :1] / (2.0 * np.pi))  # headings of the two may be whole turns apart
+        return ahead - 2.0 * np.pi * turns
+
+
+def _lane_headings(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return arc lengths [m] along a scenario's lane and its direction there [rad], without jumps."""
+    path = scenario.vehicle.path
+    s = np.arange(0.0, path.length, path.step)
+    return s, np.unwrap([path.heading(at) for at in s])

@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+import torch
+
+from vpsci_ros.learning.config import AGENTS
+from vpsci_ros.learning.foresight import clearance, draw_moments, foresee, remembered, start_at, step_along
+from vpsci_ros.learning.replay import History
+from vpsci_ros.learning.transitions import LANE_GRID, LANE_NODES, TransitionBuilder
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
+from vpsci_ros.world import EPISODE, RUNNING, load_scenario
+
+
+def meeting(distance, speed, walking, steps=6, collision=False):
+    """A vehicle that drives straight on, and a pedestrian `distance` ahead who walks with `walking` (forward, left)."""
+    seen = {agent: np.zeros((steps + 1, 6), np.float32) for agent in AGENTS}
+    for k in range(steps + 1):
+        apart = np.array(distance) + 0.1 * k * (np.array(walking) - [speed, 0.0])
+        relative = np.array([speed, 0.0]) - walking
+        seen["vehicle"][k] = [speed, 0.0, *-apart, *relative]
+        seen["pedestrian"][k] = [*walking, *apart, *-relative]
+    events = np.zeros((steps, 2), np.float32)
+    events[-1, 0] = -200.0 * collision
+    return History(
+        seen,
+        np.full(steps + 1, 3.0, np.float32),
+        {agent: np.zeros((steps, 2), np.float32) for agent in AGENTS},
+        {agent: np.zeros((steps, 2), np.float32) for agent in AGENTS},
+        dict.fromkeys(AGENTS, events),
+        terminal=False,
+        real=False,
+        lane=np.zeros((steps, LANE_NODES), np.float32),
+    )
+
+
+def lost(networks, histories, at, steps=20):
+    start = start_at(histories, np.array(at))
+    return foresee(networks.actor, start, steps=steps, margin=0.5, gain=0.5)
+
+
+def test_clearance_is_the_worlds_for_footprints_apart_and_never_positive_where_they_touch():
+    rng = np.random.default_rng(0)
+    x, y, heading, px, py = rng.uniform(-4.0, 4.0, (5, 300))
+    vehicle, pedestrian = torch.tensor(np.stack([x, y], 1)), torch.tensor(np.stack([px, py], 1))
+    mine = clearance(vehicle, torch.tensor(heading), pedestrian).numpy()
+    size = VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS
+    true = np.array([clearance_pair(*row, *size) for row in np.stack([x, y, heading, px, py], 1)])
+    apart = true > 0.0
+    assert apart.sum() > 50
+    assert (~apart).sum() > 50
+    assert mine[apart] == pytest.approx(true[apart], abs=1e-3)
+    assert mine[~apart].max() < 1e-3
+
+
+def test_agents_that_keep_their_speeds_lose_by_collision_exactly_where_they_meet(networks):
+    still = networks(gain=0.0)  # actors that answer zero
+    ahead, beside = meeting([10.0, 0.0], 4.0, [0.0, 0.0]), meeting([10.0, 6.0], 4.0, [0.0, 0.0])
+    assert float(lost(still, [ahead], [0])[0].detach()) > 0.1
+    assert float(lost(still, [beside], [0])[0].detach()) == 0.0
+
+
+def test_falling_short_of_ones_pace_costs_the_square_of_the_share(networks):
+    history = meeting([60.0, 9.0], 7.0, [0.0, 2.0])
+    history.observation["vehicle"][3, 0], history.observation["pedestrian"][3] = 3.5, [0, 1.0, 60, 9, -3.5, 1.0]
+    vehicle, pedestrian = (1.0 - 3.5 / 7.0) ** 2, (1.0 - 1.0 / 2.0) ** 2
+    goal = lost(networks(gain=0.0), [history], [3])[1]
+    assert float(goal.detach()) == pytest.approx(0.5 * (vehicle + pedestrian), rel=1e-5)
+
+
+def test_a_roll_out_from_within_a_history_goes_on_with_the_memory_of_it(networks):
+    net = networks()
+    history = meeting([12.0, 3.0], 4.0, [0.0, -1.0], steps=8)
+    history.action["vehicle"][:] = 0.3
+    start = start_at([history, history], np.array([0, 5]))
+    for agent in AGENTS:
+        before = torch.cat([torch.zeros(1, 2), torch.from_numpy(history.action[agent])])[None, :6]
+        seen, curvttc = torch.from_numpy(history.observation[agent])[None, :6], torch.full((1, 6), 3.0)
+        whole = net.actor[agent](seen, before, curvttc)[0]
+        memory = remembered(net.actor, start)[agent]
+        now = torch.stack([seen[0, 0], seen[0, 5]])
+        action = net.actor[agent].step(now, start.before[agent], torch.full((2,), 3.0), memory)
+        assert action.detach().numpy() == pytest.approx(whole[[0, 5]].detach().numpy(), abs=1e-5)
+
+
+def test_following_the_gradient_teaches_to_avoid_a_collision(networks):
+    net = networks(gain=1.0)
+    histories = [meeting([10.0 + d, 0.3], 4.0, [0.0, 0.1]) for d in (0.0, 1.0, 2.0)]
+    optimiser = torch.optim.Adam(net.actor.parameters(), 3e-3)
+    losses = []
+    for _ in range(40):
+        collision, _ = lost(net, histories, [0, 0, 0], steps=25)
+        losses.append(float(collision.detach()))
+        step_along(optimiser, net.actor, collision, torch.zeros((), requires_grad=True), 0.0, 1.0)
+    assert losses[-1] < 0.5 * losses[0]
+
+
+def test_neither_the_rehearsal_nor_the_simulated_seconds_drown_the_other(networks):
+    net = networks()
+    first, second, *_ = net.actor.parameters()
+    norm = step_along(
+        torch.optim.SGD(net.actor.parameters(), 0.0), net.actor, 1e6 * first.sum(), second.sum(), 0.5, 0.1
+    )
+    assert norm == pytest.approx(1e6 * np.sqrt(first.numel()))
+    assert float(first.grad.norm()) == pytest.approx(0.1)
+    assert float(second.grad.norm()) == pytest.approx(0.5 * 0.1)
+
+
+def test_most_moments_are_hand_overs_and_no_history_is_drawn_twice():
+    histories = [meeting([10.0, 0.0], 4.0, [0.0, 0.0]) for _ in range(400)]
+    picked, at = draw_moments(histories, 300, np.random.default_rng(0))
+    assert len({id(h) for h in picked}) == 300
+    assert 0.68 < (at == 0).mean() < 0.82  # 0.7, and a sixth of the rest
+    assert at.max() == 5
+
+
+def test_transitions_know_where_the_lane_goes():
+    scenario = load_scenario(1)
+    path = scenario.vehicle.path
+    state = np.zeros(1, EPISODE)
+    state["status"], state["scenario"], state["route_s"] = RUNNING, 1, 15.0
+    state["vehicle_heading"] = path.heading(15.0) + 2.0 * np.pi
+    builder, yes, action = TransitionBuilder([scenario]), np.ones(1, bool), np.zeros((1, 2))
+    builder.observe(state, yes, np.ones(1), yes, action, action)
+    state["frame"] = 2
+    lane = builder.observe(state, yes, np.ones(1), yes, action, action)["lane_heading"][0]
+    true = [path.heading(15.0 + LANE_GRID * k) - path.heading(15.0) for k in range(LANE_NODES)]
+    assert lane == pytest.approx(np.unwrap(true), abs=0.02)
+    assert lane[-1] == pytest.approx(-np.pi / 2, abs=0.05)  # it turns right

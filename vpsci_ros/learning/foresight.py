@@ -1,0 +1,193 @@
+"""Stage 2 through the known kinematics: the rewards of (25)-(27) made smooth, and followed through simulated seconds.
+
+The learner knows how both agents move, (8)-(13) and (18)-(24), so it need not learn from a critic what an action leads
+to. It takes moments out of its simulated experience, lets both actors act from there on in a differentiable copy of
+the world, and follows the gradient of what they lose through the motion of the next seconds, as stochastic value
+gradients with a known model do (Heess et al. 2015, 'Learning continuous control policies by stochastic value
+gradients', https://arxiv.org/abs/1510.09142): also through what the agents then observe of each other and how they
+react.
+
+Events have no gradient, so each gets a smooth stand-in:
+
+- collision (25): how far the clearance of the footprints falls short of a margin, squared;
+- goal (26): how far each agent falls short of its pace, squared; a vehicle's is `CRUISE` at least.
+
+The speed reward has a gradient as it is, and is taken at the recorded steps rather than at the foreseen ones.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vpsci_ros.learning.actor import previous
+from vpsci_ros.learning.config import AGENTS, STEP
+from vpsci_ros.learning.networks import Actors
+from vpsci_ros.learning.replay import History, collate
+from vpsci_ros.learning.scene import Scene, from_heading_frame, observe, time_to_collision, to_heading_frame
+from vpsci_ros.learning.sst import StepState
+from vpsci_ros.learning.transitions import LANE_GRID
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION
+
+CRUISE = 3.5  # [m/s] pace that a vehicle which stands or creeps should take up
+HAND_OVERS = 0.7  # share of roll-outs that begin there
+LONGEST = 20.0  # times the median: the length to which gradients of single roll-outs are shortened
+_STANDING = 0.3  # [m/s] below this a pedestrian has no direction
+
+Memories = dict[str, list[StepState]]
+
+
+class Start(NamedTuple):
+    """Moments from which M roll-outs begin, in the vehicle's heading frame of each; float32.
+
+    speed [M] [m/s] and lane [M, N] [rad], direction every 2 m, of the vehicle; pedestrian, walking [M, 2]: position [m]
+    and velocity [m/s]; cruise, pace [M]: speeds of vehicle and pedestrian at the hand-over [m/s]; before [M, 2] by
+    agent: the action of the step before [m/s2]. observation [M, T, 6] and acted [M, T, 2] by agent and curvttc [M, T]
+    hold what came before the moment, taken int64[M] steps.
+    """
+
+    speed: Tensor
+    lane: Tensor
+    pedestrian: Tensor
+    walking: Tensor
+    cruise: Tensor
+    pace: Tensor
+    before: dict[str, Tensor]
+    observation: dict[str, Tensor]
+    acted: dict[str, Tensor]
+    curvttc: Tensor
+    taken: Tensor
+
+
+def start_at(histories: Sequence[History], at: NDArray[np.int64]) -> Start:
+    """Return the moments at step `at`, int64[M], of M simulated histories."""
+    batch, rows = collate(histories), np.arange(len(histories))
+    seen = batch.observation["pedestrian"][rows, at]
+    taken = torch.from_numpy(at)
+    before = {}
+    for agent in AGENTS:
+        first = torch.from_numpy((at > 0).astype(np.float32))[:, None]
+        before[agent] = batch.action[agent][rows, np.maximum(at - 1, 0)] * first
+    longest = max(1, int(at.max()))
+    return Start(
+        (seen[:, 0] - seen[:, 4]).clamp(min=0.0),  # (7): its own velocity minus the relative one is the vehicle's
+        torch.from_numpy(np.stack([h.lane[i] for h, i in zip(histories, at, strict=True)])),
+        seen[:, 2:4],
+        seen[:, 0:2],
+        batch.observation["vehicle"][:, 0, 0].clamp(min=CRUISE),
+        batch.observation["pedestrian"][:, 0, 0:2].norm(dim=1),
+        before,
+        {agent: batch.observation[agent][:, :longest] for agent in AGENTS},
+        {agent: previous(batch.action[agent])[:, :longest] for agent in AGENTS},
+        batch.curvttc[:, :longest],
+        taken,
+    )
+
+
+def foresee(actors: Actors, start: Start, *, steps: int, margin: float, gain: float) -> tuple[Tensor, Tensor]:
+    """Let both actors act together for `steps` steps, and return what they lose by collision and by goal.
+
+    :param margin: clearance [m] below which the first counts.
+    :param gain: share of the pedestrian's acceleration that becomes motion, (21)-(24).
+    :returns: float32 scalars with gradient, means of all roll-outs and steps.
+    """
+    count = len(start.speed)
+    memory, before = remembered(actors, start), start.before
+    speed, driven, vehicle = start.speed, torch.zeros(count), torch.zeros(count, 2)
+    pedestrian, walking = start.pedestrian, start.walking
+    now = walking.norm(dim=1)
+    course = walking / (now.clamp(min=_STANDING) * start.pace.clamp(min=_STANDING))[:, None]
+    moving = (now > _STANDING) & (start.pace > _STANDING)
+    collision, goal = torch.zeros(()), torch.zeros(())
+    heading, bend = _direction(start.lane, driven)
+    for _ in range(steps):
+        ahead = torch.stack([torch.cos(heading), torch.sin(heading)], dim=1)
+        scene = Scene(vehicle, heading, speed[:, None] * ahead, bend, pedestrian, walking)
+        views, curvttc = dict(zip(AGENTS, observe(scene), strict=True)), time_to_collision(scene)
+        before = {a: actors[a].step(views[a], before[a], curvttc, memory[a]) for a in AGENTS}
+        for answer in before.values():
+            if answer.requires_grad:
+                answer.register_hook(_bounded)
+        goal = goal + 0.5 * ((1.0 - speed / start.cruise).clamp(min=0.0) ** 2).mean()
+        goal = goal + 0.5 * ((1.0 - (walking * course).sum(dim=1)).clamp(min=0.0) ** 2 * moving).mean()
+        along = before["vehicle"][:, 0].clamp(-MAX_DECELERATION, MAX_ACCELERATION)
+        faster = (speed + along * STEP).clamp(min=0.0)
+        way = 0.5 * (speed + faster) * STEP
+        pushed = from_heading_frame(before["pedestrian"], heading) * (gain * STEP)
+        vehicle, driven, speed = vehicle + way[:, None] * ahead, driven + way, faster
+        pedestrian, walking = pedestrian + (walking + 0.75 * pushed) * STEP, walking + pushed
+        heading, bend = _direction(start.lane, driven)
+        free = clearance(vehicle, heading, pedestrian)
+        collision = collision + ((1.0 - free / margin).clamp(min=0.0) ** 2).mean()
+    return collision / steps, goal / steps
+
+
+def draw_moments(
+    histories: Sequence[History], count: int, rng: np.random.Generator
+) -> tuple[list[History], NDArray[np.int64]]:
+    """Draw up to `count` different simulated histories, and a step of each: seven times of ten the hand-over."""
+    size = min(count, len(histories))
+    picked = [histories[i] for i in rng.choice(len(histories), size, replace=False)]
+    anywhere = np.array([int(rng.random() * len(history)) for history in picked], np.int64)
+    return picked, np.where(rng.random(size) < HAND_OVERS, 0, anywhere)
+
+
+def step_along(
+    optimiser: torch.optim.Optimizer, actors: Actors, lost: Tensor, rehearsal: Tensor, weight: float, clip: float
+) -> float:
+    """Take a step with the actors down the gradients of what they lose and, `weight` times, of the rehearsal.
+
+    Each is scaled down to the norm `clip` before they are added, so that neither drowns the other.
+
+    :returns: the norm of the first gradient.
+    """
+    parameters = list(actors.parameters())
+    parts, norms = [], []
+    for loss in (lost, rehearsal):
+        gradients = torch.autograd.grad(loss, parameters, allow_unused=True, materialize_grads=True)
+        norms.append(float(torch.linalg.vector_norm(torch.stack([g.norm() for g in gradients]))))
+        parts.append([g * min(1.0, clip / max(norms[-1], 1e-12)) for g in gradients])
+    for parameter, first, second in zip(parameters, *parts, strict=True):
+        parameter.grad = first + weight * second
+    optimiser.step()
+    return norms[0]
+
+
+@torch.no_grad()
+def remembered(actors: Actors, start: Start) -> Memories:
+    """Return what each actor remembers of the steps before the moment."""
+    out = {}
+    for agent in AGENTS:
+        arguments = start.observation[agent], start.acted[agent], start.curvttc
+        _, out[agent] = actors[agent].remember(*arguments, start.taken)
+    return out
+
+
+def clearance(vehicle: Tensor, heading: Tensor, pedestrian: Tensor) -> Tensor:
+    """Return the distance [B] [m] between the footprints, negative where they overlap; differentiable.
+
+    :param vehicle, pedestrian: centres, [B, 2] [m]; heading [B] [rad].
+    """
+    forward, left = to_heading_frame(pedestrian - vehicle, heading).unbind(dim=1)
+    along, across = forward.abs() - 0.5 * VEHICLE_LENGTH, left.abs() - 0.5 * VEHICLE_WIDTH
+    outside = torch.sqrt(along.clamp(min=0.0) ** 2 + across.clamp(min=0.0) ** 2 + 1e-8)
+    return outside + torch.maximum(along, across).clamp(max=0.0) - PEDESTRIAN_RADIUS
+
+
+def _direction(lane: Tensor, driven: Tensor) -> tuple[Tensor, Tensor]:
+    """Return direction [B] [rad] and curvature [B] [1/m] of `lane` [B, N] after `driven` [B] metres."""
+    place = (driven / LANE_GRID).clamp(0.0, lane.shape[1] - 1.001)
+    node = place.detach().floor().long()
+    low, high = (lane.gather(1, (node + k)[:, None])[:, 0] for k in (0, 1))
+    return low + (high - low) * (place - node), (high - low) / LANE_GRID
+
+
+def _bounded(gradient: Tensor) -> Tensor:
+    """Shorten the rows of a gradient [B, n] that are `LONGEST` times longer than the median one."""
+    norm = gradient.norm(dim=1, keepdim=True)
+    bound = LONGEST * norm[norm > 0.0].median() if bool((norm > 0.0).any()) else norm.sum()
+    return gradient * (bound / norm.clamp(min=1e-12)).clamp(max=1.0)
