@@ -7,7 +7,7 @@ of its own gives a node is lost: a second core, and a death that the others surv
 import importlib
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from vpsci_ros.nodes.base import EXECUTORS, GraphNode
 
 
-def node_class(name: str) -> type[GraphNode]:
+def node_class(name: str) -> Callable[..., GraphNode]:
     """Return the class of a node of the table."""
     module = importlib.import_module(f"vpsci_ros.nodes.{name}")
     return getattr(module, "".join(part.capitalize() for part in name.split("_")))
