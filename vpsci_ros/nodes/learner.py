@@ -125,9 +125,10 @@ class Learner(GraphNode):
     def close(self) -> None:
         """Write the refined weights and the last of the log."""
         if self._refiner is not None:
+            path = self._refiner.save()
             self._log.note(last=True)
             self._report(self._refiner.summary(), last=True)
-            self.get_logger().info(f"wrote {self._refiner.save()}")
+            self.get_logger().info(f"wrote {path}")
 
 
 def main(args: list[str] | None = None) -> int:
