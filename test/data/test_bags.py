@@ -10,6 +10,7 @@ from vpsci_ros.data.bag_repair import repair_bag
 from vpsci_ros.data.bag_writer import BagTopic, BagWriter
 from vpsci_ros.data.bags import read_bag, read_episodes
 from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.mcap_file import McapFile
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import COLLISION, EPISODE, GOAL
 
@@ -105,6 +106,22 @@ def test_a_damaged_chunk_is_left_out_and_the_rest_recovered(ticks, write_bag, tm
     back = [tick.tick for tick in read_bag(path.parent)]
     assert len(back) < len(ticks)
     assert back[-1] == len(ticks) - 1
+
+
+def test_a_damaged_text_record_costs_no_message(tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / "bag", [BagTopic("/a", "std_msgs/msg/String", "string data\n", "RIHS01_0")])
+    bag.describe("note", {"text": "here it is"})
+    for i in range(5):
+        bag.write("/a", b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00", i, i)
+    bag.close({})
+    path = mcap_file(tmp_path / "bag")
+    data = bytearray(path.read_bytes())
+    data[data.index(b"here it is")] = 0xFF  # no longer UTF-8
+    path.write_bytes(data)
+    with pytest.raises(InvalidInput, match="damaged before byte"):
+        list(McapFile(path, strict=True).messages())
+    assert len(list(McapFile(path, strict=False).messages())) == 5
+    assert repair_bag(tmp_path / "bag").messages == {"/a": 5}
 
 
 def test_a_lost_metadata_file_is_written_again(ticks, write_bag, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from vpsci_ros.data.raw import RawMessage, TopicInfo
 from vpsci_ros.errors import InvalidInput
 
 MCAP0_MAGIC = b"\x89MCAP0\r\n"
+_HEAD = struct.Struct("<BQ")  # of a record: its kind and its length
 _FOOTER = struct.Struct("<QQI")  # start of the index, start of its offsets, checksum
 # What the parser raises on bytes that are not what they should be; lengths that are nonsense end in MemoryError.
 _DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, ValueError, OverflowError, MemoryError)
@@ -159,10 +160,12 @@ class McapFile:
             return []
 
     def _records(self) -> Iterator[McapRecord]:
+        """Yield the file's records; a damaged one is passed over by its length, as long as that is believable."""
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
             records = StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=size).records
             while True:
+                begin = file.tell() or len(MCAP0_MAGIC)
                 try:
                     record = next(records)
                 except StopIteration:
@@ -171,7 +174,14 @@ class McapFile:
                     self._amiss(
                         f"it breaks off or is damaged before byte {file.tell()} ({error or 'the end of the file'})"
                     )
-                    return
+                    file.seek(begin)
+                    head = file.read(_HEAD.size)
+                    after = begin + len(head) + (_HEAD.unpack(head)[1] if len(head) == _HEAD.size else size)
+                    if after >= size:
+                        return
+                    file.seek(after)
+                    records = StreamReader(file, True, emit_chunks=True, record_size_limit=size).records
+                    continue
                 if isinstance(record, Footer) and not self._index_is_whole():
                     self._amiss("its index is damaged")
                 yield record
