@@ -58,7 +58,7 @@ def test_agents_that_keep_their_speeds_lose_by_collision_exactly_where_they_meet
     assert float(lost(still, [beside], [0])[0].detach()) == 0.0
 
 
-def test_falling_short_of_ones_pace_costs_the_square_of_the_share(networks):
+def test_another_speed_than_ones_pace_costs_the_square_of_the_share(networks):
     history = meeting([60.0, 9.0], 7.0, [0.0, 2.0])
     history.observation["vehicle"][3, 0], history.observation["pedestrian"][3] = 3.5, [0, 1.0, 60, 9, -3.5, 1.0]
     vehicle, pedestrian = (1.0 - 3.5 / 7.0) ** 2, (1.0 - 1.0 / 2.0) ** 2

@@ -5,8 +5,7 @@ import torch
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.actor import previous
 from vpsci_ros.learning.config import NetworkConfig
-from vpsci_ros.learning.scene import Scene, advance, observe
-from vpsci_ros.learning.sst import SSTLayer, range_and_rate, residual, risk
+from vpsci_ros.learning.sst import SSTLayer, risk
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 
@@ -112,46 +111,6 @@ def test_the_gate_turns_attention_towards_risk():
     y = layer.readout.weight @ h + layer.skip * x[0, 7]
     expected = layer.norm(x[0, 7] + y + layer.attended.weight @ risky)
     torch.testing.assert_close(layer(x, risks)[0][0, 7], expected, atol=1e-4, rtol=1e-3)
-
-
-def test_the_range_rate_residual_is_the_bias_of_a_speed_along_the_line_of_sight():
-    """A vehicle at 5 m/s on its way to a standing pedestrian 20 m ahead, its published speed 0.15 m/s too low."""
-    first = torch.tensor([[4.85, 0.0, -20.0, 0.0, 4.85, 0.0]])
-    second = torch.tensor([[4.85, 0.0, -19.5, 0.0, 4.85, 0.0]])
-    r = residual(range_and_rate(second), range_and_rate(first))
-    torch.testing.assert_close(r, torch.tensor([[-0.15 / 0.3]]), atol=1e-4, rtol=0.0)
-    far = residual(range_and_rate(-10.0 * second), range_and_rate(first))
-    assert far.abs().item() == 1.0  # bounded
-    assert residual(range_and_rate(first), torch.full((1, 2), torch.nan)).item() == 0.0  # first step
-    assert residual(range_and_rate(torch.zeros(1, 6)), range_and_rate(torch.zeros(1, 6))).item() == 0.0  # no distance
-
-
-def test_the_range_rate_residual_vanishes_where_positions_follow_from_speeds():
-    generator = torch.Generator().manual_seed(2)
-
-    def random(*shape):
-        return torch.randn(*shape, generator=generator, dtype=torch.float64)
-
-    none = torch.zeros(20, dtype=torch.float64)
-    scene = Scene(random(20, 2), none, random(20, 2).abs() * 4, none, random(20, 2) * 8 + 8, random(20, 2))
-    scene = advance(scene, 0 * random(20, 2), 0 * random(20, 2))  # from here on, velocity lies along the heading
-    for _ in range(10):
-        following = advance(scene, random(20, 2) * 0.5, random(20, 2) * 0.5)
-        apart = (scene.vehicle - scene.pedestrian).norm(dim=1) > 6.0
-        for now, before in zip(observe(following), observe(scene), strict=True):
-            r = residual(range_and_rate(now.float()), range_and_rate(before.float()))
-            assert r[apart].abs().max() < 0.1
-        scene = following
-
-
-def test_both_agents_observe_the_same_residual_whatever_the_heading_and_the_mirror():
-    generator = torch.Generator().manual_seed(2)
-    a, b = torch.randn(8, 6, generator=generator), torch.randn(8, 6, generator=generator)
-    r = residual(range_and_rate(a), range_and_rate(b))
-    turned = torch.stack([a[:, 0], a[:, 1], -a[:, 3], a[:, 2], -a[:, 5], a[:, 4]], dim=1)
-    mirrored = a * torch.tensor([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-    for other in (turned, mirrored, -a):
-        torch.testing.assert_close(residual(range_and_rate(other), range_and_rate(b)), r, atol=1e-5, rtol=1e-5)
 
 
 def test_an_untrained_actor_keeps_its_velocity(networks):

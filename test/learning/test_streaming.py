@@ -44,7 +44,7 @@ def test_streaming_equals_the_whole_history_over_200_steps(networks, config):
 
 
 def test_streaming_equals_the_plain_window_where_state_is_not_carried(networks):
-    config = NetworkConfig(hidden=16, heads=2, key_dimension=8, attention_window=4, carry_state=False, range_rate=False)
+    config = NetworkConfig(hidden=16, heads=2, key_dimension=8, attention_window=4, carry_state=False)
     made = networks(config)
     observation, curvttc = episode(3, 15)
     actions = streamed(made.weights({}, {}).actor("pedestrian"), observation, curvttc)
@@ -56,18 +56,6 @@ def test_streaming_equals_the_plain_window_where_state_is_not_carried(networks):
                 torch.from_numpy(observation[:, window]), before[:, window], torch.from_numpy(curvttc[:, window])
             )[:, -1]
             np.testing.assert_allclose(actions[:, t], last.numpy(), atol=1e-5)
-
-
-def test_streaming_equals_the_whole_history_in_windows_with_the_range_rate_residual(networks):
-    """The residual of a window's first step needs the step before it, as the action before does."""
-    config = NetworkConfig(hidden=16, heads=2, key_dimension=8, attention_window=4, carry_state=False)
-    made = networks(config)
-    observation, curvttc = episode(3, 15)
-    actions = streamed(made.weights({}, {}).actor("pedestrian"), observation, curvttc)
-    before = previous(torch.from_numpy(actions))
-    with torch.no_grad():
-        whole = made.actor["pedestrian"](torch.from_numpy(observation), before, torch.from_numpy(curvttc))
-    np.testing.assert_allclose(actions, whole.numpy(), atol=1e-5)
 
 
 def test_carried_state_differs_from_the_plain_window_after_the_window_only(networks):

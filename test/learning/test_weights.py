@@ -20,8 +20,8 @@ SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], 
 
 @pytest.mark.parametrize(
     "config",
-    [SMALL, NetworkConfig(), NetworkConfig(range_rate=False)],
-    ids=["small", "table_8", "without the range-rate residual"],
+    [SMALL, NetworkConfig(), NetworkConfig(risk_input=False)],
+    ids=["small", "table_8", "without the risk input"],
 )
 def test_the_expected_tensors_are_those_that_the_networks_have(config):
     tensors = Networks(config).weights({}, {}).tensors
@@ -40,14 +40,14 @@ def test_a_file_keeps_tensors_configuration_and_facts(networks, tmp_path):
         assert np.array_equal(loaded.tensors[name], tensor)
 
 
-def test_a_file_older_than_the_range_rate_residual_goes_without_it(networks, tmp_path):
-    old = networks(NetworkConfig(**{**vars(SMALL), "range_rate": False})).weights({}, {})
+def test_a_file_older_than_the_risk_input_residual_goes_without_it(networks, tmp_path):
+    old = networks(NetworkConfig(**{**vars(SMALL), "risk_input": False})).weights({}, {})
     data = weights_to_bytes(old)
     length = int.from_bytes(data[:8], "little")
-    header = data[8 : 8 + length].replace(b', \\"range_rate\\": false', b"")
+    header = data[8 : 8 + length].replace(b', \\"risk_input\\": false', b"")
     assert len(header) < length
     loaded = weights_from_bytes(len(header).to_bytes(8, "little") + header + data[8 + length :])
-    assert not loaded.network.range_rate
+    assert not loaded.network.risk_input
     assert loaded.tensors.keys() == old.tensors.keys()
 
 

@@ -11,8 +11,6 @@ ACTION_SIZE = 2
 AGENTS = ("vehicle", "pedestrian")
 STEP = 0.1  # [s] of policies and of the real data
 RISK_TTC = 5.0  # [s] CurvTTC below which attention is gated towards a step
-RESIDUAL_UNIT, RESIDUAL_LIMIT = 0.3, 1.0  # [m/s], and of that unit: scale and bound of the range-rate residual
-SHORTEST_RANGE = 0.1  # [m] a shorter distance counts as this where it divides
 
 
 @dataclass(frozen=True)
@@ -27,10 +25,8 @@ class NetworkConfig:
     carry_state: bool = parameter(
         True, "carry the SST state over the whole history; false: start it anew in each attention window"
     )
-    range_rate: bool = parameter(
-        True,
-        "show the networks how far the distance's change is from what both speeds say: recorded speeds lag, simulated "
-        "ones do not",
+    risk_input: bool = parameter(
+        True, "CurvTTC's risk enters the networks with the observation, and does not only gate their attention"
     )
     actor_hidden: list[int] = parameter([64, 64], "two hidden layers of the actor", low=1, high=1024)
     critic_state: int = parameter(16, "critic: layer on the encoded history", low=1, high=1024)
@@ -83,7 +79,7 @@ class PretrainConfig(TrainingConfig):
         "ddpg: Algorithm 1 of the paper; closed_loop: imitation of trajectories through the kinematics, critics by TD",
         choices=("closed_loop", "ddpg"),
     )
-    episodes: int = parameter(350, "training iterations, one mini-batch each", low=1, high=10_000_000)
+    episodes: int = parameter(600, "training iterations, one mini-batch each", low=1, high=10_000_000)
     actor_learning_rate: float = parameter(1e-4, "step size of the actors, objective ddpg", low=0.0, high=1.0)
     critic_learning_rate: float = parameter(2e-4, "step size of the critics", low=0.0, high=1.0)
     critic_head_start: int = parameter(
@@ -97,10 +93,10 @@ class PretrainConfig(TrainingConfig):
         high=5.0,
     )
     imitation_learning_rate: float = parameter(
-        3e-4, "peak step size of the actors, objective closed_loop", low=0.0, high=1.0
+        1.5e-4, "peak step size of the actors, objective closed_loop", low=0.0, high=1.0
     )
     velocity_weight: float = parameter(
-        4.0,
+        10.0,
         "objective closed_loop: weight of the next velocity's error against the positions'",
         unit="s",
         low=0.0,
@@ -108,7 +104,7 @@ class PretrainConfig(TrainingConfig):
     )
     rollouts: int = parameter(32, "objective closed_loop: near misses rolled out in one update", low=1, high=4096)
     rollout_steps: int = parameter(
-        20, "objective closed_loop: longest roll-out", unit="steps of 0.1 s", low=1, high=200
+        15, "objective closed_loop: longest roll-out", unit="steps of 0.1 s", low=1, high=200
     )
     weight_decay: float = parameter(
         0.05, "decoupled weight decay of the actors, objective closed_loop", low=0.0, high=10.0
@@ -117,13 +113,6 @@ class PretrainConfig(TrainingConfig):
         0.3, "objective closed_loop: share of the encoded history that the actors' heads do without", low=0.0, high=0.9
     )
     mirror: bool = parameter(True, "mirror every other near miss left to right")
-    scaling: float = parameter(
-        0.2,
-        "objective closed_loop: near misses are scaled, speeds and all, by the exponential of a normal number of this "
-        "deviation",
-        low=0.0,
-        high=1.0,
-    )
     held_out_fraction: float = parameter(
         0.2, "share of near misses, by whole clips, kept out of training", low=0.0, high=0.9
     )

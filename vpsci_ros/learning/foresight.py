@@ -10,7 +10,7 @@ react.
 Events have no gradient, so each gets a smooth stand-in:
 
 - collision (25): how far the clearance of the footprints falls short of a margin, squared;
-- goal (26): how far each agent falls short of its pace, squared; a vehicle's is `CRUISE` at least.
+- goal (26): how far each agent is from its pace, as a share of it, squared; a vehicle's pace is `CRUISE` at least.
 
 The speed reward has a gradient as it is, and is taken at the recorded steps rather than at the foreseen ones.
 """
@@ -112,8 +112,8 @@ def foresee(actors: Actors, start: Start, *, steps: int, margin: float, gain: fl
         for answer in before.values():
             if answer.requires_grad:
                 answer.register_hook(_bounded)
-        goal = goal + 0.5 * ((1.0 - speed / start.cruise).clamp(min=0.0) ** 2).mean()
-        goal = goal + 0.5 * ((1.0 - (walking * course).sum(dim=1)).clamp(min=0.0) ** 2 * moving).mean()
+        goal = goal + 0.5 * ((1.0 - speed / start.cruise) ** 2).mean()
+        goal = goal + 0.5 * ((1.0 - (walking * course).sum(dim=1)) ** 2 * moving).mean()
         along = before["vehicle"][:, 0].clamp(-MAX_DECELERATION, MAX_ACCELERATION)
         faster = (speed + along * STEP).clamp(min=0.0)
         way = 0.5 * (speed + faster) * STEP

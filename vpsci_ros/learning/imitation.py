@@ -7,9 +7,8 @@ histories, with every step as recorded, add the error of the next velocity, whic
 
 A few hundred near misses hold some fifty drivers, so the actors would soon know them by heart. Dropout in front of
 both layers of the head, weight decay and the running average of the weights delay that, and the number of iterations
-ends it. Augmentation: a near miss is seen in a mirror half of the time, and somewhat larger or smaller than it was;
-the place where the history begins and the number of observed steps vary. Rotation needs none, since observations live
-in the vehicle's heading frame.
+ends it. Augmentation: a near miss is seen in a mirror half of the time; the place where the history begins and the
+number of observed steps vary. Rotation needs none, since observations live in the vehicle's heading frame.
 """
 
 import contextlib
@@ -32,7 +31,6 @@ from vpsci_ros.learning.sst import StepState
 
 OBSERVED = 10  # steps observed before a roll-out, at most
 RISE = 20  # iterations until the step size is at its peak
-_CRITICAL, _NEAR = 0.7, 3  # share of roll-outs that begin so many steps around the first critical one
 _SMOOTH = 0.02  # [m] below this, distances count by their square
 
 
@@ -40,18 +38,17 @@ class Start(NamedTuple):
     """Where roll-outs begin, and how they are altered.
 
     row, begin, at: int64[M], the interaction, the first step of the history, and the first predicted step; mirror:
-    bool[M]; scale: float32[M], factor on lengths, speeds and accelerations.
+    bool[M].
     """
 
     row: NDArray[np.int64]
     begin: NDArray[np.int64]
     at: NDArray[np.int64]
     mirror: NDArray[np.bool_]
-    scale: NDArray[np.float32]
 
     def take(self, rows: NDArray[np.int64]) -> "Start":
         """Return the roll-outs `rows`, in that order."""
-        return Start(self.row[rows], self.begin[rows], self.at[rows], self.mirror[rows], self.scale[rows])
+        return Start(self.row[rows], self.begin[rows], self.at[rows], self.mirror[rows])
 
 
 @dataclass(frozen=True)
@@ -69,24 +66,16 @@ class Recorded:
 
 
 def draw(interactions: Interactions, config: PretrainConfig, rng: np.random.Generator) -> Start:
-    """Draw `config.rollouts` roll-outs: interactions evenly, then the first predicted step, then the observed steps.
-
-    The first predicted step is most often (`_CRITICAL`) within a few steps of the first critical one, where episodes
-    are handed over and where the error is measured.
-    """
-    count = config.rollouts
-    row = rng.integers(len(interactions), size=count)
-    at = (rng.random(count) * (interactions.length[row] - 1)).astype(np.int64)
-    near = interactions.first[row] + rng.integers(-_NEAR, _NEAR + 1, size=count)
-    at = np.where(rng.random(count) < _CRITICAL, np.clip(near, 0, interactions.length[row] - 2), at)
-    observed = np.where(rng.random(count) < 0.5, OBSERVED, rng.integers(OBSERVED + 1, size=count))
-    mirror = (rng.random(count) < 0.5) & config.mirror
-    scale = np.exp(config.scaling * rng.standard_normal(count)).astype(np.float32)
-    return Start(row, np.maximum(at - observed, 0), at, mirror, scale)
+    """Draw `config.rollouts` roll-outs: interactions evenly, then the first predicted step, then the observed steps."""
+    row = rng.integers(len(interactions), size=config.rollouts)
+    at = (rng.random(config.rollouts) * (interactions.length[row] - 1)).astype(np.int64)
+    observed = np.where(rng.random(config.rollouts) < 0.5, OBSERVED, rng.integers(OBSERVED + 1, size=config.rollouts))
+    mirror = (rng.random(config.rollouts) < 0.5) & config.mirror
+    return Start(row, np.maximum(at - observed, 0), at, mirror)
 
 
 def recorded(interactions: Interactions, start: Start, steps: int) -> Recorded:
-    """Cut out `steps` steps of each roll-out, float32; CurvTTC is that of the recording, also where it is scaled."""
+    """Cut out `steps` steps of each roll-out, float32."""
     index = start.begin[:, None] + np.arange(steps)
     present = index < interactions.length[start.row, None]
     index = np.minimum(index, interactions.motion.shape[1] - 1)
@@ -94,13 +83,11 @@ def recorded(interactions: Interactions, start: Start, steps: int) -> Recorded:
     motion = interactions.motion[rows, index].copy()
     motion -= _origin(motion)  # near the origin float32 resolves positions to less than a micrometre
     motion[start.mirror] *= _MIRROR_MOTION
-    motion[..., _LENGTHS] *= start.scale[:, None, None]
     sign = np.where(start.mirror, -1.0, 1.0).astype(np.float32)[:, None, None]
 
     def mirrored(values: NDArray[np.float32]) -> Tensor:
         values = values.copy()
         values[..., 1::2] *= sign
-        values *= start.scale[:, None, None]
         return torch.from_numpy(values)
 
     return Recorded(
@@ -112,7 +99,6 @@ def recorded(interactions: Interactions, start: Start, steps: int) -> Recorded:
     )
 
 
-_LENGTHS = [0, 1, 3, 4, 5, 6, 7, 8]  # columns of motion but the heading
 _MIRROR_MOTION = np.array([1, -1, -1, 1, -1, 1, -1, 1, -1], np.float64)
 
 

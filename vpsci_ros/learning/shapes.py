@@ -17,8 +17,8 @@ def encoder_shapes(config: NetworkConfig) -> Shapes:
         "observation.bias": (width,),
         "action.weight": (width, ACTION_SIZE),
     }
-    if config.range_rate:
-        shapes["range_rate.weight"] = (width, 1)
+    if config.risk_input:
+        shapes["risk.weight"] = (width, 1)
     for i in range(config.layers):
         layer: Shapes = dict.fromkeys(("decay_logit", "skip", "norm.weight", "norm.bias"), (width,))
         layer |= {f"{name}.weight": (width, width) for name in ("input", "query", "key", "attended", "readout")}

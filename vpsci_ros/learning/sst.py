@@ -9,6 +9,8 @@ One layer, for the width d and the heads of Table 8:
   its slice of h_i, and W_o mixes the heads: the paper names no other projection, and B has mixed the state already.
 - The gate of (4), "when CurvTTC < 5 s this mechanism prioritizes features contributing to imminent risk": every head
   adds g * clip(1 - CurvTTC_i / 5 s, 0, 1) to the logit of step i, g learned. At or above 5 s the gate is exactly zero.
+- With `risk_input` the same risk enters with the observation, too, through a linear map: attention can only choose what
+  to look at, and what to do about a danger depends on how near it is.
 - The layer returns LayerNorm(x_t + y_t + W_o attention_t).
 
 With `carry_state` the state and the attention's memory run through the whole history, so one more step costs O(1);
@@ -21,20 +23,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from vpsci_ros.learning.config import (
-    ACTION_SIZE,
-    OBSERVATION_SIZE,
-    RESIDUAL_LIMIT,
-    RESIDUAL_UNIT,
-    RISK_TTC,
-    SHORTEST_RANGE,
-    STEP,
-    NetworkConfig,
-)
+from vpsci_ros.learning.config import ACTION_SIZE, OBSERVATION_SIZE, RISK_TTC, NetworkConfig
 
-# With `range_rate`: initial weights of the residual, and factors on those of the action before [m/s2] and of the
-# observation. Recorded accelerations vary by 0.3 m/s2 only, and both say more of what comes than where people are.
-RESIDUAL_INIT, ACTION_GAIN, OBSERVATION_GAIN = 4.0, 6.0, 0.4
 NORMALISED_LIMIT = 6.0  # normalised observations are clipped to this: simulation leaves the range of the real data
 
 
@@ -43,44 +33,20 @@ def risk(curvttc: Tensor) -> Tensor:
     return (1.0 - curvttc.to(torch.float32) / RISK_TTC).clamp(0.0, 1.0)
 
 
-@torch.no_grad()
-def range_and_rate(observation: Tensor) -> Tensor:
-    """Return distance [m] and its rate of change by the speeds [m/s], float64[..., 2], of observations [..., 6]."""
-    apart, speed = observation[..., 2:4].double(), observation[..., 4:6].double()
-    distance = apart.norm(dim=-1)
-    return torch.stack([distance, (apart * speed).sum(dim=-1) / distance.clamp(min=SHORTEST_RANGE)], dim=-1)
-
-
-@torch.no_grad()
-def residual(now: Tensor, before: Tensor) -> Tensor:
-    """Return the range-rate residual, float32[..., 1], in `RESIDUAL_UNIT`; zero where `before` is not a number.
-
-    :param now, before: `range_and_rate` of two successive steps.
-    """
-    change = (now[..., :1] - before[..., :1]) / STEP - 0.5 * (now[..., 1:] + before[..., 1:])
-    return (change / RESIDUAL_UNIT).clamp(-RESIDUAL_LIMIT, RESIDUAL_LIMIT).nan_to_num(nan=0.0).float()
-
-
 ABSENT = -1e9  # logit of a step before the history began
 
 
 class StepState:
-    """What a layer remembers of its history: h, and keys, values and gates of the last steps (lists, oldest first).
-
-    The first layer's also holds `seen`, float64[B, 2], `range_and_rate` of the last step; NaN in an empty history.
-    """
+    """What a layer remembers of its history: h, and keys, values and gates of the last steps (lists, oldest first)."""
 
     def __init__(self) -> None:
         self.h: Tensor | None = None
-        self.seen: Tensor | None = None
         self.keys: list[Tensor] = []
         self.values: list[Tensor] = []
         self.gates: list[Tensor] = []  # [B, heads], added to the logits
 
     def keep(self, rows: int) -> None:
         """Forget all but the first `rows` rows."""
-        if self.seen is not None:
-            self.seen = self.seen[:rows]
         if self.h is not None and len(self.h) > rows:
             self.h = self.h[:rows]
             self.keys, self.values, self.gates = (
@@ -172,20 +138,8 @@ class SSTLayer(nn.Module):
 class SSTEncoder(nn.Module):
     """Encodes a history H(t) = (O(1), A(1), ..., A(t-1), O(t)) of one agent (Algorithm 1).
 
-    The observation, normalised by fixed statistics, and the agent's own action of the step before enter through one
-    linear layer each; their sum is x_t of (3). Before the first step the action is zero.
-
-    With `range_rate` the sum has a third part, which the paper does not have: the range-rate residual
-
-        r_t = (|d_t| - |d_(t-1)|) / 0.1 s - (dv_t . d_t / |d_t| + dv_(t-1) . d_(t-1) / |d_(t-1)|) / 2
-
-    of distances d and relative velocities dv as observed, zero at the first step. Speeds published with recordings
-    are smoothed and lag behind the positions, and r is that error along the line of sight; where positions follow from
-    speeds, in simulation and in closed loop, it is zero. So one network can tell recorded steps from its own, and
-    remember how far the last recorded speed was off. It enters bounded by `RESIDUAL_LIMIT`, as a sign of where the
-    network is rather than a measure: a pedestrian aside of the vehicle shows little of the vehicle's error, which the
-    accelerations before tell better (on unseen clips this did better than a bound five times as wide). No gradient
-    flows through r.
+    The observation, normalised by fixed statistics, the agent's own action of the step before and, with `risk_input`,
+    the risk enter through one linear layer each; their sum is x_t of (3). Before the first step the action is zero.
     """
 
     observation_mean: Tensor
@@ -198,32 +152,17 @@ class SSTEncoder(nn.Module):
         self.register_buffer("observation_scale", torch.ones(OBSERVATION_SIZE))
         self.observation = nn.Linear(OBSERVATION_SIZE, config.hidden)
         self.action = nn.Linear(ACTION_SIZE, config.hidden, bias=False)
-        self.range_rate = nn.Linear(1, config.hidden, bias=False) if config.range_rate else None
-        if self.range_rate is not None:
-            nn.init.uniform_(self.range_rate.weight, -RESIDUAL_INIT, RESIDUAL_INIT)
-            with torch.no_grad():
-                for parameter in self.observation.parameters():
-                    parameter.mul_(OBSERVATION_GAIN)
-                self.action.weight.mul_(ACTION_GAIN)
+        self.risk = nn.Linear(1, config.hidden, bias=False) if config.risk_input else None
         self.layers = nn.ModuleList(SSTLayer(config) for _ in range(config.layers))
 
-    def embed(self, observation: Tensor, action_before: Tensor, seen: Tensor, seen_before: Tensor) -> Tensor:
+    def embed(self, observation: Tensor, action_before: Tensor, risks: Tensor) -> Tensor:
         """Return x_t, float32[..., hidden].
 
-        :param observation: [..., 6]; action_before: [..., 2] [m/s2]; seen, seen_before: [..., 2], `range_and_rate` of
-            this step and of the one before.
+        :param observation: [..., 6]; action_before: [..., 2] [m/s2]; risks: [...], `risk` of CurvTTC.
         """
         scaled = (observation - self.observation_mean) / self.observation_scale
         x: Tensor = self.observation(scaled.clamp(-NORMALISED_LIMIT, NORMALISED_LIMIT)) + self.action(action_before)
-        if self.range_rate is not None:
-            x = x + self.range_rate(residual(seen, seen_before))
-        return x
-
-    def embed_history(self, observation: Tensor, action_before: Tensor) -> tuple[Tensor, Tensor]:
-        """Return x_t, float32[B, T, hidden], of whole histories, and their `range_and_rate`, float64[B, T, 2]."""
-        seen = range_and_rate(observation)
-        before = torch.cat([torch.full_like(seen[:, :1], torch.nan), seen[:, :-1]], dim=1)
-        return self.embed(observation, action_before, seen, before), seen
+        return x if self.risk is None else x + self.risk(risks[..., None])
 
     def forward(self, observation: Tensor, action_before: Tensor, curvttc: Tensor) -> Tensor:
         """Encode whole histories.
@@ -233,7 +172,8 @@ class SSTEncoder(nn.Module):
         :param curvttc: float32[B, T] [s].
         :returns: float32[B, T, hidden]; entry t knows steps 0 to t only.
         """
-        x, risks = self.embed_history(observation, action_before)[0], risk(curvttc)
+        risks = risk(curvttc)
+        x = self.embed(observation, action_before, risks)
         if self.config.carry_state:
             return self._through(x, risks)
         window, (batch, steps, width) = self.config.attention_window, x.shape
@@ -251,12 +191,11 @@ class SSTEncoder(nn.Module):
 
         :param taken: int64[B], 0 for an empty history.
         """
-        (x, seen), risks, states = self.embed_history(observation, action_before), risk(curvttc), []
+        risks, states = risk(curvttc), []
+        x = self.embed(observation, action_before, risks)
         for layer in self.layers:
             x, state = layer(x, risks, taken)
             states.append(state)
-        last = seen[torch.arange(len(seen)), (taken - 1).clamp(min=0)]
-        states[0].seen = torch.where((taken > 0)[:, None], last, torch.nan)
         return x, states
 
     def step(self, observation: Tensor, action_before: Tensor, curvttc: Tensor, states: list[StepState]) -> Tensor:
@@ -265,9 +204,8 @@ class SSTEncoder(nn.Module):
         `states` holds one `StepState` a layer, new ones for an empty history. Without `carry_state` this is right for
         histories of up to `attention_window` steps only.
         """
-        seen, before = range_and_rate(observation), states[0].seen
-        x = self.embed(observation, action_before, seen, torch.full_like(seen, torch.nan) if before is None else before)
-        states[0].seen, risks = seen, risk(curvttc)
+        risks = risk(curvttc)
+        x = self.embed(observation, action_before, risks)
         for layer, state in zip(self.layers, states, strict=True):
             assert isinstance(layer, SSTLayer)
             x = layer.step(x, risks, state)

@@ -13,15 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import (
-    ACTION_SIZE,
-    OBSERVATION_SIZE,
-    RESIDUAL_LIMIT,
-    RESIDUAL_UNIT,
-    RISK_TTC,
-    SHORTEST_RANGE,
-    STEP,
-)
+from vpsci_ros.learning.config import ACTION_SIZE, OBSERVATION_SIZE, RISK_TTC
 from vpsci_ros.learning.streaming_kernels import step_rows
 from vpsci_ros.learning.weights import ActorWeights
 
@@ -54,10 +46,9 @@ class StreamingActor:
         self._risks = np.zeros((capacity, self._window), np.float32)
         self._counts = np.zeros(capacity, np.int64)
         self._action = np.zeros((capacity, ACTION_SIZE), np.float32)
-        self._seen = np.full((capacity, 2), np.nan)  # distance and its rate at the last step
         # The inputs of the last steps, for networks whose state starts anew in every window.
         memory = 0 if network.carry_state else self._window
-        self._inputs = np.zeros((memory, capacity, OBSERVATION_SIZE + ACTION_SIZE + network.range_rate), np.float32)
+        self._inputs = np.zeros((memory, capacity, OBSERVATION_SIZE + ACTION_SIZE + network.risk_input), np.float32)
         self._past_risks = np.zeros((memory, capacity), np.float32)
         self._taken = np.zeros(capacity, np.int64)
         self._threads = threads
@@ -99,14 +90,12 @@ class StreamingActor:
         self._begin(fresh)
         self._action[fresh] = 0.0
         self._taken[fresh] = 0
-        self._seen[fresh] = np.nan
-        seen = np.asarray(observation, np.float32)[rows]
-        scaled = np.clip((seen - self._mean) / self._scale, -NORMALISED_LIMIT, NORMALISED_LIMIT)
-        parts = [scaled, self._action[rows]]
-        if self._network.range_rate:
-            parts.append(self._residual(rows, seen.astype(np.float64)))
-        inputs = np.concatenate(parts, axis=1)
+        scaled = (np.asarray(observation, np.float32)[rows] - self._mean) / self._scale
         risks = np.clip(np.float32(1.0) - np.asarray(curvttc, np.float32)[rows] / np.float32(RISK_TTC), 0.0, 1.0)
+        parts = [np.clip(scaled, -NORMALISED_LIMIT, NORMALISED_LIMIT), self._action[rows]]
+        if self._network.risk_input:
+            parts.append(risks[:, None].astype(np.float32))
+        inputs = np.concatenate(parts, axis=1)
         if self._network.carry_state:
             actions[rows] = self._advance(rows, inputs, risks.astype(np.float32))
         else:
@@ -121,16 +110,6 @@ class StreamingActor:
         Without this call the returned actions do.
         """
         self._action[active] = np.asarray(action, np.float32)[active]
-
-    def _residual(self, rows: NDArray[np.int64], seen: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return the range-rate residual, float32[n, 1], of `vpsci_ros.learning.sst`, and remember this step for it."""
-        distance = np.sqrt(seen[:, 2] * seen[:, 2] + seen[:, 3] * seen[:, 3])
-        rate = (seen[:, 2] * seen[:, 4] + seen[:, 3] * seen[:, 5]) / np.maximum(distance, SHORTEST_RANGE)
-        before = self._seen[rows]
-        change = (distance - before[:, 0]) / STEP - 0.5 * (rate + before[:, 1])
-        self._seen[rows, 0], self._seen[rows, 1] = distance, rate
-        scaled = np.clip(change / RESIDUAL_UNIT, -RESIDUAL_LIMIT, RESIDUAL_LIMIT)
-        return np.nan_to_num(scaled, nan=0.0).astype(np.float32)[:, None]
 
     def _begin(self, slots: NDArray[np.int64]) -> None:
         self._counts[slots] = 0
@@ -203,7 +182,7 @@ class StreamingActor:
 def _kernel_parameters(weights: ActorWeights) -> tuple[Any, ...]:
     """Return the arguments `entry, layers, head` of `step_rows`: transposed, stacked by layer, keys by (key, head)."""
     network, tensors = weights.network, weights.tensors
-    inputs = ["observation", "action", *(["range_rate"] if network.range_rate else [])]
+    inputs = ["observation", "action", *(["risk"] if network.risk_input else [])]
 
     def dense(name: str) -> NDArray[np.float32]:
         return np.ascontiguousarray(tensors[f"{name}.weight"].T)

@@ -151,7 +151,7 @@ def step_rows(slots, inputs, risks, entry, layers, head, limit, states, keys, va
     """Take `slots.size` rows, at most as many as `work` holds, one step further.
 
     :param slots: int64[n], which histories; inputs: float32[n, I], normalised observation, action before and, where
-        the network has it, range-rate residual; risks: float32[n].
+        the network has it, risk; risks: float32[n].
     :param entry: (w [I, hidden], b [hidden]); layers: (decay, skip, gain, norm weight, norm bias: [L, ...], then the
         dense input, query, key, attended, readout: [L, hidden, hidden], inputs first); head: three (w, b) in a row.
     :param states: float32[slot, L, hidden]; keys: float32[slot, L, window, key, heads]; values: float32[slot, L,

@@ -97,7 +97,7 @@ def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
         tensors = load(data)
         texts = {name: json.loads(text) for name, text in metadata.items() if name != "format"}
         configuration = texts.pop("configuration")
-        values = {"range_rate": False} | configuration["NetworkConfig"]  # files older than that input lack it
+        values = {"risk_input": False} | configuration["NetworkConfig"]  # files older than that input lack it
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise InvalidInput(f"{where}: damaged weights file: {error!r}; copy or train it anew") from None
     network = build(NetworkConfig, values, f"{where}, configuration")
