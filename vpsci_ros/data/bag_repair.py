@@ -58,8 +58,8 @@ def repair_bag(folder: str | Path) -> Repair:
             if channel.topic not in topics:
                 details = channel.metadata
                 latched = "transient_local" in details.get("offered_qos_profiles", "")
-                type_hash = details.get("topic_type_hash", "")
-                topics[channel.topic] = BagTopic(channel.topic, schema.name, schema.data.decode(), type_hash, latched)
+                type_hash, text = details.get("topic_type_hash", ""), schema.data.decode(errors="replace")
+                topics[channel.topic] = BagTopic(channel.topic, schema.name, text, type_hash, latched)
             counts[channel.topic] += 1
             part.count(message.log_time)
         damage += [f"{path.name}: {text}" for text in file.damage]

@@ -130,6 +130,8 @@ class McapFile:
         self._check_ends()
         if self._index_is_whole():
             self._read_summary()
+        elif not self.strict:
+            self._find_descriptions()
         read = undescribed = 0
         for record in self._records():
             for entry in self._unpacked(record, read):
@@ -210,6 +212,16 @@ class McapFile:
             if summary is not None:
                 self._schemas |= summary.schemas
                 self._channels |= summary.channels
+
+    def _find_descriptions(self) -> None:
+        """Take the descriptions of topics that are left of a damaged index, before the messages come by."""
+        noted = list(self.damage)
+        for record in self._records():
+            if isinstance(record, Schema):
+                self._schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self._channels[record.id] = record
+        self.damage = noted
 
     def _check_ends(self) -> None:
         with self.path.open("rb") as file:
