@@ -135,6 +135,13 @@ class RefineConfig(TrainingConfig):
     learning_rate_decay: float = parameter(
         0.0, "the actors' step size falls by this share with every episode, to a tenth at most", low=0.0, high=1.0
     )
+    head_factor: float = parameter(
+        1.0,
+        "the actors' heads take larger steps by this: stage 1 has taught them decimetres per second squared, and "
+        "emergencies take metres",
+        low=0.0,
+        high=1e3,
+    )
     foresight_rollouts: int = parameter(
         32, "objective closed_loop: moments of simulated experience rolled out in one update", low=1, high=4096
     )

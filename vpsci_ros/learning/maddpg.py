@@ -53,6 +53,7 @@ class Maddpg:
     actors, as in 'Multi-agent actor-critic for mixed cooperative-competitive environments' by Lowe et al. 2017
     (https://arxiv.org/abs/1706.02275), which Algorithm 1 abbreviates.
 
+    :param head_factor: the actors' heads take steps of `actor_learning_rate` times this.
     :param value_unit: rewards are divided by this before the critics see them, so that values are of order one.
     """
 
@@ -63,10 +64,17 @@ class Maddpg:
         actor_learning_rate: float,
         critic_learning_rate: float,
         value_unit: float = 1.0,
+        head_factor: float = 1.0,
     ) -> None:
         self.networks, self.config, self._unit = networks, config, value_unit
         self.critic_optimiser = torch.optim.Adam(networks.critic.parameters(), critic_learning_rate)
-        self.actor_optimiser = torch.optim.Adam(networks.actor.parameters(), actor_learning_rate)
+        heads = [p for agent in AGENTS for p in networks.actor[agent].head.parameters()]
+        encoders = [p for agent in AGENTS for p in networks.actor[agent].encoder.parameters()]
+        groups = [
+            {"params": parameters, "lr": actor_learning_rate * factor, "factor": factor}
+            for parameters, factor in ((encoders, 1.0), (heads, head_factor))
+        ]
+        self.actor_optimiser = torch.optim.Adam(groups)
 
     def act(self, batch: Batch) -> Tensors:
         """Return mu(H(t)), float32[M, T, 2], of both agents, with gradient."""

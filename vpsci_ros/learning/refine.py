@@ -93,6 +93,7 @@ class Refiner:
             config.online_learning_rate,
             config.online_critic_learning_rate,
             config.value_unit,
+            config.head_factor,
         )
         self._real = from_table(training)
         real = recorded_histories(self._real)
@@ -332,7 +333,7 @@ class Refiner:
         """Give the actors the step size of this episode."""
         share = max(0.1, (1.0 - self._config.learning_rate_decay) ** self.episodes)
         for group in self._maddpg.actor_optimiser.param_groups:
-            group["lr"] = self._config.online_learning_rate * share
+            group["lr"] = self._config.online_learning_rate * group["factor"] * share
 
     def _look_ahead(self, batch: Batch, actions: Mapping[str, torch.Tensor]) -> dict[str, float]:
         """Improve the actors by what they lose in the next simulated seconds, and return it by name."""
