@@ -101,7 +101,7 @@ def changed(path: str, value):
         ("vehicle.centreline", [[0, 0], [0, 20], [2, 20], [2, 0]], "the vehicle needs"),
         ("vehicle.spawn", [9, 3], r"must be \[least, greatest\], got \[9, 3\]"),
         ("vehicle.spawn", 9, r"must be \[least, greatest\], got 9"),
-        ("vehicle.goal", 10.0, "goal must be a number from 22"),
+        ("vehicle.goal", 10.0, "goal must be a number from 24"),
         ("vehicle.throttle", [0.5, 1.5], "throttle must be a number from 0 to 1"),
         ("pedestrian.speed", [0, 4], "speed must be a number from 0.1 to 8 m/s"),
         ("pedestrian.goal", 2.0, "after the lane"),
