@@ -51,6 +51,12 @@ def test_a_file_older_than_the_risk_input_residual_goes_without_it(networks, tmp
     assert loaded.tensors.keys() == old.tensors.keys()
 
 
+def test_equal_weights_give_equal_bytes(networks):
+    weights = networks().weights({"a": {"b": 1}}, {name: {"é": name} for name in ("one", "two", "three", "four")})
+    assert len({weights_to_bytes(weights) for _ in range(8)}) == 1
+    assert weights_from_bytes(weights_to_bytes(weights)).facts["two"] == {"é": "two"}
+
+
 def test_networks_come_back_from_weights(networks):
     made = networks()
     again = Networks.from_weights(made.weights({}, {}))

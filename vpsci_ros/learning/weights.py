@@ -68,7 +68,7 @@ class Weights:
 
 
 def weights_to_bytes(weights: Weights) -> bytes:
-    """Return the bytes of a safetensors file, as for a `PolicyWeights` message.
+    """Return the bytes of a safetensors file, as for a `PolicyWeights` message; equal weights give equal bytes.
 
     :raises InvalidInput: a tensor is missing, unknown, of the wrong shape or type, or not finite.
     """
@@ -78,8 +78,17 @@ def weights_to_bytes(weights: Weights) -> bytes:
     metadata = {"format": FORMAT, "configuration": json.dumps(configuration, sort_keys=True)}
     metadata |= {name: json.dumps(value, sort_keys=True) for name, value in facts.items()}
     tensors = {name: np.ascontiguousarray(weights.tensors[name]) for name in sorted(weights.tensors)}
-    data: bytes = save(tensors, metadata)
-    return data
+    return _in_order(save(tensors, metadata))
+
+
+def _in_order(data: bytes) -> bytes:
+    """Return a safetensors file with its metadata in alphabetical order; the library writes it in a random one."""
+    length = int.from_bytes(data[:8], "little")
+    header = json.loads(data[8 : 8 + length])
+    header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
+    text = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
+    text += b" " * (-len(text) % 8)  # tensors are aligned to eight bytes
+    return len(text).to_bytes(8, "little") + text + data[8 + length :]
 
 
 def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
