@@ -51,7 +51,7 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     assert load_weights(second.folder / "learner" / "refined.safetensors").facts["stage"] == "refined"
     rows = pl.read_csv(second.folder / "learner" / "refine_log.csv")
     rewards = pl.read_csv(second.folder / "learner" / "refine_episodes.csv")
-    assert rows["updates"][-1] == second.progress["learner.updates"]
+    assert rows["updates"][-1] >= second.progress["learner.updates"]  # it may go on after its last report
     assert rewards["episode"].to_list() == list(range(1, rows["episodes"][-1] + 1)), "a row for every episode"
     assert (second.folder / "learner" / "learning.png").exists()
 
