@@ -65,11 +65,7 @@ def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> 
     run, world, monitor = simulation_sections(sections)
     start = weights_path(learner.weights)
     weights, corpus = load_weights(start), load_corpus(learner.near_misses)
-    resolved = {
-        "learner": as_section(learner, config),
-        "world_simulator": as_section(run, world),
-        "safety_monitor": as_section(monitor),
-    }
+    resolved = stage_2_record(learner, config, run, world, monitor)
     with RunFolder(folder, resolved, [*learner.near_misses, start]) as record, StageBar("stage 2", quiet) as bar:
         try:
             refined = refine(
@@ -89,6 +85,17 @@ def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> 
         finally:
             save_learning(folder)
     print(f"written: {folder / 'refined.safetensors'}; refine_log.csv, learning.png, run.json beside it")
+
+
+def stage_2_record(
+    learner: LearnerConfig, config: RefineConfig, run: RunConfig, world: WorldConfig, monitor: MonitorConfig
+) -> Sections:
+    """Return the resolved parameters of a run of stage 2, as its folder keeps them."""
+    return {
+        "learner": as_section(learner, config),
+        "world_simulator": as_section(run, world),
+        "safety_monitor": as_section(monitor),
+    }
 
 
 def learner_section(sections: Sections, *kinds: type) -> list[Any]:

@@ -15,7 +15,7 @@ from vpsci_ros.learning.weights import load_weights
 from vpsci_ros.resources import weights_path
 from vpsci_ros.run_folder import RunFolder
 from vpsci_ros.stage_bar import StageBar, stopped_between_updates
-from vpsci_ros.stages import Sections, as_section, learner_section, simulation_sections
+from vpsci_ros.stages import Sections, as_section, learner_section, simulation_sections, stage_2_record
 from vpsci_ros.world import load_scenarios
 
 
@@ -67,11 +67,7 @@ def run_weight_study(
     run, world, monitor = simulation_sections(sections)
     start = weights_path(learner.weights)
     weights, corpus = load_weights(start), load_corpus(learner.near_misses)
-    resolved = {
-        "learner": as_section(learner, config),
-        "world_simulator": as_section(run, world),
-        "safety_monitor": as_section(monitor),
-    }
+    resolved = stage_2_record(learner, config, run, world, monitor)
     facts = {"study": {"weightings": list(weightings), "fresh_episodes": fresh_episodes, "fresh_seed": fresh_seed}}
     fresh = FreshEpisodes([(s, e) for e in range(fresh_episodes) for s in run.scenarios], fresh_seed)
     with RunFolder(folder, resolved, [*learner.near_misses, start], facts) as record:

@@ -12,7 +12,9 @@ Events have no gradient, so each gets a smooth stand-in:
 - collision (25): how far the clearance of the footprints falls short of a margin, squared;
 - goal (26): how far each agent is from its pace, as a share of it, squared; a vehicle's pace is `CRUISE` at least.
 
-The speed reward has a gradient as it is, and is taken at the recorded steps rather than at the foreseen ones.
+The speed reward has a gradient as it is, and is taken at the recorded steps rather than at the foreseen ones. The
+pedestrian's share of (21)-(24) is the default of the world's `pedestrian_gain`, the paper's 0.5: transitions do not
+tell it, so a world with another one needs `online_objective: ddpg`.
 """
 
 from collections.abc import Sequence

@@ -2,6 +2,7 @@
 
 import polars as pl
 
+from vpsci_ros.data.near_misses import split_by_clip
 from vpsci_ros.learning.interactions import Interactions, from_table
 from vpsci_ros.learning.predictors import PolicyPredictor, RepeatVelocity
 from vpsci_ros.learning.protocols import closed_loop, eligible, reconstruct
@@ -37,3 +38,18 @@ class HeldOut:
             "closed_loop_ade": float(loop.ade.mean()),
             "closed_loop_fde": float(loop.fde.mean()),
         }
+
+
+def split_as_before(
+    near_misses: pl.DataFrame, weights: Weights, fraction: float, seed: int
+) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """Return near misses to learn from, and those of the clips that `weights` were not trained on.
+
+    If the table has none of these clips, `fraction` of it is held out, by whole clips.
+    """
+    clips = weights.facts.get("data", {}).get("held_out_clips", [])
+    held = pl.concat_str("source", "clip", separator="/").is_in(clips)
+    held_out = near_misses.filter(held)
+    if held_out.is_empty():
+        return split_by_clip(near_misses, fraction, seed)
+    return near_misses.filter(~held), held_out

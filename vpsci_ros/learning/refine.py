@@ -30,14 +30,13 @@ import polars as pl
 import torch
 from numpy.typing import NDArray
 
-from vpsci_ros.data.near_misses import split_by_clip
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.config import AGENTS, PretrainConfig, RefineConfig
 from vpsci_ros.learning.divergence import check_losses
 from vpsci_ros.learning.foresight import draw_moments, foresee, start_at, step_along
-from vpsci_ros.learning.held_out import HeldOut
+from vpsci_ros.learning.held_out import HeldOut, split_as_before
 from vpsci_ros.learning.imitation import draw, rollout_loss
 from vpsci_ros.learning.interactions import from_table, table_hash
 from vpsci_ros.learning.maddpg import Maddpg, Scored, UpdateResult
@@ -83,7 +82,7 @@ class Refiner:
         self._config, self._start = config, weights
         self._out_dir = None if out_dir is None else Path(out_dir)
         self._rng = np.random.default_rng(seed)
-        training, held_out = _split(near_misses, weights, config, seed)
+        training, held_out = split_as_before(near_misses, weights, config.refine_held_out_fraction, seed)
         self._held_out = HeldOut(held_out)
         self._networks = Networks.from_weights(weights)
         self._frozen = copy.deepcopy(self._networks.actor).requires_grad_(False)
@@ -399,14 +398,3 @@ class Refiner:
     def _actor_state(self) -> dict[str, dict[str, torch.Tensor]]:
         parts = {"actor": self._networks.actor, "target_actor": self._networks.target_actor}
         return {name: {k: v.detach().clone() for k, v in part.state_dict().items()} for name, part in parts.items()}
-
-
-def _split(
-    near_misses: pl.DataFrame, weights: Weights, config: RefineConfig, seed: int
-) -> tuple[pl.DataFrame, pl.DataFrame]:
-    clips = weights.facts.get("data", {}).get("held_out_clips", [])
-    held = pl.concat_str("source", "clip", separator="/").is_in(clips)
-    held_out = near_misses.filter(held)
-    if held_out.is_empty():
-        return split_by_clip(near_misses, config.refine_held_out_fraction, seed)
-    return near_misses.filter(~held), held_out
