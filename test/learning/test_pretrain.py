@@ -82,6 +82,7 @@ def test_a_short_run_improves_both_held_out_errors(tmp_path):
         velocity_weight=10.0,
         batch_size=32,
         imitation_learning_rate=1e-2,
+        imitation_head_factor=1.0,
         dropout=0.0,  # a head of eight is thin enough
         target_update_rate=0.05,
         held_out_fraction=0.3,

@@ -35,6 +35,7 @@ class Recall:
     def __init__(self, interactions, start):
         self.actions = [interactions.action[agent] for agent in AGENTS]
         self.step = start.copy()
+        self.tracked_steps = 0
 
     def begin(self, count):
         self.rows = np.arange(count)
@@ -98,7 +99,7 @@ def test_interactions_shorter_than_a_second_are_left_out():
 
 def test_an_untrained_policy_is_the_control(networks, near_misses):
     interactions = eligible(from_table(near_misses))
-    policy, control = PolicyPredictor(networks(gain=0.0).weights({}, {})), RepeatVelocity()
+    policy, control = PolicyPredictor(networks(gain=0.0).weights({}, {})), RepeatVelocity(tracked_steps=3)
     np.testing.assert_allclose(closed_loop(policy, interactions).ade, closed_loop(control, interactions).ade, atol=1e-6)
 
 

@@ -88,6 +88,34 @@ def test_curvttc_sees_the_turn_the_vehicle_is_in():
     )
     before = motion.clone()
     before[:, 2] -= 0.05  # 0.5 rad/s at 5 m/s
-    ttc = time_to_collision(scene_at(motion.double(), before.double()))
+    ttc = time_to_collision(scene_at(torch.stack([before, motion], dim=1).double(), torch.tensor([1, 1])))
     assert 1.0 < ttc[0] < 3.0
     assert ttc[1] == np.inf
+
+
+def braking(steps=12, heading=0.4):
+    """A car that brakes from 6 m/s at 1 m/s2 along `heading`, published with speeds that lag 0.8 m/s behind."""
+    time = 0.1 * torch.arange(steps, dtype=torch.float64)
+    way, ahead = 6.0 * time - 0.5 * time**2, torch.tensor([np.cos(heading), np.sin(heading)], dtype=torch.float64)
+    motion = torch.zeros(1, steps, 9, dtype=torch.float64)
+    motion[0, :, :2], motion[0, :, 2] = way[:, None] * ahead, heading
+    motion[0, :, 3:5] = (6.8 - time)[:, None] * ahead
+    return motion
+
+
+def test_a_tracked_scene_starts_from_the_speed_that_positions_tell():
+    motion, at = braking(), torch.tensor([9])
+    for steps, speed in ((0, 5.9), (1, 5.1), (3, 5.1)):
+        assert float(scene_at(motion, at, steps).vehicle_velocity.norm()) == pytest.approx(speed, abs=1e-9)
+    assert float(scene_at(motion, torch.tensor([0]), 3).vehicle_velocity.norm()) == pytest.approx(6.8)
+    for part, recorded in zip(scene_at(motion, at, 3)[4:], scene_at(motion, at, 0)[4:], strict=True):
+        assert torch.equal(part, recorded), "a pedestrian's speed is as recorded"
+
+
+def test_tracking_uses_no_step_after_the_start_and_never_sends_a_car_backwards():
+    motion, at = braking(), torch.tensor([9])
+    known = scene_at(motion, at, 3).vehicle_velocity
+    motion[0, 10:] = 99.0
+    assert torch.equal(scene_at(motion, at, 3).vehicle_velocity, known)
+    motion[0, 6:10, :2] -= torch.arange(4)[:, None]  # a tracker that jumps
+    assert float(scene_at(motion, at, 3).vehicle_velocity.norm()) == pytest.approx(0.0, abs=1e-12)

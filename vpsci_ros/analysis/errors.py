@@ -8,6 +8,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.config import NetworkConfig
 from vpsci_ros.learning.interactions import Interactions, from_table
 from vpsci_ros.learning.predictors import PolicyPredictor, Predictor, RepeatVelocity
 from vpsci_ros.learning.protocols import (
@@ -21,7 +22,11 @@ from vpsci_ros.learning.weights import Weights
 
 RESAMPLES = 2000
 LEVEL = 0.95
-CONTROLS = ("repeat_velocity", "constant_velocity")
+CONTROLS = ("repeat_velocity", "constant_velocity", "constant_velocity_tracked")
+TRACKED_STEPS = NetworkConfig().tracked_steps
+
+
+Measured = dict[str, ProtocolErrors]  # by protocol
 
 
 def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor], seed: int = 0) -> dict[str, Any]:
@@ -32,8 +37,11 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor
     `ade_interval` and `fde_interval` [m], and `ade_ratio` with `ade_ratio_interval`: the ADE as a share of
     `repeat_velocity`'s. Intervals resample whole clips, since interactions of one clip share agents.
 
-    In closed loop both controls are the same: the last observed velocity, kept. In reconstruction `repeat_velocity`
-    looks again at every step, and `constant_velocity` keeps the velocity of the first critical step.
+    In closed loop the first two controls are the same: the last recorded velocity, kept. In reconstruction
+    `repeat_velocity` looks again at every step, and the others keep the velocity of the first critical step.
+    `constant_velocity_tracked` starts its closed loop as the policies do, from the vehicle's speed by its last observed
+    positions (`scene.scene_at`): published speeds may lag behind, and this control tells how much of a policy's gain
+    is due to that.
 
     :param models: name -> weights of both agents, or any `Predictor`.
     :raises InvalidInput: no interaction of a second or more, or a model has a control's name.
@@ -45,13 +53,22 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor
     predictors: dict[str, Predictor] = {
         name: PolicyPredictor(model) if isinstance(model, Weights) else model for name, model in models.items()
     }
-    errors = {name: _both(model, interactions) for name, model in predictors.items()}
-    errors["repeat_velocity"] = _both(RepeatVelocity(), interactions)
+    return compare({name: measure(model, interactions) for name, model in predictors.items()}, interactions, seed)
+
+
+def measure(model: Predictor, interactions: Interactions) -> Measured:
+    """Return a model's errors by protocol; `interactions` as `eligible` returns them."""
+    return {"reconstruction": reconstruct(model, interactions), "closed_loop": closed_loop(model, interactions)}
+
+
+def compare(errors: Mapping[str, Measured], interactions: Interactions, seed: int) -> dict[str, Any]:
+    """Add the controls to measured errors of the same interactions; return the layout of `evaluate`."""
+    errors = dict(errors) | {"repeat_velocity": measure(RepeatVelocity(), interactions)}
+    held = constant_velocity_reconstruction(interactions)
     loop = errors["repeat_velocity"]["closed_loop"]
-    errors["constant_velocity"] = {
-        "reconstruction": constant_velocity_reconstruction(interactions),
-        "closed_loop": loop,
-    }
+    errors["constant_velocity"] = {"reconstruction": held, "closed_loop": loop}
+    loop = closed_loop(RepeatVelocity(TRACKED_STEPS), interactions)
+    errors["constant_velocity_tracked"] = {"reconstruction": held, "closed_loop": loop}
     draws = _clip_draws(interactions.clip, seed)
     control = errors["repeat_velocity"]
     return {
@@ -62,10 +79,6 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor
             for name, result in errors.items()
         },
     }
-
-
-def _both(model: Predictor, interactions: Interactions) -> dict[str, ProtocolErrors]:
-    return {"reconstruction": reconstruct(model, interactions), "closed_loop": closed_loop(model, interactions)}
 
 
 def _clip_draws(clips: NDArray[np.object_], seed: int) -> NDArray[np.float64]:

@@ -28,6 +28,13 @@ class NetworkConfig:
     risk_input: bool = parameter(
         True, "CurvTTC's risk enters the networks with the observation, and does not only gate their attention"
     )
+    tracked_steps: int = parameter(
+        3,
+        "closed loop of recorded near misses: starts from the vehicle's speed by its positions over so many observed "
+        "steps, for published speeds lag behind; 0: from the recorded speed",
+        low=0,
+        high=10,
+    )
     actor_hidden: list[int] = parameter([64, 64], "two hidden layers of the actor", low=1, high=1024)
     critic_state: int = parameter(16, "critic: layer on the encoded history", low=1, high=1024)
     critic_action: int = parameter(16, "critic: layer on the joint action", low=1, high=1024)
@@ -94,6 +101,12 @@ class PretrainConfig(TrainingConfig):
     )
     imitation_learning_rate: float = parameter(
         1.5e-4, "peak step size of the actors, objective closed_loop", low=0.0, high=1.0
+    )
+    imitation_head_factor: float = parameter(
+        10.0,
+        "objective closed_loop: the actors' heads take larger steps by this; they begin near zero",
+        low=0.01,
+        high=1e3,
     )
     velocity_weight: float = parameter(
         10.0,

@@ -123,7 +123,7 @@ def rollout_loss(
     data = recorded(interactions, start, OBSERVED + config.rollout_steps + 1)
     velocity_error, histories = _observed(networks, data, lead)
     rows = np.arange(len(lead))
-    scene = scene_at(data.motion[rows, lead], data.motion[rows, np.maximum(lead - 1, 0)])
+    scene = scene_at(data.motion, torch.from_numpy(lead), networks.config.tracked_steps)
     before = {agent: data.action[agent][rows, np.maximum(lead - 1, 0)] * _column(lead > 0) for agent in AGENTS}
     share = torch.from_numpy((0.5 / steps / len(steps)).astype(np.float32))
     position_error = torch.zeros(())
@@ -171,15 +171,18 @@ class Imitation:
 
     def __init__(self, networks: Networks, interactions: Interactions, config: PretrainConfig) -> None:
         self._networks, self._interactions, self._config = networks, interactions, config
-        matrices = [p for p in networks.actor.parameters() if p.ndim == 2]
-        others = [p for p in networks.actor.parameters() if p.ndim != 2]
-        groups = [{"params": matrices, "weight_decay": config.weight_decay}, {"params": others, "weight_decay": 0.0}]
+        groups = []
+        for part, factor in (("encoder", 1.0), ("head", config.imitation_head_factor)):
+            mine = [p for agent in AGENTS for p in getattr(networks.actor[agent], part).parameters()]
+            for matrices, decay in ((True, config.weight_decay / factor), (False, 0.0)):
+                parameters = [p for p in mine if (p.ndim == 2) == matrices]
+                groups.append({"params": parameters, "weight_decay": decay, "factor": factor})
         self.optimiser = torch.optim.AdamW(groups, lr=config.imitation_learning_rate)
 
     def update(self, rng: np.random.Generator, episode: int) -> dict[str, float]:
         """Take one step; the step size rises over the first iterations and falls along a cosine to the last."""
         for group in self.optimiser.param_groups:
-            group["lr"] = self._config.imitation_learning_rate * self._schedule(episode)
+            group["lr"] = self._config.imitation_learning_rate * group["factor"] * self._schedule(episode)
         start = draw(self._interactions, self._config, rng)
         torch.manual_seed(int(rng.integers(2**62)))  # of the dropout
         with self._dropout():

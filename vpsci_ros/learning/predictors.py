@@ -13,7 +13,14 @@ Actions = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
 class Predictor(Protocol):
-    """Anything that answers observations of N parallel interactions with both agents' accelerations."""
+    """Anything that answers observations of N parallel interactions with both agents' accelerations.
+
+    `tracked_steps` is that of `scene.scene_at` from which its closed loop starts.
+    """
+
+    @property
+    def tracked_steps(self) -> int:
+        """Observed steps by which the vehicle's speed is known at the start; 0: as recorded."""
 
     def begin(self, count: int) -> None:
         """Prepare for `count` interactions with empty histories."""
@@ -36,7 +43,13 @@ class Predictor(Protocol):
 
 
 class RepeatVelocity:
-    """The control: the last observed velocity repeated, that is, no acceleration."""
+    """The control: the last observed velocity repeated, that is, no acceleration.
+
+    :param tracked_steps: 0: the recorded velocity; otherwise the vehicle's by its last observed positions.
+    """
+
+    def __init__(self, tracked_steps: int = 0) -> None:
+        self.tracked_steps = tracked_steps
 
     def begin(self, count: int) -> None:
         """See `Predictor.begin`."""
@@ -61,6 +74,7 @@ class PolicyPredictor:
 
     def __init__(self, weights: Weights) -> None:
         self._weights = weights
+        self.tracked_steps = weights.network.tracked_steps
 
     def begin(self, count: int) -> None:
         """See `Predictor.begin`."""

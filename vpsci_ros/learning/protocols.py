@@ -130,8 +130,7 @@ def closed_loop_trajectories(model: Predictor, interactions: Interactions) -> ND
         seen = interactions.observation["vehicle"][rows, at], interactions.observation["pedestrian"][rows, at]
         model.act(*seen, interactions.curvttc[rows, at], active)
         model.executed((interactions.action["vehicle"][rows, at], interactions.action["pedestrian"][rows, at]), active)
-    first = torch.from_numpy(interactions.motion[rows, interactions.first])
-    scene = scene_at(first, torch.from_numpy(interactions.motion[rows, np.maximum(interactions.first - 1, 0)]))
+    scene = scene_at(torch.from_numpy(interactions.motion), torch.from_numpy(interactions.first), model.tracked_steps)
     curvttc = interactions.curvttc[rows, interactions.first]
     steps = horizon(interactions)
     out = np.zeros((n, int(steps.max()), interactions.motion.shape[2]))

@@ -34,16 +34,40 @@ class Scene(NamedTuple):
     pedestrian_velocity: Tensor
 
 
-def scene_at(motion: Tensor, before: Tensor) -> Scene:
-    """Return the scene of recorded rows [B, 9], as in `Interactions.motion`; `before` holds the rows one step earlier.
+def scene_at(motion: Tensor, at: Tensor, tracked_steps: int = 0) -> Scene:
+    """Return the scene of step `at`, int64[B], of recorded histories [B, T, 9], rows as in `Interactions.motion`.
 
-    The curvature of the vehicle's path comes from its turn since then.
+    The curvature of the vehicle's path comes from its turn since the step before.
+
+    :param tracked_steps: the vehicle's speed is what its positions say over so many steps before, or as many as there
+        are; 0: as recorded. Published vehicle speeds may be smoothed so much that they lag behind the positions.
     """
-    velocity = motion[:, 3:5]
-    turn = (motion[:, 2] - before[:, 2]) / STEP
+    rows = torch.arange(len(motion))
+    now, before = motion[rows, at], motion[rows, (at - 1).clamp(min=0)]
+    velocity = now[:, 3:5] + _missing_speed(motion, at, tracked_steps)
+    turn = (now[:, 2] - before[:, 2]) / STEP
     speed = velocity.norm(dim=1)
     curvature = torch.where(speed > 0.1, turn / speed.clamp(min=0.1), 0.0).clamp(-SHARPEST_TURN, SHARPEST_TURN)
-    return Scene(motion[:, :2], motion[:, 2], velocity, curvature, motion[:, 5:7], motion[:, 7:9])
+    return Scene(now[:, :2], now[:, 2], velocity, curvature, now[:, 5:7], now[:, 7:9])
+
+
+def _missing_speed(motion: Tensor, at: Tensor, steps: int) -> Tensor:
+    """Return what the vehicle's recorded velocity [B, 2] lacks along its heading for its positions to follow from it.
+
+    The mean over `steps` steps of how much further it came than by the mean of the recorded velocities of both ends.
+    """
+    rows = torch.arange(len(motion))
+    heading = motion[rows, at, 2]
+    ahead = torch.stack([torch.cos(heading), torch.sin(heading)], dim=1)
+    total, count = torch.zeros_like(heading), torch.zeros_like(heading)
+    for age in range(1, steps + 1):
+        first, second = motion[rows, (at - age).clamp(min=0)], motion[rows, (at - age + 1).clamp(min=0)]
+        gap = (second[:, :2] - first[:, :2]) / STEP - 0.5 * (first[:, 3:5] + second[:, 3:5])
+        known = at >= age
+        total, count = total + (gap * ahead).sum(dim=1) * known, count + known
+    missing = total / count.clamp(min=1.0)
+    forward = (motion[rows, at, 3:5] * ahead).sum(dim=1)
+    return torch.maximum(missing, -forward.clamp(min=0.0))[:, None] * ahead  # a vehicle does not roll backwards
 
 
 def observe(scene: Scene) -> tuple[Tensor, Tensor]:

@@ -106,7 +106,8 @@ def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
         tensors = load(data)
         texts = {name: json.loads(text) for name, text in metadata.items() if name != "format"}
         configuration = texts.pop("configuration")
-        values = {"risk_input": False} | configuration["NetworkConfig"]  # files older than that input lack it
+        older = {"risk_input": False, "tracked_steps": 0}  # what files had before these parameters
+        values = older | configuration["NetworkConfig"]
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise InvalidInput(f"{where}: damaged weights file: {error!r}; copy or train it anew") from None
     network = build(NetworkConfig, values, f"{where}, configuration")
