@@ -49,16 +49,20 @@ def test_a_layer_is_the_recurrence_of_equation_3_and_the_attention_of_equation_4
     torch.testing.assert_close(layer(x, risks)[0][0], torch.stack(expected), atol=1e-5, rtol=1e-4)
 
 
-def test_stepping_equals_the_whole_history(networks):
-    actor = networks().actor["vehicle"]
+@pytest.fixture(params=[True, False], ids=["carried", "window"])
+def actor(request, networks):
+    """A vehicle's actor, with carried state and with a plain window of ten steps."""
+    return networks(NetworkConfig(**{**vars(SMALL), "carry_state": request.param})).actor["vehicle"]
+
+
+def test_stepping_equals_the_whole_history(actor):
     observation, before, curvttc = history()
     states = actor.empty_history()
     steps = [actor.step(observation[:, t], before[:, t], curvttc[:, t], states) for t in range(30)]
     torch.testing.assert_close(torch.stack(steps, 1), actor(observation, before, curvttc), atol=1e-5, rtol=1e-4)
 
 
-def test_histories_of_different_length_go_on_from_what_was_remembered(networks):
-    actor = networks().actor["vehicle"]
+def test_histories_of_different_length_go_on_from_what_was_remembered(actor):
     observation, before, curvttc = history(batch=4)
     taken = torch.tensor([0, 1, 7, 13])
     _, states = actor.remember(observation, before, curvttc, taken)
@@ -70,9 +74,7 @@ def test_histories_of_different_length_go_on_from_what_was_remembered(networks):
         torch.testing.assert_close(action, whole[rows, at], atol=1e-5, rtol=1e-4)
 
 
-@pytest.mark.parametrize("carry_state", [True, False])
-def test_the_future_does_not_matter(networks, carry_state):
-    actor = networks(NetworkConfig(**{**vars(SMALL), "carry_state": carry_state})).actor["vehicle"]
+def test_the_future_does_not_matter(actor):
     observation, before, curvttc = history()
     changed = observation.clone()
     changed[:, 20:] += 1.0

@@ -18,6 +18,7 @@ without it every output comes from its own window of `attention_window` inputs a
 """
 
 import math
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -36,10 +37,35 @@ def risk(curvttc: Tensor) -> Tensor:
 ABSENT = -1e9  # logit of a step before the history began
 
 
+class Window(NamedTuple):
+    """The last inputs of B histories for a network whose state starts anew in every window, oldest first.
+
+    inputs float32[B, W, hidden] and risks float32[B, W], filled from the front; held int64[B], how many are there.
+    """
+
+    inputs: Tensor
+    risks: Tensor
+    held: Tensor
+
+    def appended(self, x: Tensor, risks: Tensor) -> "Window":
+        """Return the window one step later; where it is full, the oldest input makes room."""
+        size = self.inputs.shape[1]
+        full = self.held == size
+        inputs = torch.where(full[:, None, None], self.inputs.roll(-1, dims=1), self.inputs)
+        past = torch.where(full[:, None], self.risks.roll(-1, dims=1), self.risks)
+        here = torch.arange(size) == self.held.clamp(max=size - 1)[:, None]
+        inputs = torch.where(here[..., None], x[:, None], inputs)
+        return Window(inputs, torch.where(here, risks[:, None], past), (self.held + 1).clamp(max=size))
+
+
 class StepState:
-    """What a layer remembers of its history: h, and keys, values and gates of the last steps (lists, oldest first)."""
+    """What a layer remembers of its history: h, and keys, values and gates of the last steps (lists, oldest first).
+
+    Without carried state the first layer's holds the encoder's `window` instead.
+    """
 
     def __init__(self) -> None:
+        self.window: Window | None = None
         self.h: Tensor | None = None
         self.keys: list[Tensor] = []
         self.values: list[Tensor] = []
@@ -47,6 +73,8 @@ class StepState:
 
     def keep(self, rows: int) -> None:
         """Forget all but the first `rows` rows."""
+        if self.window is not None:
+            self.window = Window(*(part[:rows] for part in self.window))
         if self.h is not None and len(self.h) > rows:
             self.h = self.h[:rows]
             self.keys, self.values, self.gates = (
@@ -187,29 +215,50 @@ class SSTEncoder(nn.Module):
     def remember(
         self, observation: Tensor, action_before: Tensor, curvttc: Tensor, taken: Tensor
     ) -> tuple[Tensor, list[StepState]]:
-        """Encode as `forward` does with carried state, and return the layers' states after `taken` steps of each row.
+        """Encode as `forward` does, and return the layers' states after `taken` steps of each row.
 
         :param taken: int64[B], 0 for an empty history.
         """
         risks, states = risk(curvttc), []
         x = self.embed(observation, action_before, risks)
+        if not self.config.carry_state:
+            states = [StepState() for _ in self.layers]
+            states[0].window = self._last_inputs(x, risks, taken)
+            return self.forward(observation, action_before, curvttc), states
         for layer in self.layers:
             x, state = layer(x, risks, taken)
             states.append(state)
         return x, states
 
     def step(self, observation: Tensor, action_before: Tensor, curvttc: Tensor, states: list[StepState]) -> Tensor:
-        """Encode one more step, carrying state: observation [B, 6], action_before [B, 2], curvttc [B] -> [B, hidden].
+        """Encode one more step: observation [B, 6], action_before [B, 2], curvttc [B] -> [B, hidden].
 
-        `states` holds one `StepState` a layer, new ones for an empty history. Without `carry_state` this is right for
-        histories of up to `attention_window` steps only.
+        `states` holds one `StepState` a layer, new ones for an empty history. With `carry_state` a step costs O(1),
+        without it as much as the window is long.
         """
         risks = risk(curvttc)
         x = self.embed(observation, action_before, risks)
+        if not self.config.carry_state:
+            window = states[0].window
+            if window is None:
+                none = torch.zeros(len(x), dtype=torch.long)
+                window = self._last_inputs(x[:, None], risks[:, None], none)
+            states[0].window = window = window.appended(x, risks)
+            # Filled from the front, and no step sees a later one: what lies behind the newest does not matter.
+            return self._through(window.inputs, window.risks)[torch.arange(len(x)), window.held - 1]
         for layer, state in zip(self.layers, states, strict=True):
             assert isinstance(layer, SSTLayer)
             x = layer.step(x, risks, state)
         return x
+
+    def _last_inputs(self, x: Tensor, risks: Tensor, taken: Tensor) -> Window:
+        """Return the inputs that the first `taken` steps of each row leave in the window."""
+        size = self.config.attention_window
+        count = taken.clamp(max=size)
+        at = (taken - count)[:, None] + torch.arange(size)
+        filled = torch.arange(size) < count[:, None]
+        rows, at = torch.arange(len(x))[:, None], at.clamp(max=x.shape[1] - 1)
+        return Window(x[rows, at] * filled[..., None], risks[rows, at] * filled, count)
 
     def _through(self, x: Tensor, risks: Tensor) -> Tensor:
         for layer in self.layers:
