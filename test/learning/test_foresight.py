@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from vpsci_ros.learning.config import AGENTS
-from vpsci_ros.learning.foresight import clearance, draw_moments, foresee, remembered, start_at, step_along
+from vpsci_ros.learning.foresight import AHEAD, clearance, draw_moments, foresee, remembered, start_at, step_along
 from vpsci_ros.learning.replay import History
 from vpsci_ros.learning.transitions import LANE_GRID, LANE_NODES, TransitionBuilder
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
@@ -32,9 +32,9 @@ def meeting(distance, speed, walking, steps=6, collision=False):
     )
 
 
-def lost(networks, histories, at, steps=20):
+def lost(networks, histories, at, steps=20, anticipation=0.0, pace=(0.5, 0.5)):
     start = start_at(histories, np.array(at))
-    return foresee(networks.actor, start, steps=steps, margin=0.5, gain=0.5)
+    return foresee(networks.actor, start, steps=steps, margin=0.5, anticipation=anticipation, pace=pace, gain=0.5)
 
 
 def test_clearance_is_the_worlds_for_footprints_apart_and_never_positive_where_they_touch():
@@ -64,6 +64,24 @@ def test_another_speed_than_ones_pace_costs_the_square_of_the_share(networks):
     vehicle, pedestrian = (1.0 - 3.5 / 7.0) ** 2, (1.0 - 1.0 / 2.0) ** 2
     goal = lost(networks(gain=0.0), [history], [3])[1]
     assert float(goal.detach()) == pytest.approx(0.5 * (vehicle + pedestrian), rel=1e-5)
+    goal = lost(networks(gain=0.0), [history], [3], pace=(0.2, 0.9))[1]
+    assert float(goal.detach()) == pytest.approx(0.2 * vehicle + 0.9 * pedestrian, rel=1e-5)
+
+
+def test_anticipated_clearance_counts_the_next_two_seconds_at_the_speeds_of_the_moment(networks):
+    """5 m/s towards one who stands still: footprints meet after 2.38 m + 0.25 m are left of the distance."""
+    still, reach = networks(gain=0.0), 0.5 * VEHICLE_LENGTH + PEDESTRIAN_RADIUS + 0.5
+
+    def anticipated(distance, walking=(0.0, 0.0)):
+        history = meeting([distance, 0.0], 5.0, list(walking))
+        return float(lost(still, [history], [0], steps=1, anticipation=1.0)[0].detach())
+
+    way = 0.1 * 5.0  # driven in the one step
+    for ahead in AHEAD:
+        assert anticipated(way + 5.0 * ahead + 0.5 * reach) > 0.0
+    assert anticipated(way + 5.0 * AHEAD[-1] + reach + 0.1) == 0.0
+    assert anticipated(way + 5.0 * AHEAD[-1] + 0.5 * reach, walking=(0.0, 3.0)) == 0.0, "who walks on is not hit"
+    assert float(lost(still, [meeting([8.0, 0.0], 5.0, [0.0, 0.0])], [0], steps=1)[0].detach()) == 0.0
 
 
 def test_a_roll_out_from_within_a_history_goes_on_with_the_memory_of_it(networks):

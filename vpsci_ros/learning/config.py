@@ -171,6 +171,18 @@ class RefineConfig(TrainingConfig):
     clearance_margin: float = parameter(
         0.5, "objective closed_loop: clearance that the agents should keep", unit="m", low=0.01, high=10.0
     )
+    clearance_ahead: float = parameter(
+        0.0,
+        "objective closed_loop: weight of the clearance that speeds of the moment lead to within 2 s",
+        low=0.0,
+        high=100.0,
+    )
+    pace_weights: list[float] = parameter(
+        [0.5, 0.5],
+        "objective closed_loop: weights of the vehicle's and of the pedestrian's pace in the goal reward",
+        low=0.0,
+        high=100.0,
+    )
     noise_start: float = parameter(
         0.3, "N_0 of the exploration noise (16)", unit="of the action limit", low=0.0, high=2.0
     )
@@ -230,6 +242,8 @@ class RefineConfig(TrainingConfig):
     def __post_init__(self) -> None:
         if len(self.foresight_scale) != 3:
             raise InvalidInput(f"foresight_scale must be three numbers, got {self.foresight_scale}")
+        if len(self.pace_weights) != 2:
+            raise InvalidInput(f"pace_weights must be two numbers, got {self.pace_weights}")
         weights = self.reward_weights
         if weights and (len(weights) != 3 or not math.isclose(sum(weights), 1.0, abs_tol=0.011)):
             raise InvalidInput(f"reward_weights must be three numbers that add up to 1 (or empty), got {weights}")

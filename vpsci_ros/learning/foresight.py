@@ -9,8 +9,11 @@ react.
 
 Events have no gradient, so each gets a smooth stand-in:
 
-- collision (25): how far the clearance of the footprints falls short of a margin, squared;
-- goal (26): how far each agent is from its pace, as a share of it, squared; a vehicle's pace is `CRUISE` at least.
+- collision (25): how far the clearance of the footprints falls short of a margin, squared, now and, by a weight, where
+  both would be within the next `AHEAD` seconds at the speeds and the curvature of the moment. The second is
+  CurvTTC made smooth: who only minds clearance passes a hand's breadth from the other, and people do not;
+- goal (26): how far each agent is from its pace, as a share of it, squared; a vehicle's pace is `CRUISE` at least. The
+  agent whose pace weighs less gives way more often.
 
 The speed reward has a gradient as it is, and is taken at the recorded steps rather than at the foreseen ones. The
 pedestrian's share of (21)-(24) is the default of the world's `pedestrian_gain`, the paper's 0.5: transitions do not
@@ -35,6 +38,7 @@ from vpsci_ros.learning.transitions import LANE_GRID
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION
 
+AHEAD = (0.7, 1.4, 2.1)  # [s] from now at which anticipated clearance is taken; a car is as long as it drives between
 CRUISE = 3.5  # [m/s] pace that a vehicle which stands or creeps should take up
 HAND_OVERS = 0.7  # share of roll-outs that begin there
 LONGEST = 20.0  # times the median: the length to which gradients of single roll-outs are shortened
@@ -90,10 +94,15 @@ def start_at(histories: Sequence[History], at: NDArray[np.int64]) -> Start:
     )
 
 
-def foresee(actors: Actors, start: Start, *, steps: int, margin: float, gain: float) -> tuple[Tensor, Tensor]:
+def foresee(
+    actors: Actors, start: Start, *, steps: int, margin: float, anticipation: float, pace: Sequence[float], gain: float
+) -> tuple[Tensor, Tensor]:
     """Let both actors act together for `steps` steps, and return what they lose by collision and by goal.
 
     :param margin: clearance [m] below which the first counts.
+    :param anticipation: weight of the clearances that the speeds of the moment lead to after `AHEAD`, beside that of
+        the moment.
+    :param pace: weights of the vehicle's and of the pedestrian's pace.
     :param gain: share of the pedestrian's acceleration that becomes motion, (21)-(24).
     :returns: float32 scalars with gradient, means of all roll-outs and steps.
     """
@@ -114,8 +123,8 @@ def foresee(actors: Actors, start: Start, *, steps: int, margin: float, gain: fl
         for answer in before.values():
             if answer.requires_grad:
                 answer.register_hook(_bounded)
-        goal = goal + 0.5 * ((1.0 - speed / start.cruise) ** 2).mean()
-        goal = goal + 0.5 * ((1.0 - (walking * course).sum(dim=1)) ** 2 * moving).mean()
+        goal = goal + pace[0] * ((1.0 - speed / start.cruise) ** 2).mean()
+        goal = goal + pace[1] * ((1.0 - (walking * course).sum(dim=1)) ** 2 * moving).mean()
         along = before["vehicle"][:, 0].clamp(-MAX_DECELERATION, MAX_ACCELERATION)
         faster = (speed + along * STEP).clamp(min=0.0)
         way = 0.5 * (speed + faster) * STEP
@@ -123,8 +132,14 @@ def foresee(actors: Actors, start: Start, *, steps: int, margin: float, gain: fl
         vehicle, driven, speed = vehicle + way[:, None] * ahead, driven + way, faster
         pedestrian, walking = pedestrian + (walking + 0.75 * pushed) * STEP, walking + pushed
         heading, bend = _direction(start.lane, driven)
-        free = clearance(vehicle, heading, pedestrian)
-        collision = collision + ((1.0 - free / margin).clamp(min=0.0) ** 2).mean()
+        near = _nearness(vehicle, heading, pedestrian, margin)
+        for time in AHEAD if anticipation > 0.0 else ():
+            turn = bend * speed * time
+            chord = heading + 0.5 * turn
+            there = vehicle + (speed * time)[:, None] * torch.stack([torch.cos(chord), torch.sin(chord)], dim=1)
+            then = _nearness(there, heading + turn, pedestrian + walking * time, margin)
+            near = near + anticipation / len(AHEAD) * then
+        collision = collision + near.mean()
     return collision / steps, goal / steps
 
 
@@ -178,6 +193,10 @@ def clearance(vehicle: Tensor, heading: Tensor, pedestrian: Tensor) -> Tensor:
     along, across = forward.abs() - 0.5 * VEHICLE_LENGTH, left.abs() - 0.5 * VEHICLE_WIDTH
     outside = torch.sqrt(along.clamp(min=0.0) ** 2 + across.clamp(min=0.0) ** 2 + 1e-8)
     return outside + torch.maximum(along, across).clamp(max=0.0) - PEDESTRIAN_RADIUS
+
+
+def _nearness(vehicle: Tensor, heading: Tensor, pedestrian: Tensor, margin: float) -> Tensor:
+    return (1.0 - clearance(vehicle, heading, pedestrian) / margin).clamp(min=0.0) ** 2
 
 
 def _direction(lane: Tensor, driven: Tensor) -> tuple[Tensor, Tensor]:

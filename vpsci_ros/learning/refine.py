@@ -345,6 +345,8 @@ class Refiner:
             start_at(histories, at),
             steps=config.foresight_steps,
             margin=config.clearance_margin,
+            anticipation=config.clearance_ahead,
+            pace=config.pace_weights,
             gain=WorldConfig().pedestrian_gain,
         )
         rewards = [
