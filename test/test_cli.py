@@ -80,7 +80,7 @@ def test_pretraining_writes_weights_that_evaluation_reads(tmp_path: Path) -> Non
     import json
 
     models = json.loads((tmp_path / "out.json").read_text())["models"]
-    assert set(models) == {"refined", "pretrained", "repeat_velocity", "constant_velocity"}
+    assert set(models) == {"refined", "pretrained", "repeat_velocity", "constant_velocity", "constant_velocity_tracked"}
     assert models["refined"]["closed_loop"]["ade"] > 0
     assert pl.read_csv(tmp_path / "run" / "log.csv").height == 2
 

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
+from vpsci_ros.analysis.error_table import print_errors
 from vpsci_ros.analysis.errors import evaluate
 from vpsci_ros.analysis.learning_figures import save_learning
 from vpsci_ros.config import LearnerConfig, RunConfig, pick
@@ -135,18 +134,9 @@ def run_evaluation(data: Path, form: str, models: dict[str, str], json_path: Pat
         }
         with written_whole(json_path) as part:
             part.write_text(json.dumps(result | made_from, indent=2) + "\n", encoding="utf-8")
-    title = f"{result['interactions']} interactions of {result['clips']} clips, mean error in metres"
-    view = Table(box=box.SIMPLE_HEAD, title=title, padding=(0, 1, 0, 0))
-    view.add_column("", no_wrap=True)
-    for name in ("recon-\nstruction\nADE", "\n\nFDE", "closed\nloop\nADE", "\n\nFDE", "\nits share of\nthe control's"):
-        view.add_column(name, justify="right", no_wrap=True)
-    for name, errors in result["models"].items():
-        reconstruction, loop = errors["reconstruction"], errors["closed_loop"]
-        ratio = "{:.2f} ({:.2f}-{:.2f})".format(loop["ade_ratio"], *loop["ade_ratio_interval"])
-        cells = [f"{value:.3f}" for value in (reconstruction["ade"], reconstruction["fde"], loop["ade"], loop["fde"])]
-        view.add_row(name, *cells, ratio)
-    Console().print(view)
-    Console().print("Intervals: 95%, clips resampled." + (f" Written: {json_path}" if json_path else ""))
+    print_errors(result, Console())
+    if json_path is not None:
+        print(f"written: {json_path}")
 
 
 def _near_misses(data: Path, form: str) -> pl.DataFrame:

@@ -1,10 +1,12 @@
-"""Tables 3 and 5 as commands: parameters in, a table beside the paper's, its CSV and its picture out."""
+"""Studies of learning as commands: Tables 3 and 5 beside the paper's values, and cross-validation of stage 1."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 
+from vpsci_ros.analysis.cross_validation import RESULT, cross_validate
+from vpsci_ros.analysis.error_table import print_errors
 from vpsci_ros.analysis.study_tables import print_table_3, print_table_5, save_table_3, save_table_5
 from vpsci_ros.config import LearnerConfig
 from vpsci_ros.data.corpus import load_corpus
@@ -43,6 +45,30 @@ def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, 
         save_table_3(table, folder / "table_3.png")
     print_table_3(table, Console())
     print(f"written: {folder / 'table_3.csv'}, table_3.png and run.json beside it")
+
+
+def run_fold_study(sections: Sections, folder: Path, folds: int, *, quiet: bool = False) -> None:
+    """Errors of stage 1 by `cross_validate`; goes on with what a stopped study left in `folder`.
+
+    :raises InvalidInput: a parameter, the number of folds or the near misses are refused, or `folder` holds another
+        study.
+    :raises Stopped: a signal asked for it; what is done is in `folder`.
+    """
+    learner, config, network = learner_section(sections, LearnerConfig, PretrainConfig, NetworkConfig)
+    corpus = load_corpus(learner.near_misses)
+    resolved = {"learner": as_section(learner, config, network)}
+    with RunFolder(folder, resolved, learner.near_misses, {"study": {"folds": folds}}) as run:
+        with StageBar("folds", quiet) as bar, stopped_between_updates() as check:
+
+            def report(name: str, values: dict[str, float]) -> None:
+                bar.show(values, f"fold {name} of {folds}")
+                check()
+
+            options = {"folds": folds, "seed": learner.seed, "out_dir": folder}
+            result = cross_validate(corpus, config, network, **options, report=report)
+        run.results |= result
+    print_errors(result, Console())
+    print(f"written: {folder / RESULT} and run.json beside it")
 
 
 def run_weight_study(
