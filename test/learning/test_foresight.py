@@ -143,3 +143,11 @@ def test_transitions_know_where_the_lane_goes():
     true = [path.heading(15.0 + LANE_GRID * k) - path.heading(15.0) for k in range(LANE_NODES)]
     assert lane == pytest.approx(np.unwrap(true), abs=0.02)
     assert lane[-1] == pytest.approx(-np.pi / 2, abs=0.05)  # it turns right
+
+
+def test_a_roll_out_that_leaves_the_numbers_ends_in_a_loss_that_says_so(networks):
+    broken = networks()
+    with torch.no_grad():
+        broken.actor["pedestrian"].head[-1].bias.fill_(torch.nan)
+    collision, _ = lost(broken, [meeting([12.0, 1.0], 4.0, [0.0, -1.0])], [0])
+    assert not bool(collision.isfinite()), "check_losses then stops the run and keeps the batch"

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.data.near_misses import split_by_clip
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import NetworkConfig, RefineConfig
 from vpsci_ros.learning.online import Outcomes, refine
 from vpsci_ros.learning.pretrain import Stopped
@@ -99,30 +100,6 @@ def test_a_refresh_that_forgets_people_is_rolled_back(networks, near_misses):
             assert np.array_equal(kept.tensors[name], tensor), name
 
 
-def test_the_speed_reward_is_zero_where_the_policy_acts_as_stage_1_did(networks, near_misses):
-    start = networks().weights({}, {})
-    refiner = Refiner(QUICK, start, near_misses, seed=4)
-    rows = experience(histories=1)
-    (history,) = refiner._assembler.add(rows)
-    refiner._reference([history])
-    assert all(np.all(c[:, 2] < 0.0) for c in refiner._components(history).values())
-    for agent in ("vehicle", "pedestrian"):
-        velocity = history.observation[agent][:-1, :2]
-        history.action[agent] = (history.next_velocity[agent] - velocity) / np.float32(0.1)
-        np.testing.assert_allclose(refiner._components(history)[agent][:, 2], 0.0, atol=1e-6)
-
-
-def test_collisions_and_goals_are_rewarded_as_equations_25_and_26_say(refiner):
-    rows = experience(histories=1)
-    rows["pedestrian_goal"][4] = 1
-    (history,) = refiner._assembler.add(rows)
-    refiner._reference([history])
-    components = refiner._components(history)
-    assert components["vehicle"][:, 0].tolist() == [0.0] * 9 + [-200.0]
-    assert components["vehicle"][:, 1].sum() == 0.0
-    assert components["pedestrian"][4, 1] == 100.0
-
-
 def test_clips_that_stage_1_held_out_stay_held_out(networks, near_misses):
     _, held_out = split_by_clip(near_misses, 0.4, seed=11)
     clips = sorted({f"{s}/{c}" for s, c in held_out.select("source", "clip").unique().rows()})
@@ -151,6 +128,15 @@ def test_a_learner_goes_on_from_a_checkpoint_to_the_same_result(tmp_path, networ
     assert first.summary() == second.summary()
     mine, theirs = first.current().tensors, second.current().tensors
     assert all(np.array_equal(mine[name], theirs[name]) for name in mine)
+
+
+def test_a_checkpoint_of_other_starting_weights_or_another_seed_is_refused(tmp_path, networks, near_misses):
+    start = networks(gain=1.0).weights({}, {})
+    Refiner(QUICK, start, near_misses, seed=4).save_checkpoint(tmp_path / "c.safetensors")
+    with pytest.raises(InvalidInput, match="another starting weights"):
+        Refiner(QUICK, networks(seed=1).weights({}, {}), near_misses, seed=4).restore(tmp_path / "c.safetensors")
+    with pytest.raises(InvalidInput, match="another seed: 4, expected 5"):
+        Refiner(QUICK, start, near_misses, seed=5).restore(tmp_path / "c.safetensors")
 
 
 def test_learning_ends_where_the_gradient_has_vanished_for_long(refiner):

@@ -140,6 +140,8 @@ def foresee(
             then = _nearness(there, heading + turn, pedestrian + walking * time, margin)
             near = near + anticipation / len(AHEAD) * then
         collision = collision + near.mean()
+        if not bool(collision.isfinite()):
+            return collision, goal  # for the check of losses to find, before CurvTTC is asked of it
     return collision / steps, goal / steps
 
 

@@ -1,13 +1,7 @@
 """Stage 2: the pre-trained policies learn on from what happens to them in simulation (section 3.2).
 
-The simulation replay buffer keeps a share of real experience for good; batches are drawn by (17); every simulated step
-is rewarded by collision, goal and speed (25)-(27) with the adaptive weights (28). In simulation nobody observes what a
-person would have done next, so the speed reward compares with what the *frozen stage-1 actor* does after the same
-history: it is zero where the policy still behaves as the real near misses taught it. Speeds are compared as (8)-(9)
-give them, so neither the pedestrian's halved accelerations (21)-(24) nor lane keeping count as a deviation.
-
-Real experience has no observed collision or goal. As in stage 1 it scores the acting policy's action, with exploration
-around it, against the recorded next speed, by the speed reward alone.
+The simulation replay buffer keeps a share of real experience for good; batches are drawn by (17); steps are rewarded by
+(25)-(28), see `simulated_rewards`.
 
 The actors follow the critics, as in the paper (`online_objective: ddpg`), or simulated seconds through the known
 kinematics (`closed_loop`, see `foresight`); then their running average acts and is kept.
@@ -39,19 +33,10 @@ from vpsci_ros.learning.foresight import draw_moments, foresee, start_at, step_a
 from vpsci_ros.learning.held_out import HeldOut, split_as_before
 from vpsci_ros.learning.imitation import draw, rollout_loss
 from vpsci_ros.learning.interactions import from_table, table_hash
-from vpsci_ros.learning.maddpg import Maddpg, Scored, UpdateResult
+from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.replay import (
-    Batch,
-    History,
-    ReplayBuffer,
-    collate,
-    pack,
-    recorded_histories,
-    unpack,
-    up_to_capacity,
-)
-from vpsci_ros.learning.rewards import RewardWeights, predicted_velocity, speed_reward
+from vpsci_ros.learning.replay import Batch, ReplayBuffer, collate, pack, recorded_histories, unpack, up_to_capacity
+from vpsci_ros.learning.simulated_rewards import SimulatedRewards
 from vpsci_ros.learning.weights import Weights, resolved, save_weights, weights_to_bytes
 from vpsci_ros.world import WorldConfig
 
@@ -85,7 +70,6 @@ class Refiner:
         training, held_out = split_as_before(near_misses, weights, config.refine_held_out_fraction, seed)
         self._held_out = HeldOut(held_out)
         self._networks = Networks.from_weights(weights)
-        self._frozen = copy.deepcopy(self._networks.actor).requires_grad_(False)
         self._maddpg = Maddpg(
             self._networks,
             config,
@@ -100,7 +84,8 @@ class Refiner:
         kept = [real[i] for i in up_to_capacity(real, room, self._rng)]
         self._buffer = ReplayBuffer(config.buffer_capacity, kept, config.priority_exponent, config.real_bonus)
         self._assembler = HistoryAssembler(config.collision_reward, config.goal_reward)
-        self.reward_weights = RewardWeights(config)
+        self._rewards = SimulatedRewards(config, self._networks)
+        self.reward_weights = self._rewards.weights
         self.stage_1_errors = self._held_out.errors(weights)
         self.errors = dict(self.stage_1_errors)
         self._facts: dict[str, Any] = {"stage": "refined", "seed": seed, "data": {"sha256": table_hash(near_misses)}}
@@ -123,9 +108,9 @@ class Refiner:
         finished = self._assembler.add(transitions)
         self._credit += len(transitions)
         if finished:
-            self._reference(finished)
+            self._rewards.refer(finished)
         for history in finished:
-            components = self._components(history)
+            components = self._rewards.components(history)
             self.reward_weights.episode(np.mean([components[agent] for agent in AGENTS], axis=0))
             totals = {agent: float(self.reward_weights.total(components[agent]).sum()) for agent in AGENTS}
             for agent, total in totals.items():
@@ -169,7 +154,7 @@ class Refiner:
         follow = not (actors_rest or self._foresees)
         with torch.set_grad_enabled(not actors_rest):
             actions = self._maddpg.act(batch)
-        scored = self._score(batch, actions)
+        scored = self._rewards.score(batch, actions, self._rng)
         self._slow_down()
         if follow:
             weight = self._config.rehearsal_weight
@@ -243,12 +228,12 @@ class Refiner:
         save_checkpoint(path, self._state() | {"extra": extra or {}})
 
     def restore(self, path: str | Path) -> dict[str, Any]:
-        """Go on from a checkpoint of a learner of the same configuration, weights and data; return its `extra`.
+        """Go on from a checkpoint of a learner of the same configuration, weights, data and seed; return its `extra`.
 
         :raises InvalidInput: not such a checkpoint.
         """
         state = load_checkpoint(path)
-        for name, mine in (("configuration", resolved(self._config)), ("data", self._facts["data"])):
+        for name, mine in self._identity().items():
             if state[name] != mine:
                 raise InvalidInput(f"{path}: this checkpoint has another {name}: {state[name]}, expected {mine}")
         self._networks.load_state_dict(state["networks"])
@@ -264,12 +249,20 @@ class Refiner:
         extra: dict[str, Any] = state["extra"]
         return extra
 
+    def _identity(self) -> dict[str, Any]:
+        """Return what a checkpoint has to share with this learner."""
+        return {
+            "configuration": resolved(self._config),
+            "starting weights": self._start.digest(),
+            "seed": self._facts["seed"],
+            "data": self._facts["data"],
+        }
+
     def _state(self) -> dict[str, Any]:
         names = ["updates", "version", "refreshes", "rollbacks", "episodes", "errors", "_credit", "_norm", "_calm"]
         names += ["_last", "_returns", "_refreshed", "episode_returns"]
         return {
-            "configuration": resolved(self._config),
-            "data": self._facts["data"],
+            **self._identity(),
             "networks": dict(self._networks.state_dict()),
             "accepted": {name: dict(part) for name, part in self._accepted.items()},
             "optimisers": [self._maddpg.critic_optimiser.state_dict(), self._maddpg.actor_optimiser.state_dict()],
@@ -282,51 +275,6 @@ class Refiner:
         }
 
     # ---- inside
-
-    @torch.no_grad()
-    def _reference(self, histories: list[History]) -> None:
-        """Fill in the next speeds that the frozen stage-1 actor would have chosen after the same histories."""
-        batch = collate(histories)
-        for agent in AGENTS:
-            before = torch.cat([torch.zeros_like(batch.action[agent][:, :1]), batch.action[agent][:, :-1]], dim=1)
-            actor = self._frozen[agent]
-            action = actor(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
-            velocity = predicted_velocity(batch.observation[agent][:, :-1, :2], action).numpy()
-            for history, row in zip(histories, velocity, strict=True):
-                history.next_velocity[agent] = row[: len(history)].copy()
-
-    def _components(self, history: History) -> dict[str, NDArray[np.float64]]:
-        """Return (collision, goal, speed) rewards of every step by agent, float64[T, 3]."""
-        components = {}
-        for agent in AGENTS:
-            action, observation = torch.from_numpy(history.action[agent]), torch.from_numpy(history.observation[agent])
-            speed = self._speed_reward(
-                observation[:-1, :2], action, torch.from_numpy(history.next_velocity[agent]), agent
-            )
-            components[agent] = np.column_stack([history.events[agent], speed.numpy()]).astype(np.float64)
-        return components
-
-    def _speed_reward(
-        self, velocity: torch.Tensor, action: torch.Tensor, following: torch.Tensor, agent: str
-    ) -> torch.Tensor:
-        deviation = self._networks.speed_deviation[agent]
-        return (
-            speed_reward(predicted_velocity(velocity, action), following, deviation)
-            * self._config.online_reward_scaling
-        )
-
-    def _score(self, batch: Batch, actions: Mapping[str, torch.Tensor]) -> Scored:
-        scored, rewards = {}, {}
-        real = batch.real[:, None, None]
-        weights = torch.from_numpy(self.reward_weights.values.astype(np.float32))
-        for agent in AGENTS:
-            mine = actions[agent].detach()
-            noise = self._rng.normal(0.0, self._config.real_exploration, tuple(mine.shape)).astype(np.float32)
-            scored[agent] = torch.where(real, mine + torch.from_numpy(noise), batch.action[agent])
-            velocity = batch.observation[agent][:, :-1, :2]
-            speed = self._speed_reward(velocity, scored[agent], batch.next_velocity[agent], agent)
-            rewards[agent] = ((batch.events[agent] * weights[:2]).sum(dim=2) + weights[2] * speed) * batch.present
-        return Scored(scored, rewards)
 
     def _slow_down(self) -> None:
         """Give the actors the step size of this episode."""
@@ -349,9 +297,7 @@ class Refiner:
             pace=config.pace_weights,
             gain=WorldConfig().pedestrian_gain,
         )
-        rewards = [
-            self._speed_reward(batch.observation[a][:, :-1, :2], actions[a], batch.next_velocity[a], a) for a in AGENTS
-        ]
+        rewards = [self._rewards.speed(batch, actions[agent], agent) for agent in AGENTS]
         strange = -(torch.stack(rewards) * batch.present).sum() / (len(AGENTS) * batch.present.sum())
         losses = {"collision": collision, "goal": goal, "speed": strange}
         weights = self.reward_weights.values * config.foresight_scale

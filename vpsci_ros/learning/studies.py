@@ -141,7 +141,7 @@ def reward_weight_study(
     if fresh.seed == seed:
         raise InvalidInput(f"fresh episodes: expected another seed than training's, got {seed} for both")
     out_dir, world, monitor = Path(out_dir), world or WorldConfig(), monitor or MonitorConfig()
-    identity = {"weights": _tensors_hash(weights), "data": table_hash(near_misses), "seed": seed, "batch": batch}
+    identity = {"weights": weights.digest(), "data": table_hash(near_misses), "seed": seed, "batch": batch}
     identity |= {"episodes": _digest(episodes), "fresh": _digest(fresh.episodes), "fresh_seed": fresh.seed}
     identity |= {"scenarios": [s.name for s in scenarios], "world": asdict(world), "monitor": asdict(monitor)}
     simulated: dict[str, Any] = {"scenarios": scenarios, "batch": batch, "world": world, "monitor": monitor}
@@ -177,13 +177,6 @@ def _written(rows: list[dict[str, Any]], path: Path) -> pl.DataFrame:
     with written_whole(path) as part:
         table.write_csv(part)
     return table
-
-
-def _tensors_hash(weights: Weights) -> str:
-    digest = hashlib.sha256()  # the bytes of a file will not do: its metadata come in any order
-    for name in sorted(weights.tensors):
-        digest.update(name.encode() + weights.tensors[name].tobytes())
-    return digest.hexdigest()
 
 
 def _digest(values: Sequence[Any]) -> str:

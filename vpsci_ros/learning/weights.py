@@ -7,6 +7,7 @@ as Algorithm 1 does. Its metadata are text: `format`, `stage`, `configuration` (
 """
 
 import dataclasses
+import hashlib
 import json
 import struct
 from collections.abc import Mapping
@@ -65,6 +66,13 @@ class Weights:
         if agent not in AGENTS:
             raise InvalidInput(f"agent: expected one of {', '.join(AGENTS)}, got {agent!r}")
         return ActorWeights(self.network, self.part(f"{agent}_actor"))
+
+    def digest(self) -> str:
+        """Return the SHA-256 of names and values of all tensors, as hexadecimal digits; facts do not enter."""
+        digest = hashlib.sha256()
+        for name in sorted(self.tensors):
+            digest.update(name.encode() + self.tensors[name].tobytes())
+        return digest.hexdigest()
 
 
 def weights_to_bytes(weights: Weights) -> bytes:
