@@ -74,7 +74,10 @@ def test_a_policy_that_is_killed_and_started_again_leaves_the_same_bag(
                 graph.start(policy)
 
     watcher.create_subscription(WorldState, "world/state", on_state, RECORDING)
-    graph.start(*reversed(NODES))
+    last, *others = NODES  # the world waits for all of them, but not for the watcher
+    graph.start(*reversed(others))
+    wait_for(lambda: watcher.count_publishers("world/state") > 0, "the watcher to hear of the world")
+    graph.start(last)
     while graph.running["world_simulator"].poll() is None:
         executor.spin_once(timeout_sec=0.1)
     bag = graph.finish()
