@@ -101,6 +101,7 @@ class AgentPolicy(GraphNode):
             self._keep_up()
             return
         self.simulated_time = world.header.stamp
+        self._meter.tick(world.tick)
         message = self._act(world, safety)
         if message is not None:
             self._actions.publish(message)
@@ -109,7 +110,6 @@ class AgentPolicy(GraphNode):
     def _act(self, world: WorldState, safety: SafetyState) -> Any:
         """Take one tick in; return the answer, or None where none is wanted."""
         self._known = world.tick
-        self._meter.tick(world.tick)  # one that was recalled has not been missed
         if not convert.values(world.policy_frame).any():
             return None
         state, policy_frame = convert.world_state_arrays(world)
