@@ -93,26 +93,6 @@ def content(bag: Path) -> dict[tuple[str, int], list[bytes]]:
     return held
 
 
-def unneeded(bag: Path) -> set[tuple[str, int]]:
-    """Return the topics and times of answers in which no policy acted: the world does not wait for these."""
-    found = set()
-    with AnyReader([bag]) as reader:
-        for connection, at, data in reader.messages():
-            if connection.topic.endswith("/action"):
-                answer = reader.deserialize(data, connection.msgtype)
-                if not (answer.longitudinal.any() or answer.lateral.any()):
-                    found.add((connection.topic, at))
-    return found
-
-
-def assert_same_run(bag: Path, undisturbed: Path) -> None:
-    """Hold two bags to the same content, but for answers that nobody needed: who is matched late misses those."""
-    found, expected = content(bag), content(undisturbed)
-    assert set(found) <= set(expected)
-    assert set(expected) - set(found) <= unneeded(undisturbed)
-    assert found == {key: expected[key] for key in found}
-
-
 def diagnostics(bag: Path) -> dict[str, dict[str, str]]:
     """Return the last diagnostics of every node in a bag."""
     last: dict[str, dict[str, str]] = {}

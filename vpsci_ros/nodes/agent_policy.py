@@ -71,6 +71,7 @@ class AgentPolicy(GraphNode):
 
     def _on_state(self, message: WorldState) -> None:
         self._state = message
+        self._meter.tick(message.tick)
         self._answer()
 
     def _on_safety(self, message: SafetyState) -> None:
@@ -101,7 +102,6 @@ class AgentPolicy(GraphNode):
             self._keep_up()
             return
         self.simulated_time = world.header.stamp
-        self._meter.tick(world.tick)
         message = self._act(world, safety)
         if message is not None:
             self._actions.publish(message)

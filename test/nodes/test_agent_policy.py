@@ -1,0 +1,104 @@
+"""A policy's book-keeping, message by message: two topics that overtake each other are not two ticks lost."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from std_msgs.msg import Header
+
+from vpsci_msgs.msg import AgentAction
+from vpsci_ros.learning.config import NetworkConfig
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.weights import save_weights
+from vpsci_ros.nodes import convert
+from vpsci_ros.nodes.topics import LOCK_STEP
+from vpsci_ros.nodes.vehicle_policy import VehiclePolicy
+from vpsci_ros.world import EPISODE, RUNNING
+
+PERIOD = 0.05
+
+
+class Session:
+    """A vehicle policy that has caught up with a world without history, and a reader of its answers."""
+
+    def __init__(self, context: Context, weights: Path) -> None:
+        self.answered: list[int] = []
+        self._reader = rclpy.create_node("reader", context=context)
+        self._reader.create_subscription(AgentAction, "vehicle/action", self._on_action, LOCK_STEP)
+        self.policy = VehiclePolicy(
+            context=context, parameter_overrides=[Parameter("weights", value=str(weights)), Parameter("seed", value=1)]
+        )
+        self._executor = SingleThreadedExecutor(context=context)
+        for node in (self._reader, self.policy):
+            self._executor.add_node(node)
+        self.state(0)
+        self.safety(0)
+        self.spin_until(lambda: self.answered == [0])
+
+    def state(self, tick: int) -> None:
+        """Hand in `/world/state`: one episode, at a policy frame at every other tick."""
+        state = np.zeros(1, EPISODE)
+        state["status"] = RUNNING
+        self.policy._on_state(convert.world_state_message(state, np.array([tick % 2 == 0]), tick, PERIOD))
+
+    def safety(self, tick: int) -> None:
+        """Hand in `/safety/state` of a scene without danger."""
+        far, calm = np.full(1, np.inf), np.zeros(1, bool)
+        header = Header(stamp=convert.stamp(tick, PERIOD), frame_id=convert.MAP)
+        self.policy._on_safety(convert.safety_message(header, tick, far, far, calm))
+
+    def missed(self) -> int:
+        return int(dict(self.policy._status())["ticks_missed"])
+
+    def spin_until(self, condition: Callable[[], bool]) -> None:
+        for _ in range(10_000):
+            if condition():
+                return
+            self._executor.spin_once(timeout_sec=0.01)
+        raise AssertionError(f"it never came to be: answered {self.answered}")
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        for node in (self._reader, self.policy):
+            node.destroy_node()
+
+    def _on_action(self, message: AgentAction) -> None:
+        self.answered.append(message.tick)
+
+
+@pytest.fixture
+def session(context: Context, tmp_path: Path) -> Iterator[Session]:
+    weights = tmp_path / "initial.safetensors"
+    save_weights(weights, Networks(NetworkConfig()).weights({}, {}))
+    session = Session(context, weights)
+    yield session
+    session.close()
+
+
+def test_a_state_that_overtakes_the_safety_state_before_it_is_no_missed_tick(session: Session) -> None:
+    session.state(1)
+    session.state(2)  # the world does not wait for policies at tick 1, so it may be here before the monitor's answer
+    session.safety(1)
+    session.safety(2)
+    session.spin_until(lambda: session.answered == [0, 2])
+    assert session.missed() == 0
+
+
+def test_a_safety_state_that_comes_before_its_state_is_answered_once(session: Session) -> None:
+    session.safety(1)
+    session.state(1)
+    session.safety(2)
+    session.state(2)
+    session.spin_until(lambda: session.answered == [0, 2])
+    assert session.missed() == 0
+
+
+def test_states_that_never_came_are_counted(session: Session) -> None:
+    session.state(5)
+    session.safety(5)
+    assert session.missed() == 4
