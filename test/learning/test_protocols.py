@@ -99,7 +99,8 @@ def test_interactions_shorter_than_a_second_are_left_out():
 
 def test_an_untrained_policy_is_the_control(networks, near_misses):
     interactions = eligible(from_table(near_misses))
-    policy, control = PolicyPredictor(networks(gain=0.0).weights({}, {})), RepeatVelocity(tracked_steps=3)
+    policy = PolicyPredictor(networks(gain=0.0).weights({}, {}))
+    control = RepeatVelocity(policy.tracked_steps)
     np.testing.assert_allclose(closed_loop(policy, interactions).ade, closed_loop(control, interactions).ade, atol=1e-6)
 
 

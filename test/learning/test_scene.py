@@ -112,6 +112,17 @@ def test_a_tracked_scene_starts_from_the_speed_that_positions_tell():
         assert torch.equal(part, recorded), "a pedestrian's speed is as recorded"
 
 
+def test_a_tracked_car_in_a_bend_sets_out_along_its_path_although_its_published_heading_lags():
+    time, lag = 0.1 * torch.arange(12, dtype=torch.float64), 0.05  # 5 m/s on a circle of 10 m: 0.5 rad/s
+    course = 0.5 * time
+    motion = torch.zeros(1, 12, 9, dtype=torch.float64)
+    motion[0, :, 0], motion[0, :, 1], motion[0, :, 2] = 10 * torch.sin(course), -10 * torch.cos(course), course - lag
+    motion[0, :, 3], motion[0, :, 4] = 5 * torch.cos(course - lag), 5 * torch.sin(course - lag)
+    for steps, expected in ((0, course[9] - lag), (2, course[9])):
+        velocity = scene_at(motion, torch.tensor([9]), steps).vehicle_velocity[0]
+        assert float(torch.atan2(velocity[1], velocity[0])) == pytest.approx(float(expected), abs=4e-3)
+
+
 def test_tracking_uses_no_step_after_the_start_and_never_sends_a_car_backwards():
     motion, at = braking(), torch.tensor([9])
     known = scene_at(motion, at, 3).vehicle_velocity

@@ -29,9 +29,9 @@ class NetworkConfig:
         True, "CurvTTC's risk enters the networks with the observation, and does not only gate their attention"
     )
     tracked_steps: int = parameter(
-        3,
-        "closed loop of recorded near misses: starts from the vehicle's speed by its positions over so many observed "
-        "steps, for published speeds lag behind; 0: from the recorded speed",
+        2,
+        "closed loop of recorded near misses: starts from the velocity of the vehicle by its positions over so many "
+        "observed steps, for published speeds lag behind; 0: from the recorded one",
         low=0,
         high=10,
     )

@@ -39,35 +39,37 @@ def scene_at(motion: Tensor, at: Tensor, tracked_steps: int = 0) -> Scene:
 
     The curvature of the vehicle's path comes from its turn since the step before.
 
-    :param tracked_steps: the vehicle's speed is what its positions say over so many steps before, or as many as there
-        are; 0: as recorded. Published vehicle speeds may be smoothed so much that they lag behind the positions.
+    :param tracked_steps: the vehicle's velocity is what its positions say over so many steps before, or as many as
+        there are; 0: as recorded. Published vehicle speeds may be smoothed so much that they lag behind the positions,
+        and a vehicle whose velocity is published along its heading drifts sideways in a bend.
     """
     rows = torch.arange(len(motion))
     now, before = motion[rows, at], motion[rows, (at - 1).clamp(min=0)]
-    velocity = now[:, 3:5] + _missing_speed(motion, at, tracked_steps)
+    velocity = now[:, 3:5] if tracked_steps == 0 else _tracked_velocity(motion, at, tracked_steps)
     turn = (now[:, 2] - before[:, 2]) / STEP
     speed = velocity.norm(dim=1)
     curvature = torch.where(speed > 0.1, turn / speed.clamp(min=0.1), 0.0).clamp(-SHARPEST_TURN, SHARPEST_TURN)
     return Scene(now[:, :2], now[:, 2], velocity, curvature, now[:, 5:7], now[:, 7:9])
 
 
-def _missing_speed(motion: Tensor, at: Tensor, steps: int) -> Tensor:
-    """Return what the vehicle's recorded velocity [B, 2] lacks along its heading for its positions to follow from it.
+def _tracked_velocity(motion: Tensor, at: Tensor, steps: int) -> Tensor:
+    """Return the vehicle's velocity [B, 2] by its positions.
 
-    The mean over `steps` steps of how much further it came than by the mean of the recorded velocities of both ends.
+    To the recorded velocity comes the mean over `steps` steps of how much further it came than by the mean of the
+    recorded velocities of both ends. It neither rolls backwards nor drifts further aside than it can steer in a step.
     """
     rows = torch.arange(len(motion))
-    heading = motion[rows, at, 2]
-    ahead = torch.stack([torch.cos(heading), torch.sin(heading)], dim=1)
-    total, count = torch.zeros_like(heading), torch.zeros_like(heading)
+    now = motion[rows, at]
+    total, count = torch.zeros_like(now[:, 3:5]), torch.zeros_like(now[:, :1])
     for age in range(1, steps + 1):
         first, second = motion[rows, (at - age).clamp(min=0)], motion[rows, (at - age + 1).clamp(min=0)]
         gap = (second[:, :2] - first[:, :2]) / STEP - 0.5 * (first[:, 3:5] + second[:, 3:5])
-        known = at >= age
-        total, count = total + (gap * ahead).sum(dim=1) * known, count + known
-    missing = total / count.clamp(min=1.0)
-    forward = (motion[rows, at, 3:5] * ahead).sum(dim=1)
-    return torch.maximum(missing, -forward.clamp(min=0.0))[:, None] * ahead  # a vehicle does not roll backwards
+        known = (at >= age)[:, None]
+        total, count = total + gap * known, count + known
+    forward, left = to_heading_frame(now[:, 3:5] + total / count.clamp(min=1.0), now[:, 2]).unbind(dim=1)
+    forward = forward.clamp(min=0.0)
+    most = SHARPEST_TURN * STEP * forward**2
+    return from_heading_frame(torch.stack([forward, torch.clamp(left, -most, most)], dim=1), now[:, 2])
 
 
 def observe(scene: Scene) -> tuple[Tensor, Tensor]:
