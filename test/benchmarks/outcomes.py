@@ -1,24 +1,28 @@
-"""How critical episodes end under policies, and who slows down: the figures of the model card.
+"""How critical episodes end under policies, who slows down, and how near they come: the figures of the model card.
 
     python test/benchmarks/outcomes.py [--episodes 250] [--seed 20261121] [--weights refined pretrained]
-                                       [--near-misses near_misses.parquet]
+                                       [--near-misses near_misses.parquet] [--release-time 2.0]
 
 Without exploration; the unit is the episode that becomes critical; 95% Wilson intervals. Controls: the unrefined
 weights, and no acceleration at all. With near misses, also who slows down in these, between the first critical step and
-the last of those that stay critical for a second. Half a minute.
+the last of those that stay critical for a second, and how near people came who met so late: where an encounter begins
+bounds how far it can be kept off, and simulated ones begin later (`ONSETS`). Half a minute.
 """
 
 import argparse
 from collections import defaultdict
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.learning.config import AGENTS
 from vpsci_ros.learning.interactions import Interactions, from_table
-from vpsci_ros.learning.measured import measure_outcomes, rates_with_intervals
+from vpsci_ros.learning.measured import NoAcceleration, measure_outcomes, rates_with_intervals
 from vpsci_ros.learning.protocols import eligible
-from vpsci_ros.learning.rollout import policies, rollout
+from vpsci_ros.learning.rollout import Acting, policies, rollout
 from vpsci_ros.learning.weights import Weights, load_weights
 from vpsci_ros.resources import weights_path
 from vpsci_ros.world import World, WorldConfig, load_scenarios
@@ -26,19 +30,53 @@ from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.state import RUNNING
 
 SLOWER = 0.8  # of the speed at the hand-over
+ONSETS = (0.0, 1.5, 2.5, 3.5, 4.5, 5.0)  # [s] classes of CurvTTC at the first critical moment
 
 
-def slowing(weights: Weights, episodes: list[tuple[int, int]], seed: int) -> tuple[float, float, int]:
-    """Return the shares of handed-over episodes in which vehicle and pedestrian slow by a fifth, and their number."""
-    world = World(WorldConfig(), load_scenarios(range(1, 9)), episodes, 512, seed)
-    speeds = defaultdict(list)
-    for tick in rollout(world, MonitorConfig(), policies(weights, world, seed, explore=False)):
-        for row in tick.state[(tick.state["status"] == RUNNING) & (tick.state["controlled"] == 1)]:
-            pair = row["vehicle_speed"], np.hypot(row["pedestrian_vx"], row["pedestrian_vy"])
-            speeds[int(row["scenario"]), int(row["episode"])].append(pair)
-    slower = [np.min(pairs, axis=0) < SLOWER * np.array(pairs[0]) for pairs in speeds.values()]
-    vehicle, pedestrian = np.mean(slower, axis=0)
-    return float(vehicle), float(pedestrian), len(slower)
+class Watched(NamedTuple):
+    """Critical episodes: bool[N] slower under the policies, by agent, and handed over again; float64[N] CurvTTC [s]."""
+
+    vehicle_slower: NDArray[np.bool_]
+    pedestrian_slower: NDArray[np.bool_]
+    again: NDArray[np.bool_]
+    onset: NDArray[np.float64]
+
+
+def watched(weights: Weights | None, config: WorldConfig, episodes: list[tuple[int, int]], seed: int) -> Watched:
+    """Simulate the episodes and look at those that become critical, from then on; `onset` is CurvTTC then."""
+    world = World(config, load_scenarios(range(1, 9)), episodes, 512, seed)
+    agents: dict[str, Acting] = dict.fromkeys(AGENTS, NoAcceleration())
+    if weights is not None:
+        agents = dict(policies(weights, world, seed, explore=False))
+    seen: dict[tuple[int, int], list[tuple[float, ...]]] = defaultdict(list)
+    for tick in rollout(world, MonitorConfig(), agents):
+        for row, curvttc, critical in zip(tick.state, tick.curvttc, tick.critical, strict=True):
+            key = int(row["scenario"]), int(row["episode"])
+            if row["status"] == RUNNING and (critical or key in seen):
+                walking = np.hypot(row["pedestrian_vx"], row["pedestrian_vy"])
+                seen[key].append((row["vehicle_speed"], walking, row["controlled"], curvttc))
+    rows = []
+    for speeds, held, onset in ((a[:, :2], a[:, 2] > 0, a[0, 3]) for a in map(np.array, seen.values())):
+        if held.any():  # else the danger was over before the policies' next tick
+            slower = speeds[held].min(axis=0) < SLOWER * speeds[held][0]
+            rows.append((*slower, np.count_nonzero(np.diff(held.astype(int)) == 1) > 1, onset))
+    vehicle, pedestrian, again, onsets = (np.array(column) for column in zip(*rows, strict=True))
+    return Watched(vehicle, pedestrian, again, onsets)
+
+
+def recorded_distances(interactions: Interactions, simulated: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return quartiles [s] of the least CurvTTC of recorded near misses, weighted to the onsets of simulated ones.
+
+    :param simulated: float64[N] [s], CurvTTC at the first critical moment of simulated episodes.
+    """
+    rows = np.arange(len(interactions))
+    onset, least = interactions.curvttc[rows, interactions.first], interactions.curvttc.min(axis=1)
+    place = np.digitize(onset, ONSETS[1:-1])
+    share = np.bincount(np.digitize(simulated, ONSETS[1:-1]), minlength=len(ONSETS) - 1) / len(simulated)
+    weight = share[place] / np.bincount(place, minlength=len(ONSETS) - 1)[place]
+    order = np.argsort(least)
+    reached = np.cumsum(weight[order]) / weight.sum()
+    return np.array([least[order][np.searchsorted(reached, q)] for q in (0.25, 0.5, 0.75)])
 
 
 def recorded_slowing(interactions: Interactions) -> tuple[float, float, int]:
@@ -58,25 +96,39 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=250, help="in each scenario")
     parser.add_argument("--seed", type=int, default=20261121, help="of the world; another one than training had")
     parser.add_argument("--weights", nargs="+", default=["refined", "pretrained"], help="files or shipped names")
+    parser.add_argument("--release-time", type=float, default=WorldConfig().release_time, help="of the world [s]")
     parser.add_argument("--near-misses", type=Path, help="near-miss table")
     arguments = parser.parse_args()
-    if arguments.near_misses:
-        vehicle, pedestrian, count = recorded_slowing(eligible(from_table(read_near_misses(arguments.near_misses))))
+    near_misses = from_table(read_near_misses(arguments.near_misses)) if arguments.near_misses else None
+    if near_misses is not None:
+        vehicle, pedestrian, count = recorded_slowing(eligible(near_misses))
         print(f"recorded: slower by a fifth: vehicle {vehicle:.0%}, pedestrian {pedestrian:.0%} of {count}")
+        rows = np.arange(len(near_misses))
+        onset, least = near_misses.curvttc[rows, near_misses.first], near_misses.curvttc.min(axis=1)
+        print(f"  CurvTTC quartiles of {len(rows)}: at first {_quartiles(onset)}, least {_quartiles(least)}")
     episodes = [(scenario, number) for number in range(arguments.episodes) for scenario in range(1, 9)]
+    world, scenarios = WorldConfig(release_time=arguments.release_time), load_scenarios(range(1, 9))
     for name in [*arguments.weights, "no acceleration"]:
         weights = None if name == "no acceleration" else load_weights(weights_path(name))
-        scenarios = load_scenarios(range(1, 9))
-        outcomes = measure_outcomes(weights, scenarios=scenarios, episodes=episodes, batch=512, seed=arguments.seed)
+        options = {"episodes": episodes, "batch": 512, "seed": arguments.seed, "world": world}
+        outcomes = measure_outcomes(weights, scenarios=scenarios, **options)
         row = rates_with_intervals(outcomes)
         print(f"{name}: {row['critical_episodes']:.0f} critical of {len(episodes)} episodes")
         for rate in ("collision", "goal"):
             shares = [100.0 * row[f"{rate}_{part}"] for part in ("rate", "low", "high")]
             print("  {} {:.1f}% [{:.1f}, {:.1f}]".format(rate, *shares))
-        print("  least CurvTTC quartiles " + ", ".join(f"{row[f'least_curvttc_{q}']:.2f} s" for q in (25, 50, 75)))
-        if weights is not None:
-            vehicle, pedestrian, count = slowing(weights, episodes, arguments.seed)
-            print(f"  slower by a fifth: vehicle {vehicle:.0%}, pedestrian {pedestrian:.0%} of {count}")
+        seen = watched(weights, world, episodes, arguments.seed)
+        print(f"  CurvTTC quartiles: at first {_quartiles(seen.onset)}, least {_quartiles(outcomes.least_curvttc)}")
+        if near_misses is not None:
+            told = ", ".join(f"{q:.2f} s" for q in recorded_distances(near_misses, seen.onset))
+            print(f"  least of recorded ones with such a first: {told}")
+        vehicle, pedestrian, again = (column.mean() for column in seen[:3])
+        print(f"  slower by a fifth: vehicle {vehicle:.0%}, pedestrian {pedestrian:.0%} of {len(seen.onset)}")
+        print(f"  handed over again after they were given back: {again:.0%}")
+
+
+def _quartiles(values: ArrayLike) -> str:
+    return ", ".join(f"{q:.2f} s" for q in np.percentile(values, (25, 50, 75)))
 
 
 if __name__ == "__main__":
