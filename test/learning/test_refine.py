@@ -11,7 +11,7 @@ from vpsci_ros.learning.pretrain import Stopped
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.learning.weights import load_weights, weights_from_bytes
-from vpsci_ros.world import COLLISION, EVENT, GOAL, load_scenarios
+from vpsci_ros.world import COLLISION, EVENT, GOAL, WorldConfig, load_scenarios
 from vpsci_ros.world.state import FINISHED, HANDED_OVER
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
@@ -167,6 +167,14 @@ def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, 
     log = (tmp_path / "whole" / "refine_log.csv").read_text().splitlines()
     assert len(log) == 3
     assert "collision_rate" in log[0]
+
+
+def test_stage_2_in_process_refuses_a_world_that_it_does_not_know(tmp_path, networks, near_misses):
+    start, config = networks().weights({}, {}), dataclasses.replace(QUICK, online_objective="closed_loop")
+    options = {"scenarios": load_scenarios([1]), "episodes": [(1, 0)], "batch": 1, "seed": 3, "out_dir": tmp_path / "x"}
+    with pytest.raises(InvalidInput, match="pedestrian_gain = 1"):
+        refine(near_misses, config, start, world=WorldConfig(pedestrian_gain=1.0), **options)
+    assert not (tmp_path / "x").exists()
 
 
 def test_rates_count_the_episodes_that_were_handed_over():

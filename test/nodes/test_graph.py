@@ -20,6 +20,8 @@ from vpsci_ros.learning.rollout import policies, rollout
 from vpsci_ros.learning.weights import load_weights, save_weights
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.graph import Processes, resolve, run_graph
+from vpsci_ros.provenance import sha256
+from vpsci_ros.resources import weights_path
 from vpsci_ros.world import World, handover, load_scenarios
 from vpsci_ros.world.monitor import MonitorConfig
 
@@ -88,12 +90,12 @@ def test_separate_processes_and_one_process_make_the_same_episodes_bit_for_bit(
     assert controlled > 0, "the policies never acted, so nothing was compared"
 
 
-def test_a_run_tells_what_it_did_and_with_what(domain: int, tmp_path: Path, weights: str) -> None:
-    result = run_graph(sections(weights, episodes=1, batch=1, scenarios=[3]), tmp_path / "run", quiet=True)
+def test_a_run_tells_what_it_did_and_with_what(domain: int, tmp_path: Path) -> None:
+    result = run_graph(sections("refined", episodes=1, batch=1, scenarios=[3]), tmp_path / "run", quiet=True)
     record = json.loads((tmp_path / "run" / "run.json").read_text())
     assert record["error"] == ""
     assert record["progress"]["episodes_ended"] == 1
-    assert list(record["weights_sha256"]) == [weights]
+    assert record["weights_sha256"] == {"refined": sha256(weights_path("refined"))}
     assert set(record["exit_status"].values()) == {0}
     with AnyReader([result.bag]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
@@ -175,6 +177,19 @@ def test_a_parameter_out_of_range_is_refused_before_anything_starts(tmp_path: Pa
     with pytest.raises(InvalidInput, match="world_simulator: batch = 0 is out of range; expected 1 to 65536"):
         run_graph(sections(weights, batch=0), tmp_path / "run", quiet=True)
     assert not (tmp_path / "run").exists()
+
+
+def test_weights_that_do_not_exist_are_refused_before_anything_starts(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"'refind': expected a \.safetensors file or a shipped name"):
+        run_graph(sections("refind"), tmp_path / "run", quiet=True)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_world_that_the_learner_does_not_know_is_refused(tmp_path: Path) -> None:
+    graph = {"graph": {"nodes": ["world_simulator", "learner"]}, "world_simulator": {"pedestrian_gain": 1.0}}
+    with pytest.raises(InvalidInput, match="pedestrian_gain = 1: stage 2 .* expects 0.5"):
+        resolve(graph | {"learner": {"online_objective": "closed_loop"}}, tmp_path)
+    assert resolve(graph | {"learner": {"online_objective": "ddpg"}}, tmp_path)
 
 
 def test_a_graph_without_a_leading_node_is_refused(tmp_path: Path) -> None:

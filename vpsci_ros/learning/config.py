@@ -10,6 +10,7 @@ OBSERVATION_SIZE = 6
 ACTION_SIZE = 2
 AGENTS = ("vehicle", "pedestrian")
 STEP = 0.1  # [s] of policies and of the real data
+PEDESTRIAN_GAIN = 0.5  # share of the pedestrian's acceleration that becomes motion, (21)-(24)
 RISK_TTC = 5.0  # [s] CurvTTC below which attention is gated towards a step
 
 
@@ -247,3 +248,14 @@ class RefineConfig(TrainingConfig):
         weights = self.reward_weights
         if weights and (len(weights) != 3 or not math.isclose(sum(weights), 1.0, abs_tol=0.011)):
             raise InvalidInput(f"reward_weights must be three numbers that add up to 1 (or empty), got {weights}")
+
+    def require_known_gain(self, pedestrian_gain: float) -> None:
+        """Refuse a world whose pedestrians move otherwise than the differentiable copy of it takes for granted.
+
+        :raises InvalidInput: they do, and the objective is closed_loop.
+        """
+        if self.online_objective == "closed_loop" and pedestrian_gain != PEDESTRIAN_GAIN:
+            raise InvalidInput(
+                f"world_simulator.pedestrian_gain = {pedestrian_gain:g}: stage 2 with online_objective closed_loop "
+                f"expects {PEDESTRIAN_GAIN:g}, since transitions do not tell it; leave it, or choose ddpg"
+            )

@@ -16,8 +16,8 @@ Events have no gradient, so each gets a smooth stand-in:
   agent whose pace weighs less gives way more often.
 
 The speed reward has a gradient as it is, and is taken at the recorded steps rather than at the foreseen ones. The
-pedestrian's share of (21)-(24) is the default of the world's `pedestrian_gain`, the paper's 0.5: transitions do not
-tell it, so a world with another one needs `online_objective: ddpg`.
+pedestrian's share of (21)-(24) is the paper's 0.5: transitions do not tell it, so a world with another
+`pedestrian_gain` is refused and needs `online_objective: ddpg`.
 """
 
 from collections.abc import Sequence

@@ -73,8 +73,10 @@ def refine(
 
     :param episodes: (scenario number, episode number) pairs, in order.
     :param report: called after every portion with the learner's summary and the rates of Table 5; may raise `Stopped`.
-    :raises InvalidInput: see `Refiner`.
+    :raises InvalidInput: see `Refiner`, and `RefineConfig.require_known_gain`.
     """
+    world = world or WorldConfig()
+    config.require_known_gain(world.pedestrian_gain)
     out_dir = Path(out_dir)
     out_dir.mkdir(parents=True, exist_ok=True)
     refiner = Refiner(config, weights, near_misses, seed=seed, out_dir=out_dir)
@@ -86,7 +88,7 @@ def refine(
         outcomes.outcomes, outcomes.least_curvttc = extra["outcomes"], extra["least_curvttc"]
     while done < len(episodes) and not refiner.finished:
         part = episodes[done : done + portion]
-        simulation = World(world or WorldConfig(), scenarios, part, min(batch, len(part)), seed)
+        simulation = World(world, scenarios, part, min(batch, len(part)), seed)
         _simulate(simulation, refiner, builder, outcomes, monitor or MonitorConfig(), seed, config)
         done += len(part)
         rows.append(refiner.summary() | outcomes.rates(1000))

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
-from vpsci_ros.learning.config import AGENTS, PretrainConfig, RefineConfig
+from vpsci_ros.learning.config import AGENTS, PEDESTRIAN_GAIN, PretrainConfig, RefineConfig
 from vpsci_ros.learning.divergence import check_losses
 from vpsci_ros.learning.foresight import draw_moments, foresee, start_at, step_along
 from vpsci_ros.learning.held_out import HeldOut, split_as_before
@@ -38,7 +38,6 @@ from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.replay import Batch, ReplayBuffer, collate, pack, recorded_histories, unpack, up_to_capacity
 from vpsci_ros.learning.simulated_rewards import SimulatedRewards
 from vpsci_ros.learning.weights import Weights, resolved, save_weights, weights_to_bytes
-from vpsci_ros.world import WorldConfig
 
 RETURN_SMOOTHING = 0.02  # share of the newest episode in the running mean return (Figure 6)
 WEIGHTS, CHECKPOINT = "refined.safetensors", "refine_checkpoint.safetensors"
@@ -295,7 +294,7 @@ class Refiner:
             margin=config.clearance_margin,
             anticipation=config.clearance_ahead,
             pace=config.pace_weights,
-            gain=WorldConfig().pedestrian_gain,
+            gain=PEDESTRIAN_GAIN,
         )
         rewards = [self._rewards.speed(batch, actions[agent], agent) for agent in AGENTS]
         strange = -(torch.stack(rewards) * batch.present).sum() / (len(AGENTS) * batch.present.sum())

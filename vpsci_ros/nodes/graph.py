@@ -22,9 +22,11 @@ import yaml
 from vpsci_ros.config import SECTIONS, GraphConfig, pick
 from vpsci_ros.data.bag_repair import repair_bag
 from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.learning.config import RefineConfig
 from vpsci_ros.nodes.watch import WATCH, Watch
 from vpsci_ros.parameters import as_ros_parameters, table
 from vpsci_ros.provenance import require_empty_folder, sha256, software_versions, written_whole
+from vpsci_ros.resources import weights_path
 
 STOP_PATIENCE = 30.0  # [s] from SIGINT to SIGKILL
 POLL = 0.1  # [s]
@@ -58,9 +60,12 @@ def run_graph(
     :param sections: section -> values, as `vpsci_ros.config.load` returns them.
     :param folder: output folder, empty or new: bag/, learner/, log/, params.yaml (resolved), run.json.
     :param stop_when: asked again and again; an answer ends the run, and is its `error`.
-    :raises InvalidInput: a parameter is refused, or the folder is not empty; nothing has been started then.
+    :raises InvalidInput: a parameter is refused, there are no such weights, or the folder is not empty; nothing has
+        been started then.
     """
     resolved = resolve(sections, Path(folder))
+    weights = sorted({values["weights"] for values in resolved.values() if values.get("weights")})
+    hashes = {name: sha256(weights_path(name)) for name in weights}
     folder = require_empty_folder(folder)
     parameters = folder / "params.yaml"
     chosen = pick(GraphConfig, resolved["graph"], "graph")
@@ -83,14 +88,14 @@ def run_graph(
         from vpsci_ros.analysis.learning_figures import save_learning  # with torch, which no other graph needs here
 
         save_learning(folder / "learner")
-    _write_record(result, resolved)
+    _write_record(result, resolved, hashes)
     return result
 
 
 def resolve(sections: dict[str, dict[str, Any]], folder: Path) -> dict[str, dict[str, Any]]:
     """Return every parameter of every node of the graph, defaults filled in, paths under `folder`, peers set.
 
-    :raises InvalidInput: a value is refused, or the list of nodes makes no graph.
+    :raises InvalidInput: a value is refused, two of them do not go together, or the list of nodes makes no graph.
     """
     graph = pick(GraphConfig, sections.get("graph", {}), "graph")
     if "world_simulator" not in graph.nodes and "learner" not in graph.nodes:
@@ -107,6 +112,9 @@ def resolve(sections: dict[str, dict[str, Any]], folder: Path) -> dict[str, dict
         for config in SECTIONS[node]:
             pick(config, values, node)
             resolved[node] |= {row.name: values.get(row.name, row.default) for row in table(config)}
+    if "learner" in resolved and "world_simulator" in resolved:
+        refine = pick(RefineConfig, resolved["learner"], "learner")
+        refine.require_known_gain(resolved["world_simulator"]["pedestrian_gain"])
     return resolved
 
 
@@ -203,15 +211,14 @@ def _settle_bag(result: GraphResult, processes: Processes) -> None:
             result.error = f"{result.error}; {error}".removeprefix("; ")
 
 
-def _write_record(result: GraphResult, resolved: dict[str, dict[str, Any]]) -> None:
-    weights = {values["weights"] for values in resolved.values() if values.get("weights")}
+def _write_record(result: GraphResult, resolved: dict[str, dict[str, Any]], weights: dict[str, str]) -> None:
     near_misses = resolved.get("learner", {}).get("near_misses", [])
     record = {
         "error": result.error,
         "wall_time_sec": round(result.wall_time, 3),
         "progress": result.progress,
         "exit_status": result.exits,
-        "weights_sha256": {path: sha256(path) for path in sorted(weights) if Path(path).is_file()},
+        "weights_sha256": weights,
         "near_misses_sha256": {path: sha256(path) for path in near_misses if Path(path).is_file()},
         "software": software_versions(),
     }
