@@ -18,6 +18,7 @@ from vpsci_ros.parameters import as_ros_parameters
 from vpsci_ros.provenance import require_empty_folder
 
 DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PATIENCE = "30"  # [s] from SIGINT to SIGTERM: a learner ends its update and writes its weights
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -49,6 +50,7 @@ def start(context: LaunchContext) -> list[Node]:
             namespace=sections["graph"]["namespace"] or None,
             parameters=[str(parameters)],
             output="screen",
+            sigterm_timeout=PATIENCE,
             on_exit=Shutdown(reason=f"{name} has ended"),
         )
         for name in nodes
