@@ -19,7 +19,10 @@ SMALL_STAGE_2 = {
     "warm_up_steps": 8,
     "steps_per_update": 8,
     "critic_warm_up": 1,
-    "updates_per_refresh": 2,
+    "updates_per_refresh": 10,
+    "rehearsal_rollouts": 2,
+    "foresight_rollouts": 4,
+    "foresight_steps": 10,
     "rollback_margin": 10.0,  # barely trained weights may get worse; what is tested is that they travel
 }
 
