@@ -80,20 +80,12 @@ def session(context: Context, tmp_path: Path) -> Iterator[Session]:
     session.close()
 
 
-def test_a_state_that_overtakes_the_safety_state_before_it_is_no_missed_tick(session: Session) -> None:
-    session.state(1)
-    session.state(2)  # the world does not wait for policies at tick 1, so it may be here before the monitor's answer
-    session.safety(1)
-    session.safety(2)
-    session.spin_until(lambda: session.answered == [0, 2])
-    assert session.missed() == 0
-
-
-def test_a_safety_state_that_comes_before_its_state_is_answered_once(session: Session) -> None:
-    session.safety(1)
-    session.state(1)
-    session.safety(2)
-    session.state(2)
+# The world does not wait for policies at tick 1, so the next state may be here before the monitor's answer to it.
+@pytest.mark.parametrize("order", ["state 1, state 2, safety 1, safety 2", "safety 1, state 1, safety 2, state 2"])
+def test_topics_that_overtake_each_other_are_answered_once_and_no_tick_is_missed(session: Session, order: str) -> None:
+    hand_in = {"state": session.state, "safety": session.safety}
+    for topic, tick in (message.split() for message in order.split(", ")):
+        hand_in[topic](int(tick))
     session.spin_until(lambda: session.answered == [0, 2])
     assert session.missed() == 0
 

@@ -21,8 +21,8 @@ def print_errors(result: dict[str, Any], console: Console) -> None:
         view.add_row(name, *cells, ratio)
     console.print(view)
     console.print(
-        "The control is repeat_velocity. constant_velocity_tracked starts its closed loop from the vehicle's speed by "
-        "its last positions, as the policies do; the other controls from the recorded speed. Intervals: 95%, clips "
+        "The control is repeat_velocity. constant_velocity_tracked starts its closed loop from the vehicle's velocity "
+        "by its last positions, as the policies do; the other controls from the recorded one. Intervals: 95%, clips "
         "resampled.",
         highlight=False,
     )

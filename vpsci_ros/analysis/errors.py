@@ -39,9 +39,9 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor
 
     In closed loop the first two controls are the same: the last recorded velocity, kept. In reconstruction
     `repeat_velocity` looks again at every step, and the others keep the velocity of the first critical step.
-    `constant_velocity_tracked` starts its closed loop as the policies do, from the vehicle's speed by its last observed
-    positions (`scene.scene_at`): published speeds may lag behind, and this control tells how much of a policy's gain
-    is due to that.
+    `constant_velocity_tracked` starts its closed loop as the policies do, from the vehicle's velocity by its last
+    observed positions (`scene.scene_at`): published speeds may lag behind, and this control tells how much of a
+    policy's gain is due to that.
 
     :param models: name -> weights of both agents, or any `Predictor`.
     :raises InvalidInput: no interaction of a second or more, or a model has a control's name.

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
+from vpsci_ros.world.config import WorldConfig
 
 OBSERVATION_SIZE = 6
 ACTION_SIZE = 2
 AGENTS = ("vehicle", "pedestrian")
 STEP = 0.1  # [s] of policies and of the real data
-PEDESTRIAN_GAIN = 0.5  # share of the pedestrian's acceleration that becomes motion, (21)-(24)
+PEDESTRIAN_GAIN = WorldConfig().pedestrian_gain  # that the differentiable copy of the world has, (21)-(24)
 RISK_TTC = 5.0  # [s] CurvTTC below which attention is gated towards a step
 
 

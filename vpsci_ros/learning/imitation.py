@@ -3,8 +3,8 @@
 An update rolls both actors out together, from some step of a recorded near miss on and after some observed steps, on
 their own predictions (`scene`), and follows the gradient of the distance to the recorded positions through the whole
 roll-out and through both actors: each learns to act in the situations that the two of them bring about. A roll-out sets
-out with the vehicle's speed by its observed positions (`tracked_steps`): published speeds lag, and actors that had to
-make up for that learned little else. The same histories, with every step as recorded, add the error of the next
+out with the vehicle's velocity by its observed positions (`tracked_steps`): published speeds lag, and actors that had
+to make up for that learned little else. The same histories, with every step as recorded, add the error of the next
 velocity, which is what the reconstruction measures.
 
 A few hundred near misses hold some fifty drivers, so the actors would soon know them by heart. Dropout in front of
