@@ -1,12 +1,13 @@
 """How critical episodes end under policies, who slows down, and how near they come: the figures of the model card.
 
-    python test/benchmarks/outcomes.py [--episodes 250] [--seed 20261122] [--weights refined pretrained]
+    python test/benchmarks/outcomes.py [--episodes 250] [--seed 20261123] [--weights refined pretrained]
                                        [--near-misses near_misses.parquet] [--release-time 2.0]
 
 Without exploration; the unit is the episode that becomes critical; 95% Wilson intervals. Controls: the unrefined
 weights, and no acceleration at all. With near misses, also who slows down in these, between the first critical step and
-the last of those that stay critical for a second, and how near people came who met so late: where an encounter begins
-bounds how far it can be kept off, and simulated ones begin later (`ONSETS`). Half a minute.
+the last of those that stay critical for a second, how far pedestrians leave their line meanwhile, and how near people
+came who met so late: where an encounter begins bounds how far it can be kept off, and simulated ones begin later
+(`ONSETS`). Half a minute.
 """
 
 import argparse
@@ -30,16 +31,23 @@ from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.state import RUNNING
 
 SLOWER = 0.8  # of the speed at the hand-over
+STANDING = 0.3  # [m/s] below this a pedestrian has no direction
 ONSETS = (0.0, 1.5, 2.5, 3.5, 4.5, 5.0)  # [s] classes of CurvTTC at the first critical moment
 
 
 class Watched(NamedTuple):
-    """Critical episodes: bool[N] slower under the policies, by agent, and handed over again; float64[N] CurvTTC [s]."""
+    """What critical episodes were like.
+
+    vehicle_slower, pedestrian_slower, again bool[N]: slower under the policies by a fifth; handed over more than once.
+    onset float64[N]: CurvTTC [s] at the first critical moment. aside float64[N]: how far [m] the pedestrian leaves the
+    line that it walks on then, up to the last critical moment; NaN where it stands.
+    """
 
     vehicle_slower: NDArray[np.bool_]
     pedestrian_slower: NDArray[np.bool_]
     again: NDArray[np.bool_]
     onset: NDArray[np.float64]
+    aside: NDArray[np.float64]
 
 
 def watched(weights: Weights | None, config: WorldConfig, episodes: list[tuple[int, int]], seed: int) -> Watched:
@@ -53,15 +61,24 @@ def watched(weights: Weights | None, config: WorldConfig, episodes: list[tuple[i
         for row, curvttc, critical in zip(tick.state, tick.curvttc, tick.critical, strict=True):
             key = int(row["scenario"]), int(row["episode"])
             if row["status"] == RUNNING and (critical or key in seen):
-                walking = np.hypot(row["pedestrian_vx"], row["pedestrian_vy"])
-                seen[key].append((row["vehicle_speed"], walking, row["controlled"], curvttc))
+                motion = [row[f"pedestrian_{part}"] for part in ("x", "y", "vx", "vy")]
+                walking = np.hypot(*motion[2:])
+                seen[key].append((row["vehicle_speed"], walking, row["controlled"], curvttc, critical, *motion))
     rows = []
-    for speeds, held, onset in ((a[:, :2], a[:, 2] > 0, a[0, 3]) for a in map(np.array, seen.values())):
+    for a in map(np.array, seen.values()):
+        speeds, held, critical = a[:, :2], a[:, 2] > 0, np.flatnonzero(a[:, 4] > 0)
         if held.any():  # else the danger was over before the policies' next tick
             slower = speeds[held].min(axis=0) < SLOWER * speeds[held][0]
-            rows.append((*slower, np.count_nonzero(np.diff(held.astype(int)) == 1) > 1, onset))
-    vehicle, pedestrian, again, onsets = (np.array(column) for column in zip(*rows, strict=True))
-    return Watched(vehicle, pedestrian, again, onsets)
+            again = np.count_nonzero(np.diff(held.astype(int)) == 1) > 1
+            rows.append((*slower, again, a[0, 3], sideways(a[: critical[-1] + 1, 5:])))
+    return Watched(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def sideways(walk: NDArray[np.float64]) -> float:
+    """Return the greatest distance [m] of a walk, float64[T, 4] of x, y, vx, vy, from the line that it begins along."""
+    away, ahead = walk[:, :2] - walk[0, :2], walk[0, 2:]
+    pace = float(np.hypot(*ahead))
+    return float(np.abs(away[:, 0] * ahead[1] - away[:, 1] * ahead[0]).max() / pace) if pace > STANDING else np.nan
 
 
 def recorded_distances(interactions: Interactions, simulated: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -94,7 +111,7 @@ def recorded_slowing(interactions: Interactions) -> tuple[float, float, int]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=250, help="in each scenario")
-    parser.add_argument("--seed", type=int, default=20261122, help="of the world; another one than training had")
+    parser.add_argument("--seed", type=int, default=20261123, help="of the world; another one than training had")
     parser.add_argument("--weights", nargs="+", default=["refined", "pretrained"], help="files or shipped names")
     parser.add_argument("--release-time", type=float, default=WorldConfig().release_time, help="of the world [s]")
     parser.add_argument("--near-misses", type=Path, help="near-miss table")
@@ -103,6 +120,9 @@ def main() -> None:
     if near_misses is not None:
         vehicle, pedestrian, count = recorded_slowing(eligible(near_misses))
         print(f"recorded: slower by a fifth: vehicle {vehicle:.0%}, pedestrian {pedestrian:.0%} of {count}")
+        seen = eligible(near_misses)
+        walks = [seen.motion[i, seen.first[i] : seen.last[i] + 1, 5:9] for i in range(len(seen))]
+        print(f"  aside of its line: {_spread([sideways(walk) for walk in walks])}")
         rows = np.arange(len(near_misses))
         onset, least = near_misses.curvttc[rows, near_misses.first], near_misses.curvttc.min(axis=1)
         print(f"  CurvTTC quartiles of {len(rows)}: at first {_quartiles(onset)}, least {_quartiles(least)}")
@@ -124,7 +144,14 @@ def main() -> None:
             print(f"  least of recorded ones with such a first: {told}")
         vehicle, pedestrian, again = (column.mean() for column in seen[:3])
         print(f"  slower by a fifth: vehicle {vehicle:.0%}, pedestrian {pedestrian:.0%} of {len(seen.onset)}")
+        print(f"  aside of its line: {_spread(seen.aside)}")
         print(f"  handed over again after they were given back: {again:.0%}")
+
+
+def _spread(distances: ArrayLike) -> str:
+    known = np.asarray(distances)[~np.isnan(distances)]
+    parts = ", ".join(f"{q:.2f} m" for q in np.percentile(known, (50, 75, 90)))
+    return f"median, third quartile and ninth decile of {len(known)}: {parts}"
 
 
 def _quartiles(values: ArrayLike) -> str:
