@@ -3,7 +3,17 @@ import pytest
 import torch
 
 from vpsci_ros.learning.config import AGENTS
-from vpsci_ros.learning.foresight import AHEAD, clearance, draw_moments, foresee, remembered, start_at, step_along
+from vpsci_ros.learning.foresight import (
+    AHEAD,
+    BRAKING,
+    clearance,
+    draw_braking,
+    draw_moments,
+    foresee,
+    remembered,
+    start_at,
+    step_along,
+)
 from vpsci_ros.learning.replay import History
 from vpsci_ros.learning.transitions import LANE_GRID, LANE_NODES, TransitionBuilder
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
@@ -32,9 +42,10 @@ def meeting(distance, speed, walking, steps=6, collision=False):
     )
 
 
-def lost(networks, histories, at, steps=20, anticipation=0.0, pace=(0.5, 0.5)):
+def lost(networks, histories, at, steps=20, anticipation=0.0, pace=(0.5, 0.5), braking=None):
     start = start_at(histories, np.array(at))
-    return foresee(networks.actor, start, steps=steps, margin=0.5, anticipation=anticipation, pace=pace, gain=0.5)
+    options = {"steps": steps, "margin": 0.5, "anticipation": anticipation, "pace": pace, "gain": 0.5}
+    return foresee(networks.actor, start, **options, braking=braking)
 
 
 def test_clearance_is_the_worlds_for_footprints_apart_and_never_positive_where_they_touch():
@@ -66,6 +77,55 @@ def test_another_speed_than_ones_pace_costs_the_square_of_the_share(networks):
     assert float(goal.detach()) == pytest.approx(0.5 * (vehicle + pedestrian), rel=1e-5)
     goal = lost(networks(gain=0.0), [history], [3], pace=(0.2, 0.9))[1]
     assert float(goal.detach()) == pytest.approx(0.2 * vehicle + 0.9 * pedestrian, rel=1e-5)
+
+
+def test_a_pedestrian_who_has_stopped_or_turned_aside_loses_by_the_velocity_of_the_hand_over(networks):
+    history = meeting([60.0, 9.0], 7.0, [0.0, 2.0])
+    after = (2, [0.0, 0.0], 1.0), (3, [1.5, 0.0], 1.5625), (4, [0.5, 1.0], 0.3125), (5, [0.0, 2.0], 0.0)
+    for step, walking, missed in after:
+        history.observation["pedestrian"][step] = [*walking, 60.0, 9.0, walking[0] - 7.0, walking[1]]
+        goal = lost(networks(gain=0.0), [history], [step], pace=(0.0, 1.0))[1]
+        assert float(goal.detach()) == pytest.approx(missed, abs=1e-5)
+
+
+def test_the_course_of_the_hand_over_stays_where_it_was_while_the_vehicle_turns():
+    """0.4 m a step round a bend of 0.1 rad/m: the heading has turned left by 0.2 rad after five steps."""
+    history = meeting([20.0, 4.0], 4.0, [0.0, 1.0])
+    history.lane[:] = 0.1 * LANE_GRID * np.arange(LANE_NODES)
+    start = start_at([history, history], np.array([0, 5]))
+    assert start.course.numpy() == pytest.approx(np.array([[0.0, 1.0], [np.sin(0.2), np.cos(0.2)]]), abs=1e-5)
+
+
+def test_a_vehicle_that_brakes_whatever_its_policy_says_stands_after_its_braking_distance(networks):
+    """4 m/s are gone after 2 s and 4 m at 2 m/s2; a car that is driven on at 4 m/s reaches those who stand further."""
+    driven, reach = networks(gain=0.0), 0.5 * VEHICLE_LENGTH + PEDESTRIAN_RADIUS + 0.5
+    near, far = meeting([3.9 + reach, 0.0], 4.0, [0.0, 0.0]), meeting([4.1 + reach, 0.0], 4.0, [0.0, 0.0])
+
+    def collision(history, deceleration):
+        return float(lost(driven, [history], [0], steps=50, braking=torch.tensor([deceleration]))[0].detach())
+
+    assert collision(near, 2.0) > 0.0
+    assert collision(far, 2.0) == 0.0
+    assert collision(far, 0.0) > 0.0
+
+
+def test_who_meets_a_car_that_stands_learns_not_to_walk_into_it_and_the_car_learns_nothing_of_it(networks):
+    net = networks(gain=1.0)
+    start = start_at([meeting([0.5, 3.0], 2.0, [0.0, -1.4])], np.array([0]))
+    options = {"steps": 30, "margin": 0.5, "anticipation": 0.0, "pace": (0.5, 0.5), "gain": 0.5}
+    collision, _ = foresee(net.actor, start, **options, braking=torch.tensor([5.0]))
+    assert float(collision.detach()) > 0.01
+    collision.backward()
+    assert max(float(p.grad.abs().max()) for p in net.actor["pedestrian"].parameters() if p.grad is not None) > 0.0
+    assert all(p.grad is None or not p.grad.any() for p in net.actor["vehicle"].parameters())
+
+
+def test_the_given_share_of_vehicles_brakes_between_gently_and_hard():
+    braking = draw_braking(2000, 0.25, np.random.default_rng(0)).numpy()
+    assert (braking > 0.0).mean() == pytest.approx(0.25, abs=0.04)  # four standard deviations
+    assert braking[braking > 0.0].min() >= BRAKING[0]
+    assert braking.max() <= BRAKING[1]
+    assert not draw_braking(50, 0.0, np.random.default_rng(0)).any()
 
 
 def test_anticipated_clearance_counts_the_next_two_seconds_at_the_speeds_of_the_moment(networks):

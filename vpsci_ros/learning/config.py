@@ -181,9 +181,15 @@ class RefineConfig(TrainingConfig):
     )
     pace_weights: list[float] = parameter(
         [0.5, 0.5],
-        "objective closed_loop: weights of the vehicle's and of the pedestrian's pace in the goal reward",
+        "objective closed_loop: weights of the vehicle's and of the pedestrian's velocity in the goal reward",
         low=0.0,
         high=100.0,
+    )
+    braking_share: float = parameter(
+        0.0,
+        "objective closed_loop: share of roll-outs in which the vehicle brakes to a stand whatever its policy says",
+        low=0.0,
+        high=1.0,
     )
     noise_start: float = parameter(
         0.3, "N_0 of the exploration noise (16)", unit="of the action limit", low=0.0, high=2.0

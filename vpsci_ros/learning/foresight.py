@@ -12,8 +12,12 @@ Events have no gradient, so each gets a smooth stand-in:
 - collision (25): how far the clearance of the footprints falls short of a margin, squared, now and, by a weight, where
   both would be within the next `AHEAD` seconds at the speeds and the curvature of the moment. The second is
   CurvTTC made smooth: who only minds clearance passes a hand's breadth from the other, and people do not;
-- goal (26): how far each agent is from its pace, as a share of it, squared; a vehicle's pace is `CRUISE` at least. The
-  agent whose pace weighs less gives way more often.
+- goal (26): how far each agent's velocity is from that of the hand-over, as a share of it, squared; a vehicle's is
+  `CRUISE` along its lane at least. For a pedestrian sideways counts as well: who is free to drift is pushed along by
+  the car, metres away from where it wanted to cross. The agent whose pace weighs less gives way more often.
+
+In a share of the roll-outs the vehicle brakes to a stand whatever its policy says, and stays: the pedestrian is to meet
+other drivers than the one it learns beside, and cars that stand in its way.
 
 The speed reward has a gradient as it is, and is taken at the recorded steps rather than at the foreseen ones. The
 pedestrian's share of (21)-(24) is the paper's 0.5: transitions do not tell it, so a world with another
@@ -42,6 +46,7 @@ AHEAD = (0.7, 1.4, 2.1)  # [s] from now at which anticipated clearance is taken;
 CRUISE = 3.5  # [m/s] pace that a vehicle which stands or creeps should take up
 HAND_OVERS = 0.7  # share of roll-outs that begin there
 LONGEST = 20.0  # times the median: the length to which gradients of single roll-outs are shortened
+BRAKING = (1.0, 5.0)  # [m/s2] least and greatest deceleration of a vehicle that brakes whatever its policy says
 _STANDING = 0.3  # [m/s] below this a pedestrian has no direction
 
 Memories = dict[str, list[StepState]]
@@ -51,9 +56,9 @@ class Start(NamedTuple):
     """Moments from which M roll-outs begin, in the vehicle's heading frame of each; float32.
 
     speed [M] [m/s] and lane [M, N] [rad], direction every 2 m, of the vehicle; pedestrian, walking [M, 2]: position [m]
-    and velocity [m/s]; cruise, pace [M]: speeds of vehicle and pedestrian at the hand-over [m/s]; before [M, 2] by
-    agent: the action of the step before [m/s2]. observation [M, T, 6] and acted [M, T, 2] by agent and curvttc [M, T]
-    hold what came before the moment, taken int64[M] steps.
+    and velocity [m/s]; cruise [M]: speed of the vehicle, and course [M, 2]: velocity of the pedestrian at the hand-over
+    [m/s]; before [M, 2] by agent: the action of the step before [m/s2]. observation [M, T, 6] and acted [M, T, 2] by
+    agent and curvttc [M, T] hold what came before the moment, taken int64[M] steps.
     """
 
     speed: Tensor
@@ -61,7 +66,7 @@ class Start(NamedTuple):
     pedestrian: Tensor
     walking: Tensor
     cruise: Tensor
-    pace: Tensor
+    course: Tensor
     before: dict[str, Tensor]
     observation: dict[str, Tensor]
     acted: dict[str, Tensor]
@@ -85,7 +90,7 @@ def start_at(histories: Sequence[History], at: NDArray[np.int64]) -> Start:
         seen[:, 2:4],
         seen[:, 0:2],
         batch.observation["vehicle"][:, 0, 0].clamp(min=CRUISE),
-        batch.observation["pedestrian"][:, 0, 0:2].norm(dim=1),
+        from_heading_frame(batch.observation["pedestrian"][:, 0, 0:2], -_turned(histories, at)),
         before,
         {agent: batch.observation[agent][:, :longest] for agent in AGENTS},
         {agent: previous(batch.action[agent])[:, :longest] for agent in AGENTS},
@@ -95,7 +100,15 @@ def start_at(histories: Sequence[History], at: NDArray[np.int64]) -> Start:
 
 
 def foresee(
-    actors: Actors, start: Start, *, steps: int, margin: float, anticipation: float, pace: Sequence[float], gain: float
+    actors: Actors,
+    start: Start,
+    *,
+    steps: int,
+    margin: float,
+    anticipation: float,
+    pace: Sequence[float],
+    gain: float,
+    braking: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Let both actors act together for `steps` steps, and return what they lose by collision and by goal.
 
@@ -104,15 +117,17 @@ def foresee(
         the moment.
     :param pace: weights of the vehicle's and of the pedestrian's pace.
     :param gain: share of the pedestrian's acceleration that becomes motion, (21)-(24).
+    :param braking: deceleration of the vehicle [M] [m/s2] whatever its policy says; 0: the policy drives.
     :returns: float32 scalars with gradient, means of all roll-outs and steps.
     """
     count = len(start.speed)
     memory, before = remembered(actors, start), start.before
     speed, driven, vehicle = start.speed, torch.zeros(count), torch.zeros(count, 2)
     pedestrian, walking = start.pedestrian, start.walking
-    now = walking.norm(dim=1)
-    course = walking / (now.clamp(min=_STANDING) * start.pace.clamp(min=_STANDING))[:, None]
-    moving = (now > _STANDING) & (start.pace > _STANDING)
+    walked = start.course.norm(dim=1)
+    moving = walked > _STANDING
+    braking = torch.zeros(count) if braking is None else braking
+    stopping = torch.stack([-braking, torch.zeros(count)], dim=1)
     collision, goal = torch.zeros(()), torch.zeros(())
     heading, bend = _direction(start.lane, driven)
     for _ in range(steps):
@@ -120,11 +135,13 @@ def foresee(
         scene = Scene(vehicle, heading, speed[:, None] * ahead, bend, pedestrian, walking)
         views, curvttc = dict(zip(AGENTS, observe(scene), strict=True)), time_to_collision(scene)
         before = {a: actors[a].step(views[a], before[a], curvttc, memory[a]) for a in AGENTS}
+        before["vehicle"] = torch.where(braking[:, None] > 0.0, stopping, before["vehicle"])
         for answer in before.values():
             if answer.requires_grad:
                 answer.register_hook(_bounded)
         goal = goal + pace[0] * ((1.0 - speed / start.cruise) ** 2).mean()
-        goal = goal + pace[1] * ((1.0 - (walking * course).sum(dim=1)) ** 2 * moving).mean()
+        astray = (walking - start.course).square().sum(dim=1) / walked.clamp(min=_STANDING) ** 2
+        goal = goal + pace[1] * (astray * moving).mean()
         along = before["vehicle"][:, 0].clamp(-MAX_DECELERATION, MAX_ACCELERATION)
         faster = (speed + along * STEP).clamp(min=0.0)
         way = 0.5 * (speed + faster) * STEP
@@ -153,6 +170,12 @@ def draw_moments(
     picked = [histories[i] for i in rng.choice(len(histories), size, replace=False)]
     anywhere = np.array([int(rng.random() * len(history)) for history in picked], np.int64)
     return picked, np.where(rng.random(size) < HAND_OVERS, 0, anywhere)
+
+
+def draw_braking(count: int, share: float, rng: np.random.Generator) -> Tensor:
+    """Draw which of `count` vehicles brake to a stand, and how hard: [count] [m/s2], 0 for the others."""
+    brakes = rng.random(count) < share
+    return torch.from_numpy(np.where(brakes, rng.uniform(*BRAKING, count), 0.0).astype(np.float32))
 
 
 def step_along(
@@ -199,6 +222,16 @@ def clearance(vehicle: Tensor, heading: Tensor, pedestrian: Tensor) -> Tensor:
 
 def _nearness(vehicle: Tensor, heading: Tensor, pedestrian: Tensor, margin: float) -> Tensor:
     return (1.0 - clearance(vehicle, heading, pedestrian) / margin).clamp(min=0.0) ** 2
+
+
+def _turned(histories: Sequence[History], at: NDArray[np.int64]) -> Tensor:
+    """Return by how much each vehicle has turned left since the hand-over [M] [rad]."""
+    turned = []
+    for history, i in zip(histories, at, strict=True):
+        seen, lane = history.observation["pedestrian"][:i], history.lane[:i]
+        way = (seen[:, 0] - seen[:, 4]) * STEP
+        turned.append(((lane[:, 1] - lane[:, 0]) * way / LANE_GRID).sum())
+    return torch.from_numpy(np.array(turned, np.float32))
 
 
 def _direction(lane: Tensor, driven: Tensor) -> tuple[Tensor, Tensor]:

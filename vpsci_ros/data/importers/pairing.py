@@ -2,9 +2,10 @@
 
 What is kept runs from up to ten steps before the first critical step (CurvTTC < 5 s) to ten steps after the last one,
 as far as both are observed. Ten before, because the closed-loop protocol starts at the first critical step after up to
-ten observed ones, and the policies' attention spans ten; ten after, because the simulation hands control back one
-second after the last critical step, so that is what a policy must have learned to do. Steps between two critical
-spells stay: they are part of one encounter. More would fill the buffer with people who walk undisturbed.
+ten observed ones, and the policies' attention spans ten; ten after, for how people go on when it is over: policies keep
+control for a while then (the world's `release_time`). Steps between two critical spells stay: they are part of one
+encounter. More would fill the buffer with people who walk undisturbed, and did not help: stage 1 with all 546 pairs
+below 10 s and 30 steps after came to the same held-out errors (two folds).
 """
 
 from collections.abc import Iterable
