@@ -102,7 +102,7 @@ def test_another_configuration_is_refused_naming_what_differs(job, make, made, t
     with pytest.raises(KeyboardInterrupt):
         generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(job, 64))
     world = dataclasses.replace(job.world, release_time=0.5)
-    with pytest.raises(InvalidInput, match=r"unfinished run with .*release_time = 3\.0, and this one has 0\.5"):
+    with pytest.raises(InvalidInput, match=r"unfinished run with .*release_time = 5\.0, and this one has 0\.5"):
         make(tmp_path / "d", of=dataclasses.replace(job, world=world))
 
 

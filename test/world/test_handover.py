@@ -1,5 +1,7 @@
 """Who drives: taken at critical policy frames, kept while the hold lasts, given back without a jolt."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from world.helpers import SCENARIOS, frames, nothing, run
@@ -52,7 +54,7 @@ def test_a_critical_tick_between_policy_frames_waits_for_the_next_one():
 
 
 def test_control_is_kept_for_the_release_time_and_given_back_at_a_policy_frame():
-    rows = drive_alone([True, *[False] * 70])
+    rows = drive_alone([True, *[False] * 70], WorldConfig(release_time=3.0))
     given_back = [tick for tick, (*_, kinds) in enumerate(rows) if HANDED_BACK in kinds]
     assert given_back == [62]  # 3 s is 60 ticks: the hold of tick 0 runs out after tick 60, the next frame is 62
     assert [controlled for controlled, *_ in rows[1:63]] == [1] * 62
@@ -110,7 +112,8 @@ def swerving(state):
 def test_after_a_hand_back_the_vehicle_finds_its_lane_again():
     pairs = [(scenario, number) for number in range(6) for scenario in range(1, 9)]
     off, back = 0.0, []
-    for (number, _), rows in run(pairs, batch=48, config=CONFIG, policy=swerving).items():
+    config = dataclasses.replace(CONFIG, release_time=3.0)  # early enough for 10 m to be left after it
+    for (number, _), rows in run(pairs, batch=48, config=config, policy=swerving).items():
         path = SCENARIOS[number - 1].vehicle.path
         left = np.array([abs(path.locate(r["vehicle_x"], r["vehicle_y"])[1]) for r in rows])
         held = np.flatnonzero(rows["controlled"])

@@ -19,7 +19,7 @@ class WorldConfig:
     )
     episode_time: float = parameter(10.0, "an episode ends after this time", unit="s", low=0.1, high=3276.0)
     release_time: float = parameter(
-        3.0, "the policies give the agents back after this time without a critical tick", unit="s", low=0.0, high=60.0
+        5.0, "the policies give the agents back after this time without a critical tick", unit="s", low=0.0, high=60.0
     )
     vehicle_driver: str = parameter(
         "policy", "policy: the autopilot until it is critical, then the policy", choices=VEHICLE_DRIVERS
