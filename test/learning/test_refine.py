@@ -100,6 +100,26 @@ def test_a_refresh_that_forgets_people_is_rolled_back(networks, near_misses):
             assert np.array_equal(kept.tensors[name], tensor), name
 
 
+def test_what_is_kept_lies_as_far_on_the_way_back_to_stage_1_as_asked_and_its_errors_are_its_own(
+    tmp_path, networks, near_misses
+):
+    config = RefineConfig(**{**vars(QUICK), "stage_1_share": 0.25, "online_learning_rate": 0.001})
+    config = dataclasses.replace(config, rollback_margin=10.0, target_update_rate=1.0)
+    start = networks(gain=1.0).weights({}, {})
+    refiner = Refiner(config, start, near_misses, seed=4, out_dir=tmp_path)
+    refiner.add(experience())
+    while refiner.due:
+        refiner.update()
+    learned, kept = refiner.current(), load_weights(refiner.save())
+    for name in ("vehicle_actor.head.4.weight", "pedestrian_actor.head.4.weight"):
+        way = learned.tensors[name] - start.tensors[name]
+        assert np.abs(way).max() > 0.0005
+        assert kept.tensors[name] - start.tensors[name] == pytest.approx(0.75 * way, abs=1e-5)
+    assert kept.facts["held_out"]["errors"] == refiner._held_out.errors(kept)
+    assert kept.facts["held_out"]["errors"] != learned.facts["held_out"]["errors"]
+    assert all(np.array_equal(kept.tensors[n], learned.tensors[n]) for n in kept.tensors if "critic" in n)
+
+
 def test_clips_that_stage_1_held_out_stay_held_out(networks, near_misses):
     _, held_out = split_by_clip(near_misses, 0.4, seed=11)
     clips = sorted({f"{s}/{c}" for s, c in held_out.select("source", "clip").unique().rows()})

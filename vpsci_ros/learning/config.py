@@ -239,6 +239,12 @@ class RefineConfig(TrainingConfig):
         low=0.0,
         high=10.0,
     )
+    stage_1_share: float = parameter(
+        0.0,
+        "how far the actors that are kept lie on the way back to stage 1's; 0: what stage 2 has learned, as it is",
+        low=0.0,
+        high=1.0,
+    )
     refine_held_out_fraction: float = parameter(
         0.2, "share of near misses, by whole clips, for the held-out check; take that of stage 1", low=0.0, high=0.9
     )

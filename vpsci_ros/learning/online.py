@@ -101,7 +101,7 @@ def refine(
             report({"simulated": float(done), "episodes_wanted": float(len(episodes))} | rows[-1])
     refiner.save()
     (out_dir / CHECKPOINT).unlink(missing_ok=True)
-    return refiner.current()
+    return refiner.final()
 
 
 def _simulate(

@@ -11,6 +11,10 @@ update also rehearses a few real near misses in closed loop (`imitation`), and a
 
 After every `updates_per_refresh` updates the held-out error is measured, and a refresh that exceeds stage 1's
 closed-loop ADE by more than `rollback_margin` is undone.
+
+What is kept in the end may lie a little on the way back to stage 1 (`stage_1_share`): networks between one and what was
+made of it by further training often do better than either (Wortsman et al. 2022, 'Robust fine-tuning of zero-shot
+models', https://arxiv.org/abs/2109.01903).
 """
 
 import copy
@@ -196,9 +200,19 @@ class Refiner:
 
     def current(self) -> Weights:
         """Return the accepted actors and the critics as they are."""
+        return self._described(self._accepted[self._acting], self.errors)
+
+    def final(self) -> Weights:
+        """Return `current` with its actors drawn towards those of stage 1 by `stage_1_share`, and measured anew."""
+        stage_1 = Networks.from_weights(self._start).actor.state_dict()
+        accepted = self._accepted[self._acting]
+        drawn = {name: torch.lerp(part, stage_1[name], self._config.stage_1_share) for name, part in accepted.items()}
+        return self._described(drawn, self._held_out.errors(self._described(drawn, self.errors)))
+
+    def _described(self, actors: Mapping[str, torch.Tensor], errors: dict[str, float]) -> Weights:
         networks = copy.deepcopy(self._networks)
-        networks.actor.load_state_dict(self._accepted[self._acting])
-        held_out = {"errors": self.errors, "stage_1": self.stage_1_errors, "control": self._held_out.control}
+        networks.actor.load_state_dict(actors)
+        held_out = {"errors": errors, "stage_1": self.stage_1_errors, "control": self._held_out.control}
         learned = {
             "updates": self.updates,
             "episodes": self.episodes,
@@ -212,14 +226,14 @@ class Refiner:
         return weights_to_bytes(self.current())
 
     def save(self) -> Path:
-        """Write `refined.safetensors` to `out_dir` and return its path.
+        """Write `final` to `out_dir` as `refined.safetensors` and return its path.
 
         :raises InvalidInput: there is no `out_dir`.
         """
         if self._out_dir is None:
             raise InvalidInput("Refiner.save: expected an output folder, got none; give out_dir")
         self._out_dir.mkdir(parents=True, exist_ok=True)
-        save_weights(self._out_dir / WEIGHTS, self.current())
+        save_weights(self._out_dir / WEIGHTS, self.final())
         return self._out_dir / WEIGHTS
 
     def save_checkpoint(self, path: str | Path, extra: dict[str, Any] | None = None) -> None:

@@ -8,9 +8,9 @@ control to and fro.
 
 The danger is over when the two have passed each other, not when one of them has begun to give way: then the rule-based
 pair, which knows nothing of it, would take up its speed and its way into the same conflict, with less room than before.
-With the shipped policies 57% of the critical episodes have to be handed over again after a release time of 1 s, 17%
+With the shipped policies 58% of the critical episodes have to be handed over again after a release time of 1 s, 16%
 after 2 s, 1% after 3 s. Then the autopilot still stops for somebody whom the policy would have passed behind at 2 m/s,
-and is late: both goals are reached in 71% after 3 s, 80% after 4 s and 83% after the 5 s of the default
+and is late: both goals are reached in 69% after 3 s, 79% after 4 s and 82% after the 5 s of the default
 (`python test/benchmarks/outcomes.py --release-time 3`).
 """
 
