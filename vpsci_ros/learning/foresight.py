@@ -14,7 +14,8 @@ Events have no gradient, so each gets a smooth stand-in:
   CurvTTC made smooth: who only minds clearance passes a hand's breadth from the other, and people do not;
 - goal (26): how far each agent's velocity is from that of the hand-over, as a share of it, squared; a vehicle's is
   `CRUISE` along its lane at least. For a pedestrian sideways counts as well: who is free to drift is pushed along by
-  the car, metres away from where it wanted to cross. The agent whose pace weighs less gives way more often.
+  the car, metres away from where it wanted to cross. Weights say whose delay costs more; who learns to give way hangs
+  on the luck of a training, too.
 
 In a share of the roll-outs the vehicle brakes to a stand whatever its policy says, and stays: the pedestrian is to meet
 other drivers than the one it learns beside, and cars that stand in its way.
@@ -173,7 +174,7 @@ def draw_moments(
 
 
 def draw_braking(count: int, share: float, rng: np.random.Generator) -> Tensor:
-    """Draw which of `count` vehicles brake to a stand, and how hard: [count] [m/s2], 0 for the others."""
+    """Draw the `share` of `count` vehicles that brake to a stand, and how hard: [count] [m/s2], 0 for the others."""
     brakes = rng.random(count) < share
     return torch.from_numpy(np.where(brakes, rng.uniform(*BRAKING, count), 0.0).astype(np.float32))
 
