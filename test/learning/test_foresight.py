@@ -111,9 +111,7 @@ def test_a_vehicle_that_brakes_whatever_its_policy_says_stands_after_its_braking
 
 def test_who_meets_a_car_that_stands_learns_not_to_walk_into_it_and_the_car_learns_nothing_of_it(networks):
     net = networks(gain=1.0)
-    start = start_at([meeting([0.5, 3.0], 2.0, [0.0, -1.4])], np.array([0]))
-    options = {"steps": 30, "margin": 0.5, "anticipation": 0.0, "pace": (0.5, 0.5), "gain": 0.5}
-    collision, _ = foresee(net.actor, start, **options, braking=torch.tensor([5.0]))
+    collision, _ = lost(net, [meeting([0.5, 3.0], 2.0, [0.0, -1.4])], [0], steps=30, braking=torch.tensor([5.0]))
     assert float(collision.detach()) > 0.01
     collision.backward()
     assert max(float(p.grad.abs().max()) for p in net.actor["pedestrian"].parameters() if p.grad is not None) > 0.0

@@ -103,8 +103,8 @@ def test_a_refresh_that_forgets_people_is_rolled_back(networks, near_misses):
 def test_what_is_kept_lies_as_far_on_the_way_back_to_stage_1_as_asked_and_its_errors_are_its_own(
     tmp_path, networks, near_misses
 ):
-    config = RefineConfig(**{**vars(QUICK), "stage_1_share": 0.25, "online_learning_rate": 0.001})
-    config = dataclasses.replace(config, rollback_margin=10.0, target_update_rate=1.0)
+    never_undone = {"online_learning_rate": 0.001, "rollback_margin": 10.0, "target_update_rate": 1.0}
+    config = dataclasses.replace(QUICK, stage_1_share=0.25, **never_undone)
     start = networks(gain=1.0).weights({}, {})
     refiner = Refiner(config, start, near_misses, seed=4, out_dir=tmp_path)
     refiner.add(experience())
