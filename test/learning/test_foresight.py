@@ -7,8 +7,8 @@ from vpsci_ros.learning.foresight import (
     AHEAD,
     BRAKING,
     clearance,
-    draw_braking,
     draw_moments,
+    draw_scripted,
     foresee,
     remembered,
     start_at,
@@ -42,10 +42,10 @@ def meeting(distance, speed, walking, steps=6, collision=False):
     )
 
 
-def lost(networks, histories, at, steps=20, anticipation=0.0, pace=(0.5, 0.5), braking=None):
+def lost(networks, histories, at, steps=20, anticipation=0.0, pace=(0.5, 0.5), scripted=None):
     start = start_at(histories, np.array(at))
     options = {"steps": steps, "margin": 0.5, "anticipation": anticipation, "pace": pace, "gain": 0.5}
-    return foresee(networks.actor, start, **options, braking=braking)
+    return foresee(networks.actor, start, **options, scripted=scripted)
 
 
 def test_clearance_is_the_worlds_for_footprints_apart_and_never_positive_where_they_touch():
@@ -96,34 +96,56 @@ def test_the_course_of_the_hand_over_stays_where_it_was_while_the_vehicle_turns(
     assert start.course.numpy() == pytest.approx(np.array([[0.0, 1.0], [np.sin(0.2), np.cos(0.2)]]), abs=1e-5)
 
 
+def regardless(agent, longitudinal):
+    """What `foresee` takes for one roll-out in which `agent` accelerates by so much whatever its policy says."""
+    return {agent: torch.tensor([[longitudinal, 0.0]])}
+
+
 def test_a_vehicle_that_brakes_whatever_its_policy_says_stands_after_its_braking_distance(networks):
     """4 m/s are gone after 2 s and 4 m at 2 m/s2; a car that is driven on at 4 m/s reaches those who stand further."""
     driven, reach = networks(gain=0.0), 0.5 * VEHICLE_LENGTH + PEDESTRIAN_RADIUS + 0.5
     near, far = meeting([3.9 + reach, 0.0], 4.0, [0.0, 0.0]), meeting([4.1 + reach, 0.0], 4.0, [0.0, 0.0])
 
-    def collision(history, deceleration):
-        return float(lost(driven, [history], [0], steps=50, braking=torch.tensor([deceleration]))[0].detach())
+    def collision(history, acceleration):
+        scripted = regardless("vehicle", acceleration)
+        return float(lost(driven, [history], [0], steps=50, scripted=scripted)[0].detach())
 
-    assert collision(near, 2.0) > 0.0
-    assert collision(far, 2.0) == 0.0
-    assert collision(far, 0.0) > 0.0
+    assert collision(near, -2.0) > 0.0
+    assert collision(far, -2.0) == 0.0
+    assert collision(far, float("nan")) > 0.0
 
 
-def test_who_meets_a_car_that_stands_learns_not_to_walk_into_it_and_the_car_learns_nothing_of_it(networks):
-    net = networks(gain=1.0)
-    collision, _ = lost(net, [meeting([0.5, 3.0], 2.0, [0.0, -1.4])], [0], steps=30, braking=torch.tensor([5.0]))
+def learn_from_contact(net, scripted):
+    """Return by agent whether a contact, one of them acting regardless of its policy, moves the weights of an actor."""
+    collision, _ = lost(net, [meeting([0.5, 3.0], 2.0, [0.0, -1.4])], [0], steps=30, scripted=scripted)
     assert float(collision.detach()) > 0.01
     collision.backward()
-    assert max(float(p.grad.abs().max()) for p in net.actor["pedestrian"].parameters() if p.grad is not None) > 0.0
-    assert all(p.grad is None or not p.grad.any() for p in net.actor["vehicle"].parameters())
+    parameters = {agent: list(net.actor[agent].parameters()) for agent in ("vehicle", "pedestrian")}
+    return {a: any(p.grad is not None and bool(p.grad.any()) for p in ps) for a, ps in parameters.items()}
 
 
-def test_the_given_share_of_vehicles_brakes_between_gently_and_hard():
-    braking = draw_braking(2000, 0.25, np.random.default_rng(0)).numpy()
-    assert (braking > 0.0).mean() == pytest.approx(0.25, abs=0.04)  # four standard deviations
-    assert braking[braking > 0.0].min() >= BRAKING[0]
-    assert braking.max() <= BRAKING[1]
-    assert not draw_braking(50, 0.0, np.random.default_rng(0)).any()
+@pytest.mark.parametrize("acceleration", [-5.0, 0.0])
+def test_who_meets_a_car_that_stands_or_drives_on_learns_to_avoid_it_and_the_car_learns_nothing(networks, acceleration):
+    learned = learn_from_contact(networks(gain=1.0), regardless("vehicle", acceleration))
+    assert learned == {"vehicle": False, "pedestrian": True}
+
+
+def test_a_car_that_meets_somebody_who_walks_on_learns_to_avoid_them_and_they_learn_nothing(networks):
+    learned = learn_from_contact(networks(gain=1.0), regardless("pedestrian", 0.0))
+    assert learned == {"vehicle": True, "pedestrian": False}
+
+
+def test_the_given_shares_brake_or_drive_on_or_walk_on_and_never_two_at_once():
+    drawn = draw_scripted(4000, 0.25, [0.15, 0.1], np.random.default_rng(0))
+    vehicle, pedestrian = (drawn[agent].numpy()[:, 0] for agent in ("vehicle", "pedestrian"))
+    braking = vehicle[vehicle < 0.0]
+    assert len(braking) / 4000 == pytest.approx(0.25, abs=0.028)  # four standard deviations
+    assert -BRAKING[1] <= braking.min() < braking.max() <= -BRAKING[0]
+    assert (vehicle == 0.0).mean() == pytest.approx(0.15, abs=0.023)
+    assert (pedestrian == 0.0).mean() == pytest.approx(0.1, abs=0.019)
+    assert not (~np.isnan(vehicle) & ~np.isnan(pedestrian)).any()
+    nobody = draw_scripted(50, 0.0, [0.0, 0.0], np.random.default_rng(0))
+    assert all(part.isnan().all() for part in nobody.values())
 
 
 def test_anticipated_clearance_counts_the_next_two_seconds_at_the_speeds_of_the_moment(networks):

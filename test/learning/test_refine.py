@@ -197,6 +197,20 @@ def test_stage_2_in_process_refuses_a_world_that_it_does_not_know(tmp_path, netw
     assert not (tmp_path / "x").exists()
 
 
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"pace_weights": [1.0]}, "pace_weights must be two numbers"),
+        ({"foresight_scale": [1.0, 1.0]}, "foresight_scale must be three numbers"),
+        ({"insisting_shares": [0.5]}, "insisting_shares must be two numbers"),
+        ({"braking_share": 0.5, "insisting_shares": [0.3, 0.3]}, "add up to 1 at most together with braking_share"),
+    ],
+)
+def test_lists_of_another_length_and_shares_above_one_are_refused(values, message):
+    with pytest.raises(InvalidInput, match=message):
+        RefineConfig(**values)
+
+
 def test_rates_count_the_episodes_that_were_handed_over():
     events = np.zeros(7, EVENT)
     events["kind"] = [HANDED_OVER, HANDED_OVER, HANDED_OVER, FINISHED, FINISHED, FINISHED, FINISHED]

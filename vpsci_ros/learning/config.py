@@ -191,6 +191,13 @@ class RefineConfig(TrainingConfig):
         low=0.0,
         high=1.0,
     )
+    insisting_shares: list[float] = parameter(
+        [0.0, 0.0],
+        "objective closed_loop: shares of roll-outs in which the vehicle keeps its speed, and in which the pedestrian "
+        "walks on, whatever their policies say",
+        low=0.0,
+        high=1.0,
+    )
     noise_start: float = parameter(
         0.3, "N_0 of the exploration noise (16)", unit="of the action limit", low=0.0, high=2.0
     )
@@ -258,6 +265,12 @@ class RefineConfig(TrainingConfig):
             raise InvalidInput(f"foresight_scale must be three numbers, got {self.foresight_scale}")
         if len(self.pace_weights) != 2:
             raise InvalidInput(f"pace_weights must be two numbers, got {self.pace_weights}")
+        shares = self.insisting_shares
+        if len(shares) != 2 or self.braking_share + sum(shares) > 1.0:
+            raise InvalidInput(
+                f"insisting_shares must be two numbers that add up to 1 at most together with braking_share = "
+                f"{self.braking_share:g}, got {shares}"
+            )
         weights = self.reward_weights
         if weights and (len(weights) != 3 or not math.isclose(sum(weights), 1.0, abs_tol=0.011)):
             raise InvalidInput(f"reward_weights must be three numbers that add up to 1 (or empty), got {weights}")

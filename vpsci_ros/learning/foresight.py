@@ -17,15 +17,17 @@ Events have no gradient, so each gets a smooth stand-in:
   the car, metres away from where it wanted to cross. Weights say whose delay costs more; who learns to give way hangs
   on the luck of a training, too.
 
-In a share of the roll-outs the vehicle brakes to a stand whatever its policy says, and stays: the pedestrian is to meet
-other drivers than the one it learns beside, and cars that stand in its way.
+In some of the roll-outs one of the two does not do as its policy says: the vehicle brakes to a stand, and stays, or it
+keeps its speed; or the pedestrian walks on. Who learns beside one partner only learns a convention with it, say that
+the vehicle always gives way, and has no answer to anybody else; people on the road have, and so should whoever meets a
+driving system.
 
 The speed reward has a gradient as it is, and is taken at the recorded steps rather than at the foreseen ones. The
 pedestrian's share of (21)-(24) is the paper's 0.5: transitions do not tell it, so a world with another
 `pedestrian_gain` is refused and needs `online_objective: ddpg`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -109,7 +111,7 @@ def foresee(
     anticipation: float,
     pace: Sequence[float],
     gain: float,
-    braking: Tensor | None = None,
+    scripted: Mapping[str, Tensor] | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Let both actors act together for `steps` steps, and return what they lose by collision and by goal.
 
@@ -118,7 +120,7 @@ def foresee(
         the moment.
     :param pace: weights of the vehicle's and of the pedestrian's pace.
     :param gain: share of the pedestrian's acceleration that becomes motion, (21)-(24).
-    :param braking: deceleration of the vehicle [M] [m/s2] whatever its policy says; 0: the policy drives.
+    :param scripted: by agent, what it does [M, 2] [m/s2] whatever its policy says; NaN: the policy acts.
     :returns: float32 scalars with gradient, means of all roll-outs and steps.
     """
     count = len(start.speed)
@@ -127,8 +129,7 @@ def foresee(
     pedestrian, walking = start.pedestrian, start.walking
     walked = start.course.norm(dim=1)
     moving = walked > _STANDING
-    braking = torch.zeros(count) if braking is None else braking
-    stopping = torch.stack([-braking, torch.zeros(count)], dim=1)
+    scripted = scripted or {}
     collision, goal = torch.zeros(()), torch.zeros(())
     heading, bend = _direction(start.lane, driven)
     for _ in range(steps):
@@ -136,7 +137,7 @@ def foresee(
         scene = Scene(vehicle, heading, speed[:, None] * ahead, bend, pedestrian, walking)
         views, curvttc = dict(zip(AGENTS, observe(scene), strict=True)), time_to_collision(scene)
         before = {a: actors[a].step(views[a], before[a], curvttc, memory[a]) for a in AGENTS}
-        before["vehicle"] = torch.where(braking[:, None] > 0.0, stopping, before["vehicle"])
+        before |= {agent: torch.where(done.isnan(), before[agent], done) for agent, done in scripted.items()}
         for answer in before.values():
             if answer.requires_grad:
                 answer.register_hook(_bounded)
@@ -173,10 +174,22 @@ def draw_moments(
     return picked, np.where(rng.random(size) < HAND_OVERS, 0, anywhere)
 
 
-def draw_braking(count: int, share: float, rng: np.random.Generator) -> Tensor:
-    """Draw the `share` of `count` vehicles that brake to a stand, and how hard: [count] [m/s2], 0 for the others."""
-    brakes = rng.random(count) < share
-    return torch.from_numpy(np.where(brakes, rng.uniform(*BRAKING, count), 0.0).astype(np.float32))
+def draw_scripted(
+    count: int, braking: float, insisting: Sequence[float], rng: np.random.Generator
+) -> dict[str, Tensor]:
+    """Draw who does not do as its policy says in `count` roll-outs, as `foresee` takes it.
+
+    :param braking: share of the roll-outs in which the vehicle brakes to a stand, by a deceleration of `BRAKING`.
+    :param insisting: shares of those in which the vehicle keeps its speed, and in which the pedestrian walks on. One
+        roll-out has one of these three at most; the shares add up to 1 at most.
+    """
+    bounds = np.cumsum([braking, *insisting])
+    kind = np.searchsorted(bounds, rng.random(count), side="right")
+    deceleration = rng.uniform(*BRAKING, count)
+    vehicle = np.select([kind == 0, kind == 1], [-deceleration, 0.0], np.nan)
+    pedestrian = np.where(kind == 2, 0.0, np.nan)
+    done = {"vehicle": vehicle, "pedestrian": pedestrian}
+    return {a: torch.from_numpy(np.outer(v, [1.0, 0.0]).astype(np.float32)) for a, v in done.items()}
 
 
 def step_along(

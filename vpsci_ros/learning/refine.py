@@ -33,7 +33,7 @@ from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.config import AGENTS, PEDESTRIAN_GAIN, PretrainConfig, RefineConfig
 from vpsci_ros.learning.divergence import check_losses
-from vpsci_ros.learning.foresight import draw_braking, draw_moments, foresee, start_at, step_along
+from vpsci_ros.learning.foresight import draw_moments, draw_scripted, foresee, start_at, step_along
 from vpsci_ros.learning.held_out import HeldOut, split_as_before
 from vpsci_ros.learning.imitation import draw, rollout_loss
 from vpsci_ros.learning.interactions import from_table, table_hash
@@ -309,7 +309,7 @@ class Refiner:
             anticipation=config.clearance_ahead,
             pace=config.pace_weights,
             gain=PEDESTRIAN_GAIN,
-            braking=draw_braking(len(histories), config.braking_share, self._rng),
+            scripted=draw_scripted(len(histories), config.braking_share, config.insisting_shares, self._rng),
         )
         rewards = [self._rewards.speed(batch, actions[agent], agent) for agent in AGENTS]
         strange = -(torch.stack(rewards) * batch.present).sum() / (len(AGENTS) * batch.present.sum())
