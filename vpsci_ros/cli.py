@@ -10,7 +10,7 @@ import typer
 from vpsci_ros import __version__
 from vpsci_ros.cli_ads import ads_test
 from vpsci_ros.cli_bag import bag_app
-from vpsci_ros.cli_dataset import dataset_app, generate
+from vpsci_ros.cli_dataset import dataset_app, generate, report
 from vpsci_ros.cli_learning import evaluate, pretrain, refine, study_app
 from vpsci_ros.cli_options import Output, Params, Quiet, Settings, read_sections
 from vpsci_ros.errors import VpsciError
@@ -29,7 +29,7 @@ app.add_typer(safety_app, name="safety")
 app.add_typer(world_app, name="world")
 app.add_typer(dataset_app, name="dataset")
 app.add_typer(study_app, name="study")
-for command in (pretrain, refine, evaluate, generate, ads_test):
+for command in (pretrain, refine, evaluate, generate, report, ads_test):
     app.command()(command)
 
 

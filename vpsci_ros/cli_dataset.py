@@ -1,4 +1,4 @@
-"""The commands about generated datasets: `vpsci generate`, and `vpsci dataset` info, verify, bag."""
+"""The commands about generated datasets: `vpsci generate`, `vpsci report`, and `vpsci dataset` info, verify, bag."""
 
 import os
 import sys
@@ -82,6 +82,41 @@ def generate(
         rate = kept / (simulating + writing) * 3600.0
         times = f"{rate / KEPT_PER_HOUR:,.0f} times the paper's {KEPT_PER_HOUR:.0f}"
         print(f"simulated in {simulating:.1f} s, written in {writing:.1f} s: {rate:,.0f} kept an hour, {times}")
+
+
+def report(
+    folder: Folder,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder to write into; default: DIR/report.")
+    ] = None,
+    near_misses: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Near-miss table of recorded people to compare with.")
+    ] = None,
+    beside: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Another dataset to compare with, say of the rule-based pair.")
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")] = False,
+) -> None:
+    """Draw a dataset's figures and statistics of the paper's section 4, as one HTML page.
+
+    How near the generated interactions come, how often they become conflicts
+    and who gives way, beside recorded people and another dataset, with
+    intervals, in the manner of Figures 7 to 9 and 11 to 13 and of Table 10.
+    Leaves report.html, which holds everything, report.json with all numbers,
+    and the pictures. Of the rule-based pair there is a dataset by
+
+      vpsci generate --params params/stage3_generate.yaml -o OUT
+        --set world_simulator.vehicle_driver=autopilot
+        --set world_simulator.pedestrian_driver=autopilot
+    """
+    from rich.console import Console
+
+    from vpsci_ros.analysis.report.page import PAGE, write_report
+
+    folder_of_report = output or folder / "report"
+    with Console(stderr=True, quiet=quiet).status("reading") as status:
+        write_report(folder, folder_of_report, near_misses=near_misses, beside=beside, tell=status.update)
+    print(f"written: {folder_of_report / PAGE}; report.json and the pictures beside it")
 
 
 @dataset_app.command()

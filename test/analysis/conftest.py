@@ -49,3 +49,13 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
         writer.add(encounter(True, 1, 3, np.array([7.0])))
         writer.close()
     return folder
+
+
+@pytest.fixture(scope="session")
+def harmless_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a dataset of one episode that never was critical, so that none was kept."""
+    folder = tmp_path_factory.mktemp("analysis") / "harmless"
+    with DatasetWriter(folder, {1: VEHICLE_YIELDS}, {}, period=DT) as writer:
+        writer.add(encounter(True, 1, 1, np.array([7.0])))
+        writer.close()
+    return folder

@@ -21,8 +21,8 @@ def yields(episodes: EpisodeArrays, period: float, rule: YieldRule | None = None
     :param period: time from one frame to the next [s].
     """
     names = ("position_x_av", "position_y_av", "position_x_ped", "position_y_ped", "velocity_x_ped", "velocity_y_ped")
-    x, y, px, py, pvx, pvy = (_seen(episodes[name], episodes.lengths) for name in names)
-    vx, vy = (_seen(episodes[name], episodes.lengths) for name in ("velocity_x_av", "velocity_y_av"))
+    x, y, px, py, pvx, pvy = (seen(episodes[name], episodes.lengths) for name in names)
+    vx, vy = (seen(episodes[name], episodes.lengths) for name in ("velocity_x_av", "velocity_y_av"))
     ttc = np.nan_to_num(episodes["CurvTTC"], nan=np.inf, posinf=np.inf)
     speed = np.hypot(vx, vy)
     return who_yielded(
@@ -37,7 +37,8 @@ def headings(vx: NDArray[np.float64], vy: NDArray[np.float64]) -> NDArray[np.flo
     return np.nan_to_num(heading)
 
 
-def _seen(values: NDArray[np.float32], lengths: NDArray[np.int64]) -> NDArray[np.float64]:
+def seen(values: NDArray[np.float32], lengths: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return values[n, F] of one quantity with the last one seen where nobody saw it, and 0 beyond an episode's end."""
     counted = np.arange(values.shape[1]) < lengths[:, None]
     return np.where(counted, np.nan_to_num(_filled(values.astype(np.float64))), 0.0)
 

@@ -1,6 +1,5 @@
 """An exam's report as one HTML page that needs nothing beside it: what came out first, how to read it last."""
 
-import base64
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -8,12 +7,12 @@ from typing import Any
 
 import polars as pl
 
+from vpsci_ros.analysis import html
 from vpsci_ros.analysis.exam import tables, texts
 from vpsci_ros.analysis.exam.config import ALONE, LEARNED, TITLES
 from vpsci_ros.analysis.exam.figures import save_episode, save_overview
 from vpsci_ros.analysis.exam.measures import Drive
 from vpsci_ros.analysis.exam.report import ADS, BASELINE
-from vpsci_ros.provenance import written_whole
 from vpsci_ros.world import Scenario
 
 
@@ -34,17 +33,14 @@ def write_page(
     if report["drivers"].get(ADS):
         overview = path.parent / "overview.png"
         save_overview(report, table, overview)
-        parts += [_summary(report), _image(overview, texts.OVERVIEW)]
+        parts += [_summary(report), html.image(overview, texts.OVERVIEW)]
         parts += [tables.scores(report, driver) for driver in report["drivers"]]
         parts += [tables.differences(report), tables.reliance(report), tables.conduct(report), tables.worst(table)]
         parts.append(_episode(path.parent / "episode.png", drives, scenarios))
     else:
         parts.append(tables.conduct(report))
     parts += [_reading(report), _provenance(report)]
-    head = f"<meta charset=utf-8><title>Exam of {ads}</title><style>{texts.STYLE}</style>"
-    page = f"<!doctype html><html lang=en><head>{head}</head><body>{''.join(parts)}</body></html>\n"
-    with written_whole(path) as part:
-        part.write_text(page, encoding="utf-8")
+    html.write_page(path, f"Exam of {report['exam']['ads']}", parts)
 
 
 def _verdict(report: Mapping[str, Any]) -> str:
@@ -89,7 +85,7 @@ def _episode(path: Path, drives: Mapping[str, list[Drive]], scenarios: Sequence[
     if key is None:
         return ""
     where = f"Scenario {key[0]}, episode {key[1]}: where the ADS came nearest to the learned pedestrian."
-    return f"<h2>One episode, met by every pedestrian</h2><p>{where}</p>{_image(path, texts.EPISODE)}"
+    return f"<h2>One episode, met by every pedestrian</h2><p>{where}</p>{html.image(path, texts.EPISODE)}"
 
 
 def _reading(report: Mapping[str, Any]) -> str:
@@ -125,8 +121,3 @@ def _share(found: Mapping[str, Any]) -> str:
 
 def _count(found: Mapping[str, Any]) -> int:
     return round(found["value"] * found["n"]) if found["value"] is not None else 0
-
-
-def _image(path: Path, caption: str) -> str:
-    data = base64.b64encode(path.read_bytes()).decode()
-    return f'<img alt="{path.stem}" src="data:image/png;base64,{data}"><p class=small>{caption}</p>'

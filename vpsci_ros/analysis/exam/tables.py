@@ -1,11 +1,12 @@
 """The tables of an exam's report, as HTML."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from html import escape
 from typing import Any
 
 import polars as pl
 
+from vpsci_ros.analysis import html
 from vpsci_ros.analysis.exam import texts
 from vpsci_ros.analysis.exam.config import ALONE, TITLES
 from vpsci_ros.analysis.exam.report import ADS, BASELINE
@@ -22,7 +23,7 @@ def scores(report: Mapping[str, Any], driver: str) -> str:
     lines = [["episodes", *(str(row["episodes"]) for row in found.values())]]
     for name, text in report["definitions"].items():
         lines.append([_named(text), *(cell(row[name], text["unit"]) for row in found.values())])
-    return _table(NAMES[driver], ["", *(TITLES[name] for name in found)], lines)
+    return html.table(NAMES[driver], ["", *(TITLES[name] for name in found)], lines)
 
 
 def differences(report: Mapping[str, Any]) -> str:
@@ -33,7 +34,7 @@ def differences(report: Mapping[str, Any]) -> str:
         cells = [_difference(rows[name], text["unit"]) for rows in report["differences"].values()]
         lines.append([_named(text, "percentage points"), *cells])
     title = "The same episodes with other pedestrians: difference to the learned one"
-    return _table(title, ["", *(TITLES[name] for name in report["differences"])], lines, texts.DIFFERENCES)
+    return html.table(title, ["", *(TITLES[name] for name in report["differences"])], lines, texts.DIFFERENCES)
 
 
 def reliance(report: Mapping[str, Any]) -> str:
@@ -49,7 +50,7 @@ def reliance(report: Mapping[str, Any]) -> str:
         ]
         for driver, row in report["reliance"].items()
     ]
-    return _table("Does it live off the pedestrian's yielding?", head, lines, texts.RELIANCE)
+    return html.table("Does it live off the pedestrian's yielding?", head, lines, texts.RELIANCE)
 
 
 def conduct(report: Mapping[str, Any]) -> str:
@@ -65,7 +66,7 @@ def conduct(report: Mapping[str, Any]) -> str:
         ]
         for name, row in report["conduct"].items()
     ]
-    return _table("How the ADS behaved as a program", head, lines, texts.CONDUCT)
+    return html.table("How the ADS behaved as a program", head, lines, texts.CONDUCT)
 
 
 def worst(table: pl.DataFrame) -> str:
@@ -88,7 +89,7 @@ def worst(table: pl.DataFrame) -> str:
         ]
         for row in rows.iter_rows(named=True)
     ]
-    return _table("Episodes to look at", head, lines, texts.WORST)
+    return html.table("Episodes to look at", head, lines, texts.WORST)
 
 
 def cell(found: Mapping[str, Any], unit: str) -> str:
@@ -116,11 +117,3 @@ def _named(text: Mapping[str, str], unit: str = "") -> str:
     unit = text["unit"] or unit
     shown = text["title"] + (f" [{unit}]" if unit else "")
     return f'<span title="{escape(text["definition"])}">{shown}</span>'
-
-
-def _table(title: str, head: Iterable[str], lines: list[list[str]], caption: str = "") -> str:
-    if not lines:
-        return ""
-    rows = "".join("<tr><td>" + "<td>".join(line) for line in lines)
-    told = f"<caption>{caption}</caption>" if caption else ""
-    return f"<h2>{escape(title)}</h2><table>{told}<tr><th>{'<th>'.join(head)}{rows}</table>\n"

@@ -1,18 +1,4 @@
-"""What the report of an exam says in whole sentences, and how it looks."""
-
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #1c1c1c; max-width: 1080px; margin: 2em auto; padding: 0 1em; }
-h1 { font-size: 1.5em; margin-bottom: 0; } h2 { font-size: 1.15em; margin-top: 2em; border-bottom: 1px solid #ddd; }
-code { background: #f3f3f1; padding: 0 .25em; } img { width: 100%; } .small, caption { color: #555; font-size: .87em; }
-table { border-collapse: collapse; margin: .8em 0; font-variant-numeric: tabular-nums; font-size: .9em; }
-caption { caption-side: bottom; text-align: left; padding-top: .4em; }
-th, td { padding: .25em .7em; text-align: right; border-bottom: 1px solid #e8e8e8; vertical-align: top; }
-th:first-child, td:first-child { text-align: left; } th { border-bottom: 2px solid #999; }
-td small { color: #666; display: block; white-space: nowrap; font-weight: 400; } .sure { font-weight: 700; }
-.verdict { padding: .7em 1em; border-left: 6px solid; margin: 1em 0; } .verdict ul { margin: .3em 0; }
-.passed { border-color: #2e7d32; background: #eef7ee; } .failed { border-color: #b71c1c; background: #fdeeee; }
-.open { border-color: #888; background: #f5f5f5; }
-"""
+"""What the report of an exam says in whole sentences."""
 
 OVERVIEW = """Above: full dots are the ADS, hollow ones the rule-based autopilot on the same episodes; bars are 95%
 intervals. Below: the ADS."""
