@@ -160,6 +160,25 @@ class LearnerConfig:
     seed: int = parameter(1, "seed of initial weights and sampling", low=0, high=2**63 - 1)
 
 
+def require_one_noise(sections: dict[str, dict[str, Any]]) -> None:
+    """Refuse a stage 2 whose policies explore by another noise than its learner's section says.
+
+    In a graph it is the policies' section that counts, in one process the learner's; with both alike, one parameter
+    file means the same either way.
+
+    :raises InvalidInput: they differ.
+    """
+    learner = pick(RefineConfig, sections["learner"], "learner")
+    for name in ("vehicle_policy", "pedestrian_policy"):
+        policy = pick(PolicyConfig, sections.get(name, {}), name)
+        for part in ("noise_start", "noise_decay", "noise_floor") if policy.explore else ():
+            mine, theirs = getattr(policy, part), getattr(learner, part)
+            if mine != theirs:
+                raise InvalidInput(
+                    f"{name}.{part} = {mine:g}, but learner.{part} = {theirs:g}: (16) is one noise; give both the same"
+                )
+
+
 @dataclass(frozen=True)
 class RecorderConfig:
     """The bag: where it goes and what it holds."""

@@ -11,7 +11,7 @@ from rich.console import Console
 from vpsci_ros.analysis.error_table import print_errors
 from vpsci_ros.analysis.errors import evaluate
 from vpsci_ros.analysis.learning_figures import save_learning
-from vpsci_ros.config import LearnerConfig, RunConfig, pick
+from vpsci_ros.config import LearnerConfig, PolicyConfig, RunConfig, pick, require_one_noise
 from vpsci_ros.data.corpus import load_corpus
 from vpsci_ros.data.importers import FORMATS, import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses
@@ -62,6 +62,7 @@ def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> 
     """
     learner, config = learner_section(sections, LearnerConfig, RefineConfig)
     run, world, monitor = simulation_sections(sections)
+    require_one_seed(sections, run)
     start = weights_path(learner.weights)
     weights, corpus = load_weights(start), load_corpus(learner.near_misses)
     resolved = stage_2_record(learner, config, run, world, monitor)
@@ -75,6 +76,7 @@ def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> 
                 episodes=list(run.queue()),
                 batch=run.batch,
                 seed=run.seed,
+                learner_seed=learner.seed,
                 out_dir=folder,
                 world=world,
                 monitor=monitor,
@@ -84,6 +86,21 @@ def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> 
         finally:
             save_learning(folder)
     print(f"written: {folder / 'refined.safetensors'}; refine_log.csv, learning.png, run.json beside it")
+
+
+def require_one_seed(sections: Sections, run: RunConfig) -> None:
+    """Refuse policies that explore by another noise or seed than a stage 2 in one process gives them.
+
+    :raises InvalidInput: they would; in a graph their own seeds count.
+    """
+    require_one_noise(sections)
+    for name in ("vehicle_policy", "pedestrian_policy"):
+        policy = pick(PolicyConfig, sections.get(name, {}), name)
+        if policy.explore and policy.seed != run.seed:
+            raise InvalidInput(
+                f"{name}.seed = {policy.seed}, but world_simulator.seed = {run.seed}: in one process both explore by "
+                "the world's; give them the same, or run a graph"
+            )
 
 
 def stage_2_record(

@@ -17,7 +17,14 @@ from vpsci_ros.learning.weights import load_weights
 from vpsci_ros.resources import weights_path
 from vpsci_ros.run_folder import RunFolder
 from vpsci_ros.stage_bar import StageBar, stopped_between_updates
-from vpsci_ros.stages import Sections, as_section, learner_section, simulation_sections, stage_2_record
+from vpsci_ros.stages import (
+    Sections,
+    as_section,
+    learner_section,
+    require_one_seed,
+    simulation_sections,
+    stage_2_record,
+)
 from vpsci_ros.world import load_scenarios
 
 
@@ -91,6 +98,7 @@ def run_weight_study(
             raise InvalidInput(f"--weightings: {name!r} is unknown; expected names among {', '.join(WEIGHTINGS)}")
     learner, config = learner_section(sections, LearnerConfig, RefineConfig)
     run, world, monitor = simulation_sections(sections)
+    require_one_seed(sections, run)
     start = weights_path(learner.weights)
     weights, corpus = load_weights(start), load_corpus(learner.near_misses)
     resolved = stage_2_record(learner, config, run, world, monitor)
@@ -106,6 +114,7 @@ def run_weight_study(
                 episodes=list(run.queue()),
                 batch=run.batch,
                 seed=run.seed,
+                learner_seed=learner.seed,
                 fresh=fresh,
                 out_dir=folder,
                 weightings={name: WEIGHTINGS[name] for name in weightings},

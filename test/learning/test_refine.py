@@ -160,11 +160,22 @@ def test_a_checkpoint_of_other_starting_weights_or_another_seed_is_refused(tmp_p
 
 
 def test_learning_ends_where_the_gradient_has_vanished_for_long(refiner):
+    def learn_from(first, count):
+        for i in range(first, first + count):
+            refiner.updates += 1  # as if each had paid for one
+            refiner.add(experience(histories=1, first_number=10 * i, first_episode=i))
+
     refiner._norm = 1e-5
-    refiner.add(experience(histories=99))
+    learn_from(0, 99)
     assert not refiner.finished
-    refiner.add(experience(histories=1, first_number=990, first_episode=99))
+    learn_from(99, 1)
     assert refiner.finished
+
+
+def test_episodes_without_an_update_in_between_say_nothing_of_convergence(refiner):
+    refiner._norm = 1e-5
+    refiner.add(experience(histories=150))
+    assert not refiner.finished
 
 
 def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, networks, near_misses):
@@ -195,6 +206,37 @@ def test_stage_2_in_process_refuses_a_world_that_it_does_not_know(tmp_path, netw
     with pytest.raises(InvalidInput, match="pedestrian_gain = 1"):
         refine(near_misses, config, start, world=WorldConfig(pedestrian_gain=1.0), **options)
     assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize(
+    ("world", "message"),
+    [
+        ({"lane_following": False}, "lane_following = False: .* expects True"),
+        ({"policy_period": 0.2}, "policy_period = 0.2: .* expects 0.1"),
+        ({"vehicle_driver": "autopilot"}, "vehicle_driver = autopilot: .* expects policy"),
+    ],
+)
+def test_a_world_that_the_copy_of_it_does_not_match_is_refused(world, message):
+    with pytest.raises(InvalidInput, match=message):
+        RefineConfig(online_objective="closed_loop").require_known_world(WorldConfig(**world))
+    if "vehicle_driver" not in world:
+        RefineConfig(online_objective="ddpg").require_known_world(WorldConfig(**world))
+
+
+def test_a_checkpoint_of_another_simulation_is_refused(tmp_path, networks, near_misses):
+    start, options = networks(gain=1.0).weights({}, {}), {"batch": 2, "seed": 3, "out_dir": tmp_path}
+
+    def stop(values):
+        raise Stopped
+
+    episodes = [(1, e) for e in range(16)]
+    with pytest.raises(Stopped):
+        refine(near_misses, QUICK, start, scenarios=load_scenarios([1]), episodes=episodes, report=stop, **options)
+    before = (tmp_path / "refine_checkpoint.safetensors").read_bytes()
+    other = [(6, e) for e in range(16)]
+    with pytest.raises(InvalidInput, match="of another simulation"):
+        refine(near_misses, QUICK, start, scenarios=load_scenarios([6]), episodes=other, **options)
+    assert (tmp_path / "refine_checkpoint.safetensors").read_bytes() == before
 
 
 @pytest.mark.parametrize(

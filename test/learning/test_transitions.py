@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from vpsci_ros.learning.assembly import HistoryAssembler
+from vpsci_ros.learning.assembly import STALE, HistoryAssembler
 from vpsci_ros.learning.transitions import TRANSITION, TransitionBuilder
 from vpsci_ros.world import COLLISION, ENDED, EPISODE, GOAL, RUNNING, World, WorldConfig, handover, load_scenarios
 from vpsci_ros.world.monitor import MonitorConfig, assess
@@ -135,6 +135,17 @@ def test_a_lost_transition_is_counted_and_its_history_dropped():
     finished = assembler.add(np.delete(rows, 2))
     assert assembler.lost == 1
     assert [len(h) for h in finished] == [3]
+    assert assembler.dropped == 4  # the other rows of the first history
+
+
+def test_a_history_whose_last_row_was_lost_is_dropped_once_nothing_can_end_it():
+    assembler = HistoryAssembler(-200.0, 100.0)
+    assembler.add(history(1, 5)[:4])
+    assembler.add(history(2, 3, first_number=5))
+    assert (assembler.lost, assembler.dropped) == (1, 0)
+    assembler.add(history(3, 1, first_number=STALE + 5))
+    assert assembler.dropped == 4
+    assert not assembler.state()["rows"].size
 
 
 def test_an_assembler_goes_on_from_its_state():

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from vpsci_ros import config
 from vpsci_ros.config import NODES, RunConfig, WorldConfig, pick
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import NetworkConfig
@@ -21,7 +22,7 @@ from vpsci_ros.learning.weights import load_weights, save_weights
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.graph import Processes, resolve, run_graph
 from vpsci_ros.provenance import sha256
-from vpsci_ros.resources import weights_path
+from vpsci_ros.resources import params_dir, weights_path
 from vpsci_ros.world import World, handover, load_scenarios
 from vpsci_ros.world.monitor import MonitorConfig
 
@@ -190,6 +191,18 @@ def test_a_world_that_the_learner_does_not_know_is_refused(tmp_path: Path) -> No
     with pytest.raises(InvalidInput, match="pedestrian_gain = 1: stage 2 .* expects 0.5"):
         resolve(graph | {"learner": {"online_objective": "closed_loop"}}, tmp_path)
     assert resolve(graph | {"learner": {"online_objective": "ddpg"}}, tmp_path)
+
+
+@pytest.mark.parametrize("policy", ["vehicle_policy", "pedestrian_policy"])
+def test_policies_that_explore_by_another_noise_than_their_learner_knows_are_refused(
+    tmp_path: Path, policy: str
+) -> None:
+    file = config.load(params_dir() / "stage2_online.yaml")
+    noise = resolve(file, tmp_path)["learner"]["noise_start"]
+    assert resolve(file, tmp_path)[policy]["noise_start"] == noise == 0.1
+    file[policy]["noise_start"] = 0.3
+    with pytest.raises(InvalidInput, match=rf"{policy}.noise_start = 0.3, but learner.noise_start = 0.1"):
+        resolve(file, tmp_path)
 
 
 def test_a_graph_without_a_leading_node_is_refused(tmp_path: Path) -> None:

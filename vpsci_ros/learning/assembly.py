@@ -9,9 +9,14 @@ from vpsci_ros.learning.config import AGENTS
 from vpsci_ros.learning.replay import History
 from vpsci_ros.learning.transitions import TRANSITION
 
+STALE = 65536  # transitions; no world steps more episodes at once, so an open history gets one within so many
+
 
 class HistoryAssembler:
     """Collects TRANSITION rows by episode; a history with a missing step is dropped, since its state is unknown.
+
+    received counts rows, lost those that never came by the gaps in their numbers (so not those after the last one that
+    came), dropped the rows that came but were thrown away since others of their history were lost.
 
     :param collision_reward, goal_reward: C_collision and C_goal of (25) and (26).
     """
@@ -33,15 +38,25 @@ class HistoryAssembler:
             key = int(row["scenario"]), int(row["episode"])
             rows = self._open.setdefault(key, [])
             if row["step"] == 0:
+                self.dropped += len(rows)
                 rows.clear()
             if row["step"] != len(rows):
-                self.dropped += 1
+                self.dropped += len(rows) + 1
                 del self._open[key]
                 continue
             rows.append(row.copy())
             if row["last"]:
                 finished.append(self._history(np.array(self._open.pop(key), TRANSITION)))
+        if self.lost:
+            self._drop_stale()
         return finished
+
+    def _drop_stale(self) -> None:
+        """Drop histories whose last row was lost: nothing will end them."""
+        for key, rows in list(self._open.items()):
+            if self._expected - int(rows[-1]["number"]) > STALE:
+                self.dropped += len(rows)
+                del self._open[key]
 
     def _history(self, rows: NDArray[np.void]) -> History:
         events = {}

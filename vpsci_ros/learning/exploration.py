@@ -5,7 +5,8 @@ The paper gives N(t) = N_0 exp(-beta t) + N_min and no unit, no t and no distrib
 - N is a share of the largest acceleration, so that N_0 = 0.3 begins at 1.75 m/s2: the critics must see what braking
   does before they can ask for it. (Measured: with 0.3 m/s2 collisions in simulation stop falling at about 55%.)
 - t counts training episodes. Eight scenarios run in turn, so it is eight times the number of the episode, and the
-  noise has faded after the 3,000 episodes of Table 8.
+  noise has faded after the 3,000 episodes of Table 8. Noise is a function of the episode alone, so it does not know
+  how many scenarios a run has: with n of them, give `noise_decay` times n / 8.
 - The noise is normal, and its value is the scaled sum of the last ten steps' independent draws: an agent must lean one
   way for a second to get anywhere, as with the Ornstein-Uhlenbeck noise of the authors' earlier work.
 """

@@ -22,9 +22,12 @@ keeps its speed; or the pedestrian walks on. Who learns beside one partner only 
 the vehicle always gives way, and has no answer to anybody else; people on the road have, and so should whoever meets a
 driving system.
 
-The speed reward has a gradient as it is, and is taken at the recorded steps rather than at the foreseen ones. The
-pedestrian's share of (21)-(24) is the paper's 0.5: transitions do not tell it, so a world with another
-`pedestrian_gain` is refused and needs `online_objective: ddpg`.
+The speed reward has a gradient as it is, and is taken at the recorded steps rather than at the foreseen ones.
+
+The copy is simpler than the world: the vehicle keeps to its lane whatever its lateral action, which in the world
+moves it within the lane; so the lateral action learns from the speed reward and from rehearsal only. What transitions
+do not tell is taken for granted: the paper's 0.5 of (21)-(24), lane following, and steps of 0.1 s. A world that
+differs is refused and needs `online_objective: ddpg`.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,13 +1,16 @@
 """Stage 2 in one process: world, monitor, policies and learner called in turn, as the graph of nodes runs them."""
 
+import hashlib
+import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import AGENTS, RefineConfig
 from vpsci_ros.learning.pretrain import Report, Stopped, write_log
 from vpsci_ros.learning.refine import CHECKPOINT, Refiner
@@ -61,6 +64,7 @@ def refine(
     episodes: Sequence[tuple[int, int]],
     batch: int,
     seed: int,
+    learner_seed: int | None = None,
     out_dir: str | Path,
     world: WorldConfig | None = None,
     monitor: MonitorConfig | None = None,
@@ -72,18 +76,26 @@ def refine(
     result. It ends early where the convergence test of section 4.1 is met.
 
     :param episodes: (scenario number, episode number) pairs, in order.
+    :param seed: of the world and of the exploration; `learner_seed`: of sampling, None for the same.
     :param report: called after every portion with the learner's summary and the rates of Table 5; may raise `Stopped`.
-    :raises InvalidInput: see `Refiner`, and `RefineConfig.require_known_gain`.
+    :raises InvalidInput: see `Refiner`, and `RefineConfig.require_known_world`.
     """
     world = world or WorldConfig()
-    config.require_known_gain(world.pedestrian_gain)
+    config.require_known_world(world)
     out_dir = Path(out_dir)
     out_dir.mkdir(parents=True, exist_ok=True)
-    refiner = Refiner(config, weights, near_misses, seed=seed, out_dir=out_dir)
+    learner_seed = seed if learner_seed is None else learner_seed
+    refiner = Refiner(config, weights, near_misses, seed=learner_seed, out_dir=out_dir)
+    simulated = _simulation(world, monitor or MonitorConfig(), scenarios, episodes, batch, seed)
     portion, done, rows = 4 * batch, 0, []
     outcomes, builder = Outcomes(), TransitionBuilder(scenarios)
     if (out_dir / CHECKPOINT).exists():
         extra = refiner.restore(out_dir / CHECKPOINT)
+        if extra["simulation"] != simulated:
+            raise InvalidInput(
+                f"{out_dir / CHECKPOINT}: this checkpoint is of another simulation (world, monitor, scenarios, "
+                "episodes, batch or seed); choose another folder, or delete it to start again"
+            )
         done, rows, builder.count = extra["done"], extra["rows"], refiner.received
         outcomes.outcomes, outcomes.least_curvttc = extra["outcomes"], extra["least_curvttc"]
     while done < len(episodes) and not refiner.finished:
@@ -92,7 +104,7 @@ def refine(
         _simulate(simulation, refiner, builder, outcomes, monitor or MonitorConfig(), seed, config)
         done += len(part)
         rows.append(refiner.summary() | outcomes.rates(1000))
-        extra = {"done": done, "rows": rows}
+        extra = {"done": done, "rows": rows, "simulation": simulated}
         extra |= {"outcomes": outcomes.outcomes, "least_curvttc": outcomes.least_curvttc}
         refiner.save_checkpoint(out_dir / CHECKPOINT, extra)
         write_log(out_dir / LOG, rows)
@@ -102,6 +114,20 @@ def refine(
     refiner.save()
     (out_dir / CHECKPOINT).unlink(missing_ok=True)
     return refiner.final()
+
+
+def _simulation(
+    world: WorldConfig,
+    monitor: MonitorConfig,
+    scenarios: Sequence[Scenario],
+    episodes: Sequence[tuple[int, int]],
+    batch: int,
+    seed: int,
+) -> str:
+    """Return the hash of all that says what is simulated, as hexadecimal digits."""
+    numbers = [(scenario.number, scenario.name) for scenario in scenarios]
+    told = [asdict(world), asdict(monitor), numbers, [list(pair) for pair in episodes], batch, seed]
+    return hashlib.sha256(json.dumps(told).encode()).hexdigest()
 
 
 def _simulate(

@@ -54,9 +54,10 @@ def pretrain(
 ) -> Weights:
     """Train both agents on near misses and write `pretrained.safetensors` and `log.csv` to `out_dir`.
 
-    A checkpoint in `out_dir` made by the same configuration, data and seed is gone on from, to the same result; on
-    Ctrl-C, or where `report` raises `Stopped`, one is written before the exception goes on. The log is written anew at
-    every held-out error and checkpoint, and however the run ends.
+    A checkpoint in `out_dir` made by the same configuration, data and seed is gone on from, to the same result; where
+    `report` raises `Stopped` or KeyboardInterrupt, one is written before the exception goes on. An interrupt within an
+    iteration leaves the last one as it is. The log is written anew at every held-out error and checkpoint, and however
+    the run ends.
 
     :param near_misses: near-miss table; `config.held_out_fraction` of it, by whole clips, is kept for the held-out
         error.
@@ -74,12 +75,14 @@ def pretrain(
     started = time.monotonic()
     try:
         while run.episode < config.episodes:
+            run.whole = False
             losses, reward = run.iterate(out_dir)
             due = run.episode % config.evaluate_every == 0 or run.episode == config.episodes
             held_out = run.held_out.errors(run.weights()) if run.held_out is not None and due else {}
             control = run.held_out.control if run.held_out is not None and due else {}
             row = losses | reward | held_out | {f"control_{name}": value for name, value in control.items()}
             run.log.append({"episode": run.episode} | row)
+            run.whole = True
             if report is not None:
                 values = {"episode": run.episode, "episodes": config.episodes, "seconds": time.monotonic() - started}
                 report(values | row)
@@ -88,7 +91,8 @@ def pretrain(
             if due or run.episode % config.checkpoint_every == 0:
                 write_log(out_dir / LOG, run.log)
     except (KeyboardInterrupt, Stopped):
-        save_checkpoint(out_dir / CHECKPOINT, run.state())
+        if run.whole:  # an interrupt within an iteration leaves the last checkpoint, since half an update is no state
+            save_checkpoint(out_dir / CHECKPOINT, run.state())
         raise
     finally:
         if run.log:
@@ -126,7 +130,7 @@ class _Run:
         )
         self._maddpg = Maddpg(self._networks, config, config.actor_learning_rate, config.critic_learning_rate)
         self._imitation = Imitation(self._networks, interactions, config) if config.objective == "closed_loop" else None
-        self.episode = 0
+        self.episode, self.whole = 0, True
         self.log: list[dict[str, float]] = []
 
     def iterate(self, out_dir: Path) -> tuple[dict[str, float], dict[str, float]]:

@@ -96,7 +96,8 @@ class Refiner:
         self._foresees = config.online_objective == "closed_loop"
         self._acting = "target_actor" if self._foresees else "actor"
         self._accepted = self._actor_state()
-        self._credit, self._norm, self._calm = 0.0, math.inf, 0
+        self._credit, self._norm, self._calm, self._judged = 0.0, math.inf, 0, 0
+        self._drawn, self._drawn_real = 0.0, 0.0
         self._refreshed = False
         self.updates, self.version, self.refreshes, self.rollbacks, self.episodes = 0, 1, 0, 0, 0
         self._last: dict[str, float] = {}
@@ -121,7 +122,9 @@ class Refiner:
             self._buffer.append(history)
             self.episodes += 1
             self.episode_returns.append({"episode": self.episodes} | totals)
-            self._calm = self._calm + 1 if self._norm < self._config.gradient_tolerance else 0
+            if self.updates > self._judged:  # else nothing was learned from the last episode, and the norm is old
+                self._judged = self.updates
+                self._calm = self._calm + 1 if self._norm < self._config.gradient_tolerance else 0
 
     @property
     def received(self) -> int:
@@ -140,7 +143,10 @@ class Refiner:
 
     @property
     def finished(self) -> bool:
-        """Whether the policy gradient's norm has stayed below the tolerance for so many episodes (section 4.1)."""
+        """Whether the policy gradient's norm has stayed below the tolerance for so many episodes (section 4.1).
+
+        An episode counts if there was an update since the last one that did.
+        """
         return self._calm >= self._config.converged_episodes
 
     # ---- learning
@@ -186,6 +192,7 @@ class Refiner:
             "episodes": self.episodes,
             "transitions": self.received,
             "lost": self.lost,
+            "dropped": self._assembler.dropped,
             "version": self.version,
             "refreshes": self.refreshes,
             "rollbacks": self.rollbacks,
@@ -273,7 +280,7 @@ class Refiner:
 
     def _state(self) -> dict[str, Any]:
         names = ["updates", "version", "refreshes", "rollbacks", "episodes", "errors", "_credit", "_norm", "_calm"]
-        names += ["_last", "_returns", "_refreshed", "episode_returns"]
+        names += ["_last", "_returns", "_refreshed", "episode_returns", "_judged", "_drawn", "_drawn_real"]
         return {
             **self._identity(),
             "networks": dict(self._networks.state_dict()),
@@ -327,7 +334,7 @@ class Refiner:
         return {f"lost_{name}": float(part.detach()) for name, part in losses.items()} | {"gradient_norm": self._norm}
 
     def _rehearse(self) -> torch.Tensor:
-        """Return the closed-loop error of a few real near misses, as stage 1 minimises it."""
+        """Return the closed-loop error of a few real near misses, as stage 1 minimises it with its defaults."""
         rehearsal = PretrainConfig(rollouts=self._config.rehearsal_rollouts)
         start = draw(self._real, rehearsal, self._rng)
         position, velocity = rollout_loss(self._networks, self._real, start, rehearsal)
@@ -340,7 +347,9 @@ class Refiner:
             self._last |= {f"{agent}_actor_loss": result.actor_loss[agent] for agent in AGENTS}
             self._last["gradient_norm"] = self._norm
         steps = batch.present.sum(dim=1)
-        self._last["real_share"] = float((steps * batch.real).sum() / steps.sum())
+        drawn, real = float(steps.sum()), float((steps * batch.real).sum())
+        self._drawn, self._drawn_real = self._drawn + drawn, self._drawn_real + real
+        self._last |= {"real_share": real / drawn, "real_share_so_far": self._drawn_real / self._drawn}
 
     def _refresh(self) -> None:
         """Measure the held-out error and accept the actors, or go back to the last accepted ones."""

@@ -159,7 +159,10 @@ class ReplayBuffer:
         self.histories, self.highest, self.steps = histories, highest, sum(map(len, histories))
 
     def draw(self, steps: int, rng: np.random.Generator) -> list[History]:
-        """Draw distinct histories by (17) until they hold `steps` steps, or all there are."""
+        """Draw distinct histories by (17) until they hold `steps` steps, in four times as many tries at most.
+
+        Fewer come out where few histories hold nearly all of the weight.
+        """
         owner = np.repeat(np.arange(len(self.histories)), [len(h) for h in self.histories])
         delta = np.concatenate([h.priority for h in self.histories])
         real = np.repeat([h.real for h in self.histories], [len(h) for h in self.histories])

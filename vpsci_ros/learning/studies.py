@@ -120,6 +120,7 @@ def reward_weight_study(
     episodes: Sequence[tuple[int, int]],
     batch: int,
     seed: int,
+    learner_seed: int | None = None,
     fresh: FreshEpisodes,
     out_dir: str | Path,
     weightings: Mapping[str, Sequence[float]] = WEIGHTINGS,
@@ -134,6 +135,7 @@ def reward_weight_study(
     the final `w_collision`, `w_goal`, `w_speed`, and `updates`, `refreshes`, `rollbacks`.
 
     :param weightings: name -> w_1 to w_3 of (27), or nothing for the adaptive scheme (28).
+    :param seed, learner_seed: as for `refine`.
     :param fresh: other episodes than `episodes`, by another seed.
     :param report: called with the weighting's name and what `refine` reports.
     :raises InvalidInput: `fresh` has the seed of training, or `out_dir` holds another study.
@@ -143,6 +145,7 @@ def reward_weight_study(
     out_dir, world, monitor = Path(out_dir), world or WorldConfig(), monitor or MonitorConfig()
     identity = {"weights": weights.digest(), "data": table_hash(near_misses), "seed": seed, "batch": batch}
     identity |= {"episodes": _digest(episodes), "fresh": _digest(fresh.episodes), "fresh_seed": fresh.seed}
+    identity["learner_seed"] = learner_seed = seed if learner_seed is None else learner_seed
     identity |= {"scenarios": [s.name for s in scenarios], "world": asdict(world), "monitor": asdict(monitor)}
     simulated: dict[str, Any] = {"scenarios": scenarios, "batch": batch, "world": world, "monitor": monitor}
 
@@ -153,7 +156,8 @@ def reward_weight_study(
     def row(name: str, chosen: RefineConfig) -> dict[str, Any]:
         folder = out_dir / name
         if not (folder / WEIGHTS).exists() or (folder / CHECKPOINT).exists():
-            settings = simulated | {"episodes": episodes, "seed": seed, "report": _bound(report, name)}
+            seeds = {"seed": seed, "learner_seed": learner_seed}
+            settings = simulated | seeds | {"episodes": episodes, "report": _bound(report, name)}
             online.refine(near_misses, chosen, weights, out_dir=folder, **settings)
         refined = load_weights(folder / WEIGHTS)
         last = pl.read_csv(folder / online.LOG).row(-1, named=True)
@@ -165,7 +169,7 @@ def reward_weight_study(
         chosen = replace(config, reward_weights=list(values))
         done = once(out_dir / name, identity | resolved(chosen), partial(row, name, chosen))
         rows.append({"weights": name} | done)
-    errors = Refiner(config, weights, near_misses, seed=seed).current().facts["held_out"]
+    errors = Refiner(config, weights, near_misses, seed=learner_seed).current().facts["held_out"]
     for name, model, error in ((UNREFINED, weights, "stage_1"), (NO_ACCELERATION, None, "control")):
         done = once(out_dir / name, identity, partial(measured, model))
         rows.append({"weights": name} | done | errors[error])

@@ -19,7 +19,7 @@ from typing import Any
 
 import yaml
 
-from vpsci_ros.config import SECTIONS, GraphConfig, pick
+from vpsci_ros.config import SECTIONS, GraphConfig, pick, require_one_noise
 from vpsci_ros.data.bag_repair import repair_bag
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.learning.config import RefineConfig
@@ -27,6 +27,7 @@ from vpsci_ros.nodes.watch import WATCH, Watch
 from vpsci_ros.parameters import as_ros_parameters, table
 from vpsci_ros.provenance import require_empty_folder, sha256, software_versions, written_whole
 from vpsci_ros.resources import weights_path
+from vpsci_ros.world import WorldConfig
 
 STOP_PATIENCE = 30.0  # [s] from SIGINT to SIGKILL
 POLL = 0.1  # [s]
@@ -114,7 +115,8 @@ def resolve(sections: dict[str, dict[str, Any]], folder: Path) -> dict[str, dict
             resolved[node] |= {row.name: values.get(row.name, row.default) for row in table(config)}
     if "learner" in resolved and "world_simulator" in resolved:
         refine = pick(RefineConfig, resolved["learner"], "learner")
-        refine.require_known_gain(resolved["world_simulator"]["pedestrian_gain"])
+        refine.require_known_world(pick(WorldConfig, resolved["world_simulator"], "world_simulator"))
+        require_one_noise(resolved)
     return resolved
 
 

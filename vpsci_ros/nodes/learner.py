@@ -41,6 +41,7 @@ class Learner(GraphNode):
         self._reported = 0.0
         self._last_receipt = time.monotonic()
         self._refiner: Refiner | None = None
+        self._whole, self._told = True, False
         if self._config.stage == "pretrain":
             self.wall_timer(0.01, self._pretrain)
         else:
@@ -59,7 +60,9 @@ class Learner(GraphNode):
                 report=self._report_pretraining,
             )
         except Stopped:
-            self.get_logger().info(f"stopped; the checkpoint in {self._folder} goes on from here")
+            self.get_logger().info(
+                f"stopped; `vpsci pretrain` with the same parameters and -o {self._folder} goes on from its checkpoint"
+            )
         self._report({}, last=True)
         self.finished = True
 
@@ -89,9 +92,14 @@ class Learner(GraphNode):
         self._last_receipt = time.monotonic()
         self.simulated_time = message.header.stamp
         refiner.add(convert.transition_arrays(message))
-        while refiner.due and not self.stop.is_set():
+        while refiner.due and not refiner.finished and not self.stop.is_set():
+            self._whole = False
             refiner.update()
+            self._whole = True
             self._report(refiner.summary())
+        if refiner.finished and not self._told:
+            self._told = True
+            self.get_logger().info("converged by the test of section 4.1; no further updates")
         if refiner.take_refresh():
             self._publish_weights(refiner)
         self._consumed.publish(UInt64(data=refiner.received))
@@ -123,12 +131,12 @@ class Learner(GraphNode):
         return self._refiner is None or time.monotonic() - self._last_receipt > DRAIN_QUIET
 
     def close(self) -> None:
-        """Write the refined weights and the last of the log."""
+        """Write the last of the log and, unless an update failed, the refined weights."""
         if self._refiner is not None:
-            path = self._refiner.save()
             self._log.note(last=True)
+            if self._whole:
+                self.get_logger().info(f"wrote {self._refiner.save()}")
             self._report(self._refiner.summary(), last=True)
-            self.get_logger().info(f"wrote {path}")
 
 
 def main(args: list[str] | None = None) -> int:
