@@ -117,24 +117,30 @@ def folds(
     output: Resumable,
     near_misses: NearMisses = None,
     count: Annotated[int, typer.Option("--folds", min=2, metavar="N", help="Trainings.")] = 5,
+    refine_with: Annotated[
+        Path | None, typer.Option("--refine", metavar="FILE", help="Stage 2 as well, by this parameter file.")
+    ] = None,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Cross-validation: errors of stage 1 with every clip held out once, beside naive controls.
+    """Cross-validation: errors of stage 1, or of both, with every clip held out once, beside naive controls.
 
     Trains once a fold, on the clips of the others, and measures each
     interaction by the policies that have not learned from its clip: Table
-    9's columns, by two protocols. Leaves cross_validation.json, run.json and
+    9's columns, by two protocols. With --refine params/stage2_online.yaml
+    each fold goes on in simulation, too. Leaves cross_validation.json, run.json and
     a folder for each fold. A study that is stopped (Ctrl-C) goes on when the
     same command is given again; finished folds are not trained again.
 
     In full, with params/stage1_pretrain.yaml: about 11 minutes on one free
-    core. A trial of a minute: --folds 2 --set learner.episodes=20
+    core, and with stage 2 80. A trial of a minute, without it: --folds 2
+    --set learner.episodes=20
     """
     from vpsci_ros.study import run_fold_study
 
     with _stoppable(output):
-        run_fold_study(read_sections(params, settings, near_misses), output, count, quiet=quiet)
+        stage_2 = None if refine_with is None else read_sections(refine_with, None, None)
+        run_fold_study(read_sections(params, settings, near_misses), output, count, stage_2=stage_2, quiet=quiet)
 
 
 @study_app.command()

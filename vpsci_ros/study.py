@@ -1,11 +1,11 @@
-"""Studies of learning as commands: Tables 3 and 5 beside the paper's values, and cross-validation of stage 1."""
+"""Studies of learning as commands: Tables 3 and 5 beside the paper's values, and cross-validation."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 
-from vpsci_ros.analysis.cross_validation import RESULT, cross_validate
+from vpsci_ros.analysis.cross_validation import RESULT, Refinement, cross_validate
 from vpsci_ros.analysis.error_table import print_errors
 from vpsci_ros.analysis.study_tables import print_table_3, print_table_5, save_table_3, save_table_5
 from vpsci_ros.config import LearnerConfig
@@ -54,9 +54,12 @@ def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, 
     print(f"written: {folder / 'table_3.csv'}, table_3.png and run.json beside it")
 
 
-def run_fold_study(sections: Sections, folder: Path, folds: int, *, quiet: bool = False) -> None:
-    """Errors of stage 1 by `cross_validate`; goes on with what a stopped study left in `folder`.
+def run_fold_study(
+    sections: Sections, folder: Path, folds: int, *, stage_2: Sections | None = None, quiet: bool = False
+) -> None:
+    """Errors of stage 1, and of stage 2 after it, by `cross_validate`; goes on with what a stopped study left.
 
+    :param stage_2: sections of its parameter file, whose weights and near misses do not count; None: stage 1 alone.
     :raises InvalidInput: a parameter, the number of folds or the near misses are refused, or `folder` holds another
         study.
     :raises Stopped: a signal asked for it; what is done is in `folder`.
@@ -64,18 +67,30 @@ def run_fold_study(sections: Sections, folder: Path, folds: int, *, quiet: bool 
     learner, config, network = learner_section(sections, LearnerConfig, PretrainConfig, NetworkConfig)
     corpus = load_corpus(learner.near_misses)
     resolved = {"learner": as_section(learner, config, network)}
-    with RunFolder(folder, resolved, learner.near_misses, {"study": {"folds": folds}}) as run:
+    refinement = None if stage_2 is None else _refinement(stage_2)
+    facts = {"study": {"folds": folds} | ({} if refinement is None else {"stage_2": refinement.identity()})}
+    with RunFolder(folder, resolved, learner.near_misses, facts) as run:
         with StageBar("folds", quiet) as bar, stopped_between_updates() as check:
 
             def report(name: str, values: dict[str, float]) -> None:
                 bar.show(values, f"fold {name} of {folds}")
                 check()
 
-            options = {"folds": folds, "seed": learner.seed, "out_dir": folder}
+            options = {"folds": folds, "seed": learner.seed, "out_dir": folder, "refinement": refinement}
             result = cross_validate(corpus, config, network, **options, report=report)
         run.results |= result
     print_errors(result, Console())
     print(f"written: {folder / RESULT} and run.json beside it")
+
+
+def _refinement(sections: Sections) -> Refinement:
+    learner, config = learner_section(sections, LearnerConfig, RefineConfig)
+    run, world, monitor = simulation_sections(sections)
+    require_one_seed(sections, run)
+    config.require_known_world(world)
+    return Refinement(
+        config, load_scenarios(run.scenarios), list(run.queue()), run.batch, run.seed, learner.seed, world, monitor
+    )
 
 
 def run_weight_study(

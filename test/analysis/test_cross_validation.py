@@ -1,15 +1,19 @@
+import dataclasses
+
 import numpy as np
 import polars as pl
 import pytest
 
-from vpsci_ros.analysis.cross_validation import cross_validate
+from vpsci_ros.analysis.cross_validation import Refinement, cross_validate
 from vpsci_ros.analysis.errors import CONTROLS, evaluate
 from vpsci_ros.data.near_misses import folds_by_clip
 from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import NetworkConfig, PretrainConfig
+from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.pretrain import Stopped
 from vpsci_ros.learning.weights import load_weights
+from vpsci_ros.world import WorldConfig, load_scenarios
+from vpsci_ros.world.monitor import MonitorConfig
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 CONFIG = PretrainConfig(episodes=3, rollouts=2, rollout_steps=2, batch_size=10)
@@ -56,6 +60,27 @@ def test_pooled_errors_are_the_folds_own_and_controls_those_of_the_whole_data(tm
         ade.append(evaluate(held, {"own": weights})["models"]["own"]["closed_loop"]["ade"])
     shares = [f["interactions"] / result["interactions"] for f in result["folds"]]
     assert result["models"]["pretrained"]["closed_loop"]["ade"] == pytest.approx(np.dot(shares, ade))
+
+
+def test_with_a_refinement_every_fold_goes_on_in_simulation_from_its_own_weights_and_clips(tmp_path):
+    table = synthetic_near_misses(interactions=60, seed=3).table
+    settings = {"warm_up_steps": 20, "steps_per_update": 40, "batch_size": 40, "critic_warm_up": 1}
+    config = RefineConfig(**settings, online_objective="ddpg", rehearsal_rollouts=2, updates_per_refresh=2)
+    refinement = Refinement(
+        config, load_scenarios([1]), [(1, e) for e in range(6)], 4, 3, 4, WorldConfig(), MonitorConfig()
+    )
+    result = cross_validate(table, CONFIG, SMALL, folds=2, seed=1, out_dir=tmp_path, refinement=refinement)
+    assert set(result["models"]) == {"pretrained", "refined", *CONTROLS}
+    for number, (_, held) in enumerate(folds_by_clip(table, 2, seed=1), 1):
+        refined = load_weights(tmp_path / f"fold_{number}" / "refined" / "refined.safetensors")
+        assert refined.facts["learned"]["updates"] > 0
+        assert not clips(held) & set(refined.facts["data"]["held_out_clips"])  # what guards it is its own
+        error = evaluate(held, {"own": refined}, seed=1)["models"]["own"]["closed_loop"]["ade_ratio"]
+        assert result["folds"][number - 1]["closed_loop_ade_ratio"]["refined"] == pytest.approx(error)
+    assert result == cross_validate(table, CONFIG, SMALL, folds=2, seed=1, out_dir=tmp_path, refinement=refinement)
+    other = dataclasses.replace(refinement, seed=5)
+    with pytest.raises(InvalidInput, match="made with another seed"):
+        cross_validate(table, CONFIG, SMALL, folds=2, seed=1, out_dir=tmp_path, refinement=other)
 
 
 def test_a_stopped_cross_validation_goes_on_with_the_fold_that_is_missing(tmp_path, table):

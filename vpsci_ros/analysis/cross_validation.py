@@ -1,12 +1,12 @@
-"""Errors of stage 1 on people it has not seen, of the whole data: every clip is held out once.
+"""Errors of stage 1, and of stage 2 after it, on clips they have not seen, of the whole data: each is held out once.
 
 A few dozen vehicles make one split a lottery: held out or not, a single braking car moves the mean. Cross-validation
 trains as often as there are folds and measures every interaction by the policies that have not learned from its clip.
 """
 
 import json
-from collections.abc import Callable
-from dataclasses import fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,16 +17,48 @@ import polars as pl
 from vpsci_ros.analysis.errors import Measured, compare, measure
 from vpsci_ros.data.near_misses import folds_by_clip
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1
-from vpsci_ros.learning.config import NetworkConfig, PretrainConfig
+from vpsci_ros.learning import refine as stage_2
+from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.interactions import from_table, table_hash
 from vpsci_ros.learning.predictors import PolicyPredictor
 from vpsci_ros.learning.protocols import ProtocolErrors, eligible
 from vpsci_ros.learning.study_state import once
 from vpsci_ros.learning.weights import load_weights, resolved
 from vpsci_ros.provenance import written_whole
+from vpsci_ros.world import Scenario, WorldConfig
+from vpsci_ros.world.monitor import MonitorConfig
 
 RESULT = "cross_validation.json"
+GUARD = 0.1  # share of near misses, by whole clips
+PRETRAINED, REFINED = "pretrained", "refined"
+Told = Callable[[str, stage_1.Report], None] | None
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Stage 2 of every fold, as `vpsci_ros.learning.online.refine` takes it.
+
+    What guards against forgetting is `GUARD` of the fold's own clips instead of `refine_held_out_fraction`, since the
+    clips held out are for measuring alone.
+    """
+
+    config: RefineConfig
+    scenarios: Sequence[Scenario]
+    episodes: Sequence[tuple[int, int]]
+    batch: int
+    seed: int
+    learner_seed: int
+    world: WorldConfig
+    monitor: MonitorConfig
+
+    def identity(self) -> dict[str, Any]:
+        """Return, as JSON values, everything that its result depends on besides weights and data."""
+        told = {name: getattr(self, name) for name in ("batch", "seed", "learner_seed")}
+        told |= {"world": asdict(self.world), "monitor": asdict(self.monitor), "refine": asdict(self.config)}
+        told["episodes"] = [len(self.episodes), *map(list, (self.episodes[0], self.episodes[-1]))]
+        return told | {"scenarios": [scenario.name for scenario in self.scenarios]}
 
 
 def cross_validate(
@@ -37,16 +69,19 @@ def cross_validate(
     folds: int,
     seed: int,
     out_dir: str | Path,
-    report: Callable[[str, stage_1.Report], None] | None = None,
+    refinement: Refinement | None = None,
+    report: Told = None,
 ) -> dict[str, Any]:
-    """Train stage 1 once a fold and measure it on the clips held out; write and return `cross_validation.json`.
+    """Train once a fold and measure on the clips held out; write and return `cross_validation.json`.
 
-    The layout is that of `errors.evaluate`, with the model `pretrained`: its errors are those of all interactions, each
-    by the fold's policies that have not learned from its clip. `folds` adds the fold's own n, clips and closed-loop ADE
-    as a share of `repeat_velocity`'s. The intervals resample clips and do not tell how much a training's seed matters.
+    The layout is that of `errors.evaluate`, with the model `pretrained` and, if there is a refinement, `refined`: their
+    errors are those of all interactions, each by the fold's policies that have not learned from its clip. `folds` adds
+    the fold's own n, clips and closed-loop ADE as a share of `repeat_velocity`'s, by model. The intervals resample
+    clips and do not tell how much a training's seed matters.
 
-    :param seed: of folds and trainings.
-    :param report: called with the fold's name ("1", ...) and what `pretrain` reports.
+    :param seed: of folds and trainings of stage 1.
+    :param refinement: stage 2; None: stage 1 alone.
+    :param report: called with the fold's name ("1", ...) and what `pretrain` or `refine` reports.
     :raises InvalidInput: `folds` is not from 2 to the number of clips, a fold has no interaction that lasts a second,
         or `out_dir` holds another study.
     """
@@ -60,23 +95,41 @@ def cross_validate(
     out_dir = Path(out_dir)
     config = replace(config, held_out_fraction=0.0)
     identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses), "folds": folds}
-    measured, shares = [], []
+    measured: list[dict[str, Measured]] = []
+    shares = []
     for number, ((training, _), interactions) in enumerate(zip(parts, held_out, strict=True), 1):
         folder = out_dir / f"fold_{number}"
+        told = None if report is None else partial(report, f"{number}")
         once(folder, identity | {"fold": number}, dict)
         if not (folder / stage_1.WEIGHTS).exists() or (folder / stage_1.CHECKPOINT).exists():
-            told = None if report is None else partial(report, f"{number}")
             stage_1.pretrain(training, config, network, seed=seed, out_dir=folder, report=told)
-        own = measure(PolicyPredictor(load_weights(folder / stage_1.WEIGHTS)), interactions)
+        files = {PRETRAINED: folder / stage_1.WEIGHTS}
+        if refinement is not None:
+            files[REFINED] = _refined(training, refinement, folder, told)
+        own = {name: measure(PolicyPredictor(load_weights(path)), interactions) for name, path in files.items()}
         measured.append(own)
-        result = compare({"pretrained": own}, interactions, seed)
-        ratio = result["models"]["pretrained"]["closed_loop"]["ade_ratio"]
-        shares.append({"interactions": len(interactions), "clips": result["clips"], "closed_loop_ade_ratio": ratio})
+        result = compare(own, interactions, seed)
+        ratios = {name: result["models"][name]["closed_loop"]["ade_ratio"] for name in own}
+        shares.append({"interactions": len(interactions), "clips": result["clips"], "closed_loop_ade_ratio": ratios})
     together = eligible(from_table(pl.concat([kept_out for _, kept_out in parts])))
-    result = compare({"pretrained": _pooled(measured)}, together, seed) | {"folds": shares}
+    pooled = {name: _pooled([own[name] for own in measured]) for name in measured[0]}
+    result = compare(pooled, together, seed) | {"folds": shares}
     with written_whole(out_dir / RESULT) as part:
         part.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     return result
+
+
+def _refined(
+    training: pl.DataFrame, refinement: Refinement, fold: Path, report: Callable[[stage_1.Report], None] | None
+) -> Path:
+    """Run stage 2 from the fold's stage 1 on its own clips, unless that was done; return the weights' path."""
+    folder, start = fold / REFINED, load_weights(fold / stage_1.WEIGHTS)
+    once(folder, refinement.identity() | {"weights": start.digest()}, dict)
+    if not (folder / stage_2.WEIGHTS).exists() or (folder / stage_2.CHECKPOINT).exists():
+        config = replace(refinement.config, refine_held_out_fraction=GUARD)
+        settings = {f.name: getattr(refinement, f.name) for f in fields(refinement) if f.name != "config"}
+        online.refine(training, config, start, out_dir=folder, report=report, **settings)
+    return folder / stage_2.WEIGHTS
 
 
 def _pooled(measured: list[Measured]) -> Measured:
