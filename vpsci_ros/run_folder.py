@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import torch
 import yaml
 
 from vpsci_ros.errors import InvalidInput
@@ -66,6 +67,7 @@ class RunFolder:
             "outputs_sha256": {str(p.relative_to(self._folder)): sha256(p) for p in sorted(self._outputs())},
             "software": software_versions(),
             "cpu": cpu_name(),
+            "torch_threads": torch.get_num_threads(),  # sums, and so last bits, depend on how many there are
         }
         with written_whole(self._folder / RECORD) as path:
             path.write_text(json.dumps(record | self._facts, indent=2) + "\n", encoding="utf-8")

@@ -42,10 +42,10 @@ def meeting(distance, speed, walking, steps=6, collision=False):
     )
 
 
-def lost(networks, histories, at, steps=20, anticipation=0.0, pace=(0.5, 0.5), scripted=None):
+def lost(networks, histories, at, steps=20, anticipation=0.0, pace=(0.5, 0.5), **more):
     start = start_at(histories, np.array(at))
     options = {"steps": steps, "margin": 0.5, "anticipation": anticipation, "pace": pace, "gain": 0.5}
-    return foresee(networks.actor, start, **options, scripted=scripted)
+    return foresee(networks.actor, start, **options, **more)
 
 
 def test_clearance_is_the_worlds_for_footprints_apart_and_never_positive_where_they_touch():
@@ -96,9 +96,9 @@ def test_the_course_of_the_hand_over_stays_where_it_was_while_the_vehicle_turns(
     assert start.course.numpy() == pytest.approx(np.array([[0.0, 1.0], [np.sin(0.2), np.cos(0.2)]]), abs=1e-5)
 
 
-def regardless(agent, longitudinal):
+def regardless(agent, acceleration, sideways=False):
     """What `foresee` takes for one roll-out in which `agent` accelerates by so much whatever its policy says."""
-    return {agent: torch.tensor([[longitudinal, 0.0]])}
+    return {agent: torch.tensor([[0.0, acceleration] if sideways else [acceleration, 0.0]])}
 
 
 def test_a_vehicle_that_brakes_whatever_its_policy_says_stands_after_its_braking_distance(networks):
@@ -113,6 +113,21 @@ def test_a_vehicle_that_brakes_whatever_its_policy_says_stands_after_its_braking
     assert collision(near, -2.0) > 0.0
     assert collision(far, -2.0) == 0.0
     assert collision(far, float("nan")) > 0.0
+
+
+@pytest.mark.parametrize(("agent", "pace"), [("vehicle", (1.0, 0.0)), ("pedestrian", (0.0, 1.0))])
+def test_haste_costs_what_it_is_told_to_and_delay_the_same_as_ever(networks, agent, pace):
+    """Half of a pedestrian's acceleration becomes motion; the first step is taken at the speed of the hand-over."""
+    net, history = networks(gain=0.0), meeting([60.0, 0.0], 4.0, [0.0, 2.0])
+    before, gained = (4.0, 0.1) if agent == "vehicle" else (2.0, 0.05)
+
+    def goal(acceleration, haste):
+        scripted = regardless(agent, acceleration, sideways=agent == "pedestrian")
+        return float(lost(net, [history], [0], steps=10, pace=pace, scripted=scripted, haste=haste)[1].detach())
+
+    once = np.mean([(k * gained / before) ** 2 for k in range(10)])
+    assert [goal(1.0, haste) for haste in (1.0, 3.0)] == pytest.approx([once, 3.0 * once], rel=1e-4)
+    assert [goal(-1.0, haste) for haste in (1.0, 3.0)] == pytest.approx([once, once], rel=1e-4)
 
 
 def learn_from_contact(net, scripted):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -5,7 +7,7 @@ import torch
 from vpsci_ros.learning.config import AGENTS, TrainingConfig
 from vpsci_ros.learning.interactions import from_table
 from vpsci_ros.learning.maddpg import Maddpg, Scored, importance
-from vpsci_ros.learning.replay import collate, recorded_histories
+from vpsci_ros.learning.replay import History, collate, recorded_histories
 
 
 @pytest.fixture
@@ -85,3 +87,76 @@ def test_padding_changes_no_loss(networks, near_misses):
         maddpg = Maddpg(networks(), TrainingConfig(), 1e-3, 1e-3)
         errors.append(maddpg.update(batch, scored(batch, 1.0), None).error[0, : len(short)])
     np.testing.assert_allclose(*errors, atol=1e-5)
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+def test_an_actor_sees_its_own_earlier_actions_only(networks, batch, agent):
+    maddpg, changed = Maddpg(networks(gain=20.0), TrainingConfig(), 1e-3, 1e-3), batch.action[agent].clone()
+    changed[:, 3] += 5.0
+    with torch.no_grad():
+        before, after = (maddpg.act(b) for b in (batch, replace(batch, action=batch.action | {agent: changed})))
+    for a in AGENTS:
+        moved = ((after[a] - before[a]).abs() > 1e-4).any(dim=2).any(dim=0).tolist()
+        assert moved[:8] == [a == agent and step > 3 for step in range(8)]
+
+
+def made_up(steps, terminal, seed):
+    rng = np.random.default_rng(seed)
+
+    def normal(rows, width):
+        return {agent: rng.normal(size=(rows, width)).astype(np.float32) for agent in AGENTS}
+
+    curvttc = rng.uniform(0.0, 8.0, steps + 1).astype(np.float32)
+    rest = (normal(steps, 2) for _ in range(3))
+    return History(normal(steps + 1, 6), curvttc, *rest, terminal=terminal, real=False)
+
+
+def by_algorithm_1(networks, histories, scored, agent, other, config):
+    """Return delta, L with the weights (5), and -J, as means over steps; one history after the other, unpadded."""
+    critic, target, delta, value = networks.critic[agent], networks.target_critic[agent], [], []
+    for k, history in enumerate(histories):
+        steps = len(history)
+        own, others = scored.action[agent][k, :steps], scored.action[other][k, :steps]
+        seen = {}  # H(1) ... H(T + 1): O(t), A(t - 1), CurvTTC(t)
+        for a in AGENTS:
+            before = np.concatenate([np.zeros((1, 2), np.float32), history.action[a]])
+            seen[a] = [torch.from_numpy(x)[None] for x in (history.observation[a], before, history.curvttc)]
+        q = critic.value(critic.encode(*seen[agent])[0, :-1], own, others)
+        next_own, next_other = (networks.target_actor[a](*seen[a])[0] for a in (agent, other))
+        next_q = target.value(target.encode(*seen[agent])[0], next_own, next_other)[1:]
+        if history.terminal:
+            next_q = torch.cat([next_q[:-1], torch.zeros(1)])
+        y = scored.reward[agent][k, :steps] + config.discount * next_q
+        delta.append(y - q)
+        mine = networks.actor[agent](*seen[agent])[0, :-1]
+        value.append(critic.value(critic.encode(*seen[agent])[0, :-1], mine, others))
+    delta = torch.cat(delta)
+    omega = torch.exp(delta.detach().abs() / config.importance_temperature)
+    return delta.detach(), (omega / omega.mean() * delta**2).mean(), -torch.cat(value).mean()
+
+
+def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equation_5(networks):
+    """What is scored past the end of the shorter history is nothing but noise; all four actions at a step differ."""
+    made, slow = networks(gain=20.0), networks(seed=1, gain=20.0)
+    made.target_actor.load_state_dict(slow.actor.state_dict())
+    made.target_critic.load_state_dict(slow.critic.state_dict())
+    histories = [made_up(3, False, seed=0), made_up(6, True, seed=1)]
+    torch.manual_seed(2)
+    scored = Scored({a: torch.randn(2, 6, 2) for a in AGENTS}, {a: torch.randn(2, 6) for a in AGENTS})
+    config = TrainingConfig(discount=0.9, importance_temperature=0.5, gradient_clip=1e9)
+    told, expected = {}, {}
+    for agent, other in (AGENTS, AGENTS[::-1]):
+        delta, loss, objective = by_algorithm_1(made, histories, scored, agent, other, config)
+        assert delta.abs().max() - delta.abs().min() > 0.5  # the weights (5) differ by a factor of e
+        told[agent] = (float((delta**2).mean()), float(objective.detach()))
+        for name, of in (("critic", loss), ("actor", objective)):
+            network = getattr(made, name)[agent]
+            expected[name, agent] = torch.autograd.grad(of, list(network.parameters()))
+            assert max(float(gradient.abs().max()) for gradient in expected[name, agent]) > 1e-3
+    maddpg, batch = Maddpg(made, config, 0.0, 0.0), collate(histories)  # steps of zero: gradients stay to be seen
+    result = maddpg.update(batch, scored, maddpg.act(batch))
+    for agent in AGENTS:
+        assert (result.critic_loss[agent], result.actor_loss[agent]) == pytest.approx(told[agent], rel=1e-4)
+    for (name, agent), gradients in expected.items():
+        for parameter, gradient in zip(getattr(made, name)[agent].parameters(), gradients, strict=True):
+            torch.testing.assert_close(parameter.grad, gradient, atol=1e-5, rtol=1e-3)

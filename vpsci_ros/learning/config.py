@@ -189,6 +189,13 @@ class RefineConfig(TrainingConfig):
         low=0.0,
         high=100.0,
     )
+    haste_weight: float = parameter(
+        1.0,
+        "objective closed_loop: what being faster than at the hand-over costs in the goal reward, against being slower "
+        "by as much",
+        low=1.0,
+        high=100.0,
+    )
     braking_share: float = parameter(
         0.0,
         "objective closed_loop: share of roll-outs in which the vehicle brakes to a stand whatever its policy says",

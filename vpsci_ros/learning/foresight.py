@@ -15,7 +15,8 @@ Events have no gradient, so each gets a smooth stand-in:
 - goal (26): how far each agent's velocity is from that of the hand-over, as a share of it, squared; a vehicle's is
   `CRUISE` along its lane at least. For a pedestrian sideways counts as well: who is free to drift is pushed along by
   the car, metres away from where it wanted to cross. Weights say whose delay costs more; who learns to give way hangs
-  on the luck of a training, too.
+  on the luck of a training, too. Being faster costs `haste` times as much as being slower: people in a near miss slow
+  down, and who may as well speed up learns to race the other to the crossing.
 
 In some of the roll-outs one of the two does not do as its policy says: the vehicle brakes to a stand, and stays, or it
 keeps its speed; or the pedestrian walks on. Who learns beside one partner only learns a convention with it, say that
@@ -114,6 +115,7 @@ def foresee(
     anticipation: float,
     pace: Sequence[float],
     gain: float,
+    haste: float = 1.0,
     scripted: Mapping[str, Tensor] | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Let both actors act together for `steps` steps, and return what they lose by collision and by goal.
@@ -123,6 +125,7 @@ def foresee(
         the moment.
     :param pace: weights of the vehicle's and of the pedestrian's pace.
     :param gain: share of the pedestrian's acceleration that becomes motion, (21)-(24).
+    :param haste: what being faster than at the hand-over costs, against being slower by as much.
     :param scripted: by agent, what it does [M, 2] [m/s2] whatever its policy says; NaN: the policy acts.
     :returns: float32 scalars with gradient, means of all roll-outs and steps.
     """
@@ -131,7 +134,7 @@ def foresee(
     speed, driven, vehicle = start.speed, torch.zeros(count), torch.zeros(count, 2)
     pedestrian, walking = start.pedestrian, start.walking
     walked = start.course.norm(dim=1)
-    moving = walked > _STANDING
+    moving, walked = walked > _STANDING, walked.clamp(min=_STANDING)
     scripted = scripted or {}
     collision, goal = torch.zeros(()), torch.zeros(())
     heading, bend = _direction(start.lane, driven)
@@ -144,8 +147,10 @@ def foresee(
         for answer in before.values():
             if answer.requires_grad:
                 answer.register_hook(_bounded)
-        goal = goal + pace[0] * ((1.0 - speed / start.cruise) ** 2).mean()
-        astray = (walking - start.course).square().sum(dim=1) / walked.clamp(min=_STANDING) ** 2
+        faster = (speed / start.cruise - 1.0).clamp(min=0.0)
+        goal = goal + pace[0] * ((1.0 - speed / start.cruise) ** 2 + (haste - 1.0) * faster**2).mean()
+        faster = ((walking * start.course).sum(dim=1) / walked**2 - 1.0).clamp(min=0.0)
+        astray = (walking - start.course).square().sum(dim=1) / walked**2 + (haste - 1.0) * faster**2
         goal = goal + pace[1] * (astray * moving).mean()
         along = before["vehicle"][:, 0].clamp(-MAX_DECELERATION, MAX_ACCELERATION)
         faster = (speed + along * STEP).clamp(min=0.0)

@@ -316,6 +316,7 @@ class Refiner:
             anticipation=config.clearance_ahead,
             pace=config.pace_weights,
             gain=PEDESTRIAN_GAIN,
+            haste=config.haste_weight,
             scripted=draw_scripted(len(histories), config.braking_share, config.insisting_shares, self._rng),
         )
         rewards = [self._rewards.speed(batch, actions[agent], agent) for agent in AGENTS]
