@@ -42,6 +42,13 @@ def test_help_loads_neither_torch_nor_ros() -> None:
             ["study", "samples", "--params", "params/stage1_pretrain.yaml", "-o", "x", "--sizes", "5,few"],
             "--sizes 5,few: expected whole numbers",
         ),
+        (["pretrain", "--params", "params/stage2_online.yaml", "-o", "x"], "learner.stage = refine: expected pretrain"),
+        (["evaluate", "--data", "test"], "for a folder of recordings give --format"),
+        (
+            ["generate", "--params", "params/stage3_generate.yaml", "-o", "x", "--scenarios", "1,A"],
+            "--scenarios 1,A: expected numbers",
+        ),
+        (["world", "show", "1", "-o", "docs"], "expected a file to write, found a folder"),
     ],
 )
 def test_an_error_is_one_line_that_says_what_and_where(arguments: list[str], message: str) -> None:
@@ -89,6 +96,18 @@ def test_pretraining_writes_weights_that_evaluation_reads(tmp_path: Path) -> Non
     assert set(record["outputs_sha256"]) == {"log.csv", "learning.png", "params.yaml", "pretrained.safetensors"}
     made_from = json.loads((tmp_path / "out.json").read_text())["weights_sha256"]
     assert made_from["refined"] == record["outputs_sha256"]["pretrained.safetensors"]
+    assert "synthetic sample, good for trials only" in run.stderr
+    before = (tmp_path / "run" / "log.csv").stat().st_mtime_ns
+    same = vpsci("pretrain", "--params", str(PARAMS / "stage1_pretrain.yaml"), "-o", str(tmp_path / "run"), *settings)
+    assert (same.returncode, "holds this run, finished" in same.stdout) == (0, True)
+    assert (tmp_path / "run" / "log.csv").stat().st_mtime_ns == before
+
+    refused = vpsci("evaluate", *arguments, "--refined", weights, "--pretrained", "pretrained", "--held-out")
+    assert refused.returncode == 2
+    assert "none of its clips was held out" in refused.stderr
+    own = vpsci("evaluate", *arguments, "--refined", weights, "--pretrained", weights, "--held-out")
+    held_out = json.loads((tmp_path / "out.json").read_text())["interactions"]
+    assert (own.returncode, 0 < held_out < 8) == (0, True)
     again = vpsci("pretrain", "--params", str(PARAMS / "stage1_pretrain.yaml"), "-o", str(tmp_path / "run"))
     assert again.returncode == 2
     assert "this folder holds a run with learner.batch_size = 16, expected 256" in again.stderr

@@ -55,6 +55,20 @@ def test_a_folder_of_other_parameters_or_of_something_else_is_refused(tmp_path: 
     assert [path.name for path in (tmp_path / "photos").iterdir()] == ["cat.jpg"]
 
 
+def test_a_folder_knows_whether_it_holds_this_run_finished_from_the_same_inputs(tmp_path: Path) -> None:
+    data, folder = tmp_path / "data.parquet", tmp_path / "out"
+    data.write_bytes(b"near misses")
+    with pytest.raises(Stopped), RunFolder(folder, SECTIONS, [data]) as run:
+        assert not run.done
+        raise Stopped
+    assert not RunFolder(folder, SECTIONS, [data]).done
+    with RunFolder(folder, SECTIONS, [data]):
+        pass
+    assert RunFolder(folder, SECTIONS, [data]).done
+    data.write_bytes(b"more near misses")
+    assert not RunFolder(folder, SECTIONS, [data]).done
+
+
 def test_what_a_graph_was_stopped_with_may_be_gone_on_from(tmp_path: Path) -> None:
     (tmp_path / "checkpoint.safetensors").write_bytes(b"")
     with RunFolder(tmp_path, SECTIONS):

@@ -201,6 +201,8 @@ def _conduct(exam: Exam, folder: Path, name: str) -> Conduct:
 
 def _read(bag: Path, conduct: Conduct, silent_ticks: int) -> Met:
     """Return what a bag holds: the episodes that ended, without those that were left to the autopilot."""
+    if conduct.failure and not bag.is_dir():
+        return Met([], {}, conduct)  # it failed before the recorder wrote anything
     recording = Bag(bag, recover=bool(conduct.failure))
     if not any(row.messages for row in recording.topics().values()):
         return Met([], {}, conduct)

@@ -63,7 +63,9 @@ def graph(
     params: Params,
     output: Output,
     settings: Settings = None,
-    domain_id: Annotated[int | None, typer.Option(help="ROS_DOMAIN_ID; default: the environment's.")] = None,
+    domain_id: Annotated[
+        int | None, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID; default: the environment's.")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Run a whole graph of nodes as processes: start, watch, stop cleanly. The parameter file selects the stage."""

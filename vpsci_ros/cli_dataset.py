@@ -54,6 +54,8 @@ def generate(
         raise InvalidInput("--table10 and --episodes both say how many episodes are wanted; give one of them")
     sections = config.load(params)
     config.override(sections, settings or [])
+    if scenarios is not None and not all(part.strip().isdigit() for part in scenarios.split(",")):
+        raise InvalidInput(f"--scenarios {scenarios}: expected numbers with commas, say 1,6")
     if scenarios is not None:
         config.override(sections, [f"world_simulator.scenarios=[{scenarios}]"])
     values = config.pick(config.DatasetConfig, sections["dataset"], "dataset")

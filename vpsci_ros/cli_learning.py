@@ -70,16 +70,18 @@ def evaluate(
     ] = None,
     refined: Annotated[str, typer.Option(help="Weights after stage 2: a file or a shipped name.")] = "refined",
     pretrained: Annotated[str, typer.Option(help="Weights after stage 1: a file or a shipped name.")] = "pretrained",
+    held_out: Annotated[
+        bool, typer.Option("--held-out", help="Only clips that neither has learned from, by their metadata.")
+    ] = False,
 ) -> None:
     """Errors of both stages' policies on near misses, beside naive controls: Table 9's columns, by two protocols.
 
-    Measures whatever interactions the data hold: for honest errors give clips
-    that the weights have not learned from. The metadata of a weights file
-    names the clips that were held out.
+    Measures whatever interactions the data hold; for honest errors give
+    --held-out, or recordings that the weights have never seen.
     """
     from vpsci_ros.stages import run_evaluation
 
-    run_evaluation(data, form, {"refined": refined, "pretrained": pretrained}, json_path)
+    run_evaluation(data, form, {"refined": refined, "pretrained": pretrained}, json_path, held_out=held_out)
 
 
 @study_app.command()
@@ -168,7 +170,8 @@ def weights(
 
     In full, with params/stage2_online.yaml: about 80 minutes on one free
     core. A trial of a minute: --weightings equal,adaptive --fresh-episodes 5
-    --set world_simulator.episodes=4
+    --set world_simulator.episodes=4 --set learner.warm_up_steps=100
+    --set learner.updates_per_refresh=5
     """
     from vpsci_ros.study import run_weight_study
 

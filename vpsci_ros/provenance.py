@@ -47,11 +47,13 @@ def cpu_name() -> str:
 def written_whole(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; rename it to `path` on success, remove it on any error.
 
-    :raises InvalidInput: the parent folder does not exist.
+    :raises InvalidInput: the parent folder does not exist, or `path` is a folder.
     """
     path = Path(path)
     if not path.parent.is_dir():
         raise InvalidInput(f"{path}: folder {path.parent} does not exist; make it or choose another output path")
+    if path.is_dir():
+        raise InvalidInput(f"{path}: expected a file to write, found a folder; give the name of a file")
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     os.close(handle)
     temporary = Path(name)

@@ -52,6 +52,8 @@ class RunFolder:
         elif not any(folder.glob(f"*{_GOES_ON}")):
             require_empty_folder(folder)
         self._inputs = {str(path): sha256(path) for path in inputs}
+        self.done = self._finished()
+        """Whether the folder holds this run, finished, from the same inputs."""
         with written_whole(parameters) as part:
             part.write_text(text, encoding="utf-8")
 
@@ -71,6 +73,13 @@ class RunFolder:
         }
         with written_whole(self._folder / RECORD) as path:
             path.write_text(json.dumps(record | self._facts, indent=2) + "\n", encoding="utf-8")
+
+    def _finished(self) -> bool:
+        try:
+            record = json.loads((self._folder / RECORD).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return False
+        return isinstance(record, dict) and record.get("error") == "" and record.get("inputs_sha256") == self._inputs
 
     def _outputs(self) -> Iterable[Path]:
         for path in self._folder.rglob("*"):

@@ -50,7 +50,8 @@ class StageBar:
         tenth = int(10 * done / total)
         if self._lines and tenth > self._said:
             self._said = tenth
-            print(f"  {self._title}: {done:.0f} of {total:.0f}; {note}", file=sys.stderr, flush=True)
+            told = f"; {note}" if note else ""
+            print(f"  {self._title}: {done:.0f} of {total:.0f}{told}", file=sys.stderr, flush=True)
 
 
 _STAGE_1, _STAGE_2 = ("episode", "episodes"), ("simulated", "episodes_wanted")  # names of done and total

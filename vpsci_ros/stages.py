@@ -1,6 +1,7 @@
 """Stages 1 and 2 and the evaluation as commands in one process: parameters in, files and a summary out."""
 
 import json
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.interactions import table_hash
-from vpsci_ros.learning.online import refine
+from vpsci_ros.learning.online import LOG, refine
 from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.learning.weights import load_weights
 from vpsci_ros.provenance import sha256, software_versions, written_whole
@@ -38,9 +39,13 @@ def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) ->
     :raises Stopped: a signal asked for it; what is done is in `folder`.
     """
     learner, config, network = learner_section(sections, LearnerConfig, PretrainConfig, NetworkConfig)
-    corpus = load_corpus(learner.near_misses)
+    corpus = corpus_of(learner, "pretrain")
     resolved = {"learner": as_section(learner, config, network)}
-    with RunFolder(folder, resolved, learner.near_misses) as run, StageBar("stage 1", quiet) as bar:
+    run = RunFolder(folder, resolved, learner.near_misses)
+    if run.done:
+        print(f"{folder} holds this run, finished; nothing to do (delete the folder to train again)")
+        return
+    with run, StageBar("stage 1", quiet) as bar:
 
         def report(values: dict[str, float]) -> None:
             bar.show(values)
@@ -64,9 +69,13 @@ def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> 
     run, world, monitor = simulation_sections(sections)
     require_one_seed(sections, run)
     start = weights_path(learner.weights)
-    weights, corpus = load_weights(start), load_corpus(learner.near_misses)
+    weights, corpus = load_weights(start), corpus_of(learner, "refine")
     resolved = stage_2_record(learner, config, run, world, monitor)
-    with RunFolder(folder, resolved, [*learner.near_misses, start]) as record, StageBar("stage 2", quiet) as bar:
+    record = RunFolder(folder, resolved, [*learner.near_misses, start])
+    if record.done:
+        print(f"{folder} holds this run, finished; nothing to do (delete the folder to train again)")
+        return
+    with record, StageBar("stage 2", quiet) as bar:
         try:
             refined = refine(
                 corpus,
@@ -86,6 +95,24 @@ def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> 
         finally:
             save_learning(folder)
     print(f"written: {folder / 'refined.safetensors'}; refine_log.csv, learning.png, run.json beside it")
+    if not pl.read_csv(folder / LOG)["refreshes"][-1]:
+        print(
+            "note: too few episodes for a refresh of the policies (learner.warm_up_steps, steps_per_update, "
+            "updates_per_refresh), so these are the weights that it began with",
+            file=sys.stderr,
+        )
+
+
+def corpus_of(learner: LearnerConfig, stage: str) -> pl.DataFrame:
+    """Return the near misses of a learner's section, which must be of this stage; says so if they are synthetic.
+
+    :raises InvalidInput: the section is the other stage's, or a file is refused.
+    """
+    if learner.stage != stage:
+        raise InvalidInput(f"learner.stage = {learner.stage}: expected {stage}; give the parameter file of that stage")
+    if not learner.near_misses:
+        print("no near misses given: learning from the synthetic sample, good for trials only", file=sys.stderr)
+    return load_corpus(learner.near_misses)
 
 
 def require_one_seed(sections: Sections, run: RunConfig) -> None:
@@ -134,15 +161,28 @@ def as_section(*configs: Any) -> dict[str, Any]:
     return {name: value for config in configs for name, value in asdict(config).items() if name != "output"}
 
 
-def run_evaluation(data: Path, form: str, models: dict[str, str], json_path: Path | None) -> None:
+def run_evaluation(
+    data: Path, form: str, models: dict[str, str], json_path: Path | None, *, held_out: bool = False
+) -> None:
     """Measure models and controls on near misses, print the table, write the JSON.
 
     :param data: near-miss table, or a folder of recordings in one of the importers' formats.
-    :raises InvalidInput: unknown format, unreadable data or weights.
+    :param held_out: measure only clips that the weights' metadata say were held out.
+    :raises InvalidInput: unknown format, unreadable data or weights, or no clip of the data was held out.
     """
     table = _near_misses(data, form)
     paths = {name: weights_path(model) for name, model in models.items()}
-    result = evaluate(table, {name: load_weights(path) for name, path in paths.items()})
+    weights = {name: load_weights(path) for name, path in paths.items()}
+    clips = set.intersection(*(set(w.facts.get("data", {}).get("held_out_clips", [])) for w in weights.values()))
+    kept_out = table.filter(pl.concat_str("source", "clip", separator="/").is_in(sorted(clips)))
+    if held_out and kept_out.is_empty():
+        raise InvalidInput(f"{data}: none of its clips was held out of the weights' training, by their metadata")
+    learned = table["interaction"].n_unique() - kept_out["interaction"].n_unique()
+    if held_out:
+        table = kept_out
+    elif kept_out.height and learned:
+        print(f"note: {learned} near misses here are of clips that weights have learned from; see --held-out")
+    result = evaluate(table, weights)
     if json_path is not None:
         made_from = {
             "data": {"path": str(data), "sha256": table_hash(table)},
@@ -157,6 +197,8 @@ def run_evaluation(data: Path, form: str, models: dict[str, str], json_path: Pat
 
 
 def _near_misses(data: Path, form: str) -> pl.DataFrame:
+    if form == "near-misses" and data.is_dir():
+        raise InvalidInput(f"{data}: for a folder of recordings give --format, one of {', '.join(FORMATS)}")
     if form == "near-misses":
         return read_near_misses(data)
     if form not in FORMATS:

@@ -9,7 +9,6 @@ from vpsci_ros.analysis.cross_validation import RESULT, Refinement, cross_valida
 from vpsci_ros.analysis.error_table import print_errors
 from vpsci_ros.analysis.study_tables import print_table_3, print_table_5, save_table_3, save_table_5
 from vpsci_ros.config import LearnerConfig
-from vpsci_ros.data.corpus import load_corpus
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.studies import WEIGHTINGS, FreshEpisodes, reward_weight_study, sample_size_study
@@ -20,6 +19,7 @@ from vpsci_ros.stage_bar import StageBar, stopped_between_updates
 from vpsci_ros.stages import (
     Sections,
     as_section,
+    corpus_of,
     learner_section,
     require_one_seed,
     simulation_sections,
@@ -35,7 +35,7 @@ def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, 
     :raises Stopped: a signal asked for it; what is done is in `folder`.
     """
     learner, config, network = learner_section(sections, LearnerConfig, PretrainConfig, NetworkConfig)
-    corpus = load_corpus(learner.near_misses)
+    corpus = corpus_of(learner, "pretrain")
     resolved = {"learner": as_section(learner, config, network)}
     facts = {"study": {"sizes": list(sizes)}}
     with RunFolder(folder, resolved, learner.near_misses, facts) as run:
@@ -65,7 +65,7 @@ def run_fold_study(
     :raises Stopped: a signal asked for it; what is done is in `folder`.
     """
     learner, config, network = learner_section(sections, LearnerConfig, PretrainConfig, NetworkConfig)
-    corpus = load_corpus(learner.near_misses)
+    corpus = corpus_of(learner, "pretrain")
     resolved = {"learner": as_section(learner, config, network)}
     refinement = None if stage_2 is None else _refinement(stage_2)
     facts = {"study": {"folds": folds} | ({} if refinement is None else {"stage_2": refinement.identity()})}
@@ -85,6 +85,8 @@ def run_fold_study(
 
 def _refinement(sections: Sections) -> Refinement:
     learner, config = learner_section(sections, LearnerConfig, RefineConfig)
+    if learner.stage != "refine":
+        raise InvalidInput(f"--refine: learner.stage = {learner.stage}; give stage 2's parameter file")
     run, world, monitor = simulation_sections(sections)
     require_one_seed(sections, run)
     config.require_known_world(world)
@@ -115,7 +117,7 @@ def run_weight_study(
     run, world, monitor = simulation_sections(sections)
     require_one_seed(sections, run)
     start = weights_path(learner.weights)
-    weights, corpus = load_weights(start), load_corpus(learner.near_misses)
+    weights, corpus = load_weights(start), corpus_of(learner, "refine")
     resolved = stage_2_record(learner, config, run, world, monitor)
     facts = {"study": {"weightings": list(weightings), "fresh_episodes": fresh_episodes, "fresh_seed": fresh_seed}}
     fresh = FreshEpisodes([(s, e) for e in range(fresh_episodes) for s in run.scenarios], fresh_seed)

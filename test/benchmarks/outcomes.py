@@ -1,6 +1,6 @@
 """How critical episodes end under policies, who slows down, and how near they come: the figures of the model card.
 
-    python test/benchmarks/outcomes.py [--episodes 250] [--seed 20261123] [--weights refined pretrained]
+    python test/benchmarks/outcomes.py [--episodes 250] [--seed 20261125] [--weights refined pretrained]
                                        [--near-misses near_misses.parquet] [--release-time 2.0]
 
 Without exploration; the unit is the episode that becomes critical; 95% Wilson intervals. Controls: the unrefined
@@ -111,7 +111,7 @@ def recorded_slowing(interactions: Interactions) -> tuple[float, float, int]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=250, help="in each scenario")
-    parser.add_argument("--seed", type=int, default=20261123, help="of the world; another one than training had")
+    parser.add_argument("--seed", type=int, default=20261125, help="of the world; another one than training had")
     parser.add_argument("--weights", nargs="+", default=["refined", "pretrained"], help="files or shipped names")
     parser.add_argument("--release-time", type=float, default=WorldConfig().release_time, help="of the world [s]")
     parser.add_argument("--near-misses", type=Path, help="near-miss table")

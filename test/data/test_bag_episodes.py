@@ -55,6 +55,7 @@ def test_episodes_are_chosen_by_number_outcome_and_curvttc(conditions: tuple, ex
         (("3-",), None),
         (("", "crash"), "expected one of none, collision, goal, timeout"),
         (("99",), r"no episode of the bag is as chosen; it has 1:3 \(goal\)"),
+        (("3,99",), r"no episode 99 in the bag; it has 1:3 \(goal\)"),
     ],
 )
 def test_a_choice_that_cannot_be_met_says_what_there_is(conditions: tuple, message: str | None) -> None:

@@ -1,11 +1,12 @@
 """The shipped weights do what the model card says of them; bounds leave room for another processor's last bits."""
 
 import pytest
+from benchmarks.outcomes import watched
 
 from vpsci_ros.learning.measured import measure_outcomes, rates_with_intervals
 from vpsci_ros.learning.weights import load_weights
 from vpsci_ros.resources import weights_path
-from vpsci_ros.world import load_scenarios
+from vpsci_ros.world import WorldConfig, load_scenarios
 
 EPISODES = [(scenario, number) for number in range(40) for scenario in range(1, 9)]
 
@@ -27,10 +28,20 @@ def test_refined_policies_collide_less_than_the_papers_and_reach_their_goals_far
     assert rates["refined"]["goal_rate"] > 0.7
 
 
-def test_refined_policies_come_as_near_as_people_did_who_met_so_late(rates):
+def test_half_of_the_refined_episodes_come_as_near_as_people_did_who_met_so_late_and_the_nearest_quarter_less_near(
+    rates,
+):
     """Quartiles of recorded near misses with such onsets are 1.34, 2.19 and 3.07 s (test/benchmarks/outcomes.py)."""
-    for name, recorded in (("least_curvttc_25", 1.34), ("least_curvttc_50", 2.19), ("least_curvttc_75", 3.07)):
-        assert rates["refined"][name] == pytest.approx(recorded, abs=0.6)
+    assert rates["refined"]["least_curvttc_50"] == pytest.approx(2.19, abs=0.4)
+    assert rates["refined"]["least_curvttc_75"] == pytest.approx(3.07, abs=0.4)
+    assert 1.34 < rates["refined"]["least_curvttc_25"] < 1.34 + 0.6
+
+
+def test_neither_of_the_refined_agents_always_gives_way_or_never_does():
+    """In recorded near misses the vehicle slows by a fifth in 39% and the pedestrian in 34%."""
+    seen = watched(load_weights(weights_path("refined")), WorldConfig(), EPISODES, 20261121)
+    for slower in (seen.vehicle_slower, seen.pedestrian_slower):
+        assert 0.2 < slower.mean() < 0.7
 
 
 def test_both_files_say_what_was_held_out_and_refined_ones_keep_it_held_out():

@@ -115,6 +115,13 @@ def test_an_ads_that_dies_fails_the_exam_and_the_report_says_with_what(domain: i
     assert "out of memory" in page
 
 
+def test_an_ads_that_ends_before_it_drives_fails_the_exam_with_its_last_words(domain: int, tmp_path: Path) -> None:
+    failures = run_exam(prepare(sections(), f"{sys.executable} nowhere.py"), tmp_path / "exam", quiet=True)
+    assert len(failures) == 1
+    assert "nowhere.py" in failures[0]
+    assert "No such file" in read(tmp_path / "exam")[1]
+
+
 def test_what_a_flooding_ads_sends_wrongly_is_refused_and_counted_and_the_exam_goes_on(
     domain: int, tmp_path: Path, odd: str
 ) -> None:

@@ -184,7 +184,7 @@ def choose(
     :param numbers: "3,7-9", numbers in every scenario, or "6:12" in one.
     :param outcome: "collision", "goal", "timeout" or "none".
     :param curvttc_below: of the least CurvTTC [s].
-    :raises InvalidInput: a condition of another form, or that no episode meets.
+    :raises InvalidInput: a condition of another form, or that no episode meets; a number that the bag does not have.
     """
     if outcome and outcome not in OUTCOME_NAMES:
         raise InvalidInput(f"outcome {outcome!r}: expected one of {', '.join(OUTCOME_NAMES)}")
@@ -198,6 +198,9 @@ def choose(
     ]
     if not chosen:
         raise InvalidInput(f"no episode of the bag is as chosen; it has {_some(episodes)}")
+    for text in ranges:
+        if not any(_matches(episode, text) for episode in episodes):
+            raise InvalidInput(f"no episode {text} in the bag; it has {_some(episodes)}")
     return chosen
 
 

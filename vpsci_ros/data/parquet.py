@@ -52,6 +52,8 @@ def read_parquet(path: str | Path, what: str) -> pl.DataFrame:
     :raises InvalidInput: no such file, or not Parquet.
     """
     path = Path(path)
+    if path.is_dir():
+        raise InvalidInput(f"{path}: a folder; expected {what} in Parquet (`vpsci import` makes one of recordings)")
     if not path.is_file():
         raise InvalidInput(f"{path}: no such file; expected {what} in Parquet")
     try:
