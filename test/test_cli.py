@@ -105,9 +105,15 @@ def test_pretraining_writes_weights_that_evaluation_reads(tmp_path: Path) -> Non
     refused = vpsci("evaluate", *arguments, "--refined", weights, "--pretrained", "pretrained", "--held-out")
     assert refused.returncode == 2
     assert "none of its clips was held out" in refused.stderr
-    own = vpsci("evaluate", *arguments, "--refined", weights, "--pretrained", weights, "--held-out")
-    held_out = json.loads((tmp_path / "out.json").read_text())["interactions"]
-    assert (own.returncode, 0 < held_out < 8) == (0, True)
+    write_near_misses(synthetic_near_misses().table, tmp_path / "all.parquet")  # what it was trained on
+    found = []
+    for options in ([], ["--held-out"]):
+        models = ["--refined", weights, "--pretrained", weights, *options]
+        own = vpsci("evaluate", "--data", str(tmp_path / "all.parquet"), "--json", str(tmp_path / "own.json"), *models)
+        assert own.returncode == 0, own.stderr
+        assert ("see --held-out" in own.stdout) == (not options)
+        found.append(json.loads((tmp_path / "own.json").read_text())["interactions"])
+    assert 0 < found[1] < found[0]
     again = vpsci("pretrain", "--params", str(PARAMS / "stage1_pretrain.yaml"), "-o", str(tmp_path / "run"))
     assert again.returncode == 2
     assert "this folder holds a run with learner.batch_size = 16, expected 256" in again.stderr
