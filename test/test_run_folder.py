@@ -65,6 +65,13 @@ def test_a_folder_knows_whether_it_holds_this_run_finished_from_the_same_inputs(
     with RunFolder(folder, SECTIONS, [data]):
         pass
     assert RunFolder(folder, SECTIONS, [data]).done
+    (folder / "weights").write_bytes(b"")
+    with RunFolder(folder, SECTIONS, [data]):
+        pass
+    (folder / "weights").unlink()
+    assert not RunFolder(folder, SECTIONS, [data]).done, "something that it left is gone"
+    with RunFolder(folder, SECTIONS, [data]):
+        pass
     data.write_bytes(b"more near misses")
     assert not RunFolder(folder, SECTIONS, [data]).done
 

@@ -53,7 +53,7 @@ class RunFolder:
             require_empty_folder(folder)
         self._inputs = {str(path): sha256(path) for path in inputs}
         self.done = self._finished()
-        """Whether the folder holds this run, finished, from the same inputs."""
+        """Whether the folder holds this run, finished, from the same inputs, with all that it left."""
         with written_whole(parameters) as part:
             part.write_text(text, encoding="utf-8")
 
@@ -79,7 +79,9 @@ class RunFolder:
             record = json.loads((self._folder / RECORD).read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return False
-        return isinstance(record, dict) and record.get("error") == "" and record.get("inputs_sha256") == self._inputs
+        if not isinstance(record, dict) or record.get("error") != "" or record.get("inputs_sha256") != self._inputs:
+            return False
+        return all((self._folder / name).is_file() for name in record.get("outputs_sha256", ()))
 
     def _outputs(self) -> Iterable[Path]:
         for path in self._folder.rglob("*"):

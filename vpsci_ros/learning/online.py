@@ -91,7 +91,7 @@ def refine(
     outcomes, builder = Outcomes(), TransitionBuilder(scenarios)
     if (out_dir / CHECKPOINT).exists():
         extra = refiner.restore(out_dir / CHECKPOINT)
-        if extra["simulation"] != simulated:
+        if extra.get("simulation") != simulated:
             raise InvalidInput(
                 f"{out_dir / CHECKPOINT}: this checkpoint is of another simulation (world, monitor, scenarios, "
                 "episodes, batch or seed); choose another folder, or delete it to start again"
