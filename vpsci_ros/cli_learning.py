@@ -1,4 +1,4 @@
-"""The commands about learning: `vpsci pretrain`, `refine`, `evaluate`, and `vpsci study` samples, folds and weights."""
+"""The commands about learning: `vpsci pretrain`, `refine`, `evaluate`, `study` samples, folds, models and weights."""
 
 import contextlib
 import sys
@@ -12,11 +12,12 @@ from vpsci_ros.cli_options import NearMisses, Params, Quiet, Resumable, Settings
 from vpsci_ros.errors import InvalidInput
 
 study_app = typer.Typer(
-    no_args_is_help=True, help="Studies of learning: the paper's Tables 3 and 5, and cross-validation."
+    no_args_is_help=True, help="Studies of learning: the paper's Tables 3, 5 and 9, and cross-validation."
 )
 
-SIZES, WEIGHTINGS = (
+SIZES, MODELS, WEIGHTINGS = (
     "50,100,150,200,250,336",
+    "ma_sst,ma_transformer,ma_lstm,ma_feedforward,sst,transformer,lstm,feedforward",
     "equal,safety,goal,speed,safety_goal,safety_speed,goal_speed,adaptive",
 )
 
@@ -143,6 +144,36 @@ def folds(
     with _stoppable(output):
         stage_2 = None if refine_with is None else read_sections(refine_with, None, None)
         run_fold_study(read_sections(params, settings, near_misses), output, count, stage_2=stage_2, quiet=quiet)
+
+
+@study_app.command()
+def models(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    chosen: Annotated[str, typer.Option("--models", metavar="NAME,...", help="Networks to compare.")] = MODELS,
+    count: Annotated[int, typer.Option("--folds", min=2, metavar="N", help="Trainings of each.")] = 5,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Table 9: the SST beside a Transformer, an LSTM and a feed-forward network.
+
+    All see the same, learn from the same near misses in the same number of
+    updates, and are measured as by `vpsci study folds`. ma_...: both agents
+    learn on their own predictions, through the kinematics; the others learn
+    the next velocity alone. Leaves models.json, models.png, run.json and a
+    folder for each fold. A study that is stopped (Ctrl-C) goes on when the
+    same command is given again; finished trainings are kept.
+
+    In full, with params/stage1_pretrain.yaml: about 60 minutes on one free
+    core. A trial of a minute: --models ma_sst,lstm --folds 2
+    --set learner.episodes=20
+    """
+    from vpsci_ros.study import run_model_study
+
+    names = [name.strip() for name in chosen.split(",")]
+    with _stoppable(output):
+        run_model_study(read_sections(params, settings, near_misses), output, names, count, quiet=quiet)
 
 
 @study_app.command()

@@ -1,4 +1,4 @@
-"""Studies of learning as commands: Tables 3 and 5 beside the paper's values, and cross-validation."""
+"""Studies of learning as commands: Tables 3, 5 and 9 beside the paper's values, and cross-validation."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,7 +7,17 @@ from rich.console import Console
 
 from vpsci_ros.analysis.cross_validation import RESULT, Refinement, cross_validate
 from vpsci_ros.analysis.error_table import print_errors
-from vpsci_ros.analysis.study_tables import print_table_3, print_table_5, save_table_3, save_table_5
+from vpsci_ros.analysis.model_comparison import RESULT as MODELS_RESULT
+from vpsci_ros.analysis.model_comparison import compare_models
+from vpsci_ros.analysis.study_tables import (
+    print_table_3,
+    print_table_5,
+    print_table_9,
+    save_table_3,
+    save_table_5,
+    save_table_9,
+)
+from vpsci_ros.baselines.models import MODELS
 from vpsci_ros.config import LearnerConfig
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
@@ -73,7 +83,7 @@ def run_fold_study(
         with StageBar("folds", quiet) as bar, stopped_between_updates() as check:
 
             def report(name: str, values: dict[str, float]) -> None:
-                bar.show(values, f"fold {name} of {folds}")
+                bar.show(values, f"of {folds} folds: {name}")
                 check()
 
             options = {"folds": folds, "seed": learner.seed, "out_dir": folder, "refinement": refinement}
@@ -81,6 +91,36 @@ def run_fold_study(
         run.results |= result
     print_errors(result, Console())
     print(f"written: {folder / RESULT} and run.json beside it")
+
+
+def run_model_study(
+    sections: Sections, folder: Path, models: Sequence[str], folds: int, *, quiet: bool = False
+) -> None:
+    """Table 9 by `compare_models`; goes on with what a stopped study left in `folder`.
+
+    :raises InvalidInput: a parameter, a model's name, the number of folds or the near misses are refused, or `folder`
+        holds another study.
+    :raises Stopped: a signal asked for it; what is done is in `folder`.
+    """
+    for name in models:
+        if name not in MODELS:
+            raise InvalidInput(f"--models: {name!r} is unknown; expected names among {', '.join(MODELS)}")
+    learner, config, network = learner_section(sections, LearnerConfig, PretrainConfig, NetworkConfig)
+    corpus = corpus_of(learner, "pretrain")
+    resolved = {"learner": as_section(learner, config, network)}
+    with RunFolder(folder, resolved, learner.near_misses, {"study": {"models": list(models), "folds": folds}}) as run:
+        with StageBar("models", quiet) as bar, stopped_between_updates() as check:
+
+            def report(name: str, values: dict[str, float]) -> None:
+                bar.show(values, f"fold {name} of {folds}")
+                check()
+
+            options = {"models": models, "folds": folds, "seed": learner.seed, "out_dir": folder}
+            result = compare_models(corpus, config, network, **options, report=report)
+        run.results |= result
+        save_table_9(result, folder / "models.png")
+    print_table_9(result, Console())
+    print(f"written: {folder / MODELS_RESULT}, models.png and run.json beside it")
 
 
 def _refinement(sections: Sections) -> Refinement:

@@ -11,19 +11,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
 
 from vpsci_ros.analysis.errors import Measured, compare, measure
-from vpsci_ros.data.near_misses import folds_by_clip
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.analysis.folds import held_out_folds, pooled
 from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1
 from vpsci_ros.learning import refine as stage_2
 from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
-from vpsci_ros.learning.interactions import from_table, table_hash
+from vpsci_ros.learning.interactions import table_hash
 from vpsci_ros.learning.predictors import PolicyPredictor
-from vpsci_ros.learning.protocols import ProtocolErrors, eligible
 from vpsci_ros.learning.study_state import once
 from vpsci_ros.learning.weights import load_weights, resolved
 from vpsci_ros.provenance import written_whole
@@ -81,23 +78,17 @@ def cross_validate(
 
     :param seed: of folds and trainings of stage 1.
     :param refinement: stage 2; None: stage 1 alone.
-    :param report: called with the fold's name ("1", ...) and what `pretrain` or `refine` reports.
+    :param report: called with the fold's name ("1", or "1, stage 2") and what `pretrain` or `refine` reports.
     :raises InvalidInput: `folds` is not from 2 to the number of clips, a fold has no interaction that lasts a second,
         or `out_dir` holds another study.
     """
-    parts = folds_by_clip(near_misses, folds, seed)
-    held_out = []
-    for number, (_, kept_out) in enumerate(parts, 1):
-        try:
-            held_out.append(eligible(from_table(kept_out)))
-        except InvalidInput as error:
-            raise InvalidInput(f"fold {number} of {folds}: {error}; take fewer folds") from None
+    parts, together = held_out_folds(near_misses, folds, seed)
     out_dir = Path(out_dir)
     config = replace(config, held_out_fraction=0.0)
     identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses), "folds": folds}
     measured: list[dict[str, Measured]] = []
     shares = []
-    for number, ((training, _), interactions) in enumerate(zip(parts, held_out, strict=True), 1):
+    for number, (training, interactions) in enumerate(parts, 1):
         folder = out_dir / f"fold_{number}"
         told = None if report is None else partial(report, f"{number}")
         once(folder, identity | {"fold": number}, dict)
@@ -105,15 +96,15 @@ def cross_validate(
             stage_1.pretrain(training, config, network, seed=seed, out_dir=folder, report=told)
         files = {PRETRAINED: folder / stage_1.WEIGHTS}
         if refinement is not None:
+            told = None if report is None else partial(report, f"{number}, stage 2")
             files[REFINED] = _refined(training, refinement, folder, told)
         own = {name: measure(PolicyPredictor(load_weights(path)), interactions) for name, path in files.items()}
         measured.append(own)
         result = compare(own, interactions, seed)
         ratios = {name: result["models"][name]["closed_loop"]["ade_ratio"] for name in own}
         shares.append({"interactions": len(interactions), "clips": result["clips"], "closed_loop_ade_ratio": ratios})
-    together = eligible(from_table(pl.concat([kept_out for _, kept_out in parts])))
-    pooled = {name: _pooled([own[name] for own in measured]) for name in measured[0]}
-    result = compare(pooled, together, seed) | {"folds": shares}
+    errors = {name: pooled([own[name] for own in measured]) for name in measured[0]}
+    result = compare(errors, together, seed) | {"folds": shares}
     with written_whole(out_dir / RESULT) as part:
         part.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     return result
@@ -130,12 +121,3 @@ def _refined(
         settings = {f.name: getattr(refinement, f.name) for f in fields(refinement) if f.name != "config"}
         online.refine(training, config, start, out_dir=folder, report=report, **settings)
     return folder / stage_2.WEIGHTS
-
-
-def _pooled(measured: list[Measured]) -> Measured:
-    return {
-        protocol: ProtocolErrors(
-            *(np.concatenate([getattr(m[protocol], field.name) for m in measured]) for field in fields(ProtocolErrors))
-        )
-        for protocol in measured[0]
-    }

@@ -27,6 +27,7 @@ TRACKED_STEPS = NetworkConfig().tracked_steps
 
 
 Measured = dict[str, ProtocolErrors]  # by protocol
+Share = tuple[float, list[float]]  # and its interval
 
 
 def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor], seed: int = 0) -> dict[str, Any]:
@@ -81,6 +82,14 @@ def compare(errors: Mapping[str, Measured], interactions: Interactions, seed: in
     }
 
 
+def share_of(errors: ProtocolErrors, reference: ProtocolErrors, clips: NDArray[np.object_], seed: int) -> Share:
+    """Return a model's ADE as a share of another's on the same interactions, with its 95% interval by clips.
+
+    :param clips: object[N], the clip of each interaction.
+    """
+    return _share(errors, reference, _clip_draws(clips, seed))
+
+
 def _clip_draws(clips: NDArray[np.object_], seed: int) -> NDArray[np.float64]:
     """Return how often each interaction occurs in each bootstrap resample of whole clips, float64[RESAMPLES, N]."""
     names, owner = np.unique(clips.astype(str), return_inverse=True)
@@ -92,7 +101,7 @@ def _clip_draws(clips: NDArray[np.object_], seed: int) -> NDArray[np.float64]:
 def _summary(errors: ProtocolErrors, control: ProtocolErrors, draws: NDArray[np.float64]) -> dict[str, Any]:
     ade, fde = errors.ade.mean(axis=1), errors.fde.mean(axis=1)
     size = draws.sum(axis=1)
-    ratio = (draws @ ade) / (draws @ control.ade.mean(axis=1))
+    ratio, ratio_interval = _share(errors, control, draws)
     return {
         "ade": float(ade.mean()),
         "fde": float(fde.mean()),
@@ -101,9 +110,14 @@ def _summary(errors: ProtocolErrors, control: ProtocolErrors, draws: NDArray[np.
         "ade_pedestrian": float(errors.ade[:, 1].mean()),
         "ade_interval": _interval(draws @ ade / size),
         "fde_interval": _interval(draws @ fde / size),
-        "ade_ratio": float(ade.mean() / control.ade.mean()),
-        "ade_ratio_interval": _interval(ratio),
+        "ade_ratio": ratio,
+        "ade_ratio_interval": ratio_interval,
     }
+
+
+def _share(errors: ProtocolErrors, reference: ProtocolErrors, draws: NDArray[np.float64]) -> Share:
+    ade, theirs = errors.ade.mean(axis=1), reference.ade.mean(axis=1)
+    return float(ade.mean() / theirs.mean()), _interval((draws @ ade) / (draws @ theirs))
 
 
 def _interval(samples: NDArray[np.float64]) -> list[float]:

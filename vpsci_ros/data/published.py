@@ -1,4 +1,4 @@
-"""What the paper says of itself: its studies (Tables 3 and 5), its dataset (Table 10, section 4.3), its time (3.3)."""
+"""What the paper says of itself: its studies (Tables 3, 5, 9), its dataset (Table 10, section 4.3), its time (3.3)."""
 
 from typing import NamedTuple
 
@@ -62,4 +62,22 @@ TABLE_5 = {
     "safety_speed": PublishedWeighting((0.45, 0.10, 0.45), 0.112, 0.731, 0.163, 0.321),
     "goal_speed": PublishedWeighting((0.10, 0.45, 0.45), 0.235, 0.779, 0.248, 0.491),
     "adaptive": PublishedWeighting((), 0.083, 0.812, 0.072, 0.142),
+}
+
+
+class PublishedModel(NamedTuple):
+    """A row of Table 9, data-driven learning: the paper's name, errors [m] on its own data."""
+
+    name: str
+    ade: float
+    fde: float
+
+
+TABLE_9 = {  # names of vpsci_ros.baselines.models -> row
+    "ma_sst": PublishedModel("MA-SST-DDPG", 0.078, 0.156),
+    "ma_transformer": PublishedModel("MA-Transformer-DDPG", 0.098, 0.196),
+    "ma_feedforward": PublishedModel("MA-DDPG", 0.164, 0.328),
+    "transformer": PublishedModel("Transformer", 1.199, 2.398),
+    "lstm": PublishedModel("LSTM", 1.783, 2.566),
+    "feedforward": PublishedModel("NN", 2.677, 3.955),
 }

@@ -123,7 +123,11 @@ class PretrainConfig(TrainingConfig):
     )
     rollouts: int = parameter(32, "objective closed_loop: near misses rolled out in one update", low=1, high=4096)
     rollout_steps: int = parameter(
-        15, "objective closed_loop: longest roll-out", unit="steps of 0.1 s", low=1, high=200
+        15,
+        "objective closed_loop: longest roll-out; 0: none, the actors learn the next velocity alone",
+        unit="steps of 0.1 s",
+        low=0,
+        high=200,
     )
     weight_decay: float = parameter(
         0.05, "decoupled weight decay of the actors, objective closed_loop", low=0.0, high=10.0

@@ -127,7 +127,7 @@ def rollout_loss(
     rows = np.arange(len(lead))
     scene = scene_at(data.motion, torch.from_numpy(lead), networks.config.tracked_steps)
     before = {agent: data.action[agent][rows, np.maximum(lead - 1, 0)] * _column(lead > 0) for agent in AGENTS}
-    share = torch.from_numpy((0.5 / steps / len(steps)).astype(np.float32))
+    share = torch.from_numpy((0.5 / np.maximum(steps, 1) / len(steps)).astype(np.float32))
     position_error = torch.zeros(())
     for step in range(int(steps[0])):
         running = int((steps > step).sum())  # those that have ended lie at the end, and cost nothing more

@@ -50,6 +50,14 @@ class Interactions:
         """bool[N, T]: the step has a next one, so its action is known."""
         return np.arange(self.motion.shape[1]) < self.length[:, None] - 1
 
+    def samples(self) -> tuple[dict[str, NDArray[np.float32]], dict[str, NDArray[np.float32]]]:
+        """Return what each agent saw, float32[n, 6], and its next speeds, float32[n, 2] [m/s], of all steps.
+
+        Of these the networks take their normalisation and their reward statistics (`Networks.set_statistics`).
+        """
+        seen = {agent: self.observation[agent][self.present] for agent in AGENTS}
+        return seen, {agent: self.next_velocity[agent][self.acted] for agent in AGENTS}
+
     def take(self, rows: NDArray[np.int64]) -> "Interactions":
         """Return the interactions `rows`, in that order."""
         parts: dict[str, Any] = {}

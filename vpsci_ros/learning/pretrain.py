@@ -123,11 +123,7 @@ class _Run:
         self._facts["data"] |= {"interactions": len(interactions), "steps": sum(len(h) for h in self._histories)}
         torch.manual_seed(seed)
         self._networks = Networks(network)
-        self._networks.set_statistics(
-            {a: interactions.observation[a][interactions.present] for a in AGENTS},
-            {a: interactions.next_velocity[a][interactions.acted] for a in AGENTS},
-            config.least_speed_deviation,
-        )
+        self._networks.set_statistics(*interactions.samples(), config.least_speed_deviation)
         self._maddpg = Maddpg(self._networks, config, config.actor_learning_rate, config.critic_learning_rate)
         self._imitation = Imitation(self._networks, interactions, config) if config.objective == "closed_loop" else None
         self.episode, self.whole = 0, True

@@ -82,7 +82,19 @@ class StepState:
             )
 
 
-class SSTLayer(nn.Module):
+class EncoderLayer(nn.Module):
+    """A layer of an encoder, over whole histories in training and step by step to the same result."""
+
+    def forward(self, x: Tensor, risks: Tensor, taken: Tensor | None = None) -> tuple[Tensor, StepState | None]:
+        """See `SSTLayer.forward`."""
+        raise NotImplementedError
+
+    def step(self, x: Tensor, risks: Tensor, state: StepState) -> Tensor:
+        """See `SSTLayer.step`."""
+        raise NotImplementedError
+
+
+class SSTLayer(EncoderLayer):
     """One state-space Transformer layer; see the module's docstring."""
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -247,7 +259,7 @@ class SSTEncoder(nn.Module):
             # Filled from the front, and no step sees a later one: what lies behind the newest does not matter.
             return self._through(window.inputs, window.risks)[torch.arange(len(x)), window.held - 1]
         for layer, state in zip(self.layers, states, strict=True):
-            assert isinstance(layer, SSTLayer)
+            assert isinstance(layer, EncoderLayer)
             x = layer.step(x, risks, state)
         return x
 
