@@ -21,7 +21,7 @@ from vpsci_ros.ads_process import AdsProcess, command_of, silence
 from vpsci_ros.analysis.exam.config import ALONE, DRIVERS, EXTERNAL, TITLES, ExamConfig
 from vpsci_ros.analysis.exam.measures import Drive, Key, drives
 from vpsci_ros.analysis.exam.report import Conduct
-from vpsci_ros.config import RunConfig, pick
+from vpsci_ros.config import GraphConfig, RunConfig, pick
 from vpsci_ros.data.bag_episodes import EVENTS
 from vpsci_ros.data.bag_reader import Bag
 from vpsci_ros.data.bags import read_episodes
@@ -41,6 +41,7 @@ from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
 Sections = dict[str, dict[str, Any]]
 _BATCH = 64  # episodes side by side, of the autopilot
 _STOPPED = "stopped on request"
+NEVER_CAME = "the ADS never published /vehicle/cmd_accel or /vehicle/cmd_control, in {:g} s (graph.progress_timeout)"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,6 +152,7 @@ def _meet(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     from vpsci_ros.nodes.watch import Watch
 
     silent = silence(exam.config.silent_ticks)
+    patience = pick(GraphConfig, exam.sections["graph"], "graph").progress_timeout
     reasons: list[str] = []
     with contextlib.ExitStack() as stack:
         ads = None
@@ -159,7 +161,11 @@ def _meet(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
             ads = stack.enter_context(AdsProcess(command_of(exam.config.ads), log))
 
         def failed(watch: Watch) -> str:
-            reasons.append((ads.failure() if ads else "") or silent(watch.summary()))
+            seen = watch.summary()
+            absent = seen.get("world_simulator.tick") == 0.0 and watch.idle_time() > patience
+            reasons.append(
+                (ads.failure() if ads else "") or (NEVER_CAME.format(patience) if ads and absent else silent(seen))
+            )
             return reasons[-1]
 
         result = run_graph(_graph(exam, name, folder), folder / "runs" / name, quiet=quiet, stop_when=failed)
@@ -204,8 +210,9 @@ def _read(bag: Path, conduct: Conduct, silent_ticks: int) -> Met:
     if conduct.failure and not bag.is_dir():
         return Met([], {}, conduct)  # it failed before the recorder wrote anything
     recording = Bag(bag, recover=bool(conduct.failure))
-    if not any(row.messages for row in recording.topics().values()):
-        return Met([], {}, conduct)
+    events = recording.topics().get(EVENTS)
+    if events is None or not events.messages:
+        return Met([], {}, conduct)  # no episode has begun
     unanswered: Counter[Key] = Counter()
     decode = Decoder()
     for raw in recording.messages([EVENTS]):

@@ -122,6 +122,15 @@ def test_an_ads_that_ends_before_it_drives_fails_the_exam_with_its_last_words(do
     assert "No such file" in read(tmp_path / "exam")[1]
 
 
+def test_an_ads_that_never_speaks_fails_the_exam_after_the_graph_s_patience(domain: int, tmp_path: Path) -> None:
+    chosen = sections()
+    chosen["graph"]["progress_timeout"] = 15.0  # from when the nodes are there, too
+    failures = run_exam(prepare(chosen, "sleep 1000"), tmp_path / "exam", quiet=True)
+    assert len(failures) == 1
+    assert "the ADS never published /vehicle/cmd_accel or /vehicle/cmd_control" in failures[0]
+    assert read(tmp_path / "exam")[0]["conduct"]["alone"]["episodes_driven"] == 0
+
+
 def test_what_a_flooding_ads_sends_wrongly_is_refused_and_counted_and_the_exam_goes_on(
     domain: int, tmp_path: Path, odd: str
 ) -> None:

@@ -113,7 +113,9 @@ class Watch:
         for status in message.status:
             pairs = {pair.key: pair.value for pair in status.values}
             stands_still = status.message == "paused" and not self._held  # as somebody has asked for
-            if stands_still or pairs != self._status.get(status.name):
+            # The recorder writes diagnostics down as well, its own among them, however long nothing happens.
+            moves_on = pairs != self._status.get(status.name) and status.name != "recorder"
+            if stands_still or moves_on:
                 self._last = time.monotonic()
             self._status[status.name] = pairs
 
