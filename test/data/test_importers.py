@@ -16,7 +16,7 @@ from vpsci_ros.data.importers.tracks import resample, slope
 from vpsci_ros.data.near_misses import check_near_misses
 from vpsci_ros.errors import InvalidInput
 
-RATE = 23.976  # [1/s] frames of a VCI-DUT clip
+RATE, CITR_RATE = 23.976, 29.97  # [1/s] frames of clips of VCI-DUT and VCI-CITR
 
 
 def edit(path: Path, change: Callable[[list[str]], list[str]]) -> None:
@@ -24,13 +24,15 @@ def edit(path: Path, change: Callable[[list[str]], list[str]]) -> None:
     path.write_text("\n".join(change(path.read_text().splitlines())) + "\n")
 
 
-def write_clip(folder: Path, name: str, *, frames: int = 96, lateral: float = 0.0, turn: float = 0.0) -> None:
+def write_clip(
+    folder: Path, name: str, *, frames: int = 96, lateral: float = 0.0, turn: float = 0.0, rate: float = RATE
+) -> None:
     """Write one clip as published: a car along x at 5 m/s, a pedestrian who crosses 20 m ahead at 1.2 m/s.
 
     `lateral` moves the pedestrian along its line [m], `turn` rotates the scene [rad].
     """
     frame = np.arange(10, 10 + frames)
-    t = (frame - 10) / RATE
+    t = (frame - 10) / rate
     cos, sin = np.cos(turn), np.sin(turn)
     car, walker = np.stack([5.0 * t, 0.0 * t]), np.stack([20.0 + 0.0 * t, 1.2 * (t - 4.0) + lateral])
     car, walker = (np.stack([cos * p[0] - sin * p[1], sin * p[0] + cos * p[1]]) for p in (car, walker))
@@ -113,9 +115,10 @@ def test_a_pedestrian_far_from_the_path_is_no_near_miss(tmp_path: Path) -> None:
     assert math.isnan(result.summaries[0].quartiles[1])
 
 
-@pytest.mark.parametrize(("form", "length"), [("vci-dut", 4.5), ("vci-citr", 2.4)])
-def test_each_format_has_its_own_vehicle_size(clip_folder: Path, form: str, length: float) -> None:
-    table = import_trajectories(clip_folder, form).table.filter(pl.col("curvttc").is_between(0.1, 2.0))
+@pytest.mark.parametrize(("form", "rate", "length"), [("vci-dut", RATE, 4.5), ("vci-citr", CITR_RATE, 2.4)])
+def test_each_format_has_its_own_vehicle_size(tmp_path: Path, form: str, rate: float, length: float) -> None:
+    write_clip(tmp_path, "meeting_01", rate=rate, frames=int(4.0 * rate))
+    table = import_trajectories(tmp_path, form).table.filter(pl.col("curvttc").is_between(0.1, 2.0))
     contact = table["veh_x"] + 5.0 * table["curvttc"]
     assert contact.to_numpy() == pytest.approx(20.0 - 0.3 - length / 2.0, abs=5e-3)
 
@@ -162,6 +165,20 @@ def test_a_missing_folder_and_an_empty_one_are_named(tmp_path: Path) -> None:
         import_trajectories(tmp_path, "vci-dut")
 
 
+def test_a_folder_of_the_other_format_is_recognised_by_how_far_pedestrians_come(tmp_path: Path) -> None:
+    for name, rate in (("dut", RATE), ("citr", CITR_RATE)):
+        (tmp_path / name).mkdir()
+        write_clip(tmp_path / name, "meeting_01", rate=rate)
+    with pytest.raises(InvalidInput, match=r"belong to 30\.0 frames a second.*expected 23\.976.*--format vci-citr"):
+        import_folders([tmp_path / "dut", tmp_path / "citr"], ["vci-dut"])
+    with pytest.raises(InvalidInput, match="--format vci-dut for this folder"):
+        import_trajectories(tmp_path / "dut", "vci-citr")
+    (tmp_path / "other").mkdir()
+    write_clip(tmp_path / "other", "meeting_01", rate=10.0)
+    with pytest.raises(InvalidInput, match=r"belong to 10\.0 frames a second.*convert the speeds"):
+        import_trajectories(tmp_path / "other", "vci-dut")
+
+
 def test_an_unknown_format_is_refused_with_the_known_ones(clip_folder: Path) -> None:
     with pytest.raises(InvalidInput, match="unknown format 'dut'; expected one of vci-dut, vci-citr"):
         import_trajectories(clip_folder, "dut")
@@ -178,7 +195,7 @@ def test_half_a_clip_is_refused(clip_folder: Path) -> None:
 def test_recordings_of_pedestrians_alone_say_so_in_their_names(clip_folder: Path) -> None:
     alone = clip_folder / "bidirection_no_vehicle_5v5_01_traj_ped_filtered.csv"
     alone.write_text(pedestrian_file(clip_folder).read_text())
-    assert import_trajectories(clip_folder, "vci-citr").summaries[0].clips == 1
+    assert import_trajectories(clip_folder, "vci-dut").summaries[0].clips == 1
 
 
 def test_a_missing_column_is_named_with_the_file(clip_folder: Path) -> None:
@@ -240,8 +257,10 @@ def test_real_recordings_hold_about_340_near_misses_within_seconds(real_data: Pa
     assert elapsed < 20.0
 
 
-def test_the_summary_shows_each_source_and_their_sum(clip_folder: Path) -> None:
-    result = import_folders([clip_folder, clip_folder], ["vci-dut", "vci-citr"])
+def test_the_summary_shows_each_source_and_their_sum(clip_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "citr").mkdir()
+    write_clip(tmp_path / "citr", "meeting_01", rate=CITR_RATE)
+    result = import_folders([clip_folder, tmp_path / "citr"], ["vci-dut", "vci-citr"])
     console = Console(width=80, record=True, file=io.StringIO())
     print_import_summary(result, console)
     text = console.export_text()
