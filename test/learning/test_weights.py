@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from safetensors.numpy import save
@@ -120,6 +122,27 @@ def test_a_truncated_file_is_refused(networks):
     data = weights_to_bytes(networks().weights({}, {}))
     with pytest.raises(InvalidInput, match="damaged|expected"):
         weights_from_bytes(data[: len(data) // 2])
+
+
+def test_a_file_with_a_flipped_bit_in_any_tensor_is_refused(networks):
+    data = weights_to_bytes(networks().weights({}, {}))
+    first = 8 + int.from_bytes(data[:8], "little")
+    rng = np.random.default_rng(0)
+    for place in rng.integers(first, len(data), 20):
+        damaged = bytearray(data)
+        damaged[place] ^= 1  # the value stays finite, its last bits or its neighbours' change
+        with pytest.raises(InvalidInput, match="damaged weights file: its tensors are not those"):
+            weights_from_bytes(bytes(damaged))
+
+
+def test_a_file_of_an_earlier_version_without_a_checksum_is_read(networks):
+    weights = networks().weights({}, {})
+    data = weights_to_bytes(weights)
+    stripped = re.sub(
+        rb'"tensors_sha256":"[0-9a-f]{64}"', lambda m: b'"older":"' + b"1" * (len(m[0]) - 10) + b'"', data
+    )
+    assert stripped != data
+    assert weights_from_bytes(stripped).digest() == weights.digest()
 
 
 def test_a_missing_file_is_named(tmp_path):

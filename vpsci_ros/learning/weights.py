@@ -2,8 +2,9 @@
 
 A file holds both actors and both critics in float32, the normalisation of observations, and the speed statistics of
 rewards (14)-(15). Target networks are not stored: training on from a weights file starts them equal to the networks,
-as Algorithm 1 does. Its metadata are text: `format`, `stage`, `configuration` (JSON of every resolved parameter),
-`software`, `data` and `held_out` (JSON). Nothing here needs torch, and no pickle is ever read.
+as Algorithm 1 does. Its metadata are text: `format`, `tensors_sha256` (`Weights.digest`, against damage), `stage`,
+`configuration` (JSON of every resolved parameter), `software`, `data` and `held_out` (JSON). Nothing here needs torch,
+and no pickle is ever read.
 """
 
 import dataclasses
@@ -26,7 +27,7 @@ from vpsci_ros.learning.shapes import weight_shapes
 from vpsci_ros.parameters import build, table
 from vpsci_ros.provenance import software_versions, written_whole
 
-FORMAT = "vpsci-ma-sst-ddpg 1"
+FORMAT, CHECKSUM = "vpsci-ma-sst-ddpg 1", "tensors_sha256"
 Tensors = dict[str, NDArray[np.float32]]
 
 
@@ -83,7 +84,11 @@ def weights_to_bytes(weights: Weights) -> bytes:
     _check(weights.tensors, weights.network, "weights")
     facts = {"software": software_versions()} | weights.facts
     configuration = weights.configuration | {"NetworkConfig": dataclasses.asdict(weights.network)}
-    metadata = {"format": FORMAT, "configuration": json.dumps(configuration, sort_keys=True)}
+    metadata = {
+        "format": FORMAT,
+        "configuration": json.dumps(configuration, sort_keys=True),
+        CHECKSUM: weights.digest(),
+    }
     metadata |= {name: json.dumps(value, sort_keys=True) for name, value in facts.items()}
     tensors = {name: np.ascontiguousarray(weights.tensors[name]) for name in sorted(weights.tensors)}
     return _in_order(save(tensors, metadata))
@@ -112,7 +117,7 @@ def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
         )
     try:
         tensors = load(data)
-        texts = {name: json.loads(text) for name, text in metadata.items() if name != "format"}
+        texts = {name: json.loads(text) for name, text in metadata.items() if name not in ("format", CHECKSUM)}
         configuration = texts.pop("configuration")
         older = {"risk_input": False, "tracked_steps": 0}  # what files had before these parameters
         values = older | configuration["NetworkConfig"]
@@ -120,7 +125,12 @@ def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
         raise InvalidInput(f"{where}: damaged weights file: {error!r}; copy or train it anew") from None
     network = build(NetworkConfig, values, f"{where}, configuration")
     _check(tensors, network, where)
-    return Weights(network, tensors, configuration, texts)
+    weights = Weights(network, tensors, configuration, texts)
+    if CHECKSUM in metadata and metadata[CHECKSUM] != weights.digest():  # files of earlier versions have none
+        raise InvalidInput(
+            f"{where}: damaged weights file: its tensors are not those it was written with; copy it anew"
+        )
+    return weights
 
 
 def save_weights(path: str | Path, weights: Weights) -> None:
