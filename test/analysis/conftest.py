@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.episode_frames import EpisodeBatch
@@ -11,6 +12,12 @@ from vpsci_ros.world.state import COLLISION, GOAL
 
 DT, FRAMES = 0.05, 180
 VEHICLE_YIELDS, PEDESTRIAN_YIELDS = "LocationA_PedCross_S-N", "LocationA_PedCross_N-S"
+
+
+@pytest.fixture(scope="module")
+def one_thread():
+    """Have torch's threads not wait for each other over small networks."""
+    torch.set_num_threads(1)
 
 
 def motion(speed: np.ndarray) -> np.ndarray:

@@ -15,6 +15,8 @@ from vpsci_ros.learning.weights import load_weights
 from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.monitor import MonitorConfig
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 CONFIG = PretrainConfig(episodes=3, rollouts=2, rollout_steps=2, batch_size=10)
 

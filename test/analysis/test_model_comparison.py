@@ -10,6 +10,8 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import NetworkConfig, PretrainConfig
 from vpsci_ros.learning.pretrain import Stopped
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 CONFIG = PretrainConfig(episodes=2, rollouts=2, rollout_steps=2)
 
