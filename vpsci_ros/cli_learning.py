@@ -136,7 +136,7 @@ def folds(
     same command is given again; finished folds are not trained again.
 
     In full, with params/stage1_pretrain.yaml: about 11 minutes on one free
-    core, and with stage 2 80. A trial of a minute, without it: --folds 2
+    core, and with stage 2 110. A trial of a minute, without it: --folds 2
     --set learner.episodes=20
     """
     from vpsci_ros.study import run_fold_study
