@@ -165,7 +165,7 @@ def models(
     folder for each fold. A study that is stopped (Ctrl-C) goes on when the
     same command is given again; finished trainings are kept.
 
-    In full, with params/stage1_pretrain.yaml: about 60 minutes on one free
+    In full, with params/stage1_pretrain.yaml: about 40 minutes on one free
     core. A trial of a minute: --models ma_sst,lstm --folds 2
     --set learner.episodes=20
     """

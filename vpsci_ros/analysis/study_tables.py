@@ -189,7 +189,7 @@ def save_table_5(table: pl.DataFrame, path: Path) -> None:
         values = [row[f"{protocol}_ade"] / rows[0][f"{protocol}_ade"] for row in rows]
         errors.barh([i + shift for i in places], values, 0.38, color=colour, label=protocol.replace("_", " "))
     errors.set_xlabel("share of the control's", fontsize=9)
-    errors.set_xlim(0.0, 1.35 * errors.get_xlim()[1])  # the legend's place
+    errors.set_xlim(0.0, 1.5 * errors.get_xlim()[1])  # the legend's place
     for axis, title in ((collisions, "collisions"), (goals, "goals"), (errors, "ADE on held-out clips")):
         axis.set_yticks(places, [row["weights"] for row in rows])
         _finish(axis, title, "")
