@@ -14,6 +14,7 @@ from vpsci_ros.data.parquet import read_metadata, write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.verify import verify
 from vpsci_ros.generate.workers import Serial
+from vpsci_ros.learning.weights import load_weights, save_weights
 
 NAME = "LocationB_PedCross_N-S"
 
@@ -134,8 +135,14 @@ def test_a_file_that_is_gone_is_named(copy) -> None:
 def test_other_weights_are_refused(copy) -> None:
     (path,) = copy.glob("weights-*.safetensors")
     data = bytearray(path.read_bytes())
+    weights = load_weights(path)
     data[-1] ^= 1
     path.write_bytes(data)
+    with pytest.raises(InvalidInput, match="damaged weights file"):
+        verify(copy, serial)
+    name = next(iter(weights.tensors))
+    weights.tensors[name] += 1.0
+    save_weights(path, weights)  # whole, and another's
     with pytest.raises(InvalidInput, match="the dataset was made with"):
         verify(copy, serial)
 
