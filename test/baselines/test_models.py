@@ -58,7 +58,6 @@ def test_a_model_learns_to_follow_what_it_was_shown(name, interactions):
     shown = eligible(interactions)
     error = reconstruct(predictor(MODELS[name], train(MODELS[name], shown, config, SMALL, 1)), shown).ade.mean()
     control = reconstruct(RepeatVelocity(), shown).ade.mean()
-    print(name, error / control)
     assert error < 0.9 * control
 
 
