@@ -18,7 +18,7 @@ help:  ## show this list
 setup:  ## make .venv: ROS 2 and Python packages, vpsci_msgs, this package for development
 	@tools/setup.sh $(VENV)
 
-demo: setup  ## run all three stages, small, and leave bags, tables and a picture in out/demo
+demo: setup  ## run all three stages, small; leaves bags, tables and a page that plays them in out/demo
 	@$(BIN)/vpsci demo --force $(if $(VPSCI_DATA),--data $(VPSCI_DATA))
 
 test: setup  ## run the tests

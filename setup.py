@@ -28,6 +28,7 @@ EXECUTABLES = [
 
 # What the `vpsci` command itself needs.
 REQUIRED = [
+    "jinja2>=3.1,<4",
     "matplotlib>=3.8,<4",
     "mcap>=1.2,<2",
     "numba>=0.60,<1",
@@ -38,6 +39,7 @@ REQUIRED = [
     "rich>=13,<16",
     "rosbags>=0.10.10,<0.12",
     "safetensors>=0.4.5,<1",
+    "scipy>=1.11,<2",
     "torch>=2.4,<3",
     "typer>=0.12,<1",
     "zstandard>=0.22,<1",
@@ -82,11 +84,20 @@ EXTRAS = {
         "pettingzoo>=1.24,<2",
         "pillow>=10,<14",
     ],
+    # `vpsci realism`: the two-sample test by a classifier.
+    "realism": ["scikit-learn>=1.4,<2"],
+    # `vpsci export --to openscenario, osi, commonroad`; the last two need different protobufs, so they exclude
+    # each other in one environment.
+    "openscenario": ["scenariogeneration>=0.16,<0.17"],
+    "osi": ["asam-osi-utilities>=0.4,<0.5", "osi-python>=3.8,<4"],
+    "commonroad": ["commonroad-io>=2024.3,<2025"],
     # `vpsci generate --ray ADDRESS`: the same work over a cluster.
     "ray": ["ray>=2.9,<3"],
     "test": [
         "hypothesis>=6.100,<7",
         "mypy>=1.13,<3",
+        "playwright>=1.45,<2",  # with Debian's chromium: the pages in a real browser
+        "pytest-timeout>=2.3,<3",
         "pytest>=8,<10",
         "ruff>=0.8,<1",
         "stable-baselines3>=2.4,<3",
@@ -139,12 +150,12 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10,<3.13",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["models/*.safetensors", "models/*.md"]},
+    package_data={NAME: ["models/*.safetensors", "models/*.md", "*/templates/*"]},
     data_files=data_files(),
     install_requires=REQUIRED,
     extras_require=EXTRAS,
     entry_points={
-        "console_scripts": [f"vpsci = {NAME}.cli:main"]
+        "console_scripts": [f"vpsci = {NAME}.cli.main:main"]
         + [f"{executable} = {NAME}.nodes.{executable}:main" for executable in EXECUTABLES]
     },
     cmdclass={"install_data": InstallData},

@@ -12,10 +12,11 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, SetEnvironment
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
-from vpsci_ros import config
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.parameters import as_ros_parameters
-from vpsci_ros.provenance import require_empty_folder
+from vpsci_ros.runs.files import require_empty_folder
 
 DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PATIENCE = "30"  # [s] from SIGINT to SIGTERM: a learner ends its update and writes its weights
@@ -35,23 +36,23 @@ def generate_launch_description() -> LaunchDescription:
 def start(context: LaunchContext) -> list[Node]:
     """Check the parameter file, write it down with every default filled in, and start its nodes from that."""
     output = Path(LaunchConfiguration("output").perform(context)).absolute()
-    sections = resolve(config.load(LaunchConfiguration("params").perform(context)), output)
-    nodes = sections["graph"]["nodes"]
-    for name in nodes:
-        sections[name]["peers"] = list(nodes)  # no list twice: ROS 2 reads no YAML aliases
+    sections = resolve(load(LaunchConfiguration("params").perform(context)), output)
+    graph = sections.get(GraphConfig, "graph")
+    for name in graph.nodes:
+        sections = sections.changed(name, {"peers": list(graph.nodes)})  # no list twice: ROS 2 reads no YAML aliases
     parameters = require_empty_folder(output) / "params.yaml"
-    layout = as_ros_parameters(sections, any_namespace=True)
+    layout = as_ros_parameters(sections.values, any_namespace=True)
     parameters.write_text(yaml.safe_dump(layout, sort_keys=False), encoding="utf-8")
     return [
         Node(
             package="vpsci_ros",
             executable=name,
             name=name,
-            namespace=sections["graph"]["namespace"] or None,
+            namespace=graph.namespace or None,
             parameters=[str(parameters)],
             output="screen",
             sigterm_timeout=PATIENCE,
             on_exit=Shutdown(reason=f"{name} has ended"),
         )
-        for name in nodes
+        for name in graph.nodes
     ]

@@ -1,5 +1,7 @@
 """What the tests of several rooms use."""
 
+import os
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -8,8 +10,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vpsci_ros.world.state import EPISODE, RUNNING
+from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.episode_frames import EpisodeBatch
+from vpsci_ros.data.synthetic import synthetic_near_misses
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.state import COLLISION, EPISODE, GOAL, RUNNING
 
+DT, FRAMES = 0.05, 180
+VEHICLE_YIELDS, PEDESTRIAN_YIELDS = "LocationA_PedCross_S-N", "LocationA_PedCross_N-S"
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 SimulatedTick = tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]]
 
 
@@ -54,17 +64,111 @@ def simulate() -> Callable[..., Iterator[SimulatedTick]]:
 @pytest.fixture(scope="session")
 def own_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag of the episodes 1:0, 6:4 and 1:2, one after the other, by the rule-based pair; not to be changed."""
-    from vpsci_ros.data.bag_run import node_record
+    from vpsci_ros.bags.run_record import node_record
     from vpsci_ros.generate.bag import write_ticks
-    from vpsci_ros.learning.rollout import rollout
     from vpsci_ros.world import World, WorldConfig, load_scenarios
-    from vpsci_ros.world.monitor import MonitorConfig
+    from vpsci_ros.world.loop import Loop
 
-    config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot")
+    drivers = {"vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"}
+    config = WorldConfig(spawn="paper", episode_time=10.0, **drivers)
     queue = [(1, 0), (6, 4), (1, 2)]
     world = World(config, load_scenarios([1, 6]), queue, 1, 3)
     run = {"seed": 3, "scenarios": [1, 6], "batch": 1, "queue": queue}
     nodes = [node_record("world_simulator", asdict(config) | run), node_record("safety_monitor", {})]
     bag = tmp_path_factory.mktemp("own") / "bag"
-    write_ticks(rollout(world, MonitorConfig(), {}), config, bag, {}, nodes)
+    write_ticks(Loop(world), config, bag, {}, nodes)
     return bag
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> None:
+    """Have torch, where a test's room uses it, take one thread: small networks only wait for each other in two."""
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """Folder with vci_dut and vci_citr: VPSCI_DATA, or shared/data beside the repository."""
+    folder = Path(os.environ.get("VPSCI_DATA", Path(__file__).parents[2] / "shared" / "data"))
+    if not (folder / "vci_dut").is_dir() or not (folder / "vci_citr").is_dir():
+        pytest.skip(f"no real recordings in {folder}; set VPSCI_DATA")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def near_misses():
+    return synthetic_near_misses(interactions=16, seed=3).table
+
+
+@pytest.fixture(scope="session")
+def networks():
+    """Return the function that makes networks whose actors act strongly, with a normalisation that does something."""
+    return _networks
+
+
+def _networks(config: NetworkConfig = SMALL, seed: int = 0, gain: float = 200.0):
+    import torch
+
+    from vpsci_ros.learning.networks import Networks
+
+    torch.manual_seed(seed)
+    made = Networks(config)
+    rng = np.random.default_rng(seed)
+    made.set_statistics(
+        {agent: rng.normal(1.0, 2.0, (50, 6)).astype(np.float32) for agent in AGENTS},
+        {agent: rng.normal(0.0, 1.0, (50, 2)).astype(np.float32) for agent in AGENTS},
+        0.3,
+    )
+    with torch.no_grad():
+        for agent in AGENTS:
+            made.actor[agent].head[-1].weight.mul_(gain)
+    return made
+
+
+def motion(speed: np.ndarray) -> np.ndarray:
+    """Return the way [m] that lies behind at each frame at these speeds [m/s]."""
+    return np.concatenate([[0.0], np.cumsum(speed[:-1])]) * DT
+
+
+def encounter(vehicle_yields: bool, n: int, scenario: int, least: np.ndarray) -> EpisodeBatch:
+    """Return n episodes: a car along y = 0 to x = 25 m, a pedestrian up x = 20 m; who yields stands in the middle."""
+    t = np.arange(FRAMES) * DT
+    pause = 1.0 - 0.98 * np.clip((t - 2.0) / 0.8, 0.0, 1.0) + 0.98 * np.clip((t - 6.0) / 0.8, 0.0, 1.0)
+    drive, walk = (5.0 * pause, 1.4 + 0.0 * t) if vehicle_yields else (5.0 + 0.0 * t, 1.4 * pause)
+    values = np.zeros((n, FRAMES, 10), np.float32)
+    values[..., 0] = motion(drive)
+    values[..., 2] = drive
+    values[..., 4] = 20.0
+    values[..., 5] = -4.5 + motion(walk)
+    values[..., 7] = walk
+    values[..., 8] = np.hypot(values[..., 0] - 20.0, values[..., 5])
+    values[..., 9] = np.where((t > 1.5) & (t < 3.0), least[:, None], np.inf)
+    outcome = np.full(n, GOAL, np.uint8)
+    outcome[-1] = COLLISION
+    numbers = np.arange(n, dtype=np.int64)
+    return EpisodeBatch(
+        np.full(n, scenario, np.uint8), numbers, outcome, np.full(n, FRAMES), values, np.zeros(256, np.int64)
+    )
+
+
+@pytest.fixture(scope="session")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a dataset of 4, 3 and 1 episodes; one of the second scenario, and the third's, never are critical."""
+    folder = tmp_path_factory.mktemp("analysis") / "dataset"
+    with DatasetWriter(folder, {1: VEHICLE_YIELDS, 2: PEDESTRIAN_YIELDS, 3: "empty"}, {}, period=DT) as writer:
+        writer.add(encounter(True, 4, 1, np.array([1.0, 2.0, 3.0, 4.0])))
+        writer.add(encounter(False, 3, 2, np.array([9.0, 2.5, 1.5])))
+        writer.add(encounter(True, 1, 3, np.array([7.0])))
+        writer.close()
+    return folder
+
+
+@pytest.fixture(scope="session")
+def harmless_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a dataset of one episode that never was critical, so that none was kept."""
+    folder = tmp_path_factory.mktemp("analysis") / "harmless"
+    with DatasetWriter(folder, {1: VEHICLE_YIELDS}, {}, period=DT) as writer:
+        writer.add(encounter(True, 1, 1, np.array([7.0])))
+        writer.close()
+    return folder

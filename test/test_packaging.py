@@ -32,7 +32,8 @@ REQUIREMENTS = [
 # Names that differ between an import and the package that brings it: (requirement in setup.py, key of rosdep or None).
 NAMES = {"yaml": ("pyyaml", "python3-yaml"), "rosbags": ("rosbags", "python3-rosbags-pip")}
 NO_ROSDEP_KEY = {"mcap", "polars", "pyarrow", "safetensors", "zstandard"}
-OPTIONAL = {"gymnasium", "pettingzoo", "PIL", "ray"}  # extras: vpsci_ros/envs, and generation on a cluster
+OPTIONAL = {"gymnasium", "pettingzoo", "PIL", "ray", "sklearn"}  # extras: envs, generation on a cluster, realism
+OPTIONAL |= {"commonroad", "google", "osi3", "osi_utilities", "scenariogeneration"}  # and formats of vpsci_ros/export
 NOT_REQUIRED = {"builtin_interfaces", "rcl_interfaces", "vpsci_msgs"}  # they come with rclpy and with this repository
 ROS = {"domain_coordinator", "launch", "launch_ros", "rclpy", "std_srvs"}  # and whatever ends in _msgs or _interfaces
 
@@ -157,8 +158,12 @@ def test_installed_messages_are_those_of_the_source_tree():
 def wheel(tmp_path_factory):
     """A wheel of this source tree, made offline in a copy of it."""
     tree = tmp_path_factory.mktemp("source") / "tree"
-    ignored = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "*.egg-info", "test", "bags")
-    shutil.copytree(ROOT, tree, ignore=ignored)
+    ignored = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "*.egg-info")
+    shutil.copytree(
+        ROOT,
+        tree,
+        ignore=lambda folder, names: ignored(folder, names) | ({"bags", "test"} if Path(folder) == ROOT else set()),
+    )
     pip_wheel = [sys.executable, "-m", "pip", "-qq", "wheel", "--no-deps", "--no-build-isolation"]
     subprocess.run([*pip_wheel, "-w", tree / "dist", tree], check=True, timeout=300)
     (path,) = (tree / "dist").glob("*.whl")
@@ -177,9 +182,10 @@ def test_a_wheel_holds_what_ros2_run_and_ros2_launch_look_for(wheel):
         assert mode & 0o111 == 0o111, executable
 
 
-def test_a_wheel_holds_every_module_and_model(wheel):
+def test_a_wheel_holds_every_module_model_and_template(wheel):
     models = (path for pattern in ("*.safetensors", "*.md") for path in (ROOT / "vpsci_ros/models").glob(pattern))
-    for path in [*(ROOT / "vpsci_ros").rglob("*.py"), *models]:
+    templates = (ROOT / "vpsci_ros").glob("*/templates/*")
+    for path in [*(ROOT / "vpsci_ros").rglob("*.py"), *models, *templates]:
         assert str(path.relative_to(ROOT)) in wheel.namelist()
 
 

@@ -6,7 +6,16 @@ import pytest
 import yaml
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import as_ros_parameters, build, load_parameter_file, markdown_table, parameter, table
+from vpsci_ros.parameters import (
+    as_ros_parameters,
+    build,
+    check_sections,
+    markdown_table,
+    parameter,
+    read_parameter_file,
+    table,
+    values_of,
+)
 
 
 @dataclass(frozen=True)
@@ -22,6 +31,10 @@ class Example:
 
 
 SECTIONS = {"node": (Example,), "other": (Example,)}
+
+
+def loaded(path):
+    return check_sections(read_parameter_file(path), SECTIONS, path)
 
 
 def test_missing_keys_take_the_declared_defaults() -> None:
@@ -61,7 +74,7 @@ def test_a_bad_value_is_refused_with_place_expectation_and_value(values: dict, m
 def test_a_file_section_wins_over_the_section_for_every_node(tmp_path) -> None:
     path = tmp_path / "p.yaml"
     path.write_text("/**: {ros__parameters: {count: 5}}\nnode: {ros__parameters: {count: 7}}\n")
-    assert load_parameter_file(path, SECTIONS) == {"node": {"count": 7}, "other": {"count": 5}}
+    assert loaded(path) == {"node": {"count": 7}, "other": {"count": 5}}
 
 
 @pytest.mark.parametrize(
@@ -79,7 +92,7 @@ def test_a_bad_file_is_refused_by_name(tmp_path, text: str, message: str) -> Non
     path = tmp_path / "p.yaml"
     path.write_text(text)
     with pytest.raises(InvalidInput) as caught:
-        load_parameter_file(path, SECTIONS)
+        loaded(path)
     assert str(path) in str(caught.value)
     assert message in str(caught.value)
 
@@ -89,12 +102,12 @@ def test_a_section_for_any_namespace_is_the_nodes(tmp_path) -> None:
     layout = as_ros_parameters({"node": {"gain": 0.5}, "other": {"count": 7}}, any_namespace=True)
     assert list(layout) == ["/**/node", "/**/other"]
     path.write_text(yaml.safe_dump(layout))
-    assert load_parameter_file(path, SECTIONS) == {"node": {"gain": 0.5}, "other": {"count": 7}}
+    assert loaded(path) == {"node": {"gain": 0.5}, "other": {"count": 7}}
 
 
 def test_a_missing_file_says_where_the_packages_own_are(tmp_path) -> None:
     with pytest.raises(InvalidInput, match="no such parameter file; the package's own are in params/"):
-        load_parameter_file(tmp_path / "none.yaml", SECTIONS)
+        loaded(tmp_path / "none.yaml")
 
 
 def test_the_markdown_table_has_a_row_for_each_parameter() -> None:
@@ -110,3 +123,35 @@ def test_a_field_that_ros_cannot_hold_is_a_programming_error() -> None:
 
     with pytest.raises(TypeError, match="cannot be a ROS 2 parameter"):
         table(Wrong)
+
+
+@dataclass(frozen=True)
+class Inner:
+    start: float = parameter(0.5, "where it starts", low=0.0, high=1.0)
+    kinds: list[str] = parameter([], "kinds")
+
+
+@dataclass(frozen=True)
+class Outer:
+    count: int = parameter(1, "a count")
+    inner: Inner = Inner()
+
+
+def test_a_group_has_parameters_with_dots_which_are_built_and_taken_apart_again() -> None:
+    assert [row.name for row in table(Outer)] == ["count", "inner.start", "inner.kinds"]
+    built = build(Outer, {"inner.start": 1}, "here")
+    assert built == Outer(1, Inner(1.0, []))
+    assert build(Outer, values_of(built), "here") == built
+    with pytest.raises(InvalidInput, match=r"here: inner.start = 2.0 is out of range; expected 0 to 1"):
+        build(Outer, {"inner.start": 2.0}, "here")
+
+
+def test_groups_are_written_as_mappings(tmp_path) -> None:
+    layout = as_ros_parameters({"node": values_of(Outer())})
+    assert layout == {"node": {"ros__parameters": {"count": 1, "inner": {"start": 0.5}}}}
+    path = tmp_path / "params.yaml"
+    path.write_text(yaml.safe_dump(layout))
+    assert check_sections(read_parameter_file(path), {"node": (Outer,)}, path)["node"] == {
+        "count": 1,
+        "inner.start": 0.5,
+    }

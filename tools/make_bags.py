@@ -19,14 +19,15 @@ from pathlib import Path
 
 import yaml
 
-from vpsci_ros import config
-from vpsci_ros.analysis.bag_verify import verify_bag
+from vpsci_ros.bags.verify import verify_bag
+from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.simulate import Simulator
+from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import Processes, resolve
-from vpsci_ros.nodes.watch import WATCH
 from vpsci_ros.parameters import as_ros_parameters
+from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world.state import ENDED, GOAL, OUTCOME_NAMES
 
 STAGE = "params/stage3_generate.yaml"
@@ -36,9 +37,9 @@ LARGEST = 200_000  # bytes
 PATIENCE = 120.0  # [s] for one run of the graph
 
 
-def telling_episode(sections: dict, scenario: int, look: int) -> tuple[int, str, float]:
+def telling_episode(sections: Sections, scenario: int, look: int) -> tuple[int, str, float]:
     """Return number, outcome and least CurvTTC [s] of the episode to record."""
-    sections["world_simulator"] |= {"scenarios": [scenario]}
+    sections = sections.changed("world_simulator", {"scenarios": [scenario]})
     found, critical = {}, Counter()
     for tick in Simulator(job_from(sections), 64).ticks((scenario, number) for number in range(look)):
         critical.update(tick.state["episode"][tick.critical].tolist())
@@ -48,20 +49,21 @@ def telling_episode(sections: dict, scenario: int, look: int) -> tuple[int, str,
     return best, OUTCOME_NAMES[found[best][0]], found[best][1]
 
 
-def record(sections: dict, episode: int, bag: Path) -> None:
+def record(sections: Sections, episode: int, bag: Path) -> None:
     """Run the graph over one episode and leave its bag in folder `bag`.
 
     :raises VpsciError: a node failed, or the run took too long.
     """
-    sections["world_simulator"] |= {"first_episode": episode, "episodes": 1, "batch": 1}
+    sections = sections.changed("world_simulator", {"first_episode": episode, "episodes": 1, "batch": 1})
     with tempfile.TemporaryDirectory() as folder:
         resolved = resolve(sections, Path(folder))
-        for node in resolved["graph"]["nodes"]:
-            resolved[node]["peers"] = [name for name in resolved[node]["peers"] if name != WATCH]
-        resolved["recorder"] |= {"bag": str(bag), "chunk_size": 1024}
+        nodes = resolved.get(GraphConfig, "graph").nodes
+        for node in nodes:
+            resolved = resolved.changed(node, {"peers": list(nodes)})  # ours: nobody watches
+        resolved = resolved.changed("recorder", {"bag": str(bag), "chunk_size": 1024})
         parameters = Path(folder) / "params.yaml"
-        parameters.write_text(yaml.safe_dump(as_ros_parameters(resolved)), encoding="utf-8")
-        with Processes(resolved["graph"]["nodes"], parameters, Path(folder) / "log") as processes:
+        parameters.write_text(yaml.safe_dump(as_ros_parameters(resolved.values)), encoding="utf-8")
+        with Processes(nodes, parameters, Path(folder) / "log") as processes:
             begun = time.monotonic()
             while not (ended := processes.ended()):
                 if time.monotonic() - begun > PATIENCE:
@@ -103,12 +105,12 @@ def main() -> int:
     return 0
 
 
-def sections_of(given: argparse.Namespace) -> dict:
+def sections_of(given: argparse.Namespace) -> Sections:
     """Return the sections of stage 3's parameter file with the seed and weights that were asked for."""
-    sections = config.load(Path(__file__).parents[1] / STAGE)
-    sections["world_simulator"]["seed"] = given.seed
+    sections = load(Path(__file__).parents[1] / STAGE)
+    sections = sections.changed("world_simulator", {"seed": given.seed})
     for node in ("vehicle_policy", "pedestrian_policy"):
-        sections[node]["weights"] = given.weights
+        sections = sections.changed(node, {"weights": given.weights})
     return sections
 
 

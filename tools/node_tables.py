@@ -4,7 +4,7 @@
 import sys
 from pathlib import Path
 
-from vpsci_ros.config import SECTIONS
+from vpsci_ros.cli.parameter_file import ELSEWHERE
 from vpsci_ros.nodes.topics import SERVICES, TOPICS
 from vpsci_ros.parameters import markdown_table
 
@@ -14,7 +14,10 @@ INTRODUCTION = """# Nodes: topics and parameters
 Written from the code by `tools/node_tables.py`; a test holds it to the code. `params/*.yaml` set these parameters;
 `ros2 run vpsci_ros NODE --ros-args -p NAME:=VALUE`, `vpsci node NODE --ros-args ...` and
 `vpsci graph --set NODE.NAME=VALUE` override them. A name that no node has, a wrong type or a value out of range ends
-the node with a message that says so.
+the node with a message that says so, and so does a name in a file that nothing reads in the stage that it is for: the
+message names the stage that does, or the parameter's name of today if the file is older. A name with a dot is one of a
+group, which a file may write as a mapping (`noise: {start: 0.1}`). What several nodes have, such as `seed` and `noise`,
+stands once, in the section `/**`, which ROS 2 hands to every node.
 """
 
 NOTES = """
@@ -32,6 +35,11 @@ NOTES = """
 - A policy that is killed and started again within `action_timeout` (the node alone, while the others wait) leaves the
   same bag: it asks the world for the frames that it has not seen and goes on as if it had been there.
   `graph.restarts` has `vpsci graph` do so by itself.
+- With one episode at a time (`batch: 1`) the world also publishes both odometries and `/markers`, for as long as
+  anybody listens, for RViz and Foxglove (a layout is in `docs/foxglove_layout.json`). Frames are `map`,
+  `vehicle/base_link` and `pedestrian/base_link`.
+- The world ends with its episodes; the other nodes stay, for a next world, until Ctrl-C. Discovery stays on this
+  machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` says otherwise.
 - Parameters marked "running" may be set on the running node (`ros2 param set`); the others are read-only.
 """
 
@@ -50,8 +58,13 @@ def page() -> str:
         kind = f"{package}/{service.type.__name__}"
         parts.append(f"| `{service.name}` | {kind} | `{service.server}` | {service.description} |")
     parts.append(NOTES)
-    for node, classes in SECTIONS.items():
-        parts.append(f"\n## {node}\n")
+    tables = {
+        f"{section}, {stage.name}" if section == "learner" else section: classes
+        for stage in ELSEWHERE
+        for section, classes in stage.sections.items()
+    }
+    for title, classes in tables.items():
+        parts.append(f"\n## {title}\n")
         for config in classes:
             parts += [" ".join((config.__doc__ or "").split()) + "\n", markdown_table(config), ""]
     return "\n".join(parts).replace("\n\n\n", "\n\n").rstrip() + "\n"

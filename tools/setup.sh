@@ -64,14 +64,14 @@ fi
 mkdir -p "$venv/.done"
 pip="$venv/bin/python -m pip -qq --disable-pip-version-check"
 
-if ! is_done packages constraints.txt setup.py setup.cfg pyproject.toml; then
+if ! is_done packages constraints.txt setup.py setup.cfg pyproject.toml tools/setup.sh; then
     headers=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
     [ -f "$headers/Python.h" ] ||
         fail "vpsci_ros needs Python's headers to build its messages, and $headers/Python.h is not there: install them \
 (python3-dev on Debian and Ubuntu)"
     say "installing packages, about 500 MB (minutes)"
     $pip install -c constraints.txt pip setuptools wheel
-    $pip install -c constraints.txt --no-build-isolation -e '.[ros,messages,rl,test]'
+    $pip install -c constraints.txt --no-build-isolation -e '.[ros,messages,rl,realism,test]'
     done_now
 fi
 

@@ -7,3 +7,7 @@ class VpsciError(Exception):
 
 class InvalidInput(VpsciError, ValueError):
     """Data, a parameter or a file does not hold what was promised (also a `ValueError`)."""
+
+
+class Stopped(Exception):
+    """Raised by a `report` callback to stop a run, which then writes a checkpoint to go on from; no error."""

@@ -1,7 +1,8 @@
 """Parameters as one table: a frozen dataclass per room, declared once, read from ROS 2 parameter files.
 
-A configuration class lists its fields with `parameter(...)`. The same fields are checked here when a YAML file is
-read (`build`), declared on nodes (`vpsci_ros.nodes.declare`), and printed in the README, so that name, default, unit
+A configuration class lists its fields with `parameter(...)`; a field whose type is another configuration class is a
+group, and its parameters are named with a dot (`noise.start`), as ROS 2 names nested ones. The same fields are checked
+here when a YAML file is read (`build`), declared on nodes, and printed in docs/nodes.md, so that name, default, unit
 and range are written down exactly once. Parameter files have the layout of ROS 2, so that the same file serves
 `ros2 run ... --ros-args --params-file FILE`, `vpsci graph --params FILE` and the commands that run in process.
 """
@@ -10,6 +11,7 @@ import dataclasses
 import difflib
 import math
 from collections.abc import Mapping
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -51,18 +53,22 @@ class Parameter:
             raise InvalidInput(f"{where}: {self.name} must be {_type_name(self.type)}, got {value!r}")
         for item in value if isinstance(value, list) else [value]:
             if isinstance(item, float) and math.isnan(item):
-                raise InvalidInput(f"{where}: {self.name} is not a number; give a value in {self.unit or 'range'}")
-            if isinstance(item, (int, float)) and not isinstance(item, bool):
-                low = -math.inf if self.low is None else self.low
-                high = math.inf if self.high is None else self.high
-                if not low <= item <= high:
-                    bounds = f"{low:g} to {high:g} {self.unit}".rstrip()
-                    raise InvalidInput(f"{where}: {self.name} = {item} is out of range; expected {bounds}")
+                raise InvalidInput(f"{where}: {self.name} is not a number; expected {self._range()}")
+            low, high = self._bounds()
+            if isinstance(item, (int, float)) and not isinstance(item, bool) and not low <= item <= high:
+                raise InvalidInput(f"{where}: {self.name} = {item} is out of range; expected {self._range()}")
             if self.choices is not None and item not in self.choices:
                 raise InvalidInput(
                     f"{where}: {self.name} = {item!r} is unknown; expected one of {', '.join(self.choices)}"
                 )
         return value
+
+    def _bounds(self) -> tuple[float, float]:
+        return -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
+
+    def _range(self) -> str:
+        low, high = self._bounds()
+        return f"{low:g} to {high:g} {self.unit}".rstrip()
 
 
 def parameter(
@@ -90,16 +96,26 @@ def parameter(
 
 
 def table(config: type) -> list[Parameter]:
-    """Return the parameter table of a configuration class, in the order of its fields."""
+    """Return the parameter table of a configuration class, in the order of its fields, those of its groups in place."""
     hints = get_type_hints(config)
     rows = []
     for field in dataclasses.fields(config):
-        if hints[field.name] not in _TYPES:
-            raise TypeError(f"{config.__name__}.{field.name}: {hints[field.name]} cannot be a ROS 2 parameter")
+        kind = hints[field.name]
+        if dataclasses.is_dataclass(kind):
+            group = table(kind)  # type: ignore[arg-type]
+            rows += [dataclasses.replace(row, name=f"{field.name}.{row.name}") for row in group]
+            continue
+        if kind not in _TYPES:
+            raise TypeError(f"{config.__name__}.{field.name}: {kind} cannot be a ROS 2 parameter")
         factory = field.default_factory
         default = field.default if factory is dataclasses.MISSING else factory()
-        rows.append(Parameter(field.name, hints[field.name], default, **field.metadata))
+        rows.append(Parameter(field.name, kind, default, **field.metadata))
     return rows
+
+
+def values_of(*configs: Any) -> dict[str, Any]:
+    """Return the values of configuration objects by the names of their parameters."""
+    return {row.name: attrgetter(row.name)(config) for config in configs for row in table(type(config))}
 
 
 def build(config: type[T], values: Mapping[str, Any], where: str) -> T:
@@ -112,61 +128,118 @@ def build(config: type[T], values: Mapping[str, Any], where: str) -> T:
     refuse_unknown(values, rows, where)
     checked = {name: rows[name].check(value, where) for name, value in values.items()}
     try:
-        return config(**checked)
+        return _made(config, checked)
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
+
+
+def pick(config: type[T], values: Mapping[str, Any], where: str) -> T:
+    """Build one of a section's configuration classes from the section's values."""
+    names = {row.name for row in table(config)}
+    return build(config, {name: value for name, value in values.items() if name in names}, where)
+
+
+def _made(config: type[T], values: Mapping[str, Any]) -> T:
+    arguments: dict[str, Any] = {name: value for name, value in values.items() if "." not in name}
+    for name, kind in get_type_hints(config).items():
+        if dataclasses.is_dataclass(kind):
+            front = f"{name}."
+            group = {key.removeprefix(front): value for key, value in values.items() if key.startswith(front)}
+            arguments[name] = _made(kind, group)  # type: ignore[arg-type]
+    return config(**arguments)
+
+
+def flat(tree: Mapping[Any, Any]) -> dict[str, Any]:
+    """Return the values of nested mappings by their names with dots, as ROS 2 reads them."""
+    values: dict[str, Any] = {}
+    for key, value in tree.items():
+        below = flat(value) if isinstance(value, Mapping) else None
+        values |= {str(key): value} if below is None else {f"{key}.{name}": part for name, part in below.items()}
+    return values
+
+
+def nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by names with dots as nested mappings, as people write them."""
+    tree: dict[str, Any] = {}
+    for name, value in values.items():
+        *groups, last = name.split(".")
+        branch = tree
+        for group in groups:
+            branch = branch.setdefault(group, {})
+        branch[last] = value
+    return tree
 
 
 def refuse_unknown(values: Mapping[str, Any], known: Mapping[str, Any], where: str) -> None:
     """Raise `InvalidInput` naming the first key of `values` that is not in `known`, with the nearest known name."""
     for name in values:
+        below = [key for key in known if key.startswith(f"{name}.")]
+        if below:
+            raise InvalidInput(f"{where}: {name} is a group of parameters, got one value; expected {', '.join(below)}")
         if name not in known:
             near = difflib.get_close_matches(name, known, 1)
             hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(sorted(known))}"
             raise InvalidInput(f"{where}: unknown parameter {name!r}; {hint}")
 
 
-def load_parameter_file(path: str | Path, configs: Mapping[str, tuple[type, ...]]) -> dict[str, dict[str, Any]]:
-    """Read a ROS 2 parameter file and return the values of every section in `configs`, `/**` merged in.
+def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
+    """Read a ROS 2 parameter file: section -> name of a parameter -> value, nothing of it checked yet.
 
-    :param configs: section (node) name -> the configuration classes whose fields the section may hold.
-    :raises InvalidInput: unreadable YAML, an unknown section or key, wrong types or ranges.
+    :raises InvalidInput: not readable as YAML, or not laid out as a parameter file.
     """
-    path = Path(path)
     try:
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InvalidInput(f"{path}: no such parameter file; the package's own are in params/") from None
     except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
-        raise InvalidInput(f"{path}: not readable as YAML: {error}") from None
+        raise InvalidInput(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from None
     if not isinstance(document, dict):
-        raise InvalidInput(f"{path}: expected sections 'node: ros__parameters: ...', got {type(document).__name__}")
-    known = {name: {row.name: row for config in classes for row in table(config)} for name, classes in configs.items()}
+        raise InvalidInput(f"{path}: expected sections 'node: ros__parameters: ...', got {_said(document)}")
     sections: dict[str, dict[str, Any]] = {}
     for key, section in document.items():
-        where = f"{path}, {key}"
         name = str(key).removeprefix(f"{EVERY_NODE}/")  # in any namespace
-        if name != EVERY_NODE and name not in known:
-            raise InvalidInput(f"{where}: unknown section; expected {EVERY_NODE} or one of {', '.join(known)}")
         body = section.get("ros__parameters") if isinstance(section, dict) and len(section) == 1 else None
         if not isinstance(body, dict):
-            raise InvalidInput(f"{where}: expected one key ros__parameters with a mapping below it, got {section!r}")
-        rows = {k: v for n in known for k, v in known[n].items()} if name == EVERY_NODE else known[name]
-        refuse_unknown(body, rows, where)
-        checked = {key: rows[key].check(value, where) for key, value in body.items()}
-        sections[name] = sections.get(name, {}) | checked
-    shared = sections.pop(EVERY_NODE, {})
-    return {name: {k: v for k, v in shared.items() if k in known[name]} | sections.get(name, {}) for name in known}
+            raise InvalidInput(
+                f"{path}, {key}: expected one key ros__parameters with a mapping below it, got {section!r}"
+            )
+        try:
+            sections[name] = sections.get(name, {}) | flat(body)
+        except RecursionError:
+            raise InvalidInput(f"{path}, {key}: a mapping that holds itself; write its parameters out") from None
+    return sections
 
 
-def as_ros_parameters(sections: dict[str, dict[str, Any]], *, any_namespace: bool = False) -> dict[str, Any]:
+def check_sections(
+    sections: Mapping[str, Mapping[str, Any]], configs: Mapping[str, tuple[type, ...]], where: str | Path
+) -> dict[str, dict[str, Any]]:
+    """Return the checked values of every section in `configs`, those of `/**` merged in where they belong.
+
+    :param configs: section (node) name -> the configuration classes whose fields the section may hold.
+    :param where: what the sections come from, the opening of each error message.
+    :raises InvalidInput: an unknown section or key, wrong types or ranges.
+    """
+    known = {name: {row.name: row for config in classes for row in table(config)} for name, classes in configs.items()}
+    everywhere = {key: row for rows in known.values() for key, row in rows.items()}
+    checked: dict[str, dict[str, Any]] = {}
+    for name, values in sections.items():
+        if name != EVERY_NODE and name not in known:
+            raise InvalidInput(f"{where}, {name}: unknown section; expected {EVERY_NODE} or one of {', '.join(known)}")
+        rows = everywhere if name == EVERY_NODE else known[name]
+        refuse_unknown(values, rows, f"{where}, {name}")
+        checked[name] = {key: rows[key].check(value, f"{where}, {name}") for key, value in values.items()}
+    shared = checked.pop(EVERY_NODE, {})
+    return {name: {k: v for k, v in shared.items() if k in known[name]} | checked.get(name, {}) for name in known}
+
+
+def as_ros_parameters(sections: Mapping[str, Mapping[str, Any]], *, any_namespace: bool = False) -> dict[str, Any]:
     """Return sections in the layout of a ROS 2 parameter file; empty lists, which ROS cannot type, are left out.
 
     :param any_namespace: name the nodes so that ROS 2 finds them in whatever namespace.
     """
     prefix = f"{EVERY_NODE}/" if any_namespace else ""
     return {
-        prefix + name: {"ros__parameters": {key: value for key, value in values.items() if value != []}}
+        prefix + name: {"ros__parameters": nested({key: value for key, value in values.items() if value != []})}
         for name, values in sections.items()
     }
 
@@ -185,6 +258,10 @@ def markdown_table(config: type) -> str:
 
 def _bound(value: float | None) -> str:
     return "..." if value is None else f"{value:g}"
+
+
+def _said(document: Any) -> str:
+    return "an empty file" if document is None else type(document).__name__
 
 
 def _type_name(kind: Any) -> str:

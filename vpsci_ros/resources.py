@@ -18,6 +18,19 @@ def params_dir(package: Path = _PACKAGE) -> Path:
     return _data_dir(package, "params", "parameter files")
 
 
+def params_path(name: str | Path, package: Path = _PACKAGE) -> Path:
+    """Return the parameter file that `name` means: a path, or the name of one of the package's ("stage3_generate").
+
+    :raises InvalidInput: there is no such file.
+    """
+    if Path(name).is_file():
+        return Path(name)
+    shipped = {path.stem: path for path in params_dir(package).glob("*.yaml")}
+    if str(name).removesuffix(".yaml") in shipped:
+        return shipped[str(name).removesuffix(".yaml")]
+    raise InvalidInput(f"{name}: no such parameter file; the package's own are {', '.join(sorted(shipped))}")
+
+
 def messages_dir(package: Path = _PACKAGE) -> Path:
     """Return the folder of the message definitions of vpsci_msgs (`*.msg`), which lie as the parameter files do.
 

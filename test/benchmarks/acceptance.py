@@ -7,13 +7,15 @@
 """
 
 import argparse
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import COLLISION, ENDED, RUNNING, World, WorldConfig, load_scenarios, observe
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.tick import Actions
 
 BATCH = 1024
 FRAMES, VEHICLE, PEDESTRIAN = 100, 10.0, 4.0  # at least so many frames, displacements above so many metres
@@ -35,9 +37,9 @@ def judged(config: WorldConfig, episodes: int, seed: int) -> NDArray[np.float64]
         config, load_scenarios(range(1, 9)), ((s, e) for e in range(episodes) for s in range(1, 9)), BATCH, seed
     )
     start, least, rows = np.zeros((4, BATCH)), np.full(BATCH, np.inf), []
+    loop = Loop(world)
     while not world.done:
-        state = world.state
-        curvttc, _, critical = assess(state, MonitorConfig())
+        state, curvttc = world.state, loop.assessment.curvttc
         fresh = (state["status"] == RUNNING) & (state["frame"] == 0)
         now = np.array([state[name] for name in PLACES])
         start[:, fresh], least[fresh] = now[:, fresh], np.inf
@@ -46,7 +48,7 @@ def judged(config: WorldConfig, episodes: int, seed: int) -> NDArray[np.float64]
         over = state["status"] == ENDED
         passed = (least < CRITICAL_TTC, state["frame"] + 1 >= FRAMES, (moved[0] > VEHICLE) & (moved[1] > PEDESTRIAN))
         rows.append(np.array([state["scenario"], *passed, state["outcome"] == COLLISION], float)[:, over].T)
-        world.advance(curvttc, critical, *one_brakes(state))
+        loop.step(Actions(*one_brakes(state)))
     return np.concatenate(rows)
 
 
@@ -56,8 +58,9 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=500, help="of each scenario")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    alone = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot")
-    for name, config in (("rule-based", alone), ("one brakes", WorldConfig())):
+    paper = WorldConfig(spawn="paper", episode_time=10.0)
+    alone = replace(paper, vehicle_driver="autopilot", pedestrian_driver="autopilot")
+    for name, config in (("rule-based", alone), ("one brakes", paper)):
         rows = judged(config, options.episodes, options.seed)
         print(f"{name}\nscenario  critical  long enough  moved  kept  collisions among the kept")
         for scenario in range(1, 9):

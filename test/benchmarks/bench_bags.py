@@ -9,6 +9,7 @@ recorder wrote is compared with the bag, message by message. The control is the 
 
 import argparse
 import io
+import itertools
 import os
 import platform
 import signal
@@ -26,18 +27,17 @@ from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rich.console import Console
 
-from vpsci_ros.analysis.bag_verify import verify_bag
-from vpsci_ros.analysis.export import export_bag
-from vpsci_ros.data.bag_reader import Bag, bag_files
-from vpsci_ros.data.bag_run import node_record
-from vpsci_ros.data.bag_writer import BagTopic, BagWriter
+from vpsci_ros.bags.export import export_bag
+from vpsci_ros.bags.reader import Bag, bag_files
+from vpsci_ros.bags.run_record import node_record
+from vpsci_ros.bags.verify import verify_bag
+from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.generate.bag import write_ticks
-from vpsci_ros.learning.rollout import rollout
 from vpsci_ros.nodes.topics import RECORDING, TOPICS
 from vpsci_ros.parameters import table
-from vpsci_ros.provenance import cpu_name, software_versions
+from vpsci_ros.runs.provenance import cpu_name, software_versions
 from vpsci_ros.world import World, WorldConfig, load_scenarios
-from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.loop import Loop
 
 DRIVERS = {"vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"}
 LIMIT = 60.0  # [s] for one replay
@@ -48,7 +48,7 @@ def make(folder: Path, ticks: int, batch: int) -> Path:
     config = WorldConfig(**DRIVERS)
     queue = [(1 + n % 8, n) for n in range(batch + batch * ticks // 60)]
     world = World(config, load_scenarios(range(1, 9)), queue, batch, 1)
-    steps = (tick for tick, _ in zip(rollout(world, MonitorConfig(), {}), range(ticks), strict=False))
+    steps = itertools.islice(Loop(world), ticks)
     parameters = {row.name: getattr(config, row.name) for row in table(WorldConfig)}
     run = {"seed": 1, "scenarios": list(range(1, 9)), "batch": batch, "queue": queue}
     write_ticks(steps, config, folder, {}, [node_record("world_simulator", parameters | run)])

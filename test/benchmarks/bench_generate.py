@@ -25,16 +25,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from vpsci_ros import config
+from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
 from vpsci_ros.generate import simulate
+from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import Job, Unit, job_from
 from vpsci_ros.generate.run import generate, local_workers
-from vpsci_ros.learning import rollout
-from vpsci_ros.learning.agent import PolicyAgent
-from vpsci_ros.learning.streaming import StreamingActor
+from vpsci_ros.policy.agent import PolicyAgent
+from vpsci_ros.policy.streaming import StreamingActor
 from vpsci_ros.resources import params_dir
-from vpsci_ros.world import World
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.world import World, loop
 
 BATCHES = (64, 128, 256, 512, 1024, 2048)
 
@@ -70,7 +71,7 @@ class Stopwatches:
         setattr(owner, name, timed)
 
 
-def end_to_end(job: Job, values: config.DatasetConfig, episodes: int, workers: int) -> dict[str, float]:
+def end_to_end(job: Job, values: DatasetConfig, episodes: int, workers: int) -> dict[str, float]:
     """Generate a dataset and return its rate, its times and the memory of it."""
     folder = Path(tempfile.mkdtemp())
     targets = {scenario.number: episodes for scenario in job.scenarios}
@@ -129,17 +130,16 @@ def breakdown(job: Job, batch: int, episodes: int, watches: Stopwatches) -> dict
     }
 
 
-def through_graph(sections: dict[str, dict[str, Any]], episodes: int) -> dict[str, float]:
+def through_graph(sections: Sections, episodes: int) -> dict[str, float]:
     """Run so many episodes of each scenario through the nodes, export the bag, and return the rate."""
     from domain_coordinator import domain_id
     from rich.console import Console
 
-    from vpsci_ros.analysis.export import export_bag
+    from vpsci_ros.bags.export import export_bag
     from vpsci_ros.nodes.graph import run_graph
 
     folder = Path(tempfile.mkdtemp())
-    sections = {name: dict(values) for name, values in sections.items()}
-    sections["world_simulator"] |= {"episodes": episodes, "batch": 1024}
+    sections = sections.changed("world_simulator", {"episodes": episodes, "batch": 1024})
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     begin = time.perf_counter()
     with domain_id() as number:
@@ -173,10 +173,10 @@ def main() -> None:
     arguments.add_argument("--graph", action="store_true")
     arguments.add_argument("--json", type=Path)
     options = arguments.parse_args()
-    sections = config.load(params_dir() / "stage3_generate.yaml")
+    sections = load(params_dir() / "stage3_generate.yaml")
     for agent in ("vehicle", "pedestrian"):
-        sections[f"{agent}_policy"]["weights"] = options.weights
-    job, values = job_from(sections), config.pick(config.DatasetConfig, sections["dataset"], "dataset")
+        sections = sections.changed(f"{agent}_policy", {"weights": options.weights})
+    job, values = job_from(sections), sections.get(DatasetConfig, "dataset")
 
     run = end_to_end(job, values, options.episodes, options.workers)
     print(
@@ -188,7 +188,7 @@ def main() -> None:
     watches = Stopwatches()
     watches.count_steps()
     watches.watch(PolicyAgent, "act", "policy")
-    watches.watch(rollout, "assess", "CurvTTC")
+    watches.watch(loop, "assess", "CurvTTC")
     watches.watch(World, "advance", "world")
     watches.watch(simulate.EpisodeFrames, "add", "collecting")
     watches.watch(simulate, "judge", "collecting")

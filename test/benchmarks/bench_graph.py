@@ -19,15 +19,17 @@ from typing import Any
 
 from domain_coordinator import domain_id
 
-from vpsci_ros.config import RunConfig, WorldConfig, pick
-from vpsci_ros.learning.rollout import policies, rollout
-from vpsci_ros.learning.weights import load_weights
 from vpsci_ros.nodes.composed import composed
 from vpsci_ros.nodes.graph import resolve, run_graph
-from vpsci_ros.provenance import software_versions
+from vpsci_ros.policy.agent import policies
+from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
+from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import World, load_scenarios
-from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.config import WorldConfig
+from vpsci_ros.world.loop import Loop
 
 EPISODE_TICKS = 200  # at most; with the default episode_time
 TRANSPORTS = {"shared memory": "DEFAULT", "UDP": "UDPv4"}  # FASTDDS_BUILTIN_TRANSPORTS; its default takes shared memory
@@ -35,7 +37,7 @@ RULES = {"vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"}
 POLICIES = ("vehicle_policy", "pedestrian_policy")
 
 
-def sections(batch: int, ticks: int, weights: str, *, acting: bool, recorder: bool, executor: str) -> dict[str, Any]:
+def sections(batch: int, ticks: int, weights: str, *, acting: bool, recorder: bool, executor: str) -> Sections:
     """Return parameters of a run of about `ticks` ticks."""
     scenarios = [1] if batch == 1 else [1, 2, 3, 4, 5, 6, 7, 8]
     episodes = max(1, batch * ticks // EPISODE_TICKS // len(scenarios))
@@ -45,10 +47,10 @@ def sections(batch: int, ticks: int, weights: str, *, acting: bool, recorder: bo
     chosen["world_simulator"] |= {} if acting else RULES
     for policy in POLICIES * acting:
         chosen[policy]["weights"] = weights
-    return chosen | {"graph": {"nodes": nodes}}
+    return Sections(chosen | {"graph": {"nodes": nodes}})
 
 
-def separate(chosen: dict[str, Any], folder: Path) -> float:
+def separate(chosen: Sections, folder: Path) -> float:
     """Return the ticks per second of a graph in separate processes."""
     result = run_graph(chosen, folder, quiet=True)
     if result.error:
@@ -56,19 +58,18 @@ def separate(chosen: dict[str, Any], folder: Path) -> float:
     return result.progress["world_simulator.ticks_per_second_mean"]
 
 
-def in_one_process(chosen: dict[str, Any], folder: Path) -> float:
+def in_one_process(chosen: Sections, folder: Path) -> float:
     """Return the ticks per second of a graph composed in this process."""
     with composed(resolve(chosen, folder)) as nodes:
         return float(dict(nodes["world_simulator"].status())["ticks_per_second_mean"])
 
 
-def engine(chosen: dict[str, Any], weights: str) -> float:
+def engine(chosen: Sections, weights: str) -> float:
     """Return the ticks per second of the same episodes without nodes."""
-    values = chosen["world_simulator"]
-    run, config = pick(RunConfig, values, "benchmark"), pick(WorldConfig, values, "benchmark")
+    run, config = chosen.get(RunConfig, "world_simulator"), chosen.get(WorldConfig, "world_simulator")
     world = World(config, load_scenarios(run.scenarios), run.queue(), run.batch, run.seed)
-    agents = policies(load_weights(weights_path(weights)), world, seed=1, explore=False)
-    steps = rollout(world, MonitorConfig(), agents)
+    agents = policies(load_weights(weights_path(weights)), world)
+    steps = iter(Loop(world, agents=agents))
     next(steps)  # compilation is not what is measured
     begun = time.perf_counter()
     count = sum(1 for _ in steps)

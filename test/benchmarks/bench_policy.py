@@ -14,11 +14,11 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from vpsci_ros.learning.actor import Actor
-from vpsci_ros.learning.config import NetworkConfig
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.sst import StepState
-from vpsci_ros.learning.streaming import StreamingActor
+from vpsci_ros.policy.actor import Actor
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.sst import StepState
+from vpsci_ros.policy.streaming import StreamingActor
 
 BATCHES = (1, 64, 1024, 4096)
 WARM = 12  # steps before the clock starts, so that the attention window is full

@@ -17,7 +17,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +26,14 @@ import torch
 
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.synthetic import synthetic_near_misses
-from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
+from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.transitions import TRANSITION
-from vpsci_ros.provenance import cpu_name, software_versions
+from vpsci_ros.parameters import build
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.runs.provenance import cpu_name, software_versions
 
 WARM = 3
 EPISODES = 3000  # Table 8
@@ -46,11 +47,11 @@ def rows() -> list[tuple[str, str, dict[str, Any]]]:
     closed, ddpg = {"objective": "closed_loop"}, {"objective": "ddpg"}
     found: list[tuple[str, str, dict[str, Any]]] = [("", "1", closed), ("", "1", ddpg), ("", "2", {})]
     for objective in (closed, ddpg):
-        found += [("batch", "1", objective | {"batch_size": n}) for n in SIZES]
-    found += [("batch", "1", closed | {"rollouts": n}) for n in (8, 32, 128)]
-    found += [("batch", "2", {"batch_size": n}) for n in SIZES]
+        found += [("batch", "1", objective | {"replay.batch_size": n}) for n in SIZES]
+    found += [("batch", "1", closed | {"imitation.rollouts": n}) for n in (8, 32, 128)]
+    found += [("batch", "2", {"replay.batch_size": n}) for n in SIZES]
     found += [("length", "1", ddpg | {"steps": n}) for n in LENGTHS]
-    found += [("length", "1", closed | {"rollout_steps": n}) for n in (5, 15, 30)]
+    found += [("length", "1", closed | {"imitation.rollout_steps": n}) for n in (5, 15, 30)]
     found += [("length", "2", {"steps": n}) for n in LENGTHS]
     return found
 
@@ -72,7 +73,7 @@ def stage_1(table: pl.DataFrame, updates: int, steps: int | None = None, **setti
         table = long.filter((pl.col("curvttc") < 5.0).any().over("interaction"))
         if table.is_empty():
             raise SystemExit(f"no near miss has {steps} steps")
-    config = replace(PretrainConfig(), episodes=WARM + updates, held_out_fraction=0.0, **settings)
+    config = build(PretrainConfig, {"episodes": WARM + updates, "held_out_fraction": 0.0} | settings, "benchmark")
     times: list[Clock] = []
     with tempfile.TemporaryDirectory() as folder:
         options = {"seed": 1, "out_dir": Path(folder), "report": lambda _: times.append(clock())}
@@ -83,7 +84,8 @@ def stage_1(table: pl.DataFrame, updates: int, steps: int | None = None, **setti
 def stage_2(table: pl.DataFrame, updates: int, steps: int = 20, **settings: object) -> Clock:
     """Time updates of stage 2 with simulated histories of `steps` steps, rehearsal of real near misses included."""
     torch.manual_seed(1)
-    config = RefineConfig(critic_warm_up=0, updates_per_refresh=10**6, warm_up_steps=1, **settings)
+    quick = {"ddpg.critic_warm_up": 0, "refresh.updates": 10**6, "updates.warm_up_steps": 1}
+    config = build(RefineConfig, quick | settings, "benchmark")
     refiner = Refiner(config, Networks(NetworkConfig()).weights({}, {}), table, seed=1)
     made = np.zeros(5000 // steps * steps, TRANSITION)
     made["number"], made["scenario"] = np.arange(len(made)), 1

@@ -27,7 +27,8 @@ import numba
 import numpy as np
 
 from vpsci_ros.world import World, WorldConfig, load_scenarios
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.tick import Actions
 
 BATCHES = (1, 64, 1024, 8192, 65536)
 CONFIGS = {
@@ -42,11 +43,10 @@ def ticking(config: WorldConfig, batch: int) -> Callable[[], None]:
     """Return a function that takes `batch` slots through one tick; the queue never ends."""
     queue = ((scenario, number) for number in itertools.count() for scenario in range(1, 9))
     world = World(config, load_scenarios(range(1, 9)), queue, batch, 1)
-    monitor, zeros = MonitorConfig(), np.zeros((batch, 2))
+    loop, zeros = Loop(world), Actions(np.zeros((batch, 2)), np.zeros((batch, 2)))
 
     def tick() -> None:
-        curvttc, _, critical = assess(world.state, monitor)
-        world.advance(curvttc, critical, zeros, zeros)
+        world.advance(loop.assessment, zeros)
 
     for _ in range(240):  # compiled, and the slots at different times of their episodes
         tick()

@@ -18,16 +18,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vpsci_ros.data.interactions import Interactions, from_table
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.learning.config import AGENTS
-from vpsci_ros.learning.interactions import Interactions, from_table
+from vpsci_ros.evaluation.protocols import eligible
 from vpsci_ros.learning.measured import NoAcceleration, measure_outcomes, rates_with_intervals
-from vpsci_ros.learning.protocols import eligible
-from vpsci_ros.learning.rollout import Acting, policies, rollout
-from vpsci_ros.learning.weights import Weights, load_weights
+from vpsci_ros.policy.agent import policies
+from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.resources import weights_path
 from vpsci_ros.world import World, WorldConfig, load_scenarios
-from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.loop import Agent, Loop
+from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import RUNNING
 
 SLOWER = 0.8  # of the speed at the hand-over
@@ -53,12 +54,14 @@ class Watched(NamedTuple):
 def watched(weights: Weights | None, config: WorldConfig, episodes: list[tuple[int, int]], seed: int) -> Watched:
     """Simulate the episodes and look at those that become critical, from then on; `onset` is CurvTTC then."""
     world = World(config, load_scenarios(range(1, 9)), episodes, 512, seed)
-    agents: dict[str, Acting] = dict.fromkeys(AGENTS, NoAcceleration())
+    agents: dict[str, Agent] = dict.fromkeys(AGENTS, NoAcceleration())
     if weights is not None:
-        agents = dict(policies(weights, world, seed, explore=False))
+        agents = dict(policies(weights, world))
     seen: dict[tuple[int, int], list[tuple[float, ...]]] = defaultdict(list)
-    for tick in rollout(world, MonitorConfig(), agents):
-        for row, curvttc, critical in zip(tick.state, tick.curvttc, tick.critical, strict=True):
+    for step in Loop(world, agents=agents):
+        for row, curvttc, critical in zip(
+            step.tick.state, step.assessment.curvttc, step.assessment.critical, strict=True
+        ):
             key = int(row["scenario"]), int(row["episode"])
             if row["status"] == RUNNING and (critical or key in seen):
                 motion = [row[f"pedestrian_{part}"] for part in ("x", "y", "vx", "vy")]
@@ -130,8 +133,7 @@ def main() -> None:
     world, scenarios = WorldConfig(release_time=arguments.release_time), load_scenarios(range(1, 9))
     for name in [*arguments.weights, "no acceleration"]:
         weights = None if name == "no acceleration" else load_weights(weights_path(name))
-        options = {"episodes": episodes, "batch": 512, "seed": arguments.seed, "world": world}
-        outcomes = measure_outcomes(weights, scenarios=scenarios, **options)
+        outcomes = measure_outcomes(weights, SimulationConfig(scenarios, episodes, 512, arguments.seed, world))
         row = rates_with_intervals(outcomes)
         print(f"{name}: {row['critical_episodes']:.0f} critical of {len(episodes)} episodes")
         for rate in ("collision", "goal"):

@@ -13,7 +13,7 @@ from vpsci_ros.data.dataset_index import DESCRIPTION, INDEX
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.provenance import sha256
+from vpsci_ros.runs.files import sha256
 from vpsci_ros.world.state import COLLISION, GOAL, TIMEOUT
 
 NAME = "LocationA_PedCross_S-N"

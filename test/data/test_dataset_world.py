@@ -8,9 +8,9 @@ import polars as pl
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode_frames import EpisodeFrames
-from vpsci_ros.provenance import sha256
+from vpsci_ros.runs.files import sha256
 from vpsci_ros.world import World, WorldConfig, load_scenarios
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.loop import Loop
 
 
 def generate(folder: Path, batch: int) -> Dataset:
@@ -20,10 +20,8 @@ def generate(folder: Path, batch: int) -> Dataset:
     world = World(config, scenarios, ((s, e) for e in range(12) for s in (1, 7)), batch, seed=3)
     frames = EpisodeFrames(batch)
     with DatasetWriter(folder, {s.number: s.name for s in scenarios}, {"seed": 3}) as writer:
-        while not world.done:
-            curvttc, distance, critical = assess(world.state, MonitorConfig())
-            writer.add(frames.add(world.state, curvttc, distance))
-            world.advance(curvttc, critical)
+        for step in Loop(world):
+            writer.add(frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance))
         writer.close(unfinished=frames.unfinished)
     return Dataset(folder)
 

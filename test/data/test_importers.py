@@ -11,9 +11,10 @@ import polars as pl
 import pytest
 from rich.console import Console
 
-from vpsci_ros.data.importers import AFTER, BEFORE, import_folders, import_trajectories, print_import_summary
+from vpsci_ros.data.importers import import_folders, import_trajectories, print_import_summary
 from vpsci_ros.data.importers.tracks import resample, slope
 from vpsci_ros.data.near_misses import check_near_misses
+from vpsci_ros.data.reference import AFTER, BEFORE, around_critical, clean, flags, trailing_slope
 from vpsci_ros.errors import InvalidInput
 
 RATE, CITR_RATE = 23.976, 29.97  # [1/s] frames of clips of VCI-DUT and VCI-CITR
@@ -82,9 +83,15 @@ def test_a_car_and_a_pedestrian_on_time_have_the_curvttc_of_the_first_contact(cl
     assert table.select("source", "clip", "veh_id", "ped_id").row(0) == ("vci-dut", "meeting_01", 7, 3)
 
 
-def test_steps_are_kept_from_ten_before_the_first_critical_one_to_ten_after_the_last(tmp_path: Path) -> None:
+def test_the_whole_joint_track_is_kept(tmp_path: Path) -> None:
     write_clip(tmp_path, "meeting_01", frames=200)
     table = import_trajectories(tmp_path, "vci-dut").table
+    assert table["time"].to_numpy()[[0, -1]] == pytest.approx([0.5, 8.7])  # frames 10 to 209, at 23.976 a second
+
+
+def test_learning_takes_ten_steps_before_the_first_critical_one_to_ten_after_the_last(tmp_path: Path) -> None:
+    write_clip(tmp_path, "meeting_01", frames=200)
+    table = around_critical(import_trajectories(tmp_path, "vci-dut").table)
     critical = np.flatnonzero(table["curvttc"].to_numpy() < 5.0)
     assert critical[0] <= BEFORE
     assert table.height - 1 - critical[-1] == AFTER
@@ -138,6 +145,29 @@ def test_headings_are_unwrapped_before_they_are_interpolated() -> None:
     table = pl.DataFrame({"id": np.zeros(11, np.int64), "frame": np.arange(11), "psi": wrapped})
     (piece,) = resample(table, 20.0, angle="psi")
     assert piece.values["psi"] == pytest.approx(np.linspace(3.0, 3.4, 6))
+
+
+def test_near_misses_say_what_they_are_no_example_of() -> None:
+    ttc, moving = np.array([np.inf, 9.0, 7.0, 4.9, 3.0, 6.0]), np.full(6, 4.0)
+    assert flags(ttc, moving) == {"standing": False, "begins_critical": False, "contact": False}
+    stops_later, stands = np.array([4.0, 4.0, 4.0, 4.0, 0.0, 0.0]), np.array([4.0, 2.0, 1.0, 0.4, 0.4, 4.0])
+    assert not flags(ttc, stops_later)["standing"]
+    assert flags(ttc, stands)["standing"]
+    assert flags(ttc[1:], moving)["begins_critical"]  # two steps before the first critical one
+    assert flags(np.append(ttc, 0.0), np.append(moving, 4.0))["contact"]
+
+
+def test_flags_are_stored_and_clean_leaves_out_what_they_name(clip_folder: Path) -> None:
+    table = import_trajectories(clip_folder, "vci-dut").table  # its pair is critical from the first step on
+    assert table.select("standing", "begins_critical", "contact").unique().rows() == [(False, True, True)]
+    assert clean(table).is_empty()
+
+
+def test_the_causal_slope_of_a_line_is_its_slope_and_does_not_see_what_comes() -> None:
+    line = 0.3 + 0.7 * 0.1 * np.arange(9)
+    assert trailing_slope(line) == pytest.approx([0.0, *[0.7] * 8])
+    bent = np.concatenate([line, line[-1] - 0.05 * np.arange(1, 5)])
+    assert trailing_slope(bent)[:9] == pytest.approx(trailing_slope(line))
 
 
 @pytest.mark.parametrize("length", [1, 2, 3, 4, 5, 9])

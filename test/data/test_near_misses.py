@@ -4,11 +4,13 @@ import math
 from pathlib import Path
 
 import polars as pl
+import pyarrow.parquet as pq
 import pytest
 from polars.testing import assert_frame_equal
 
 from vpsci_ros.data.near_misses import (
     NEAR_MISS_COLUMNS,
+    WORKED_OUT,
     check_near_misses,
     concat_near_misses,
     read_near_misses,
@@ -38,6 +40,22 @@ def test_columns_come_in_the_order_of_the_schema_and_in_its_types(table: pl.Data
     shuffled.write_parquet(tmp_path / "own.parquet")
     read = read_near_misses(tmp_path / "own.parquet")
     assert dict(read.schema) == {name: column.dtype for name, column in NEAR_MISS_COLUMNS.items()}
+
+
+def test_what_an_older_table_does_not_say_is_worked_out_and_said(table: pl.DataFrame, tmp_path: Path) -> None:
+    metadata = {"sources": {"synthetic": {"vehicle_length": 4.5, "vehicle_width": 1.8}}}
+    write_near_misses(table, tmp_path / "new.parquet", metadata)
+    older = pq.read_table(tmp_path / "new.parquet").drop_columns(list(WORKED_OUT))
+    pq.write_table(older, tmp_path / "old.parquet")
+    with pytest.warns(UserWarning, match=r"old\.parquet: columns curvttc_causal, .*import its recordings again"):
+        read = read_near_misses(tmp_path / "old.parquet")
+    assert_frame_equal(read, table, abs_tol=1e-9)
+
+
+def test_a_flag_is_the_same_for_a_whole_interaction(table: pl.DataFrame) -> None:
+    here = pl.int_range(pl.len()) == 31
+    with pytest.raises(InvalidInput, match="FILE: column contact, row 31 .*one value an interaction"):
+        check_near_misses(table.with_columns(pl.col("contact") ^ here), "FILE")
 
 
 @pytest.mark.parametrize("name", ["interaction", "clip", "veh_vx", "curvttc"])

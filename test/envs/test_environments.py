@@ -14,9 +14,9 @@ from vpsci_ros.envs.parallel import COLLISION_REWARD, GOAL_REWARD, parallel_env 
 from vpsci_ros.envs.right_turn import RightTurnEnv  # noqa: E402
 from vpsci_ros.envs.vector import RightTurnVectorEnv  # noqa: E402
 from vpsci_ros.errors import InvalidInput  # noqa: E402
-from vpsci_ros.learning.config import NetworkConfig  # noqa: E402
-from vpsci_ros.learning.shapes import weight_shapes  # noqa: E402
-from vpsci_ros.learning.weights import Weights  # noqa: E402
+from vpsci_ros.policy.config import NetworkConfig  # noqa: E402
+from vpsci_ros.policy.shapes import weight_shapes  # noqa: E402
+from vpsci_ros.policy.weights import Weights  # noqa: E402
 
 WALKER = {"pedestrian": "social_force"}
 
@@ -149,12 +149,12 @@ def test_leaving_the_lane_ends_the_episode_at_a_cost():
     assert total < 0.5 * driving.AT_FAILURE
 
 
-def test_standing_still_is_truncated_after_ten_seconds():
+def test_standing_still_is_truncated_after_fifteen_seconds():
     env = RightTurnEnv(scenarios=[4], **WALKER)
     _, rows, terminated, info = episode_of(env, None, lambda o: np.float32([0.0, -1.0]))
     assert not terminated
     assert info["outcome"] == "timeout"
-    assert len(rows) == 101
+    assert len(rows) == 151
 
 
 def test_the_observation_previews_the_lane_in_the_vehicles_frame():
@@ -162,8 +162,8 @@ def test_the_observation_previews_the_lane_in_the_vehicles_frame():
     observation, _ = env.reset(seed=2)
     preview = observation[6:16].reshape(-1, 2)
     assert preview[:, 0] == pytest.approx(driving.PREVIEW, rel=0.1)  # straight ahead at the spawn ...
-    assert np.abs(preview[:2, 1]).max() < 0.05
-    assert observation[3] == pytest.approx(0.0, abs=0.01)  # ... on the lane's centre
+    assert np.abs(preview[:2, 1]).max() < 0.25  # as people hold their heading, ...
+    assert observation[3] == pytest.approx(0.0, abs=0.3)  # ... and near the lane's centre
     assert observation[20] <= 10.0
 
 

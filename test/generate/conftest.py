@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from generate.small import CONFIG, NETWORK, TARGETS
 
-from vpsci_ros.config import DatasetConfig
+from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import Job, job_from
 from vpsci_ros.generate.run import Generated, generate, local_workers
-from vpsci_ros.learning.shapes import weight_shapes
-from vpsci_ros.learning.weights import Weights, save_weights
+from vpsci_ros.policy.shapes import weight_shapes
+from vpsci_ros.policy.weights import Weights, save_weights
+from vpsci_ros.runs.sections import Sections
 
 
 @pytest.fixture(scope="session")
@@ -27,20 +28,21 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def sections(weights: Path) -> dict[str, dict[str, Any]]:
+def sections(weights: Path) -> Sections:
     """The sections of a parameter file."""
     policy = {"weights": str(weights)}
-    return {
-        "world_simulator": {"seed": 3, "scenarios": [1, 6]},
-        "safety_monitor": {},
-        "vehicle_policy": policy,
-        "pedestrian_policy": policy,
-        "dataset": {"keep_rejected": True},
-    }
+    return Sections(
+        {
+            "world_simulator": {"seed": 3, "scenarios": [1, 6], "spawn": "paper", "episode_time": 10.0},
+            "vehicle_policy": policy,
+            "pedestrian_policy": policy,
+            "dataset": {"keep_rejected": True},
+        }
+    )
 
 
 @pytest.fixture(scope="session")
-def job(sections: dict[str, dict[str, Any]]) -> Job:
+def job(sections: Sections) -> Job:
     """What the datasets of these tests are made from."""
     return job_from(sections)
 

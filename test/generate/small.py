@@ -1,7 +1,7 @@
 """How large the datasets of these tests are."""
 
-from vpsci_ros.config import DatasetConfig
-from vpsci_ros.learning.config import NetworkConfig
+from vpsci_ros.generate.config import DatasetConfig
+from vpsci_ros.policy.config import NetworkConfig
 
 NETWORK = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 TARGETS = {1: 12, 6: 12}

@@ -5,7 +5,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from vpsci_ros.data.bags import read_episodes
+from vpsci_ros.bags.ticks import read_episodes
 from vpsci_ros.data.dataset_files import episode_rows
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput

@@ -7,15 +7,15 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from vpsci_ros.analysis.dataset_info import print_info
-from vpsci_ros.cli import app
+from vpsci_ros.cli.main import app
 from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.report.dataset_info import print_info
 
 
 @pytest.fixture
 def params(sections, tmp_path: Path) -> Path:
     path = tmp_path / "params.yaml"
-    path.write_text(yaml.safe_dump({name: {"ros__parameters": values} for name, values in sections.items() if values}))
+    path.write_text(yaml.safe_dump({name: {"ros__parameters": values} for name, values in sections.values.items()}))
     return path
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vpsci_ros.data.recorded import recorded_from_bag
+from vpsci_ros.bags.recorded import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.recorded_people import FAR, nobody, recorded_people, spawns, write_motion
 from vpsci_ros.world import WorldConfig, load_scenarios
@@ -24,6 +24,7 @@ def near_miss(side=1.0, pause=0, interaction=0, walking=1.5):
     return pl.DataFrame(
         {
             "interaction": interaction,
+            "curvttc": 1.0 + 0.0 * time,
             "veh_x": 4.0 * time - 8.0,
             "veh_y": 0.0 * time,
             "veh_heading": 0.0 * time,

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from multiprocessing import popen_spawn_posix
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.journal import FOLDER, Journal, journal_of
 from vpsci_ros.generate.run import RECORD, generate
 from vpsci_ros.generate.workers import Processes, Serial
-from vpsci_ros.provenance import sha256
+from vpsci_ros.runs.files import sha256
 
 
 def hashes(folder: Path) -> dict[str, str]:
@@ -86,6 +87,22 @@ def test_a_killed_worker_costs_nothing_but_time(job, made, tmp_path) -> None:
             return found
 
     generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Murdered(job, 8, 2))
+    assert hashes(tmp_path / "d") == hashes(made)
+
+
+def test_a_worker_killed_while_it_is_being_started_costs_nothing_but_time(job, made, tmp_path, monkeypatch) -> None:
+    start, victims = popen_spawn_posix.util.spawnv_passfds, [1]
+
+    def killed_at_once(path, arguments, handles):
+        pid = start(path, arguments, handles)
+        if victims and "--multiprocessing-fork" in arguments:
+            victims.pop()
+            os.kill(pid, signal.SIGKILL)
+        return pid
+
+    monkeypatch.setattr(popen_spawn_posix.util, "spawnv_passfds", killed_at_once)
+    generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Processes(job, 8, 2))
+    assert victims == []
     assert hashes(tmp_path / "d") == hashes(made)
 
 

@@ -14,7 +14,7 @@ from vpsci_ros.data.parquet import read_metadata, write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.verify import verify
 from vpsci_ros.generate.workers import Serial
-from vpsci_ros.learning.weights import load_weights, save_weights
+from vpsci_ros.policy.weights import load_weights, save_weights
 
 NAME = "LocationB_PedCross_N-S"
 
@@ -71,7 +71,7 @@ def test_one_edited_value_is_found_wherever_it_is(copy, sample) -> None:
 
 
 def test_an_edit_with_the_hash_made_right_is_found_all_the_same(copy) -> None:
-    from vpsci_ros.provenance import sha256
+    from vpsci_ros.runs.files import sha256
 
     path = copy / f"{NAME}.parquet"
     edit(path, nudge(3, "CurvTTC", 0.0))

@@ -2,22 +2,23 @@ import numpy as np
 import pytest
 import torch
 
-from vpsci_ros.learning.config import AGENTS
 from vpsci_ros.learning.foresight import (
-    AHEAD,
     BRAKING,
-    clearance,
     draw_moments,
     draw_scripted,
     foresee,
+    moments_at,
     remembered,
-    start_at,
     step_along,
 )
 from vpsci_ros.learning.replay import History
+from vpsci_ros.learning.rewards import AHEAD, clearance
 from vpsci_ros.learning.transitions import LANE_GRID, LANE_NODES, TransitionBuilder
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
-from vpsci_ros.world import EPISODE, RUNNING, load_scenario
+from vpsci_ros.world import World, WorldConfig, load_scenario
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.tick import Actions
 
 
 def meeting(distance, speed, walking, steps=6, collision=False):
@@ -43,7 +44,7 @@ def meeting(distance, speed, walking, steps=6, collision=False):
 
 
 def lost(networks, histories, at, steps=20, anticipation=0.0, pace=(0.5, 0.5), **more):
-    start = start_at(histories, np.array(at))
+    start = moments_at(histories, np.array(at))
     options = {"steps": steps, "margin": 0.5, "anticipation": anticipation, "pace": pace, "gain": 0.5}
     return foresee(networks.actor, start, **options, **more)
 
@@ -92,7 +93,7 @@ def test_the_course_of_the_hand_over_stays_where_it_was_while_the_vehicle_turns(
     """0.4 m a step round a bend of 0.1 rad/m: the heading has turned left by 0.2 rad after five steps."""
     history = meeting([20.0, 4.0], 4.0, [0.0, 1.0])
     history.lane[:] = 0.1 * LANE_GRID * np.arange(LANE_NODES)
-    start = start_at([history, history], np.array([0, 5]))
+    start = moments_at([history, history], np.array([0, 5]))
     assert start.course.numpy() == pytest.approx(np.array([[0.0, 1.0], [np.sin(0.2), np.cos(0.2)]]), abs=1e-5)
 
 
@@ -183,7 +184,7 @@ def test_a_roll_out_from_within_a_history_goes_on_with_the_memory_of_it(networks
     net = networks()
     history = meeting([12.0, 3.0], 4.0, [0.0, -1.0], steps=8)
     history.action["vehicle"][:] = 0.3
-    start = start_at([history, history], np.array([0, 5]))
+    start = moments_at([history, history], np.array([0, 5]))
     for agent in AGENTS:
         before = torch.cat([torch.zeros(1, 2), torch.from_numpy(history.action[agent])])[None, :6]
         seen, curvttc = torch.from_numpy(history.observation[agent])[None, :6], torch.full((1, 6), 3.0)
@@ -228,13 +229,13 @@ def test_most_moments_are_hand_overs_and_no_history_is_drawn_twice():
 def test_transitions_know_where_the_lane_goes():
     scenario = load_scenario(1)
     path = scenario.vehicle.path
-    state = np.zeros(1, EPISODE)
-    state["status"], state["scenario"], state["route_s"] = RUNNING, 1, 15.0
-    state["vehicle_heading"] = path.heading(15.0) + 2.0 * np.pi
-    builder, yes, action = TransitionBuilder([scenario]), np.ones(1, bool), np.zeros((1, 2))
-    builder.observe(state, yes, np.ones(1), yes, action, action)
-    state["frame"] = 2
-    lane = builder.observe(state, yes, np.ones(1), yes, action, action)["lane_heading"][0]
+    loop = Loop(World(WorldConfig(), [scenario], [(1, 0)], 1, 1), always_critical=True)
+    loop.world.state["route_s"] = 15.0
+    loop.world.state["vehicle_heading"] = path.heading(15.0) + 2.0 * np.pi
+    builder, still = TransitionBuilder([scenario]), Actions(np.zeros((1, 2)), np.zeros((1, 2)))
+    rows = np.concatenate([builder.observe(loop.step(still)) for _ in range(3)])
+    assert len(rows) == 1
+    lane = rows["lane_heading"][0]
     true = [path.heading(15.0 + LANE_GRID * k) - path.heading(15.0) for k in range(LANE_NODES)]
     assert lane == pytest.approx(np.unwrap(true), abs=0.02)
     assert lane[-1] == pytest.approx(-np.pi / 2, abs=0.05)  # it turns right

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from vpsci_ros.learning.config import AGENTS, TrainingConfig
-from vpsci_ros.learning.interactions import from_table
+from vpsci_ros.data.interactions import from_table
+from vpsci_ros.learning.config import UpdatesConfig
 from vpsci_ros.learning.maddpg import Maddpg, Scored, importance
 from vpsci_ros.learning.replay import History, collate, recorded_histories
+from vpsci_ros.world.observation import AGENTS
 
 
 @pytest.fixture
@@ -36,7 +37,7 @@ def scored(batch, reward):
 
 def test_targets_are_the_bellman_equation_with_nothing_after_the_end(networks, batch):
     made = networks()
-    maddpg = Maddpg(made, TrainingConfig(discount=0.9), 1e-3, 1e-3, value_unit=10.0)
+    maddpg = Maddpg(made, UpdatesConfig(discount=0.9, critic_learning_rate=1e-3), 1e-3, value_unit=10.0)
     targets = maddpg._targets(batch, scored(batch, 20.0))["vehicle"]
     recorded = {a: batch.observation[a][:1] for a in AGENTS}
     before = {a: torch.cat([torch.zeros(1, 1, 2), batch.action[a][:1]], dim=1) for a in AGENTS}
@@ -54,7 +55,7 @@ def test_targets_are_the_bellman_equation_with_nothing_after_the_end(networks, b
 
 def test_critics_learn_a_return_that_can_be_known(networks, batch):
     """With no discount of the future and a reward of one everywhere, the value is one everywhere."""
-    maddpg = Maddpg(networks(), TrainingConfig(discount=0.0), 1e-3, 1e-2)
+    maddpg = Maddpg(networks(), UpdatesConfig(discount=0.0, critic_learning_rate=1e-2), 1e-3)
     first = maddpg.update(batch, scored(batch, 1.0), None)
     for _ in range(60):
         last = maddpg.update(batch, scored(batch, 1.0), None)
@@ -63,14 +64,14 @@ def test_critics_learn_a_return_that_can_be_known(networks, batch):
 
 
 def test_actors_move_to_where_the_critic_sees_more_value(networks, batch):
-    maddpg = Maddpg(networks(gain=1.0), TrainingConfig(gradient_clip=100.0), 1e-3, 0.0)
+    maddpg = Maddpg(networks(gain=1.0), UpdatesConfig(gradient_clip=100.0, critic_learning_rate=0.0), 1e-3)
     values = [-maddpg.update(batch, scored(batch, 0.0), maddpg.act(batch)).actor_loss["pedestrian"] for _ in range(30)]
     assert values[-1] > values[0]
 
 
 def test_targets_follow_at_the_soft_update_rate(networks, batch):
     made = networks()
-    maddpg = Maddpg(made, TrainingConfig(target_update_rate=0.25), 1e-3, 1e-3)
+    maddpg = Maddpg(made, UpdatesConfig(target_update_rate=0.25, critic_learning_rate=1e-3), 1e-3)
     before = made.target_critic["vehicle"].state.weight.clone()
     maddpg.update(batch, scored(batch, 1.0), None)
     after, fast = made.target_critic["vehicle"].state.weight, made.critic["vehicle"].state.weight
@@ -84,14 +85,17 @@ def test_padding_changes_no_loss(networks, near_misses):
     alone, padded = collate([short]), collate([short, long])
     errors = []
     for batch in (alone, padded):
-        maddpg = Maddpg(networks(), TrainingConfig(), 1e-3, 1e-3)
+        maddpg = Maddpg(networks(), UpdatesConfig(critic_learning_rate=1e-3), 1e-3)
         errors.append(maddpg.update(batch, scored(batch, 1.0), None).error[0, : len(short)])
     np.testing.assert_allclose(*errors, atol=1e-5)
 
 
 @pytest.mark.parametrize("agent", AGENTS)
 def test_an_actor_sees_its_own_earlier_actions_only(networks, batch, agent):
-    maddpg, changed = Maddpg(networks(gain=20.0), TrainingConfig(), 1e-3, 1e-3), batch.action[agent].clone()
+    maddpg, changed = (
+        Maddpg(networks(gain=20.0), UpdatesConfig(critic_learning_rate=1e-3), 1e-3),
+        batch.action[agent].clone(),
+    )
     changed[:, 3] += 5.0
     with torch.no_grad():
         before, after = (maddpg.act(b) for b in (batch, replace(batch, action=batch.action | {agent: changed})))
@@ -143,7 +147,8 @@ def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equatio
     histories = [made_up(3, False, seed=0), made_up(6, True, seed=1)]
     torch.manual_seed(2)
     scored = Scored({a: torch.randn(2, 6, 2) for a in AGENTS}, {a: torch.randn(2, 6) for a in AGENTS})
-    config = TrainingConfig(discount=0.9, importance_temperature=0.5, gradient_clip=1e9)
+    # steps of zero: gradients stay to be seen
+    config = UpdatesConfig(critic_learning_rate=0.0, discount=0.9, importance_temperature=0.5, gradient_clip=1e9)
     told, expected = {}, {}
     for agent, other in (AGENTS, AGENTS[::-1]):
         delta, loss, objective = by_algorithm_1(made, histories, scored, agent, other, config)
@@ -153,7 +158,7 @@ def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equatio
             network = getattr(made, name)[agent]
             expected[name, agent] = torch.autograd.grad(of, list(network.parameters()))
             assert max(float(gradient.abs().max()) for gradient in expected[name, agent]) > 1e-3
-    maddpg, batch = Maddpg(made, config, 0.0, 0.0), collate(histories)  # steps of zero: gradients stay to be seen
+    maddpg, batch = Maddpg(made, config, 0.0), collate(histories)
     result = maddpg.update(batch, scored, maddpg.act(batch))
     for agent in AGENTS:
         assert (result.critic_loss[agent], result.actor_loss[agent]) == pytest.approx(told[agent], rel=1e-4)

@@ -1,17 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
-import pytest
 
-from vpsci_ros.learning.measured import measure_outcomes, rates_with_intervals, wilson_interval
+from vpsci_ros.evaluation.statistics import wilson_interval
+from vpsci_ros.learning.measured import measure_outcomes, rates_with_intervals
 from vpsci_ros.learning.online import Outcomes
+from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.world import COLLISION, GOAL, TIMEOUT, WorldConfig, load_scenarios
-
-
-def test_wilson_intervals_are_those_of_the_literature():
-    """Newcombe, 'Two-sided confidence intervals for the single proportion' (1998), Table I, method 3."""
-    for count, total, expected in ((81, 263, (0.2553, 0.3662)), (15, 148, (0.0624, 0.1605)), (0, 20, (0.0, 0.1611))):
-        assert wilson_interval(count, total) == pytest.approx(expected, abs=5e-5)
-    assert wilson_interval(29, 29) == pytest.approx((0.8830, 1.0), abs=5e-5)
-    assert wilson_interval(0, 0) == (0.0, 1.0)
 
 
 def test_rates_add_up_and_carry_their_intervals():
@@ -30,13 +25,14 @@ def test_without_critical_episodes_rates_are_not_numbers_and_intervals_say_nothi
 
 
 def test_measuring_is_a_function_of_its_seed_and_whoever_does_not_accelerate_goes_on(networks):
-    options = {"scenarios": load_scenarios([1]), "episodes": [(1, e) for e in range(8)], "seed": 5}
-    first, second = (measure_outcomes(networks().weights({}, {}), batch=batch, **options) for batch in (8, 3))
+    simulation = SimulationConfig(load_scenarios([1]), [(1, e) for e in range(8)], batch=8, seed=5)
+    weights = networks().weights({}, {})
+    first, second = (measure_outcomes(weights, replace(simulation, batch=batch)) for batch in (8, 3))
     assert first.outcomes
     assert sorted(zip(first.outcomes, first.least_curvttc, strict=True)) == sorted(
         zip(second.outcomes, second.least_curvttc, strict=True)
     )
-    idle = measure_outcomes(None, batch=8, **options)
-    held = measure_outcomes(None, batch=8, world=WorldConfig(release_time=0.5), **options)
+    idle = measure_outcomes(None, simulation)
+    held = measure_outcomes(None, replace(simulation, world=WorldConfig(release_time=0.5)))
     assert idle.outcomes
     assert idle.rates()["critical_episodes"] == held.rates()["critical_episodes"]

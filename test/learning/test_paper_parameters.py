@@ -2,11 +2,19 @@
 
 import pytest
 
-from vpsci_ros import config
-from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.parameters import values_of
+from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.resources import params_dir
+from vpsci_ros.runs.config import RunConfig
 
-TABLE_8 = {"buffer_capacity": 10000, "batch_size": 256, "discount": 0.99, "target_update_rate": 0.01}
+TABLE_8 = {
+    "replay.capacity": 10000,
+    "replay.batch_size": 256,
+    "updates.discount": 0.99,
+    "updates.target_update_rate": 0.01,
+}
 NETWORK = {
     "hidden": 256,
     "layers": 2,
@@ -21,26 +29,23 @@ NETWORK = {
 STAGE_1 = {
     "objective": "ddpg",
     "episodes": 3000,
-    "actor_learning_rate": 1e-4,
-    "critic_learning_rate": 2e-4,
-    "reward_scaling": 100.0,
+    "ddpg.actor_learning_rate": 1e-4,
+    "updates.critic_learning_rate": 2e-4,
+    "rewards.speed_scaling": 100.0,
 }
 SECTION_3_2 = {
-    "online_objective": "ddpg",
-    "online_learning_rate": 5e-5,
-    "noise_start": 0.3,
-    "noise_decay": 0.001,
-    "noise_floor": 0.05,
-    "real_bonus": 0.2,
-    "collision_reward": -200.0,
-    "goal_reward": 100.0,
-    "gradient_tolerance": 1e-4,
-    "converged_episodes": 100,
-    "reward_weights": [],
-    "rehearsal_weight": 0.0,
-    "head_factor": 1.0,
-    "learning_rate_decay": 0.0,
-    "stage_1_share": 0.0,
+    "objective": "ddpg",
+    "actors.learning_rate": 5e-5,
+    "replay.real_bonus": 0.2,
+    "rewards.collision": -200.0,
+    "rewards.goal": 100.0,
+    "convergence.gradient_tolerance": 1e-4,
+    "convergence.episodes": 100,
+    "rewards.weights": [],
+    "rehearsal.weight": 0.0,
+    "actors.head_factor": 1.0,
+    "actors.learning_rate_decay": 0.0,
+    "refresh.stage_1_share": 0.0,
 }
 
 
@@ -53,10 +58,10 @@ SECTION_3_2 = {
     ],
 )
 def test_the_papers_files_have_the_papers_values(name, kind, expected):
-    values = config.pick(kind, config.load(params_dir() / name)["learner"], "learner")
-    assert {key: getattr(values, key) for key in expected} == expected
+    values = values_of(load(params_dir() / name).get(kind, "learner"))
+    assert {key: values[key] for key in expected} == expected
 
 
 def test_the_papers_second_stage_simulates_three_thousand_episodes():
-    run = config.pick(config.RunConfig, config.load(params_dir() / "paper_stage2.yaml")["world_simulator"], "world")
+    run = load(params_dir() / "paper_stage2.yaml").get(RunConfig, "world_simulator")
     assert len(run.scenarios) * run.episodes == 3000

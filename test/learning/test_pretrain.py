@@ -6,39 +6,50 @@ import polars as pl
 import pytest
 
 from vpsci_ros.data.synthetic import synthetic_near_misses
-from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import NetworkConfig, PretrainConfig
+from vpsci_ros.errors import InvalidInput, Stopped
+from vpsci_ros.learning.config import (
+    DdpgConfig,
+    ImitationConfig,
+    PretrainConfig,
+    ReplayConfig,
+    SpeedRewardsConfig,
+    UpdatesConfig,
+)
 from vpsci_ros.learning.divergence import DivergedError
-from vpsci_ros.learning.pretrain import Stopped, pretrain
-from vpsci_ros.learning.weights import load_weights
+from vpsci_ros.learning.pretrain import pretrain
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.weights import load_weights
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 SHORT = PretrainConfig(
     episodes=6,
-    rollouts=4,
-    rollout_steps=5,
-    batch_size=40,
     evaluate_every=3,
     checkpoint_every=2,
     held_out_fraction=0.3,
-    critic_head_start=2,
+    replay=ReplayConfig(batch_size=40),
+    imitation=ImitationConfig(rollouts=4, rollout_steps=5),
+    ddpg=DdpgConfig(critic_head_start=2),
 )
-OBJECTIVES = ("closed_loop", "ddpg")
+OBJECTIVES = ("closed_loop", "ddpg", "energy_score")
+
+
+def network(objective):
+    return replace(SMALL, latent=2) if objective == "energy_score" else SMALL
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
 def test_a_stopped_run_goes_on_to_the_same_result(tmp_path, near_misses, objective):
     config = replace(SHORT, objective=objective)
-    whole = pretrain(near_misses, config, SMALL, seed=5, out_dir=tmp_path / "whole")
+    whole = pretrain(near_misses, config, network(objective), seed=5, out_dir=tmp_path / "whole")
 
     def stop(values):
         if values["episode"] == 3:
             raise Stopped
 
     with pytest.raises(Stopped):
-        pretrain(near_misses, config, SMALL, seed=5, out_dir=tmp_path / "parts", report=stop)
+        pretrain(near_misses, config, network(objective), seed=5, out_dir=tmp_path / "parts", report=stop)
     assert not (tmp_path / "parts" / "pretrained.safetensors").exists()
-    resumed = pretrain(near_misses, config, SMALL, seed=5, out_dir=tmp_path / "parts")
+    resumed = pretrain(near_misses, config, network(objective), seed=5, out_dir=tmp_path / "parts")
     assert all(np.array_equal(whole.tensors[name], resumed.tensors[name]) for name in whole.tensors)
     assert (tmp_path / "parts" / "log.csv").read_text() == (tmp_path / "whole" / "log.csv").read_text()
     assert not (tmp_path / "parts" / "checkpoint.safetensors").exists()
@@ -50,7 +61,7 @@ def test_a_checkpoint_of_another_run_is_refused(tmp_path, near_misses):
 
     with pytest.raises(Stopped):
         pretrain(near_misses, SHORT, SMALL, seed=5, out_dir=tmp_path, report=stop)
-    with pytest.raises(InvalidInput, match=r"checkpoint.safetensors: this checkpoint has another seed: 5, expected 6"):
+    with pytest.raises(InvalidInput, match=r"checkpoint.safetensors: holds a run with seed = 5, and this one has 6"):
         pretrain(near_misses, SHORT, SMALL, seed=6, out_dir=tmp_path)
 
 
@@ -75,17 +86,13 @@ def test_weights_and_log_say_how_they_came_about(tmp_path, near_misses):
 
 def test_a_short_run_improves_both_held_out_errors(tmp_path):
     """The made sample brakes and yields by rule, so a hundred steps of a small network learn much of it."""
+    thin = {"dropout": 0.0, "head_factor": 1.0, "learning_rate": 1e-2}  # a head of eight is thin enough
     config = PretrainConfig(
         episodes=100,
-        rollouts=16,
-        rollout_steps=4,
-        velocity_weight=10.0,
-        batch_size=32,
-        imitation_learning_rate=1e-2,
-        imitation_head_factor=1.0,
-        dropout=0.0,  # a head of eight is thin enough
-        target_update_rate=0.05,
         held_out_fraction=0.3,
+        replay=ReplayConfig(batch_size=32),
+        updates=UpdatesConfig(target_update_rate=0.05),
+        imitation=ImitationConfig(rollouts=16, rollout_steps=4, velocity_weight=10.0, **thin),
     )
     table = synthetic_near_misses(interactions=30, seed=3).table
     errors = pretrain(table, config, SMALL, seed=1, out_dir=tmp_path).facts["held_out"]
@@ -95,12 +102,14 @@ def test_a_short_run_improves_both_held_out_errors(tmp_path):
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
 def test_a_loss_that_is_not_a_number_stops_the_run_and_keeps_the_batch(tmp_path, near_misses, objective):
-    config = replace(SHORT, objective=objective, reward_scaling=1e6, exploration=5.0, held_out_fraction=0.0)
+    config = replace(
+        SHORT, objective=objective, rewards=SpeedRewardsConfig(1e6, exploration=5.0), held_out_fraction=0.0
+    )
     table = near_misses.with_columns(
         pl.when(pl.col("step") == 3).then(1e22).otherwise(pl.col("ped_vx")).alias("ped_vx")
     )
     with pytest.raises(DivergedError, match=r"diverged.npz"):
-        pretrain(table, config, SMALL, seed=5, out_dir=tmp_path)
+        pretrain(table, config, network(objective), seed=5, out_dir=tmp_path)
     with np.load(tmp_path / "diverged.npz", allow_pickle=False) as kept:
         assert kept["observation.pedestrian"].shape[2] == 6
     assert not (tmp_path / "pretrained.safetensors").exists()
@@ -108,6 +117,6 @@ def test_a_loss_that_is_not_a_number_stops_the_run_and_keeps_the_batch(tmp_path,
 
 def test_state_may_begin_anew_in_every_window(tmp_path, near_misses):
     plain = replace(SMALL, carry_state=False, attention_window=5)
-    config = replace(SHORT, rollout_steps=4, held_out_fraction=0.0)
+    config = replace(SHORT, imitation=ImitationConfig(rollouts=4, rollout_steps=4), held_out_fraction=0.0)
     weights = pretrain(near_misses, config, plain, seed=5, out_dir=tmp_path)
     assert not weights.network.carry_state

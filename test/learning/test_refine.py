@@ -4,27 +4,38 @@ import numpy as np
 import pytest
 
 from vpsci_ros.data.near_misses import split_by_clip
-from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import NetworkConfig, RefineConfig
+from vpsci_ros.errors import InvalidInput, Stopped
+from vpsci_ros.learning.config import ForesightConfig, ImitationConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.online import Outcomes, refine
-from vpsci_ros.learning.pretrain import Stopped
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.transitions import TRANSITION
-from vpsci_ros.learning.weights import load_weights, weights_from_bytes
+from vpsci_ros.parameters import build, values_of
+from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
+from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.weights import load_weights, resolved, weights_from_bytes
 from vpsci_ros.world import COLLISION, EVENT, GOAL, WorldConfig, load_scenarios
+from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import FINISHED, HANDED_OVER
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
-QUICK = RefineConfig(
-    warm_up_steps=20,
-    steps_per_update=20,
-    batch_size=60,
-    critic_warm_up=1,
-    updates_per_refresh=2,
-    rollback_margin=10.0,
-    real_capacity=0.01,
-    rehearsal_rollouts=2,
+QUICK = build(
+    RefineConfig,
+    {
+        "updates.warm_up_steps": 20,
+        "updates.steps_per_update": 20,
+        "replay.batch_size": 60,
+        "replay.real_share": 0.01,
+        "ddpg.critic_warm_up": 1,
+        "refresh.updates": 2,
+        "refresh.rollback_margin": 10.0,
+        "rehearsal.rollouts": 2,
+    },
+    "test",
 )
+
+
+def changed(config, values):
+    return build(type(config), values_of(config) | values, "test")
 
 
 def experience(histories=6, steps=10, seed=0, first_number=0, first_episode=0):
@@ -61,7 +72,7 @@ def test_updates_fall_due_with_new_experience(refiner):
 
 
 def test_actors_that_follow_the_critics_rest_while_these_warm_up(networks, near_misses):
-    config = dataclasses.replace(QUICK, online_objective="ddpg")
+    config = dataclasses.replace(QUICK, objective="ddpg")
     refiner = Refiner(config, networks(gain=1.0).weights({}, {}), near_misses, seed=4)
     refiner.add(experience())
     assert "gradient_norm" not in refiner.update()
@@ -84,7 +95,7 @@ def test_a_refresh_carries_other_weights_and_a_new_version(refiner):
 
 
 def test_a_refresh_that_forgets_people_is_rolled_back(networks, near_misses):
-    config = RefineConfig(**{**vars(QUICK), "rollback_margin": 0.0, "online_learning_rate": 0.5})
+    config = changed(QUICK, {"refresh.rollback_margin": 0.0, "actors.learning_rate": 0.5})
     start = networks(gain=1.0).weights({}, {})
     refiner = Refiner(config, start, near_misses, seed=4)
     refiner.add(experience())
@@ -103,8 +114,8 @@ def test_a_refresh_that_forgets_people_is_rolled_back(networks, near_misses):
 def test_what_is_kept_lies_as_far_on_the_way_back_to_stage_1_as_asked_and_its_errors_are_its_own(
     tmp_path, networks, near_misses
 ):
-    never_undone = {"online_learning_rate": 0.001, "rollback_margin": 10.0, "target_update_rate": 1.0}
-    config = dataclasses.replace(QUICK, stage_1_share=0.25, **never_undone)
+    never_undone = {"refresh.rollback_margin": 10.0, "actors.learning_rate": 0.001, "updates.target_update_rate": 1.0}
+    config = changed(QUICK, {"refresh.stage_1_share": 0.25} | never_undone)
     start = networks(gain=1.0).weights({}, {})
     refiner = Refiner(config, start, near_misses, seed=4, out_dir=tmp_path)
     refiner.add(experience())
@@ -153,9 +164,9 @@ def test_a_learner_goes_on_from_a_checkpoint_to_the_same_result(tmp_path, networ
 def test_a_checkpoint_of_other_starting_weights_or_another_seed_is_refused(tmp_path, networks, near_misses):
     start = networks(gain=1.0).weights({}, {})
     Refiner(QUICK, start, near_misses, seed=4).save_checkpoint(tmp_path / "c.safetensors")
-    with pytest.raises(InvalidInput, match="another starting weights"):
+    with pytest.raises(InvalidInput, match="a run with starting weights = "):
         Refiner(QUICK, networks(seed=1).weights({}, {}), near_misses, seed=4).restore(tmp_path / "c.safetensors")
-    with pytest.raises(InvalidInput, match="another seed: 4, expected 5"):
+    with pytest.raises(InvalidInput, match="seed = 4, and this one has 5"):
         Refiner(QUICK, start, near_misses, seed=5).restore(tmp_path / "c.safetensors")
 
 
@@ -180,11 +191,12 @@ def test_episodes_without_an_update_in_between_say_nothing_of_convergence(refine
 
 def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, networks, near_misses):
     start = networks(gain=1.0).weights({}, {})
-    options = {"scenarios": load_scenarios([1, 6]), "batch": 2, "seed": 3}
+    exploring = dict.fromkeys(AGENTS, PolicyConfig(explore=True, seed=3))
     episodes = [(s, e) for e in range(8) for s in (1, 6)]
+    simulation = SimulationConfig(load_scenarios([1, 6]), episodes, batch=2, seed=3, policies=exploring)
 
     def run(folder, report=None):
-        return refine(near_misses, QUICK, start, episodes=episodes, out_dir=tmp_path / folder, report=report, **options)
+        return refine(near_misses, QUICK, start, simulation, out_dir=tmp_path / folder, report=report)
 
     def stop(values):
         raise Stopped
@@ -201,10 +213,10 @@ def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, 
 
 
 def test_stage_2_in_process_refuses_a_world_that_it_does_not_know(tmp_path, networks, near_misses):
-    start, config = networks().weights({}, {}), dataclasses.replace(QUICK, online_objective="closed_loop")
-    options = {"scenarios": load_scenarios([1]), "episodes": [(1, 0)], "batch": 1, "seed": 3, "out_dir": tmp_path / "x"}
+    start, config = networks().weights({}, {}), dataclasses.replace(QUICK, objective="closed_loop")
+    simulation = SimulationConfig(load_scenarios([1]), [(1, 0)], 1, 3, WorldConfig(pedestrian_gain=1.0))
     with pytest.raises(InvalidInput, match="pedestrian_gain = 1"):
-        refine(near_misses, config, start, world=WorldConfig(pedestrian_gain=1.0), **options)
+        refine(near_misses, config, start, simulation, out_dir=tmp_path / "x")
     assert not (tmp_path / "x").exists()
 
 
@@ -218,39 +230,60 @@ def test_stage_2_in_process_refuses_a_world_that_it_does_not_know(tmp_path, netw
 )
 def test_a_world_that_the_copy_of_it_does_not_match_is_refused(world, message):
     with pytest.raises(InvalidInput, match=message):
-        RefineConfig(online_objective="closed_loop").require_known_world(WorldConfig(**world))
+        RefineConfig(objective="closed_loop").require_known_world(WorldConfig(**world))
     if "vehicle_driver" not in world:
-        RefineConfig(online_objective="ddpg").require_known_world(WorldConfig(**world))
+        RefineConfig(objective="ddpg").require_known_world(WorldConfig(**world))
 
 
 def test_a_checkpoint_of_another_simulation_is_refused(tmp_path, networks, near_misses):
-    start, options = networks(gain=1.0).weights({}, {}), {"batch": 2, "seed": 3, "out_dir": tmp_path}
+    start = networks(gain=1.0).weights({}, {})
 
     def stop(values):
         raise Stopped
 
-    episodes = [(1, e) for e in range(16)]
+    simulation = SimulationConfig(load_scenarios([1]), [(1, e) for e in range(16)], batch=2, seed=3)
     with pytest.raises(Stopped):
-        refine(near_misses, QUICK, start, scenarios=load_scenarios([1]), episodes=episodes, report=stop, **options)
+        refine(near_misses, QUICK, start, simulation, out_dir=tmp_path, report=stop)
     before = (tmp_path / "refine_checkpoint.safetensors").read_bytes()
-    other = [(6, e) for e in range(16)]
-    with pytest.raises(InvalidInput, match="of another simulation"):
-        refine(near_misses, QUICK, start, scenarios=load_scenarios([6]), episodes=other, **options)
+    others = [
+        (dataclasses.replace(simulation, seed=4), "simulation.seed = 3"),
+        (dataclasses.replace(simulation, scenarios=load_scenarios([6])), "simulation.scenarios"),
+        (dataclasses.replace(simulation, policies={"vehicle": PolicyConfig(explore=True)}), "simulation.policies"),
+    ]
+    for other, message in others:
+        with pytest.raises(InvalidInput, match=message):
+            refine(near_misses, QUICK, start, other, learner_seed=3, out_dir=tmp_path)
     assert (tmp_path / "refine_checkpoint.safetensors").read_bytes() == before
 
 
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"pace_weights": [1.0]}, "pace_weights must be two numbers"),
-        ({"foresight_scale": [1.0, 1.0]}, "foresight_scale must be three numbers"),
+        ({"pace_weights": [1.0]}, "foresight.pace_weights must be two numbers"),
+        ({"scale": [1.0, 1.0]}, "foresight.scale must be three numbers"),
         ({"insisting_shares": [0.5]}, "insisting_shares must be two numbers"),
         ({"braking_share": 0.5, "insisting_shares": [0.3, 0.3]}, "add up to 1 at most together with braking_share"),
     ],
 )
 def test_lists_of_another_length_and_shares_above_one_are_refused(values, message):
     with pytest.raises(InvalidInput, match=message):
-        RefineConfig(**values)
+        ForesightConfig(**values)
+
+
+def test_rehearsal_is_by_the_configuration_of_stage_1_that_the_weights_carry(networks, near_misses):
+    def updated(configuration):
+        refiner = Refiner(QUICK, networks(gain=1.0).weights(configuration, {}), near_misses, seed=4)
+        refiner.add(experience())
+        refiner.update()
+        return refiner.update()
+
+    plain = updated(resolved(PretrainConfig()))
+    assert updated({}) == plain
+    other = updated(resolved(PretrainConfig(imitation=ImitationConfig(velocity_weight=0.0))))
+    assert other != plain
+    assert updated({"PretrainConfig": {"velocity_weight": 0.0}}) == other, "as weights of earlier versions say it"
+    with pytest.raises(InvalidInput, match="configuration of stage 1: unknown parameter 'speed'"):
+        updated({"PretrainConfig": {"speed": 1.0}})
 
 
 def test_rates_count_the_episodes_that_were_handed_over():

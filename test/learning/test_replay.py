@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from vpsci_ros.learning.config import AGENTS
 from vpsci_ros.learning.replay import History, ReplayBuffer, collate, up_to_capacity
+from vpsci_ros.world.observation import AGENTS
 
 
 def made(steps, real=False, mark=0.0):

@@ -3,8 +3,12 @@ import pytest
 import torch
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import RefineConfig
-from vpsci_ros.learning.rewards import RewardWeights, predicted_velocity, speed_reward
+from vpsci_ros.learning.assembly import HistoryAssembler
+from vpsci_ros.learning.config import RewardsConfig
+from vpsci_ros.learning.rewards import EventRewards, RewardWeights, SimulatedRewards, predicted_velocity, speed_reward
+from vpsci_ros.learning.transitions import TRANSITION
+
+STEPS = 10
 
 
 def test_speed_reward_is_that_of_equation_14():
@@ -21,7 +25,7 @@ def test_speed_reward_is_zero_where_the_prediction_is_right():
 
 
 def test_weights_adapt_as_equation_28_says():
-    weights = RewardWeights(RefineConfig(weight_temperature=0.1))
+    weights = RewardWeights(RewardsConfig(weight_temperature=0.1))
     components = np.array([[0.0, 100.0, -1.0], [0.0, 0.0, -3.0]])  # means 0, 50 and -2
     weights.episode(components)
     grown = np.exp(0.1 * np.array([0.0, 50.0, 2.0]))
@@ -29,7 +33,7 @@ def test_weights_adapt_as_equation_28_says():
 
 
 def test_weights_stay_a_share_of_one_whatever_the_rewards():
-    weights = RewardWeights(RefineConfig(weight_temperature=10.0))
+    weights = RewardWeights(RewardsConfig(weight_temperature=10.0))
     for _ in range(50):
         weights.episode(np.array([[-200.0, 100.0, -1e4]]))
     assert weights.values.sum() == pytest.approx(1.0)
@@ -38,7 +42,7 @@ def test_weights_stay_a_share_of_one_whatever_the_rewards():
 
 
 def test_fixed_weights_do_not_adapt():
-    weights = RewardWeights(RefineConfig(reward_weights=[0.6, 0.2, 0.2]))
+    weights = RewardWeights(RewardsConfig(weights=[0.6, 0.2, 0.2]))
     weights.episode(np.array([[-200.0, 100.0, -1e4]]))
     np.testing.assert_allclose(weights.values, [0.6, 0.2, 0.2])
     assert weights.total(np.array([-200.0, 0.0, -1.0])) == pytest.approx(-120.2)
@@ -46,4 +50,43 @@ def test_fixed_weights_do_not_adapt():
 
 def test_weights_that_do_not_add_up_are_refused():
     with pytest.raises(InvalidInput, match="add up to 1"):
-        RefineConfig(reward_weights=[0.5, 0.2, 0.2])
+        RewardsConfig(weights=[0.5, 0.2, 0.2])
+
+
+@pytest.fixture
+def rewards(networks):
+    return SimulatedRewards(RewardsConfig(), networks())
+
+
+def experienced(pedestrian_goal_at=None):
+    """Ten steps of noise that end in a collision."""
+    rng = np.random.default_rng(0)
+    rows = np.zeros(STEPS, TRANSITION)
+    rows["number"] = rows["step"] = np.arange(STEPS)
+    rows["scenario"] = 1
+    for name in ("vehicle_observation", "pedestrian_observation", "vehicle_action", "pedestrian_action"):
+        rows[name] = rng.normal(size=rows[name].shape)
+    rows["collision"][-1] = rows["terminal"][-1] = rows["last"][-1] = 1
+    if pedestrian_goal_at is not None:
+        rows["pedestrian_goal"][pedestrian_goal_at] = 1
+    (history,) = HistoryAssembler(EventRewards()).add(rows)
+    return history
+
+
+def test_the_speed_reward_is_zero_where_the_policy_acts_as_stage_1_did(rewards):
+    history = experienced()
+    rewards.refer([history])
+    assert all(np.all(c[:, 2] < 0.0) for c in rewards.components(history).values())
+    for agent in ("vehicle", "pedestrian"):
+        velocity = history.observation[agent][:-1, :2]
+        history.action[agent] = (history.next_velocity[agent] - velocity) / np.float32(0.1)
+        np.testing.assert_allclose(rewards.components(history)[agent][:, 2], 0.0, atol=1e-6)
+
+
+def test_collisions_and_goals_are_rewarded_as_equations_25_and_26_say(rewards):
+    history = experienced(pedestrian_goal_at=4)
+    rewards.refer([history])
+    components = rewards.components(history)
+    assert components["vehicle"][:, 0].tolist() == [0.0] * 9 + [-200.0]
+    assert components["vehicle"][:, 1].sum() == 0.0
+    assert components["pedestrian"][4, 1] == 100.0

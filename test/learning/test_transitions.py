@@ -4,24 +4,26 @@ import numpy as np
 import pytest
 
 from vpsci_ros.learning.assembly import STALE, HistoryAssembler
+from vpsci_ros.learning.rewards import EventRewards
 from vpsci_ros.learning.transitions import TRANSITION, TransitionBuilder
-from vpsci_ros.world import COLLISION, ENDED, EPISODE, GOAL, RUNNING, World, WorldConfig, handover, load_scenarios
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world import COLLISION, ENDED, EPISODE, GOAL, RUNNING, World, WorldConfig, load_scenarios
+from vpsci_ros.world.events import NO_EVENTS
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.tick import Actions, Step, Tick
 
 
 @pytest.fixture(scope="module")
 def run():
     """Sixteen episodes under constant braking: every tick's state, and all transitions."""
-    world = World(WorldConfig(), load_scenarios([1, 2, 5, 7]), [(s, e) for e in range(4) for s in (1, 2, 5, 7)], 8, 3)
+    world = World(
+        WorldConfig(spawn="paper"), load_scenarios([1, 2, 5, 7]), [(s, e) for e in range(4) for s in (1, 2, 5, 7)], 8, 3
+    )
     builder, rows, ticks = TransitionBuilder(world.scenarios), [], []
-    action = np.tile([-1.0, 0.2], (8, 1))
+    loop, action = Loop(world), np.tile([-1.0, 0.2], (8, 1))
     while not world.done:
-        state = world.state.copy()
-        curvttc, _, critical = assess(state, MonitorConfig())
-        frame = handover.policy_frame(state, world.config)
-        rows.append(builder.observe(state, frame, curvttc, critical, action, -action, 3, 4))
-        ticks.append((state, curvttc, critical, frame))
-        world.advance(curvttc, critical, action, -action)
+        step = loop.step(Actions(vehicle=action, pedestrian=-action))
+        rows.append(builder.observe(step, 3, 4))
+        ticks.append(step)
     return np.concatenate(rows), ticks, builder
 
 
@@ -34,7 +36,7 @@ def test_transitions_are_numbered_without_gaps(run):
 
 def test_there_is_one_transition_for_every_step_that_the_policies_took(run):
     rows, ticks, _ = run
-    taken = sum(int(handover.acting(state, frame, critical).sum()) for state, _, critical, frame in ticks)
+    taken = sum(int(step.assessment.acting.sum()) for step in ticks)
     assert len(rows) == taken
 
 
@@ -65,7 +67,7 @@ def test_the_vehicle_brakes_as_asked_in_the_frame_of_the_step(run):
 def test_each_ended_episode_under_control_has_one_last_transition_with_its_outcome(run):
     rows, ticks, _ = run
     ended = {}
-    for state, *_ in ticks:
+    for state in (step.tick.state for step in ticks):
         for record in state[(state["status"] == ENDED) & (state["controlled"] != 0)]:
             ended[int(record["scenario"]), int(record["episode"])] = int(record["outcome"])
     collisions = {(int(r["scenario"]), int(r["episode"])) for r in rows[rows["collision"] == 1]}
@@ -88,13 +90,17 @@ def one_slot(frame, controlled, step):
 
 
 def test_a_missing_answer_ends_the_history():
-    builder, yes = TransitionBuilder(load_scenarios([1])), np.ones(1, bool)
-    action = np.ones((1, 2))
-    assert len(builder.observe(one_slot(0, 0, 0), yes, np.ones(1), yes, action, action)) == 0
-    rows = builder.observe(one_slot(2, 1, 1), yes, np.ones(1), yes, None, action)
+    builder, yes, action = TransitionBuilder(load_scenarios([1])), np.ones(1, bool), np.ones((1, 2))
+
+    def observe(frame, controlled, step, actions):
+        tick = Tick(number=frame, state=one_slot(frame, controlled, step), policy_frame=yes)
+        return builder.observe(Step(tick, tick.assessed(np.ones(1), np.ones(1), yes), actions, NO_EVENTS))
+
+    assert len(observe(0, 0, 0, Actions(action, action))) == 0
+    rows = observe(2, 1, 1, Actions(pedestrian=action))
     assert rows["last"].tolist() == [1]
     assert rows["terminal"].tolist() == [0]
-    assert len(builder.observe(one_slot(4, 1, 2), yes, np.ones(1), yes, action, action)) == 0
+    assert len(observe(4, 1, 2, Actions(action, action))) == 0
 
 
 def history(episode, steps, first_number=0):
@@ -114,7 +120,7 @@ def test_interleaved_transitions_become_whole_histories():
     mixed = np.concatenate([rows for pair in zip(first, second, strict=True) for rows in ([pair[0]], [pair[1]])])
     mixed["number"] = np.arange(8)
     mixed["collision"][-1] = mixed["terminal"][-1] = 1
-    assembler = HistoryAssembler(-200.0, 100.0)
+    assembler = HistoryAssembler(EventRewards(-200.0, 100.0))
     finished = assembler.add(mixed[:5]) + assembler.add(mixed[5:])
     assert [len(h) for h in finished] == [4, 4]
     assert finished[0].observation["vehicle"][:, 0].tolist() == [0, 1, 2, 3, 4]
@@ -124,14 +130,14 @@ def test_interleaved_transitions_become_whole_histories():
 
 
 def test_a_history_of_one_step_is_a_history():
-    (finished,) = HistoryAssembler(-200.0, 100.0).add(history(1, 1))
+    (finished,) = HistoryAssembler(EventRewards(-200.0, 100.0)).add(history(1, 1))
     assert len(finished) == 1
     assert all(array.strides[0] % array.itemsize == 0 for array in finished.action.values())
 
 
 def test_a_lost_transition_is_counted_and_its_history_dropped():
     rows = np.concatenate([history(1, 5), history(2, 3, first_number=5)])
-    assembler = HistoryAssembler(-200.0, 100.0)
+    assembler = HistoryAssembler(EventRewards(-200.0, 100.0))
     finished = assembler.add(np.delete(rows, 2))
     assert assembler.lost == 1
     assert [len(h) for h in finished] == [3]
@@ -139,7 +145,7 @@ def test_a_lost_transition_is_counted_and_its_history_dropped():
 
 
 def test_a_history_whose_last_row_was_lost_is_dropped_once_nothing_can_end_it():
-    assembler = HistoryAssembler(-200.0, 100.0)
+    assembler = HistoryAssembler(EventRewards(-200.0, 100.0))
     assembler.add(history(1, 5)[:4])
     assembler.add(history(2, 3, first_number=5))
     assert (assembler.lost, assembler.dropped) == (1, 0)
@@ -150,7 +156,7 @@ def test_a_history_whose_last_row_was_lost_is_dropped_once_nothing_can_end_it():
 
 def test_an_assembler_goes_on_from_its_state():
     rows = history(1, 6)
-    first, second = HistoryAssembler(-200.0, 100.0), HistoryAssembler(-200.0, 100.0)
+    first, second = HistoryAssembler(EventRewards(-200.0, 100.0)), HistoryAssembler(EventRewards(-200.0, 100.0))
     first.add(rows[:4])
     second.restore(first.state())
     (finished,) = second.add(rows[4:])

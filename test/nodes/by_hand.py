@@ -7,29 +7,30 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import yaml
 from rosbags.highlevel import AnyReader
 
+from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.parameters import as_ros_parameters
+from vpsci_ros.runs.sections import Sections
 
 PATIENCE = 90.0  # [s]
 
 
 class ByHand:
-    """Processes of one graph; `sections` as `vpsci_ros.config.load` returns them."""
+    """Processes of one graph; `sections` as `vpsci_ros.cli.parameter_file.load` returns them."""
 
-    def __init__(self, folder: Path, sections: dict[str, dict[str, Any]], namespace: str = "") -> None:
+    def __init__(self, folder: Path, sections: Sections, namespace: str = "") -> None:
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
         resolved = resolve(sections, folder)
-        self.nodes: list[str] = resolved["graph"]["nodes"]
+        self.nodes = resolved.get(GraphConfig, "graph").nodes
         for node in self.nodes:
-            resolved[node]["peers"] = list(self.nodes)
+            resolved = resolved.changed(node, {"peers": list(self.nodes)})
         self._parameters = folder / "params.yaml"
-        layout = as_ros_parameters(resolved, any_namespace=bool(namespace))
+        layout = as_ros_parameters(resolved.values, any_namespace=bool(namespace))
         self._parameters.write_text(yaml.safe_dump(layout), encoding="utf-8")
         self._namespace = namespace
         self.running: dict[str, subprocess.Popen[bytes]] = {}

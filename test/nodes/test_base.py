@@ -1,15 +1,20 @@
 """The form that nodes share: parameters are checked before anything runs, and no message is lost at the start."""
 
 import threading
+from pathlib import Path
 
 import pytest
 import rclpy
+import yaml
 from rclpy.context import Context
 from rclpy.parameter import Parameter
 
 from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
+from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
+from vpsci_ros.runs.config import RunConfig
 
 
 def override(name: str, value: object) -> Parameter:
@@ -52,6 +57,40 @@ def test_a_parameter_of_another_node_is_let_pass_because_a_file_may_address_all(
     node = SafetyMonitor(context=context, parameter_overrides=[override("batch", 4)])
     assert not node.has_parameter("batch")
     node.destroy_node()
+
+
+def test_a_learner_has_the_parameters_of_its_stage_and_refuses_those_of_the_other(context: Context) -> None:
+    learner = GraphNode("learner", context=context, parameter_overrides=[override("imitation.rollouts", 4)])
+    assert learner.config(PretrainConfig).imitation.rollouts == 4
+    assert not learner.has_parameter("rewards.collision")
+    learner.destroy_node()
+    refine = [override("stage", "refine"), override("rewards.collision", -10.0)]
+    learner = GraphNode("learner", context=context, parameter_overrides=refine)
+    assert learner.config(RefineConfig).rewards.collision == -10.0
+    learner.destroy_node()
+    with pytest.raises(InvalidInput, match=r"node learner: unknown parameter 'imitation.rollouts'"):
+        GraphNode("learner", context=context, parameter_overrides=[*refine, override("imitation.rollouts", 4)])
+
+
+def test_nodes_started_one_by_one_take_seed_and_noise_from_the_section_for_every_node(tmp_path: Path) -> None:
+    path = tmp_path / "params.yaml"
+    shared = {"seed": 7, "noise": {"start": 0.25}}
+    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": shared}, "learner": {"ros__parameters": {"seed": 8}}}))
+    context = Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(path)], context=context)
+    try:
+        nodes = {name: GraphNode(name, context=context) for name in ("vehicle_policy", "world_simulator", "learner")}
+        assert nodes["vehicle_policy"].config(PolicyConfig).noise == NoiseConfig(start=0.25)
+        assert nodes["vehicle_policy"].config(PolicyConfig).seed == 7
+        assert nodes["world_simulator"].config(RunConfig).seed == 7
+        assert nodes["learner"].config(LearnerConfig).seed == 8, "its own section wins"
+        noise = override("noise.floor", 0.5)
+        assert nodes["vehicle_policy"].set_parameters([noise])[0].successful, "on the running node, too"
+        assert nodes["vehicle_policy"].config(PolicyConfig).noise == NoiseConfig(start=0.25, floor=0.5)
+        for node in nodes.values():
+            node.destroy_node()
+    finally:
+        context.try_shutdown()
 
 
 def test_the_first_message_waits_for_the_expected_readers(context: Context) -> None:

@@ -14,12 +14,13 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
 from vpsci_msgs.msg import WorldState
-from vpsci_ros.learning.config import NetworkConfig
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.weights import save_weights
-from vpsci_ros.nodes.graph import GraphResult, Processes, run_graph
+from vpsci_ros.nodes.graph import GraphResult, NodeProcesses, run_graph
 from vpsci_ros.nodes.topics import RECORDING
 from vpsci_ros.nodes.watch import Watch
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.weights import save_weights
+from vpsci_ros.runs.sections import Sections
 
 NODES = ["recorder", "vehicle_policy", "pedestrian_policy", "world_simulator", "safety_monitor"]
 
@@ -44,7 +45,7 @@ def by_hand(domain: int, tmp_path: Path, weights: str) -> Iterator[Callable[...,
             "vehicle_policy": policy,
             "pedestrian_policy": policy,
         }
-        made.append(ByHand(tmp_path / name, sections, namespace))
+        made.append(ByHand(tmp_path / name, Sections(sections), namespace))
         return made[-1]
 
     yield make
@@ -105,7 +106,7 @@ def test_a_graph_starts_a_policy_again_that_dies_and_its_bag_shows_nothing_of_it
             "vehicle_policy": policy,
             "pedestrian_policy": policy,
         }
-        return run_graph(sections, tmp_path / name, quiet=True)
+        return run_graph(Sections(sections), tmp_path / name, quiet=True)
 
     expected = chosen("undisturbed", 0)
     assert expected.error == ""
@@ -118,9 +119,9 @@ def test_a_graph_starts_a_policy_again_that_dies_and_its_bag_shows_nothing_of_it
             victims.append(started[0].running["vehicle_policy"].pid)
             os.kill(victims[0], signal.SIGKILL)
 
-    started: list[Processes] = []
-    enter = Processes.__enter__
-    monkeypatch.setattr(Processes, "__enter__", lambda self: started.append(self) or enter(self))
+    started: list[NodeProcesses] = []
+    enter = NodeProcesses.__enter__
+    monkeypatch.setattr(NodeProcesses, "__enter__", lambda self: started.append(self) or enter(self))
     monkeypatch.setattr(Watch, "spin", spin)
     result = chosen("killed", 1)
     assert result.error == ""

@@ -5,14 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from vpsci_ros.config import RunConfig, WorldConfig, pick
-from vpsci_ros.learning.rollout import policies, rollout
-from vpsci_ros.learning.weights import load_weights
 from vpsci_ros.nodes.composed import composed
 from vpsci_ros.nodes.graph import resolve
+from vpsci_ros.policy.agent import policies
+from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
-from vpsci_ros.world import OUTCOME_NAMES, World, load_scenarios
-from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
+from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.state import FINISHED
 
 
@@ -24,16 +25,16 @@ def test_a_composed_graph_runs_the_episodes_of_the_engine(domain: int, tmp_path:
         "vehicle_policy": policy,
         "pedestrian_policy": policy,
     }
-    with composed(resolve(chosen, tmp_path)) as nodes:
+    with composed(resolve(Sections(chosen), tmp_path)) as nodes:
         told = dict(nodes["world_simulator"].status())
 
-    run = pick(RunConfig, chosen["world_simulator"], "test")
+    run = Sections(chosen).get(RunConfig, "world_simulator")
     world = World(WorldConfig(), load_scenarios(run.scenarios), run.queue(), run.batch, run.seed)
     outcomes: Counter[str] = Counter()
-    for tick in rollout(world, MonitorConfig(), policies(load_weights(weights_path("pretrained")), world, 1, False)):
-        ended = tick.events[tick.events["kind"] == FINISHED]
+    for step in Loop(world, agents=policies(load_weights(weights_path("pretrained")), world)):
+        ended = step.events[step.events["kind"] == FINISHED]
         outcomes.update(OUTCOME_NAMES[outcome] for outcome in ended["outcome"])
     assert {name: told[name] for name in outcomes} == outcomes
     assert np.sum(list(outcomes.values())) == 8
-    assert told["tick"] == world.tick
+    assert told["tick"] == world.now.number
     assert (tmp_path / "bag" / "metadata.yaml").is_file()

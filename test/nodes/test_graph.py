@@ -12,19 +12,22 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from vpsci_ros import config
-from vpsci_ros.config import NODES, RunConfig, WorldConfig, pick
+from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import NetworkConfig
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.rollout import policies, rollout
-from vpsci_ros.learning.weights import load_weights, save_weights
 from vpsci_ros.nodes import convert
-from vpsci_ros.nodes.graph import Processes, resolve, run_graph
-from vpsci_ros.provenance import sha256
+from vpsci_ros.nodes.config import NODES
+from vpsci_ros.nodes.graph import NodeProcesses, resolve, run_graph
+from vpsci_ros.policy.agent import policies
+from vpsci_ros.policy.config import NetworkConfig, NoiseConfig, PolicyConfig
+from vpsci_ros.policy.weights import load_weights, save_weights
 from vpsci_ros.resources import params_dir, weights_path
-from vpsci_ros.world import World, handover, load_scenarios
-from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.world import World, WorldConfig, load_scenarios
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.observation import AGENTS
 
 GENERATE = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
 
@@ -37,14 +40,16 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-def sections(weights: str, **world: Any) -> dict[str, dict[str, Any]]:
+def sections(weights: str, **world: Any) -> Sections:
     settings = {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4} | world
-    return {
-        "graph": {"nodes": GENERATE, "progress_timeout": 60.0},
-        "world_simulator": settings,
-        "vehicle_policy": {"weights": weights},
-        "pedestrian_policy": {"weights": weights},
-    }
+    return Sections(
+        {
+            "graph": {"nodes": GENERATE, "progress_timeout": 60.0},
+            "world_simulator": settings,
+            "vehicle_policy": {"weights": weights},
+            "pedestrian_policy": {"weights": weights},
+        }
+    )
 
 
 def recorded_ticks(bag: Path) -> dict[int, dict[str, Any]]:
@@ -67,22 +72,22 @@ def test_separate_processes_and_one_process_make_the_same_episodes_bit_for_bit(
     assert result.error == ""
     recorded = recorded_ticks(result.bag)
 
-    run = pick(RunConfig, chosen["world_simulator"], "test")
+    run = chosen.get(RunConfig, "world_simulator")
     config = WorldConfig()
     world = World(config, load_scenarios(run.scenarios), run.queue(), run.batch, run.seed)
     count = controlled = 0
-    for tick in rollout(world, MonitorConfig(), policies(load_weights(weights), world, seed=1, explore=False)):
-        message = recorded[tick.tick]
-        frame = handover.policy_frame(tick.state, config)
-        expected = convert.world_state_message(tick.state, frame, tick.tick, config.tick)
+    for step in Loop(world, agents=policies(load_weights(weights), world)):
+        number, state, frame, _ = step.tick
+        message = recorded[number]
+        expected = convert.world_state_message(state, frame, number, config.tick)
         for name, kind in expected.get_fields_and_field_types().items():
             if kind.startswith("sequence"):
                 got = getattr(message["/world/state"], name)
-                assert got.tobytes() == bytes(getattr(expected, name)), f"{name} at tick {tick.tick}"
-        assert message["/safety/state"].curvttc.tobytes() == tick.curvttc.tobytes()
-        assert message["/safety/state"].distance.tobytes() == tick.distance.tobytes()
-        for agent, action in tick.actions.items():
-            if action is not None:
+                assert got.tobytes() == bytes(getattr(expected, name)), f"{name} at tick {number}"
+        assert message["/safety/state"].curvttc.tobytes() == step.assessment.curvttc.tobytes()
+        assert message["/safety/state"].distance.tobytes() == step.assessment.distance.tobytes()
+        for agent in AGENTS:
+            if (action := step.actions.of(agent)) is not None:
                 assert message[f"/{agent}/action"].longitudinal.tobytes() == action[:, 0].tobytes()
                 assert message[f"/{agent}/action"].lateral.tobytes() == action[:, 1].tobytes()
                 controlled += int(np.count_nonzero(action))
@@ -95,42 +100,43 @@ def test_a_run_tells_what_it_did_and_with_what(domain: int, tmp_path: Path) -> N
     result = run_graph(sections("refined", episodes=1, batch=1, scenarios=[3]), tmp_path / "run", quiet=True)
     record = json.loads((tmp_path / "run" / "run.json").read_text())
     assert record["error"] == ""
-    assert record["progress"]["episodes_ended"] == 1
-    assert record["weights_sha256"] == {"refined": sha256(weights_path("refined"))}
-    assert set(record["exit_status"].values()) == {0}
+    assert record["results"]["progress"]["episodes_ended"] == 1
+    assert record["inputs_sha256"] == {"refined": sha256(weights_path("refined"))}
+    assert set(record["results"]["exit_status"].values()) == {0}
     with AnyReader([result.bag]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
     assert counts["/world/state"] == counts["/safety/state"] == counts["/clock"]
     assert counts["/world/state"] - 2 <= counts["/vehicle/odometry"] == counts["/pedestrian/odometry"]
 
 
+def wait_for_bytes(bag: Path, size: int) -> None:
+    """Wait until a file of the bag has grown beyond `size` bytes."""
+    while not any(file.stat().st_size > size for file in bag.glob("*.mcap")):
+        time.sleep(0.02)
+
+
 @pytest.mark.parametrize("victim", GENERATE)
 def test_killing_any_process_ends_the_run_with_its_name_and_a_bag_that_opens(
     domain: int, tmp_path: Path, weights: str, victim: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    started: list[Processes] = []
-    enter = Processes.__enter__
+    started: list[NodeProcesses] = []
+    enter = NodeProcesses.__enter__
 
-    def spy(self: Processes) -> Processes:
+    def spy(self: NodeProcesses) -> NodeProcesses:
         started.append(self)
         return enter(self)
 
-    monkeypatch.setattr(Processes, "__enter__", spy)
+    monkeypatch.setattr(NodeProcesses, "__enter__", spy)
     bag = tmp_path / "run" / "bag"
 
     def kill_once_it_records() -> None:
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline:
-            files = list(bag.glob("*.mcap"))
-            if files and files[0].stat().st_size > 20_000:
-                os.kill(started[0].running[victim].pid, signal.SIGKILL)
-                return
-            time.sleep(0.02)
+        wait_for_bytes(bag, 20_000)
+        os.kill(started[0].running[victim].pid, signal.SIGKILL)
 
-    killer = threading.Thread(target=kill_once_it_records)
+    killer = threading.Thread(target=kill_once_it_records, daemon=True)
     killer.start()
     # Far more episodes than can end before the kill; small chunks, so that something is on disk early.
-    chosen = sections(weights, episodes=100_000, batch=16) | {"recorder": {"chunk_size": 16}}
+    chosen = sections(weights, episodes=100_000, batch=16).changed("recorder", {"chunk_size": 16})
     result = run_graph(chosen, tmp_path / "run", quiet=True)
     killer.join()
     assert f"{victim} was killed by SIGKILL" in result.error
@@ -140,18 +146,22 @@ def test_killing_any_process_ends_the_run_with_its_name_and_a_bag_that_opens(
     assert all("/world/state" in topics for tick, topics in ticks.items() if tick < max(ticks) - 1)
 
 
-def test_stopping_on_request_completes_the_bag(domain: int, tmp_path: Path, weights: str) -> None:
+def test_stopping_on_request_completes_the_bag_where_interrupts_were_ignored(
+    domain: int, tmp_path: Path, weights: str
+) -> None:
     bag = tmp_path / "run" / "bag"
 
     def interrupt_once_it_records() -> None:
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline and not any(f.stat().st_size > 20_000 for f in bag.glob("*.mcap")):
-            time.sleep(0.02)
+        wait_for_bytes(bag, 20_000)
         os.kill(os.getpid(), signal.SIGINT)
 
-    waiter = threading.Thread(target=interrupt_once_it_records)
-    waiter.start()
-    result = run_graph(sections(weights, episodes=100_000), tmp_path / "run", quiet=True)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a background job of a shell inherits it
+    try:
+        waiter = threading.Thread(target=interrupt_once_it_records, daemon=True)
+        waiter.start()
+        result = run_graph(sections(weights, episodes=100_000), tmp_path / "run", quiet=True)
+    finally:
+        signal.signal(signal.SIGINT, before)
     waiter.join()
     assert result.error == "stopped on request"
     assert set(result.exits.values()) == {0}
@@ -187,27 +197,27 @@ def test_weights_that_do_not_exist_are_refused_before_anything_starts(tmp_path: 
 
 
 def test_a_world_that_the_learner_does_not_know_is_refused(tmp_path: Path) -> None:
-    graph = {"graph": {"nodes": ["world_simulator", "learner"]}, "world_simulator": {"pedestrian_gain": 1.0}}
+    nodes = {"nodes": ["world_simulator", "learner"]}
+    graph = Sections({"graph": nodes, "world_simulator": {"pedestrian_gain": 1.0}})
     with pytest.raises(InvalidInput, match="pedestrian_gain = 1: stage 2 .* expects 0.5"):
-        resolve(graph | {"learner": {"online_objective": "closed_loop"}}, tmp_path)
-    assert resolve(graph | {"learner": {"online_objective": "ddpg"}}, tmp_path)
+        resolve(graph.changed("learner", {"stage": "refine", "objective": "closed_loop"}), tmp_path)
+    assert resolve(graph.changed("learner", {"stage": "refine", "objective": "ddpg"}), tmp_path)
 
 
-@pytest.mark.parametrize("policy", ["vehicle_policy", "pedestrian_policy"])
-def test_policies_that_explore_by_another_noise_than_their_learner_knows_are_refused(
-    tmp_path: Path, policy: str
-) -> None:
-    file = config.load(params_dir() / "stage2_online.yaml")
-    noise = resolve(file, tmp_path)["learner"]["noise_start"]
-    assert resolve(file, tmp_path)[policy]["noise_start"] == noise == 0.1
-    file[policy]["noise_start"] = 0.3
-    with pytest.raises(InvalidInput, match=rf"{policy}.noise_start = 0.3, but learner.noise_start = 0.1"):
-        resolve(file, tmp_path)
+@pytest.mark.parametrize("name", ["stage2_online.yaml", "paper_stage2.yaml"])
+def test_seed_and_noise_stand_once_in_a_file_and_reach_every_node_that_has_them(tmp_path: Path, name: str) -> None:
+    text = (params_dir() / name).read_text()
+    assert text.count("seed:") == text.count("noise:") == 1
+    resolved = resolve(load(params_dir() / name), tmp_path)
+    for node in ("world_simulator", "vehicle_policy", "pedestrian_policy", "learner"):
+        assert resolved.values[node]["seed"] == 2
+    noises = {resolved.get(PolicyConfig, f"{agent}_policy").noise for agent in AGENTS}
+    assert noises == {NoiseConfig(0.1, 0.001, 0.02) if name == "stage2_online.yaml" else NoiseConfig(0.3, 0.001, 0.05)}
 
 
 def test_a_graph_without_a_leading_node_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="expected world_simulator or learner among them"):
-        resolve({"graph": {"nodes": ["safety_monitor"]}}, tmp_path)
+        resolve(Sections({"graph": {"nodes": ["safety_monitor"]}}), tmp_path)
 
 
 def test_every_node_of_the_table_is_an_executable_module() -> None:

@@ -8,22 +8,28 @@ from rosbags.highlevel import AnyReader
 
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.data.synthetic import synthetic_near_misses
-from vpsci_ros.learning.weights import load_weights
 from vpsci_ros.nodes.graph import run_graph
+from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.runs.sections import Sections
 
-SMALL_STAGE_1 = {"stage": "pretrain", "episodes": 2, "rollouts": 4, "batch_size": 16, "evaluate_every": 2}
+SMALL_STAGE_1 = {
+    "stage": "pretrain",
+    "episodes": 2,
+    "imitation.rollouts": 4,
+    "replay.batch_size": 16,
+    "evaluate_every": 2,
+}
 SMALL_NETWORK = {"hidden": 16, "heads": 2, "key_dimension": 8, "actor_hidden": [8, 8], "critic_hidden": [8, 8]}
 SMALL_STAGE_2 = {
     "stage": "refine",
-    "batch_size": 16,
-    "warm_up_steps": 8,
-    "steps_per_update": 8,
-    "critic_warm_up": 1,
-    "updates_per_refresh": 10,
-    "rehearsal_rollouts": 2,
-    "foresight_rollouts": 4,
-    "foresight_steps": 10,
-    "rollback_margin": 10.0,  # barely trained weights may get worse; what is tested is that they travel
+    "replay.batch_size": 16,
+    "updates.warm_up_steps": 8,
+    "updates.steps_per_update": 8,
+    "refresh.updates": 10,
+    "rehearsal.rollouts": 2,
+    "foresight.rollouts": 4,
+    "foresight.steps": 10,
+    "refresh.rollback_margin": 10.0,  # barely trained weights may get worse; what is tested is that they travel
 }
 
 
@@ -31,7 +37,7 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     domain: int, tmp_path: Path
 ) -> None:
     nodes = ["learner", "recorder"]
-    first = run_graph({"graph": {"nodes": nodes}, "learner": SMALL_STAGE_1}, tmp_path / "stage1", quiet=True)
+    first = run_graph(Sections({"graph": {"nodes": nodes}, "learner": SMALL_STAGE_1}), tmp_path / "stage1", quiet=True)
     assert first.error == ""
     assert first.progress["learner.episode"] == 2
     pretrained = first.folder / "learner" / "pretrained.safetensors"
@@ -47,7 +53,7 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
         "pedestrian_policy": {"explore": True},
         "learner": SMALL_STAGE_2 | {"weights": str(pretrained)},
     }
-    second = run_graph(chosen, tmp_path / "stage2", quiet=True)
+    second = run_graph(Sections(chosen), tmp_path / "stage2", quiet=True)
     assert second.error == ""
     assert second.progress["learner.updates"] > 2
     assert second.progress["learner.lost"] == 0
@@ -82,13 +88,12 @@ def test_a_loss_that_is_not_a_number_ends_the_graph_and_leaves_the_batch(domain:
         | {
             "near_misses": [str(tmp_path / "near.parquet")],
             "objective": "ddpg",
-            "reward_scaling": 1e6,
+            "rewards.speed_scaling": 1e6,
             "held_out_fraction": 0.0,
         }
     )
-    result = run_graph(
-        {"graph": {"nodes": ["learner"], "progress_timeout": 600.0}, "learner": chosen}, tmp_path / "run", quiet=True
-    )
+    graph = {"nodes": ["learner"], "progress_timeout": 600.0}
+    result = run_graph(Sections({"graph": graph, "learner": chosen}), tmp_path / "run", quiet=True)
     assert "expected finite losses" in result.error
     assert str(tmp_path / "run" / "learner" / "diverged.npz") in result.error
     assert (tmp_path / "run" / "learner" / "diverged.npz").exists()

@@ -16,15 +16,16 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from vpsci_msgs.msg import EpisodeEvent
-from vpsci_ros.analysis.bag_info import bag_info
-from vpsci_ros.analysis.bag_verify import verify_bag
-from vpsci_ros.data.bag_reader import Bag, bag_files
-from vpsci_ros.data.bag_run import bag_run
+from vpsci_ros.bags.info import bag_info
+from vpsci_ros.bags.reader import Bag, bag_files
+from vpsci_ros.bags.run_record import bag_run
+from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.nodes.recorder import Recorder
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.topics import LOCK_STEP
+from vpsci_ros.runs.sections import Sections
 
 NODES = ["world_simulator", "safety_monitor", "recorder"]
 
@@ -51,7 +52,7 @@ def test_a_graphs_bag_holds_parameters_episodes_and_counts_over_split_files_and_
         "safety_monitor": {"horizon": 8.0},
         "recorder": {"chunk_size": 16, "split_size": 20_000},
     }
-    result = run_graph(sections, tmp_path / "run", quiet=True)
+    result = run_graph(Sections(sections), tmp_path / "run", quiet=True)
     assert result.error == ""
     assert len(bag_files(result.bag)) > 2
     info = bag_info(result.bag)
@@ -95,7 +96,7 @@ def test_a_recorder_alone_learns_who_is_there_and_records_what_comes(context: Co
     for message in (event(3, EpisodeEvent.STARTED), event(90, EpisodeEvent.ENDED, 2)):
         events.publish(message)
     row = recorder._bag.topics["/episode/event"]
-    spin(executor, lambda: row.messages == 2 and "safety_monitor" not in recorder._asked.missing)
+    spin(executor, lambda: row.messages == 2 and "safety_monitor" not in recorder._peer_parameters.missing)
     recorder.close()
     executor.remove_node(recorder)
     recorder.destroy_node()

@@ -7,21 +7,22 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from vpsci_ros.analysis.bag_verify import verify_bag
-from vpsci_ros.data.bags import read_bag
+from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import NetworkConfig
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.weights import save_weights
 from vpsci_ros.nodes.graph import run_graph
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.weights import save_weights
+from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 
 NODES = ["world_simulator", "safety_monitor", "recorder"]
 
 
-def sections(**world: Any) -> dict[str, dict[str, Any]]:
+def sections(**world: Any) -> Sections:
     settings = {"scenarios": [2], "episodes": 2, "batch": 1, "seed": 9, "pedestrian_driver": "autopilot"} | world
-    return {"graph": {"nodes": NODES}, "world_simulator": settings}
+    return Sections({"graph": {"nodes": NODES}, "world_simulator": settings})
 
 
 def motion(bag: Path, names: tuple[str, ...]) -> np.ndarray:
@@ -56,8 +57,8 @@ def test_a_recorded_car_drives_against_the_live_pedestrian_policy(domain: int, t
     weights = tmp_path / "initial.safetensors"
     save_weights(weights, Networks(NetworkConfig()).weights({}, {}))
     again = sections(vehicle_driver="replay", pedestrian_driver="policy", recorded_bag=str(first.bag))
-    again["graph"] = {"nodes": [*NODES, "pedestrian_policy"]}
-    again["pedestrian_policy"] = {"weights": str(weights)}
+    again = again.changed("graph", {"nodes": [*NODES, "pedestrian_policy"]})
+    again = again.changed("pedestrian_policy", {"weights": str(weights)})
     second = run_graph(again, tmp_path / "second", quiet=True)
     assert second.error == ""
     vehicle = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed")

@@ -14,9 +14,9 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from vpsci_msgs.msg import WorldState
-from vpsci_ros.data.bag_episodes import bag_episodes
-from vpsci_ros.data.bag_reader import Bag
-from vpsci_ros.data.bag_writer import BagTopic, BagWriter
+from vpsci_ros.bags.episodes import bag_episodes
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.replayer import Replayer
 from vpsci_ros.nodes.topics import RECORDING

@@ -136,12 +136,12 @@ def test_parameters_that_may_change_do_and_bad_values_are_refused_with_the_reaso
     assert change("real_time_factor", 2.0) == ""
     assert world._pacer.timer_period_ns == 25_000_000
     assert change("action_timeout", 7.5) == ""
-    assert world._lock_step.action_timeout == 7.5
+    assert world._lock_step.config.action_timeout == 7.5
     assert "read-only" in change("batch", 2)
     assert "real_time_factor" in change("real_time_factor", -1.0)
     assert "expected 'Type.DOUBLE' got 'Type.STRING'" in change("real_time_factor", "fast")
     assert "action_timeout" in change("action_timeout", float("nan"))
-    assert world._lock_step.real_time_factor == 2.0
+    assert world._lock_step.config.real_time_factor == 2.0
 
 
 def test_every_node_tells_rate_lag_and_misses(begin: Callable[..., Session]) -> None:

@@ -3,7 +3,7 @@
 import pytest
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-from vpsci_ros.config import EXECUTABLES, NODES, SECTIONS
+from vpsci_ros.nodes.config import EXECUTABLES, LEARNER, NODES, SECTIONS
 from vpsci_ros.nodes.topics import LATCHED, LOCK_STEP, RECORDING, TOPICS, listeners, speakers
 
 
@@ -14,9 +14,10 @@ def test_every_publisher_and_subscriber_is_a_node_that_exists() -> None:
 
 
 def test_every_node_has_a_section_of_parameters() -> None:
-    of_commands = {"graph", "dataset", "ads_test"}
-    assert set(SECTIONS) - of_commands == set(EXECUTABLES) - {"example_ads"}, "which is as a program of anybody's is"
-    assert set(NODES) < set(SECTIONS)
+    sections = {*SECTIONS, "learner"} - {"graph"}
+    assert sections == set(EXECUTABLES) - {"example_ads"}, "which is as a program of anybody's is"
+    assert set(NODES) < sections
+    assert all(LEARNER.values())
 
 
 @pytest.mark.parametrize("reader", [LOCK_STEP, RECORDING])

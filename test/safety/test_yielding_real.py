@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vpsci_ros.data.importers import FORMATS
+from vpsci_ros.data.importers import IMPORTERS
 from vpsci_ros.data.importers.tracks import slope
-from vpsci_ros.data.importers.vci import find_clips, read_clip
-from vpsci_ros.data.near_misses import STEP
+from vpsci_ros.data.importers.vci import FRAME_RATES, find_clips, read_clip
 from vpsci_ros.safety import Yielded, curvature_from_yaw_rate, curvttc, who_yielded
+from vpsci_ros.world.observation import STEP
 
 with (Path(__file__).parent / "yield_answers.csv").open(encoding="utf-8") as file:
     ANSWERS = list(csv.DictReader(file))
@@ -28,15 +28,15 @@ with (Path(__file__).parent / "yield_answers.csv").open(encoding="utf-8") as fil
 def judged():
     """Rows of the table, each with the rule's answer."""
     root = Path(os.environ.get("VPSCI_DATA", Path(__file__).parents[3] / "shared" / "data"))
-    folders = {source: root / source.replace("-", "_") for source in FORMATS}
+    folders = {source: root / source.replace("-", "_") for source in FRAME_RATES}
     if missing := [str(folder) for folder in folders.values() if not folder.is_dir()]:
         pytest.skip(f"no real recordings in {', '.join(missing)}; set VPSCI_DATA")
     rows = []
     for source, folder in folders.items():
         for name, *files in find_clips(folder):
             wanted = [row for row in ANSWERS if (row["source"], row["clip"]) == (source, name)]
-            clip = read_clip(name, *files, FORMATS[source].frame_rate) if wanted else None
-            rows += [(row, answer(clip, row, FORMATS[source])) for row in wanted]
+            clip = read_clip(name, *files, FRAME_RATES[source]) if wanted else None
+            rows += [(row, answer(clip, row, IMPORTERS.find(source))) for row in wanted]
     if len(rows) < len(ANSWERS):
         pytest.skip(f"{len(ANSWERS) - len(rows)} of the judged clips are not in {root}")
     return rows

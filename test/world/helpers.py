@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.world import IDLE, World, WorldConfig, handover, load_scenarios, observe
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world import IDLE, World, WorldConfig, load_scenarios, observe
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment
 
-MONITOR = MonitorConfig()
 AUTOPILOT = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot")
 SCENARIOS = load_scenarios(range(1, 9))
 
@@ -22,18 +22,29 @@ def cautious(state: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.f
     return along, np.stack([-0.3 * pedestrian[:, 0], -0.4 * pedestrian[:, 1]], axis=1)
 
 
-def nothing(state: NDArray[np.void]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def nothing(world: World) -> Actions:
     """Actions of zero acceleration."""
-    return np.zeros((len(state), 2)), np.zeros((len(state), 2))
+    return Actions(vehicle=np.zeros((len(world.state), 2)), pedestrian=np.zeros((len(world.state), 2)))
+
+
+def calm(world: World) -> Assessment:
+    """What a monitor says that sees no danger anywhere."""
+    far = np.full(len(world.state), np.inf)
+    return world.now.assessed(far, far, np.zeros(len(far), bool))
+
+
+def alarm(world: World) -> Assessment:
+    """What a monitor says that sees danger everywhere."""
+    near = np.full(len(world.state), 3.0)
+    return world.now.assessed(near, near, np.ones(len(near), bool))
 
 
 def frames(world: World, policy: Policy = cautious) -> Iterable[tuple[NDArray[np.void], NDArray[np.void]]]:
     """Run a world to its end; yield a copy of the state of each tick and the events of the step after it."""
+    loop = Loop(world)
     while not world.done:
-        state = world.state.copy()
-        curvttc, _, critical = assess(state, MONITOR)
-        actions = policy(state) if handover.policy_frame(state, world.config).any() else (None, None)
-        yield state, world.advance(curvttc, critical, *actions)
+        step = loop.step(Actions(*policy(world.state)) if world.now.policy_frame.any() else NO_ACTIONS)
+        yield step.tick.state, step.events
 
 
 def episodes(world: World, policy: Policy = cautious) -> dict[tuple[int, int], NDArray[np.void]]:

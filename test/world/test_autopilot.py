@@ -17,7 +17,11 @@ from vpsci_ros.world.autopilot import (
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 
 ALONE = WorldConfig(
-    vehicle_driver="autopilot", pedestrian_driver="autopilot", episode_time=40.0, proximity_distance=0.0
+    spawn="paper",
+    vehicle_driver="autopilot",
+    pedestrian_driver="autopilot",
+    episode_time=40.0,
+    proximity_distance=0.0,
 )
 
 
@@ -109,7 +113,10 @@ def test_comfortable_speed_in_a_bend_is_the_root_of_acceleration_times_radius():
 def standing_in_the_way(proximity: float):
     """Scenario 3 with the pedestrian standing on the lane, 4 m beyond where it is crossed; return the frames."""
     config = WorldConfig(
-        vehicle_driver="autopilot", pedestrian_driver="constant_velocity", proximity_distance=proximity
+        spawn="paper",
+        vehicle_driver="autopilot",
+        pedestrian_driver="constant_velocity",
+        proximity_distance=proximity,
     )
     world = World(config, [SCENARIOS[2]], [(3, 0)], 1, 1)
     x, y = SCENARIOS[2].vehicle.path.at(world.state["route_s"][0] + 12.0)

@@ -4,15 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from world.helpers import AUTOPILOT, SCENARIOS, episodes, run
+from world.helpers import AUTOPILOT, SCENARIOS, alarm, calm, episodes, run
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import COLLISION, RUNNING, Recorded, World, WorldConfig
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
+from vpsci_ros.world.tick import Actions
 
-QUIET = np.array([np.inf]), np.array([False])
-ALARM = np.array([1.0]), np.array([True])
 EXTERNAL = WorldConfig(vehicle_driver="external", pedestrian_driver="autopilot")
 
 
@@ -21,10 +20,10 @@ def world_of(config, scenario=1, episode=0, recorded=None):
 
 
 def test_an_external_system_has_full_control_at_every_tick_critical_or_not():
-    for safety in (QUIET, ALARM):
+    for safety in (calm, alarm):
         world = world_of(EXTERNAL)
         for steer in (0.5, -0.25, 1.0):
-            world.advance(*safety, vehicle_control=np.array([[steer, 0.3, 0.0]]))
+            world.advance(safety(world), Actions(vehicle_control=np.array([[steer, 0.3, 0.0]])))
             assert world.state["steer"][0] == steer
             assert world.state["throttle"][0] == 0.3
         assert world.state["vehicle_acceleration"][0] == pytest.approx(0.3 * 9.25)
@@ -32,14 +31,14 @@ def test_an_external_system_has_full_control_at_every_tick_critical_or_not():
 
 def test_controls_beyond_their_range_are_clipped():
     world = world_of(EXTERNAL)
-    world.advance(*QUIET, vehicle_control=np.array([[-3.0, -1.0, 7.0]]))
+    world.advance(calm(world), Actions(vehicle_control=np.array([[-3.0, -1.0, 7.0]])))
     assert (world.state["steer"][0], world.state["throttle"][0], world.state["brake"][0]) == (-1.0, 0.0, 1.0)
 
 
 def test_an_external_acceleration_goes_through_equations_18_to_20_where_lane_following_is_off():
     world = world_of(dataclasses.replace(EXTERNAL, lane_following=False))
     before = world.state.copy()
-    world.advance(*QUIET, np.array([[-2.0, 0.0]]))
+    world.advance(calm(world), Actions(np.array([[-2.0, 0.0]])))
     assert world.state["vehicle_acceleration"][0] == pytest.approx(-2.0)
     assert world.state["vehicle_heading"] == before["vehicle_heading"]
 
@@ -50,7 +49,7 @@ def test_an_external_acceleration_along_the_vehicle_alone_keeps_it_on_its_lane_t
     worst = 0.0
     while world.state["status"][0] == RUNNING:
         along = np.clip(4.0 - world.state["vehicle_speed"], -2.0, 2.0)
-        world.advance(*QUIET, np.array([[along[0], 0.0]]))
+        world.advance(calm(world), Actions(np.array([[along[0], 0.0]])))
         worst = max(worst, abs(path.locate(world.state["vehicle_x"][0], world.state["vehicle_y"][0])[1]))
     assert turned - world.state["vehicle_heading"][0] > 1.0
     assert worst < 0.5
@@ -59,8 +58,8 @@ def test_an_external_acceleration_along_the_vehicle_alone_keeps_it_on_its_lane_t
 def test_without_an_external_answer_the_autopilot_drives_for_the_tick_and_an_event_says_so():
     world, alone = world_of(EXTERNAL), world_of(AUTOPILOT)
     for _ in range(20):
-        assert VEHICLE_ACTION_MISSING in world.advance(*QUIET)["kind"]
-        alone.advance(*QUIET)
+        assert VEHICLE_ACTION_MISSING in world.advance(calm(world))["kind"]
+        alone.advance(calm(alone))
     assert world.state["vehicle_x"] == alone.state["vehicle_x"]
     assert world.state["vehicle_y"] == alone.state["vehicle_y"]
 
@@ -68,14 +67,14 @@ def test_without_an_external_answer_the_autopilot_drives_for_the_tick_and_an_eve
 def test_an_external_pedestrian_moves_by_equations_21_to_24():
     world = world_of(WorldConfig(vehicle_driver="autopilot", pedestrian_driver="external"), scenario=4)
     before = world.state.copy()
-    world.advance(*QUIET, None, np.array([[3.0, 0.0]]))
+    world.advance(calm(world), Actions(pedestrian=np.array([[3.0, 0.0]])))
     h = before["vehicle_heading"][0]
     change = [world.state[n][0] - before[n][0] for n in ("pedestrian_vx", "pedestrian_vy")]
     assert change == pytest.approx(0.5 * 3.0 * 0.05 * np.array([np.cos(h), np.sin(h)]))
 
 
 def test_constant_velocity_is_constant_from_setting_off():
-    config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="constant_velocity")
+    config = WorldConfig(spawn="paper", vehicle_driver="autopilot", pedestrian_driver="constant_velocity")
     waited = 0
     for rows in run([(s, e) for e in range(3) for s in range(1, 9)], config=config).values():
         walking = rows["frame"] * config.tick >= rows["start_delay"] + config.tick
@@ -99,13 +98,13 @@ def test_a_social_force_walker_collides_less_than_one_that_ignores_the_vehicle()
 def test_a_social_force_walker_stops_one_metre_short_of_a_vehicle_standing_in_its_way():
     slow = dataclasses.replace(SCENARIOS[6].pedestrian, speed=(1.4, 1.4), offset=(0.0, 0.0), arrival=(4.0, 4.0))
     scenario = dataclasses.replace(SCENARIOS[6], pedestrian=slow)
-    config = WorldConfig(vehicle_driver="external", pedestrian_driver="social_force")
+    config = WorldConfig(spawn="paper", vehicle_driver="external", pedestrian_driver="social_force")
     world = World(config, [scenario], [(7, 0)], 1, 1)
     crossing = scenario.pedestrian.path.at(scenario.pedestrian.conflict)
     world.state["vehicle_x"], world.state["vehicle_y"] = crossing
     world.state["vehicle_heading"], world.state["vehicle_speed"] = np.pi / 2, 0.0
     while world.state["frame"][0] < 199:
-        world.advance(*QUIET, vehicle_control=np.zeros((1, 3)))
+        world.advance(calm(world), Actions(vehicle_control=np.zeros((1, 3))))
     side = abs(world.state["pedestrian_x"][0] - crossing[0]) - 1.85 / 2 - 0.3
     assert side == pytest.approx(1.0, abs=0.02)
     assert np.hypot(world.state["pedestrian_vx"][0], world.state["pedestrian_vy"][0]) < 0.02
@@ -135,7 +134,7 @@ def test_beyond_its_recording_a_vehicle_goes_on_straight_and_a_pedestrian_keeps_
     config = WorldConfig(vehicle_driver="replay", pedestrian_driver="replay")
     world = world_of(config, 2, 0, Recorded({(2, 0): recorded_from(rows)}))
     while world.state["frame"][0] < 60 and world.state["status"][0] == RUNNING:
-        world.advance(*QUIET)
+        world.advance(calm(world))
     last = rows[-1]
     assert world.state["vehicle_heading"][0] == last["vehicle_heading"]
     ahead = last["vehicle_speed"] * 21 * 0.05  # the recording ends at frame 39
@@ -170,6 +169,6 @@ def test_an_external_brake_stops_the_vehicle_as_physics_says():
     world = world_of(EXTERNAL)
     speed = world.state["vehicle_speed"][0]
     for _ in range(40):
-        world.advance(*QUIET, vehicle_control=np.array([[0.0, 0.0, 1.0]]))
+        world.advance(calm(world), Actions(vehicle_control=np.array([[0.0, 0.0, 1.0]])))
     assert world.state["vehicle_speed"][0] == 0.0
     assert world.state["vehicle_path"][0] == pytest.approx(speed**2 / (2 * MAX_DECELERATION))

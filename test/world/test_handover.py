@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from world.helpers import SCENARIOS, frames, nothing, run
+from world.helpers import SCENARIOS, alarm, calm, frames, nothing, run
 
 from vpsci_ros.world import ENDED, EPISODE, RUNNING, World, WorldConfig, handover
 from vpsci_ros.world.counter_rng import normals
@@ -41,9 +41,9 @@ def drive_alone(alarms: list[bool], config: WorldConfig = CONFIG):
     """One episode under made-up alarms; return (controlled, step, kinds of event) of each tick."""
     world = World(config, SCENARIOS[:1], [(1, 0)], 1, 1)
     rows = []
-    for alarm in alarms:
+    for critical in alarms:
         controlled, step = int(world.state["controlled"][0]), int(world.state["step"][0])
-        events = world.advance(np.array([4.0 if alarm else np.inf]), np.array([alarm]), *nothing(world.state))
+        events = world.advance(alarm(world) if critical else calm(world), nothing(world))
         rows.append((controlled, step, set(events["kind"].tolist())))
     return rows
 
@@ -127,8 +127,8 @@ def test_after_a_hand_back_the_vehicle_finds_its_lane_again():
 
 
 def test_an_episode_that_is_never_critical_is_the_autopilots_alone():
-    with_policy = run([(2, e) for e in range(12)], config=CONFIG)
-    alone = run([(2, e) for e in range(12)])
+    with_policy = run([(2, e) for e in range(24)], config=CONFIG)
+    alone = run([(2, e) for e in range(24)])
     calm = [key for key, rows in with_policy.items() if not rows["controlled"].any()]
     assert calm
     for key in calm:

@@ -14,6 +14,7 @@ from vpsci_ros.world import World, WorldConfig, compiled
 
 PAIRS = [(scenario, number) for number in range(8) for scenario in range(1, 9)]
 CONFIG = WorldConfig()
+PAPER = WorldConfig(spawn="paper")
 FOLDER = Path(__file__).resolve().parents[1]
 
 
@@ -31,6 +32,11 @@ def test_bits_do_not_depend_on_the_batch(reference, batch):
     pairs = PAIRS if batch > 1 else PAIRS[:16]
     for key, frames in run(pairs, batch=batch, config=CONFIG).items():
         assert frames.tobytes() == reference[key].tobytes(), key
+
+
+def test_bits_of_the_papers_spawn_do_not_depend_on_the_batch():
+    one, other = (run(PAIRS[:16], batch=batch, config=PAPER) for batch in (1, 16))
+    assert digest(one) == digest(other)
 
 
 def test_bits_do_not_depend_on_the_order_of_the_queue(reference):

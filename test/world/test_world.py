@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from world.helpers import AUTOPILOT, SCENARIOS, frames, nothing, run
+from world.helpers import AUTOPILOT, SCENARIOS, alarm, calm, frames, nothing, run
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import clearance
@@ -19,6 +19,7 @@ from vpsci_ros.world.state import (
     STARTED,
     VEHICLE_ACTION_MISSING,
 )
+from vpsci_ros.world.tick import NO_ACTIONS, Actions
 
 PAIRS = [(scenario, number) for number in range(12) for scenario in range(1, 9)]
 
@@ -78,7 +79,7 @@ def test_outcomes_are_what_they_say():
             assert not (before["vehicle_goal"] & before["pedestrian_goal"]).any()
         else:
             assert last["outcome"] == TIMEOUT
-            assert last["frame"] == 200
+            assert last["frame"] == WorldConfig().episode_ticks
         assert np.array_equal(rows["frame"], np.arange(len(rows)))
 
 
@@ -103,13 +104,13 @@ def test_curvature_is_that_of_the_path_driven():
 
 
 def test_actions_hold_for_two_ticks_in_the_frame_in_which_they_were_given():
-    world = World(WorldConfig(pedestrian_gain=1.0, lane_following=False), SCENARIOS, [(3, 0)], 1, 1)
+    world = World(WorldConfig(spawn="paper", pedestrian_gain=1.0, lane_following=False), SCENARIOS, [(3, 0)], 1, 1)
     heading = float(world.state["vehicle_heading"][0])
     velocity = np.array([world.state["pedestrian_vx"][0], world.state["pedestrian_vy"][0]])
     action = np.array([[2.0, 1.0]])
     for tick in range(2):
-        answer = action if tick == 0 else None  # nobody is asked in between
-        world.advance(np.array([3.0]), np.array([True]), answer, answer)
+        answer = Actions(action, action) if tick == 0 else NO_ACTIONS  # nobody is asked in between
+        world.advance(alarm(world), answer)
     c, s = np.cos(heading), np.sin(heading)
     expected = velocity + 0.1 * np.array([2.0 * c - 1.0 * s, 2.0 * s + 1.0 * c])
     assert [world.state["pedestrian_vx"][0], world.state["pedestrian_vy"][0]] == pytest.approx(expected)
@@ -117,14 +118,13 @@ def test_actions_hold_for_two_ticks_in_the_frame_in_which_they_were_given():
 
 
 def test_lane_following_keeps_the_lane_under_a_policy_that_knows_no_road():
-    alarm = np.array([3.0]), np.array([True])
     errors = {}
     for lane_following in (True, False):
         config = WorldConfig(lane_following=lane_following, pedestrian_driver="constant_velocity")
         world = World(config, SCENARIOS, [(1, 0)], 1, 1)
         world.state["pedestrian_x"] -= 50.0
         while world.state["status"][0] == RUNNING:
-            world.advance(*alarm, *nothing(world.state))
+            world.advance(alarm(world), nothing(world))
         path = SCENARIOS[0].vehicle.path
         errors[lane_following] = abs(path.locate(world.state["vehicle_x"][0], world.state["vehicle_y"][0])[1])
     assert errors[True] < 0.2
@@ -134,19 +134,18 @@ def test_lane_following_keeps_the_lane_under_a_policy_that_knows_no_road():
 def test_a_missing_answer_is_told_and_the_rule_based_driver_acts_until_the_next():
     world = World(WorldConfig(), SCENARIOS, [(3, 0)], 1, 1)
     alone = World(AUTOPILOT, SCENARIOS, [(3, 0)], 1, 1)
-    alarm = np.array([3.0]), np.array([True])
-    kinds = world.advance(*alarm)["kind"]
+    kinds = world.advance(alarm(world))["kind"]
     assert {VEHICLE_ACTION_MISSING, PEDESTRIAN_ACTION_MISSING} <= set(kinds)
-    assert not set(world.advance(*alarm)["kind"]) & {VEHICLE_ACTION_MISSING, PEDESTRIAN_ACTION_MISSING}
+    assert not set(world.advance(alarm(world))["kind"]) & {VEHICLE_ACTION_MISSING, PEDESTRIAN_ACTION_MISSING}
     for _ in range(2):
-        alone.advance(*alarm)
+        alone.advance(alarm(alone))
     for name in ("vehicle_x", "vehicle_speed", "pedestrian_x", "pedestrian_vx"):
         assert world.state[name] == alone.state[name]
 
 
 def test_one_missing_answer_leaves_the_other_agent_to_its_policy():
-    world = World(WorldConfig(), SCENARIOS, [(3, 0)], 1, 1)
-    events = world.advance(np.array([3.0]), np.array([True]), np.array([[-8.88, 0.0]]), None)
+    world = World(WorldConfig(spawn="paper"), SCENARIOS, [(3, 0)], 1, 1)
+    events = world.advance(alarm(world), Actions(vehicle=np.array([[-8.88, 0.0]])))
     assert world.state["brake"][0] == 1.0
     assert PEDESTRIAN_ACTION_MISSING in events["kind"]
     assert VEHICLE_ACTION_MISSING not in events["kind"]
@@ -154,7 +153,7 @@ def test_one_missing_answer_leaves_the_other_agent_to_its_policy():
 
 def test_without_curvttc_nothing_is_critical_and_an_event_says_so():
     world = World(WorldConfig(), SCENARIOS, [(3, 0)], 1, 1)
-    assert world.advance(None, None, *nothing(world.state))["kind"].tolist() == [SAFETY_MISSING]
+    assert world.advance(world.now.unassessed(), nothing(world))["kind"].tolist() == [SAFETY_MISSING]
     assert world.state["controlled"][0] == 0
     assert world.state["least_curvttc"][0] == np.inf
 
@@ -170,32 +169,31 @@ def test_the_queue_is_read_as_slots_get_free():
     world = World(AUTOPILOT, SCENARIOS, endless(), 4, 1)
     assert len(taken) == 4
     for _ in range(600):
-        world.advance(np.full(4, np.inf), np.zeros(4, bool))
+        world.advance(calm(world))
     assert 8 <= len(taken) <= 40
     assert not world.done
 
 
 def test_an_environment_can_place_episodes_itself_and_others_do_not_notice():
     world = World(AUTOPILOT, SCENARIOS, [], 3, 1)
-    quiet = np.full(3, np.inf), np.zeros(3, bool)
     world.place([0, 1, 2], [(1, 0), (2, 0), (3, 0)])
     assert not world.done
     for _ in range(10):
-        world.advance(*quiet)
+        world.advance(calm(world))
     events = world.place([1], [(8, 5)], [77])
     assert (events["kind"].item(), events["slot"].item(), events["scenario"].item()) == (STARTED, 1, 8)
     assert world.state["frame"].tolist() == [10, 0, 10]
     expected = World(AUTOPILOT, SCENARIOS, [(8, 5)], 1, 77).state[0]
     assert world.state[1] == expected
-    world.advance(*quiet)
+    world.advance(calm(world))
     with pytest.raises(InvalidInput, match="episodes start at policy ticks"):
         world.place([0], [(1, 0)])
-    world.advance(*quiet)
+    world.advance(calm(world))
     for slots in ([0, 0], [3], [-1]):
         with pytest.raises(InvalidInput, match="different slots from 0 to 2"):
             world.place(slots, [(1, 0)] * len(slots))
     while not world.done:
-        world.advance(*quiet)
+        world.advance(calm(world))
 
 
 def test_an_empty_queue_is_done_at_once():
@@ -206,16 +204,15 @@ def test_an_empty_queue_is_done_at_once():
 
 def test_memory_does_not_grow_with_the_episodes_done():
     world = World(AUTOPILOT, SCENARIOS, ((s, e) for e in itertools.count() for s in range(1, 9)), 64, 1)
-    quiet = np.full(64, np.inf), np.zeros(64, bool)
 
     def held() -> int:
         return sum(sys.getsizeof(value) for value in vars(world).values()) + world.state.nbytes
 
     for _ in range(300):
-        world.advance(*quiet)
+        world.advance(calm(world))
     before = held()
     for _ in range(1500):
-        world.advance(*quiet)
+        world.advance(calm(world))
     assert held() <= before + 4096
 
 
@@ -243,16 +240,20 @@ def test_periods_that_do_not_fit_together_are_refused(values, message):
 
 def test_bad_answers_are_refused_and_name_the_slot():
     world = World(WorldConfig(), SCENARIOS, PAIRS, 3, 1)
-    quiet = np.full(3, np.inf), np.zeros(3, bool)
+    far, nobody = np.full(3, np.inf), np.zeros(3, bool)
     with pytest.raises(InvalidInput, match=r"curvttc: expected shape \(3,\), got \(2,\)"):
-        world.advance(quiet[0][:2], quiet[1])
+        world.now.assessed(far[:2], far, nobody)
+    with pytest.raises(InvalidInput, match=r"critical: expected shape \(3,\), got \(2,\)"):
+        world.now.assessed(far, far, nobody[:2])
     with pytest.raises(InvalidInput, match="curvttc of slot 1 is not a number"):
-        world.advance(np.array([1.0, np.nan, 1.0]), quiet[1])
-    with pytest.raises(InvalidInput, match=r"vehicle_action of slot 2: expected finite numbers"):
-        world.advance(*quiet, np.array([[0, 0], [0, 0], [0, np.inf]]))
-    with pytest.raises(InvalidInput, match="give both, or neither"):
-        world.advance(None, quiet[1])
-    assert world.tick == 0
+        world.now.assessed(np.array([1.0, np.nan, 1.0]), far, nobody)
+    with pytest.raises(InvalidInput, match=r"actions.vehicle of slot 2: expected finite numbers"):
+        Actions(vehicle=np.array([[0, 0], [0, 0], [0, np.inf]]))
+    with pytest.raises(InvalidInput, match=r"actions.vehicle_control: expected shape \(3, 3\), got \(3, 2\)"):
+        Actions(vehicle_control=np.zeros((3, 2)))
+    with pytest.raises(InvalidInput, match="actions.pedestrian: expected one row for each of 3 slots, got 2"):
+        world.advance(calm(world), Actions(pedestrian=np.zeros((2, 2))))
+    assert world.now.number == 0
 
 
 def test_bad_worlds_are_refused():
@@ -271,11 +272,10 @@ def test_bad_worlds_are_refused():
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
 def test_a_forked_process_can_go_on_simulating():
     world = World(AUTOPILOT, SCENARIOS, ((1, e) for e in itertools.count()), 4096, 1)
-    quiet = np.full(4096, np.inf), np.zeros(4096, bool)
-    world.advance(*quiet)
+    world.advance(calm(world))
     child = os.fork()
     if child == 0:
-        world.advance(*quiet)
-        os._exit(0 if world.tick == 2 else 1)
+        world.advance(calm(world))
+        os._exit(0 if world.now.number == 2 else 1)
     _, status = os.waitpid(child, 0)
     assert os.waitstatus_to_exitcode(status) == 0

@@ -7,7 +7,6 @@ without it is no dataset. Memory holds the episodes that wait for an earlier one
 30 bytes an episode for the index.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -17,20 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_files import FORMATS, INDEX_COLUMNS, EpisodeTable
-from vpsci_ros.data.dataset_index import (
-    DESCRIPTION,
-    INDEX,
-    REJECTED,
-    Tally,
-    description_of,
-    file_entry,
-    index_table,
-)
+from vpsci_ros.data.dataset_index import DESCRIPTION, INDEX, REJECTED, Tally, description_of, file_entry, index_table
 from vpsci_ros.data.episode_frames import NOT_OPEN, EpisodeBatch
 from vpsci_ros.data.filters import KEPT, FilterConfig, Judgement, judge
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.provenance import require_empty_folder, written_whole
+from vpsci_ros.runs.files import require_empty_folder, write_json
 
 
 class DatasetWriter:
@@ -151,8 +142,7 @@ class DatasetWriter:
             self._names[number]: {"number": number, **counts} for number, counts in sorted(self.counts.items())
         }
         description = description_of(self._provenance, self.filters, unfinished, scenarios, files)
-        with written_whole(self.folder / DESCRIPTION) as path:
-            path.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+        write_json(self.folder / DESCRIPTION, description)
         self._closed = True
         return description
 

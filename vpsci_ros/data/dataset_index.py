@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
 from vpsci_ros.data.filters import KEPT, REASONS, FilterConfig
-from vpsci_ros.provenance import sha256, software_versions
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.world.state import COLLISION, OUTCOME_NAMES
 
 DESCRIPTION = "dataset.json"

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
-from vpsci_ros.data.dataset_index import DESCRIPTION, INDEX
+from vpsci_ros.data.dataset_index import DESCRIPTION, INDEX, REJECTED
 from vpsci_ros.data.episode_frames import QUANTITIES
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.errors import InvalidInput
@@ -71,6 +71,16 @@ class Dataset:
         :raises InvalidInput: a file is missing or does not hold what the description promises.
         """
         for path, part in self._parts(name):
+            if part.height:
+                yield _padded(part, path)
+
+    def rejected(self, name: str) -> Iterator[EpisodeArrays]:
+        """Yield the rejected episodes of one scenario, where the dataset keeps them (`dataset.keep_rejected`).
+
+        :raises InvalidInput: the file does not hold what it should.
+        """
+        path = self.folder / REJECTED / f"{name}.parquet"
+        for part in file_rows(path) if path.is_file() else ():
             if part.height:
                 yield _padded(part, path)
 

@@ -1,23 +1,26 @@
 """The near-miss table: real interactions below 5 s of CurvTTC, one row a step of 0.1 s, from whatever recording.
 
-An interaction is one vehicle and one pedestrian of one clip. Its rows lie together, `step` counts them without a gap,
-and `clip` is the unit by which data are held out: two interactions of one clip share agents and traffic, so rows or
-interactions alone must never be what is split. Anyone's own recordings enter the package by this table.
+An interaction is one vehicle and one pedestrian of one clip, for as long as both are seen. Its rows lie together,
+`step` counts them without a gap, and `clip` is the unit by which data are held out: two interactions of one clip share
+agents and traffic, so rows or interactions alone must never be what is split. Anyone's own recordings enter the package
+by this table.
 """
 
 import hashlib
 import math
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
-from vpsci_ros.data.parquet import Column, read_parquet, write_parquet
+from vpsci_ros.data.parquet import Column, read_metadata, read_parquet, write_parquet
+from vpsci_ros.data.reference import AFTER, with_reference
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.world.observation import STEP
 
-STEP = 0.1  # [s]
 NEAR_MISS_COLUMNS: dict[str, Column] = {
     "interaction": Column(pl.Int64, "", "number of the interaction; its rows lie together"),
     "source": Column(pl.String, "", "data set the interaction comes from; 'synthetic' for the package's own sample"),
@@ -38,20 +41,36 @@ NEAR_MISS_COLUMNS: dict[str, Column] = {
     "ped_vy": Column(pl.Float64, "m/s", "velocity of the pedestrian"),
     "curvttc": Column(pl.Float64, "s", "curvilinear time to collision, infinity where there is none within 10 s"),
     "distance": Column(pl.Float64, "m", "between the two centres"),
+    "curvttc_causal": Column(pl.Float64, "s", "CurvTTC as known at the step: the yaw rate looks back alone"),
+    "standing": Column(pl.Boolean, "", "the vehicle stands (below 0.5 m/s) at the first step with CurvTTC < 5 s"),
+    "begins_critical": Column(pl.Boolean, "", "fewer than 3 steps before that one: the onset was not seen"),
+    "contact": Column(pl.Boolean, "", "CurvTTC is 0 at some step"),
 }
+WORKED_OUT = ("curvttc_causal", "standing", "begins_critical", "contact")  # where a table does not have them
 _WHAT = "a near-miss table"
 _FLOATS = [name for name, column in NEAR_MISS_COLUMNS.items() if column.dtype is pl.Float64]
 _CONSTANT = ("source", "clip", "veh_id", "ped_id")
+_FLAGS = ("standing", "begins_critical", "contact")
 _TURN_LIMIT = 1.0  # [rad] a heading turns by less than this in one step, or it is wrapped or in degrees
 
 
 def read_near_misses(path: str | Path) -> pl.DataFrame:
     """Read and check a near-miss table.
 
+    Tables from before November 2026, and people's own, may lack the columns `WORKED_OUT`; a warning says so.
+
     :returns: the columns of `NEAR_MISS_COLUMNS` in that order (further ones are left out), see `check_near_misses`.
     :raises InvalidInput: no such file, not Parquet, or not a near-miss table; names file, column, row, and the remedy.
     """
-    return check_near_misses(read_parquet(path, _WHAT), str(path))
+    table = read_parquet(path, _WHAT)
+    if missing := [name for name in WORKED_OUT if name not in table.columns]:
+        warnings.warn(
+            f"{path}: columns {', '.join(missing)} are worked out from the rows that it has. A table from before "
+            f"November 2026 ends {AFTER * STEP:g} s after the last critical step: import its recordings again for "
+            "whole tracks",
+            stacklevel=2,
+        )
+    return check_near_misses(table, str(path), _sizes(path))
 
 
 def write_near_misses(table: pl.DataFrame, path: str | Path, metadata: Mapping[str, Any] | None = None) -> None:
@@ -62,51 +81,66 @@ def write_near_misses(table: pl.DataFrame, path: str | Path, metadata: Mapping[s
     write_parquet(check_near_misses(table, str(path)), path, NEAR_MISS_COLUMNS, content=_WHAT, **(metadata or {}))
 
 
-def check_near_misses(table: pl.DataFrame, where: str) -> pl.DataFrame:
+def _sizes(path: str | Path) -> dict[str, tuple[float, float]]:
+    """Return length and width [m] of the vehicles of each source that an import has stored with its table."""
+    sources = read_metadata(path).get("sources", {})
+    return {name: (own["vehicle_length"], own["vehicle_width"]) for name, own in sources.items()}
+
+
+def check_near_misses(
+    table: pl.DataFrame, where: str, sizes: Mapping[str, tuple[float, float]] | None = None
+) -> pl.DataFrame:
     """Return `table` with exactly the columns and types of `NEAR_MISS_COLUMNS`.
 
     :param where: what the table comes from, the opening of each error message.
+    :param sizes: source -> length and width of vehicles [m], for columns `WORKED_OUT` that the table does not have.
     :raises InvalidInput: a missing column, a wrong type, a missing or not finite value, rows of an interaction that lie
         apart, are unsorted or have a gap, a heading that jumps, or an interaction that never falls below 5 s.
     """
-    table = _typed(table, where)
+    given = [name for name in NEAR_MISS_COLUMNS if name in table.columns or name not in WORKED_OUT]
+    table = _typed(table, where, given)
     if table.is_empty():
         raise InvalidInput(f"{where}: {_WHAT} without a row; import recordings that hold near misses")
-    for name in _FLOATS:
+    for name in (name for name in _FLOATS if name in given):
         bad = ~pl.col(name).is_finite()
-        if name == "curvttc":
+        if name in ("curvttc", "curvttc_causal"):
             bad = pl.col(name).is_nan() | (pl.col(name) < 0.0)
         elif name in ("veh_speed", "distance"):
             bad = bad | (pl.col(name) < 0.0)
         _refuse_first(table, bad, name, where, _EXPECTED.get(name, "a finite number"))
-    _check_order(table, where)
+    _check_order(table, where, given)
     _check_motion(table, where)
-    return table
+    if len(given) < len(NEAR_MISS_COLUMNS):
+        worked_out = with_reference(table, sizes or {})
+        table = worked_out.with_columns(table[name] for name in WORKED_OUT if name in given)
+    return table.select(list(NEAR_MISS_COLUMNS))
 
 
 _EXPECTED = {
     "curvttc": "a time not below 0, infinity where no collision is predicted, never NaN",
+    "curvttc_causal": "a time not below 0, infinity where no collision is predicted, never NaN",
     "veh_speed": "a speed not below 0",
     "distance": "a distance not below 0",
 }
 
 
-def _typed(table: pl.DataFrame, where: str) -> pl.DataFrame:
-    missing = [name for name in NEAR_MISS_COLUMNS if name not in table.columns]
+def _typed(table: pl.DataFrame, where: str, given: list[str]) -> pl.DataFrame:
+    missing = [name for name in given if name not in table.columns]
     if missing:
         raise InvalidInput(
             f"{where}: {_WHAT} needs column {', '.join(missing)}; it has {', '.join(table.columns) or 'none'}"
         )
-    for name, column in NEAR_MISS_COLUMNS.items():
-        kind = table[name].dtype
-        right = {pl.String: kind == pl.String, pl.Int64: kind.is_integer()}.get(column.dtype, kind.is_numeric())
+    for name in given:
+        kind, column = table[name].dtype, NEAR_MISS_COLUMNS[name]
+        own = {pl.String: kind == pl.String, pl.Boolean: kind == pl.Boolean, pl.Int64: kind.is_integer()}
+        right = own.get(column.dtype, kind.is_numeric())
         if not right:
             raise InvalidInput(f"{where}: column {name} must be {column.dtype.__name__}, got {kind}; cast it")
         _refuse_first(table, pl.col(name).is_null(), name, where, "a value in every row")
-    return table.select(pl.col(name).cast(column.dtype) for name, column in NEAR_MISS_COLUMNS.items())
+    return table.select(pl.col(name).cast(NEAR_MISS_COLUMNS[name].dtype) for name in given)
 
 
-def _check_order(table: pl.DataFrame, where: str) -> None:
+def _check_order(table: pl.DataFrame, where: str, given: list[str]) -> None:
     first = pl.col("interaction") != pl.col("interaction").shift(1)
     begins = table.filter(first.fill_null(True))["interaction"]
     if (again := begins.filter(begins.is_duplicated())).len():
@@ -115,7 +149,7 @@ def _check_order(table: pl.DataFrame, where: str) -> None:
             "interaction a number of its own"
         )
     inside = ~first.fill_null(True)
-    for name in _CONSTANT:
+    for name in (*_CONSTANT, *(name for name in _FLAGS if name in given)):
         _refuse_first(table, inside & (pl.col(name) != pl.col(name).shift(1)), name, where, "one value an interaction")
     gap = inside & (pl.col("step") != pl.col("step").shift(1) + 1)
     _refuse_first(table, gap, "step", where, "the step before plus 1: sort the rows, split interactions at gaps")

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.provenance import written_whole
+from vpsci_ros.runs.files import written_whole
 
 METADATA_KEY = b"vpsci_ros"
 

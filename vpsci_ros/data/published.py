@@ -73,7 +73,7 @@ class PublishedModel(NamedTuple):
     fde: float
 
 
-TABLE_9 = {  # names of vpsci_ros.baselines.models -> row
+TABLE_9 = {  # names of vpsci_ros.studies.networks -> row
     "ma_sst": PublishedModel("MA-SST-DDPG", 0.078, 0.156),
     "ma_transformer": PublishedModel("MA-Transformer-DDPG", 0.098, 0.196),
     "ma_feedforward": PublishedModel("MA-DDPG", 0.164, 0.328),

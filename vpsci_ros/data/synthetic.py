@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.data.importers.importer import Clip
 from vpsci_ros.data.importers.pairing import near_misses_of
 from vpsci_ros.data.importers.result import ImportResult
 from vpsci_ros.data.importers.tracks import Track
-from vpsci_ros.data.importers.vci import Clip
-from vpsci_ros.data.near_misses import STEP, check_near_misses
+from vpsci_ros.data.near_misses import check_near_misses
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
 SOURCE = "synthetic"
@@ -181,5 +182,5 @@ def _clips(made: dict[str, Floats], block: int) -> list[Clip]:
         own = {name: values[i] for name, values in made.items()}
         vehicle = {name: own[name] for name in ("x", "y", "heading", "speed")}
         pedestrian = {name: own["p" + name] for name in ("x", "y", "vx", "vy")}
-        clips.append(Clip(f"synthetic_{block * n + i:05d}", [Track(0, 0, vehicle)], [Track(0, 0, pedestrian)], 0))
+        clips.append(Clip(f"synthetic_{block * n + i:05d}", [Track(0, 0, vehicle)], [Track(0, 0, pedestrian)]))
     return clips

@@ -11,14 +11,15 @@ from pettingzoo import ParallelEnv
 
 from vpsci_ros.envs.rendering import Views
 from vpsci_ros.envs.right_turn import check_render_mode, chosen_episode
-from vpsci_ros.envs.simulation import Simulation, Step
-from vpsci_ros.learning.config import AGENTS
+from vpsci_ros.envs.simulation import Simulation, Snapshot
+from vpsci_ros.learning.config import RewardsConfig
 from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, TIMEOUT, WorldConfig
-from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE, observe
+from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE, observe
+from vpsci_ros.world.tick import Actions
 
 BOUND = 500.0  # no entry of an observation is larger
 ACTION_LIMIT = 5.0  # [m/s2]
-COLLISION_REWARD, GOAL_REWARD = -200.0, 100.0  # (25) and (26)
+COLLISION_REWARD, GOAL_REWARD = RewardsConfig.collision, RewardsConfig.goal  # (25) and (26)
 
 Observations = dict[str, NDArray[np.float32]]
 
@@ -54,11 +55,13 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
         config = WorldConfig(lane_following=lane_following)
-        self._simulation = Simulation(scenarios, 1, vehicle="policy", pedestrian="policy", config=config)
+        self._simulation = Simulation(
+            scenarios, 1, vehicle="policy", pedestrian="policy", config=config, always_critical=True
+        )
         self._views = Views(self._simulation.scenarios)
         self._observation_space = spaces.Box(-BOUND, BOUND, (OBSERVATION_SIZE,), np.float32)
         self._action_space = spaces.Box(-ACTION_LIMIT, ACTION_LIMIT, (ACTION_SIZE,), np.float32)
-        self._last: Step | None = None
+        self._last: Snapshot | None = None
 
     def observation_space(self, agent: str) -> spaces.Box:
         """Return the space of (6) or (7)."""
@@ -89,7 +92,7 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
         vehicle, pedestrian = (
             np.clip(np.asarray(actions[a], np.float64), -ACTION_LIMIT, ACTION_LIMIT)[None] for a in AGENTS
         )
-        self._last = self._simulation.step(vehicle, pedestrian, always_critical=True)
+        self._last = self._simulation.step(Actions(vehicle, pedestrian))
         after = self._last.state[0]
         collision = COLLISION_REWARD if after["outcome"] == COLLISION else 0.0
         reward = {a: collision + GOAL_REWARD * int(after[f"{a}_goal"] > before[f"{a}_goal"]) for a in AGENTS}

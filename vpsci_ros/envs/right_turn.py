@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from vpsci_ros.envs import driving
 from vpsci_ros.envs.rendering import Views
-from vpsci_ros.envs.simulation import Simulation, Step
+from vpsci_ros.envs.simulation import Simulation, Snapshot
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.weights import Weights
+from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world import OUTCOME_NAMES
 from vpsci_ros.world.tables import tables_from
+from vpsci_ros.world.tick import Actions
 
 OBSERVATION_SPACE = spaces.Box(-driving.BOUND, driving.BOUND, (driving.SIZE,), np.float32)
 ACTION_SPACE = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -50,7 +51,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._simulation = Simulation(scenarios, 1, pedestrian=pedestrian, weights=weights)
         self._tables = tables_from(self._simulation.scenarios)
         self._views = Views(self._simulation.scenarios)
-        self._last: Step | None = None
+        self._last: Snapshot | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -71,7 +72,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._last is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         before = self._last.state
-        self._last = self._simulation.step(vehicle_control=driving.controls(np.asarray(action)[None]))
+        self._last = self._simulation.step(Actions(vehicle_control=driving.controls(np.asarray(action)[None])))
         observation = driving.observe(self._last.state, self._last.curvttc, self._tables)
         reward, terminated, truncated = driving.outcome(before, self._last.state, observation)
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info(self._last)
@@ -83,7 +84,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._views.image(self._last.state[0])
 
     @staticmethod
-    def _info(step: Step) -> dict[str, Any]:
+    def _info(step: Snapshot) -> dict[str, Any]:
         record = step.state[0]
         return {
             "scenario": int(record["scenario"]),

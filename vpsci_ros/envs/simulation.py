@@ -9,19 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.agent import PolicyAgent
-from vpsci_ros.learning.weights import Weights, load_weights
+from vpsci_ros.policy.agent import PolicyAgent
+from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.resources import weights_path
-from vpsci_ros.world import IDLE, RUNNING, World, WorldConfig, handover, load_scenarios
+from vpsci_ros.world import IDLE, World, WorldConfig, load_scenarios
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.tick import NO_ACTIONS, Actions
 
 Floats = NDArray[np.float64]
 PEDESTRIANS = tuple(driver for driver in PEDESTRIAN_DRIVERS if driver != "replay")
 
 
 @dataclasses.dataclass(frozen=True)
-class Step:
+class Snapshot:
     """Where each slot's episode is after a step, at the frame at which it ended if it did: arrays over slots.
 
     :ivar state: EPISODE[B]; `status` ENDED where the world ended the episode within the step.
@@ -39,6 +40,7 @@ class Simulation:
     :param pedestrian: "policy" (needs `weights`), or a reference pedestrian: "autopilot", "constant_velocity",
         "social_force"; "external" to give its actions to `step`.
     :param weights: of the learned pedestrian: a file, a name shipped with the package, or the weights themselves.
+    :param always_critical: let policy drivers act from the first frame on, critical or not.
     :raises InvalidInput: an unknown driver, scenario or weights file.
     """
 
@@ -51,6 +53,7 @@ class Simulation:
         pedestrian: str = "policy",
         weights: str | Path | Weights = "refined",
         config: WorldConfig | None = None,
+        always_critical: bool = False,
     ) -> None:
         self.scenarios = tuple(load_scenarios(scenarios))
         if not self.scenarios:
@@ -59,17 +62,19 @@ class Simulation:
             raise InvalidInput(f"pedestrian = {pedestrian!r}: expected one of {', '.join(PEDESTRIANS)}")
         self.config = dataclasses.replace(config or WorldConfig(), vehicle_driver=vehicle, pedestrian_driver=pedestrian)
         self.world = World(self.config, self.scenarios, [], batch, 0)
-        self._monitor = MonitorConfig()
-        self._agent: PolicyAgent | None = None
+        self._agents: dict[str, PolicyAgent] = {}
         if pedestrian == "policy" and vehicle != "policy":
-            self._agent = PolicyAgent("pedestrian", 0, explore=False)
-            self._agent.load(weights if isinstance(weights, Weights) else load_weights(weights_path(str(weights))), 1)
+            agent = self._agents["pedestrian"] = PolicyAgent("pedestrian", 0, explore=False)
+            agent.load(weights if isinstance(weights, Weights) else load_weights(weights_path(str(weights))), 1)
+        self._loop = Loop(self.world, agents=self._agents, always_critical=always_critical)
         self._next = [itertools.count() for _ in range(batch)]
         self._seeds = [0] * batch
 
     def seed(self, slot: int, seed: int) -> None:
         """Begin again with episode 0 of `seed` in this slot's row of episodes."""
         self._seeds[slot] = seed
+        for agent in self._agents.values():
+            agent.set_seeds(np.array(self._seeds))
         self._next[slot] = itertools.count()
 
     def start(self, slots: Sequence[int], episode: tuple[int, int] | None = None) -> None:
@@ -81,35 +86,17 @@ class Simulation:
         number, which = divmod(next(self._next[slot]), len(self.scenarios))
         return self.scenarios[which].number, number
 
-    def now(self) -> Step:
+    def now(self) -> Snapshot:
         """Return where the episodes are."""
-        curvttc, _, _ = assess(self.world.state, self._monitor)
-        return Step(self.world.state.copy(), curvttc)
+        return Snapshot(self.world.state.copy(), self._loop.assessment.curvttc)
 
-    def step(
-        self,
-        vehicle_action: Floats | None = None,
-        pedestrian_action: Floats | None = None,
-        vehicle_control: Floats | None = None,
-        *,
-        always_critical: bool = False,
-    ) -> Step:
-        """Move on by the policy period with these actions, see `World.advance`.
-
-        :param always_critical: let policy drivers act from the first frame on, critical or not.
-        """
+    def step(self, given: Actions = NO_ACTIONS) -> Snapshot:
+        """Move on by the policy period with these actions."""
         world = self.world
         last, ttc = world.state.copy(), np.full(len(world.state), np.inf)
         for _ in range(self.config.policy_ticks):
-            curvttc, _, critical = assess(world.state, self._monitor)
-            if always_critical:
-                critical = world.state["status"] == RUNNING
-            frame = handover.policy_frame(world.state, self.config)
-            if self._agent is not None and frame.any():
-                answer = self._agent.act(world.state, frame, curvttc, critical)
-                pedestrian_action = answer.astype(np.float64)
-            world.advance(curvttc, critical, vehicle_action, pedestrian_action, vehicle_control=vehicle_control)
+            self._loop.step(given)
             present = world.state["status"] != IDLE
             last[present] = world.state[present]
-            ttc[present] = assess(world.state, self._monitor)[0][present]
-        return Step(last, ttc)
+            ttc[present] = self._loop.assessment.curvttc[present]
+        return Snapshot(last, ttc)

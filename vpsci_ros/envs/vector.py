@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from vpsci_ros.envs import driving
 from vpsci_ros.envs.rendering import Views
 from vpsci_ros.envs.right_turn import ACTION_SPACE, OBSERVATION_SPACE, check_render_mode
-from vpsci_ros.envs.simulation import Simulation, Step
+from vpsci_ros.envs.simulation import Simulation, Snapshot
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.weights import Weights
+from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.tables import tables_from
+from vpsci_ros.world.tick import Actions
 
 Infos = dict[str, Any]
 
@@ -52,7 +53,7 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         self._simulation = Simulation(scenarios, num_envs, pedestrian=pedestrian, weights=weights)
         self._tables = tables_from(self._simulation.scenarios)
         self._views = Views(self._simulation.scenarios)
-        self._last: Step | None = None
+        self._last: Snapshot | None = None
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -82,7 +83,7 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         if self._last is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         before = self._last.state
-        step = self._simulation.step(vehicle_control=driving.controls(actions))
+        step = self._simulation.step(Actions(vehicle_control=driving.controls(actions)))
         observation = driving.observe(step.state, step.curvttc, self._tables)
         reward, terminated, truncated = driving.outcome(before, step.state, observation)
         infos = self._infos(step)
@@ -105,7 +106,7 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
             return None
         return tuple(self._views.image(record) for record in self._last.state)
 
-    def _infos(self, step: Step) -> Infos:
+    def _infos(self, step: Snapshot) -> Infos:
         everywhere = np.ones(self.num_envs, bool)
         infos: Infos = {
             "scenario": step.state["scenario"].astype(np.int64),

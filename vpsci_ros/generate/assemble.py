@@ -1,6 +1,5 @@
 """From finished units to the dataset's files: the same bytes whoever computed the units, in which order, how large."""
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -21,7 +20,7 @@ from vpsci_ros.generate.job import Job
 from vpsci_ros.generate.journal import Journal
 from vpsci_ros.generate.part import Part
 from vpsci_ros.generate.plan import Plan, ScenarioPlan
-from vpsci_ros.provenance import written_whole
+from vpsci_ros.runs.files import write_json, write_text, written_whole
 from vpsci_ros.world import COLLISION, Scenario
 
 ROW_GROUP = 1 << 17
@@ -72,11 +71,9 @@ def assemble(
     }
     scenarios = {part.name: part.counts for part in parts}
     description = description_of({**provenance, "all": everything}, job.filters, 0, scenarios, files)
-    with written_whole(folder / DATASHEET) as path:
-        path.write_text(datasheet(description), encoding="utf-8")
+    write_text(folder / DATASHEET, datasheet(description))
     description["files"][DATASHEET] = file_entry(folder / DATASHEET, 0)
-    with written_whole(folder / DESCRIPTION) as path:
-        path.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
+    write_json(folder / DESCRIPTION, description)
     return description
 
 

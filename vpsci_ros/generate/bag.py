@@ -11,27 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from vpsci_ros.data.bag_episodes import RECORD, EpisodeLog, EventRow
-from vpsci_ros.data.bag_run import NODE, SOFTWARE, node_record, software_record
-from vpsci_ros.data.bag_writer import BagTopic, BagWriter
+from vpsci_ros.bags import layout
+from vpsci_ros.bags.decoder import describe, known_types
+from vpsci_ros.bags.episodes import RECORD, EpisodeLog, EventRow
+from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, node_record, scenario_records, software_record
+from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.decoder import known_types
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.simulate import Simulator
 from vpsci_ros.generate.verify import job_of
-from vpsci_ros.learning.rollout import Tick
-from vpsci_ros.world import handover
+from vpsci_ros.world import Scenario
 from vpsci_ros.world.config import WorldConfig
+from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import ENDED, FINISHED, IDLE, STARTED
-
-_TOPICS = {
-    "/world/state": "vpsci_msgs/msg/WorldState",
-    "/safety/state": "vpsci_msgs/msg/SafetyState",
-    "/vehicle/action": "vpsci_msgs/msg/AgentAction",
-    "/pedestrian/action": "vpsci_msgs/msg/AgentAction",
-    "/vehicle/odometry": "nav_msgs/msg/Odometry",
-    "/pedestrian/odometry": "nav_msgs/msg/Odometry",
-}
+from vpsci_ros.world.tick import Step
 
 
 def record_episodes(folder: Path, episodes: list[tuple[int, int]], bag: Path) -> int:
@@ -50,34 +43,40 @@ def record_episodes(folder: Path, episodes: list[tuple[int, int]], bag: Path) ->
     nodes.append(node_record("safety_monitor", asdict(job.monitor)))
     for agent, policy in job.policies.items():
         nodes.append(node_record(f"{agent}_policy", asdict(policy.config), policy.digest))
-    return write_ticks(Simulator(job, 1).ticks(episodes), job.world, bag, {}, nodes)
+    scenarios = [scenario for scenario in job.scenarios if scenario.number in {number for number, _ in episodes}]
+    return write_ticks(Simulator(job, 1).loop(episodes), job.world, bag, {}, nodes, scenarios)
 
 
 def write_ticks(
-    ticks: Iterable[Tick],
+    ticks: Iterable[Step],
     config: WorldConfig,
     bag: Path,
     custom_data: Mapping[str, str],
     nodes: Iterable[Mapping[str, str]] = (),
+    scenarios: Iterable[Scenario] = (),
 ) -> int:
     """Write the ticks of one slot as a bag and return their number; `custom_data` goes into its metadata.
 
-    :param nodes: records of `vpsci_ros.data.bag_run.node_record`, from which `vpsci bag verify` makes the bag again.
+    :param nodes: records of `vpsci_ros.bags.run_record.node_record`, from which `vpsci bag verify` makes the bag again.
+    :param scenarios: of the episodes.
     :raises InvalidInput: `bag` is not empty.
     """
     messages = _Messages()
-    topics = [BagTopic(name, kind, *messages.describe(kind)) for name, kind in _TOPICS.items()]
+    topics = [BagTopic(name, kind, *describe(kind)) for name, kind in layout.TYPES.items()]
     writer = BagWriter(bag, topics)
     writer.describe(SOFTWARE, software_record())
     for record in nodes:
         writer.describe(NODE, record)
+    for record in scenario_records(scenarios):
+        writer.describe(SCENARIO, record)
     log = EpisodeLog()
     count = 0
-    for tick in ticks:
-        time = tick.tick * round(config.tick * 1e9)
-        for topic, data in messages.of(tick, config, time):
+    for step in ticks:
+        tick = step.tick
+        time = tick.number * round(config.tick * 1e9)
+        for topic, data in messages.of(step, config, time):
             writer.write(topic, data, time, time)
-        for ended in log.add(tick.tick, time, _events(tick.state[0]), writer.path.name):
+        for ended in log.add(tick.number, time, _events(tick.state[0]), writer.path.name):
             writer.add_metadata(RECORD, ended.to_record())
         count += 1
     writer.close(custom_data)
@@ -97,59 +96,47 @@ class _Messages:
 
     def __init__(self) -> None:
         self._store = known_types()
-        fields = self._store.fielddefs["vpsci_msgs/msg/WorldState"][1]
-        self._state_fields = [name for name, _ in fields if name not in ("header", "tick", "dt", "policy_frame")]
 
-    def describe(self, kind: str) -> tuple[str, str]:
-        """Return the definition of a type with all that it needs, and its RIHS01 hash."""
-        return self._store.generate_msgdef(kind, ros_version=2)[0], self._store.hash_rihs01(kind)
-
-    def of(self, tick: Tick, config: WorldConfig, time: int) -> Iterable[tuple[str, bytes]]:
+    def of(self, step: Step, config: WorldConfig, time: int) -> Iterable[tuple[str, bytes]]:
         """Yield (topic, message) of one tick of one slot; `time` in nanoseconds."""
-        header = self._make("std_msgs/msg/Header", stamp=self._stamp(time), frame_id="map")
-        state: dict[str, Any] = {name: np.ascontiguousarray(tick.state[name]) for name in self._state_fields}
-        state["policy_frame"] = handover.policy_frame(tick.state, config).astype(np.uint8)
-        yield self._serialise("/world/state", header=header, tick=tick.tick, dt=config.tick, **state)
-        critical = tick.critical.astype(np.uint8)
-        safety = {"curvttc": tick.curvttc, "distance": tick.distance, "critical": critical}
-        yield self._serialise("/safety/state", header=header, tick=tick.tick, **safety)
-        for agent, action in tick.actions.items():
-            if action is not None:
-                columns = np.ascontiguousarray(action.T)
-                values = {"longitudinal": columns[0], "lateral": columns[1], "policy_version": 1}
-                yield self._serialise(f"/{agent}/action", header=header, tick=tick.tick, **values)
-        record = tick.state[0]
-        if record["status"]:
-            speed, rate = record["vehicle_speed"], record["vehicle_speed"] * record["vehicle_curvature"]
-            yield self._odometry("vehicle", header, record, float(record["vehicle_heading"]), float(speed), float(rate))
-            vx, vy = float(record["pedestrian_vx"]), float(record["pedestrian_vy"])
-            yield self._odometry("pedestrian", header, record, float(np.arctan2(vy, vx)), float(np.hypot(vx, vy)), 0.0)
+        tick, assessed = step.tick, step.assessment
+        stamp = self._make("builtin_interfaces/msg/Time", sec=time // 10**9, nanosec=time % 10**9)
+        header = {"header": self._make("std_msgs/msg/Header", stamp=stamp, frame_id=layout.MAP)}
+        of_tick = header | {"tick": tick.number}
+        state = layout.world_state_fields(tick.state, tick.policy_frame)
+        yield self._serialise(layout.WORLD, of_tick | {"dt": config.tick} | state)
+        safety = layout.safety_fields(assessed.curvttc, assessed.distance, assessed.critical)
+        yield self._serialise(layout.SAFETY, of_tick | safety)
+        for agent in AGENTS:
+            if (action := step.actions.of(agent)) is not None:
+                yield self._serialise(
+                    f"/{agent}/action", of_tick | {"policy_version": 1} | layout.action_fields(action)
+                )
+        if tick.state[0]["status"]:
+            for agent in AGENTS:
+                motion = layout.motion_of(tick.state[0], agent)
+                yield self._serialise(f"/{agent}/odometry", header | self._odometry(agent, motion))
 
-    def _odometry(
-        self, agent: str, header: Any, record: np.void, yaw: float, speed: float, yaw_rate: float
-    ) -> tuple[str, bytes]:
+    def _odometry(self, agent: str, motion: layout.PlanarMotion) -> dict[str, Any]:
         make = self._make
-        at = make("geometry_msgs/msg/Point", x=float(record[f"{agent}_x"]), y=float(record[f"{agent}_y"]), z=0.0)
-        turned = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=np.sin(yaw / 2), w=np.cos(yaw / 2))
-        along = make("geometry_msgs/msg/Vector3", x=speed, y=0.0, z=0.0)
-        turning = make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=yaw_rate)
+        z, w = motion.quaternion
+        at = make("geometry_msgs/msg/Point", x=motion.x, y=motion.y, z=0.0)
+        turned = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=z, w=w)
+        along = make("geometry_msgs/msg/Vector3", x=motion.speed, y=0.0, z=0.0)
+        turning = make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=motion.yaw_rate)
         pose = make("geometry_msgs/msg/Pose", position=at, orientation=turned)
         twist = make("geometry_msgs/msg/Twist", linear=along, angular=turning)
         unknown = np.zeros(36)
-        return self._serialise(
-            f"/{agent}/odometry",
-            header=header,
-            child_frame_id=f"{agent}/base_link",
-            pose=make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=unknown),
-            twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=unknown),
-        )
-
-    def _stamp(self, time: int) -> Any:
-        return self._make("builtin_interfaces/msg/Time", sec=time // 10**9, nanosec=time % 10**9)
+        return {
+            "child_frame_id": f"{agent}/base_link",
+            "pose": make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=unknown),
+            "twist": make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=unknown),
+        }
 
     def _make(self, kind: str, **fields: Any) -> Any:
         return self._store.types[kind](**fields)
 
-    def _serialise(self, topic: str, **fields: Any) -> tuple[str, bytes]:
-        kind = _TOPICS[topic]
-        return topic, bytes(self._store.serialize_cdr(self._make(kind, **fields), kind))
+    def _serialise(self, topic: str, fields: Mapping[str, Any]) -> tuple[str, bytes]:
+        whole = {k: np.ascontiguousarray(v) if isinstance(v, np.ndarray) else v for k, v in fields.items()}
+        kind = layout.TYPES[topic]
+        return topic, bytes(self._store.serialize_cdr(self._make(kind, **whole), kind))

@@ -1,22 +1,25 @@
 """What a dataset is made from: everything that its bytes depend on, and nothing else."""
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vpsci_ros.config import DatasetConfig, PolicyConfig, RunConfig, pick
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import AGENTS
-from vpsci_ros.learning.weights import weights_from_bytes
-from vpsci_ros.provenance import cpu_name, sha256
+from vpsci_ros.generate.config import DatasetConfig
+from vpsci_ros.parameters import values_of
+from vpsci_ros.policy.config import LEARNED, PolicyConfig
+from vpsci_ros.policy.weights import weights_from_bytes
 from vpsci_ros.resources import weights_path
+from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.provenance import cpu_name
+from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.monitor import MonitorConfig
-from vpsci_ros.world.scenario import scenario_files
+from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.scenario import own_documents
 
 
 class Unit(NamedTuple):
@@ -63,57 +66,64 @@ class Job:
 
     def description(self) -> dict[str, Any]:
         """Return the job as JSON values: resolved configuration, hashes of weights and scenario files, kind of CPU."""
-        files = {path.stem: path for path in scenario_files()}
         return {
             "seed": self.seed,
             "period": self.world.tick,
             "configuration": {
                 "world_simulator": {"scenarios": [s.number for s in self.scenarios], **asdict(self.world)},
                 "safety_monitor": asdict(self.monitor),
-                **{f"{agent}_policy": asdict(policy.config) for agent, policy in self.policies.items()},
+                **{f"{agent}_policy": _recorded(policy.config) for agent, policy in self.policies.items()},
                 "dataset": {"keep_rejected": self.keep_rejected, **asdict(self.filters)},
             },
             "weights": {
                 agent: {"name": policy.name, "sha256": policy.digest, "file": policy.file}
                 for agent, policy in self.policies.items()
             },
-            "scenario_files": {s.name: sha256(files[s.name]) for s in self.scenarios},
+            "scenario_files": {s.name: s.sha256 for s in self.scenarios},
             "cpu": cpu_name(),
-        }
+        } | ({"own_scenarios": own} if (own := own_documents(self.scenarios)) else {})
 
 
-def job_from(sections: Mapping[str, dict[str, Any]], weights: Mapping[str, Path] | None = None) -> Job:
+def job_from(
+    sections: Sections, weights: Mapping[str, Path] | None = None, own: Sequence[Scenario] | None = None
+) -> Job:
     """Build a job from the sections of a parameter file.
 
     :param weights: by agent, a weights file to take instead of the one that the sections name.
+    :param own: scenarios of one's own, instead of the files that the sections name.
     :raises InvalidInput: a parameter, a scenario or a weights file is refused, or a driver needs somebody outside.
     """
-    run = pick(RunConfig, sections["world_simulator"], "world_simulator")
-    world = pick(WorldConfig, sections["world_simulator"], "world_simulator")
+    run = sections.get(RunConfig, "world_simulator")
+    world = sections.get(WorldConfig, "world_simulator")
     policies = {}
     for agent in AGENTS:
         driver = getattr(world, f"{agent}_driver")
         if driver in ("external", "replay"):
             raise InvalidInput(f"world_simulator: {agent}_driver = {driver} has nobody to answer it while generating")
         if driver == "policy":
-            values = dict(sections[f"{agent}_policy"])
-            values["weights"] = str((weights or {}).get(agent, values.get("weights", "")))
-            policies[agent] = _policy(pick(PolicyConfig, values, f"{agent}_policy"), f"{agent}_policy")
+            config = sections.get(PolicyConfig, f"{agent}_policy")
+            config = replace(config, weights=str((weights or {}).get(agent, config.weights)))
+            policies[agent] = _policy(config, f"{agent}_policy")
     if len({policy.digest for policy in policies.values()}) == 1:  # one object, so that it travels once
         data = next(iter(policies.values())).data
         policies = {agent: Policy(data, policy.name, policy.config) for agent, policy in policies.items()}
     return Job(
         seed=run.seed,
-        scenarios=tuple(load_scenarios(run.scenarios)),
+        scenarios=tuple(load_scenarios(run.scenarios, run.scenario_files if own is None else own)),
         world=world,
-        monitor=pick(MonitorConfig, sections["safety_monitor"], "safety_monitor"),
-        filters=pick(FilterConfig, sections["dataset"], "dataset"),
+        monitor=sections.get(MonitorConfig, "safety_monitor"),
+        filters=sections.get(FilterConfig, "dataset"),
         policies=policies,
-        keep_rejected=pick(DatasetConfig, sections["dataset"], "dataset").keep_rejected,
+        keep_rejected=sections.get(DatasetConfig, "dataset").keep_rejected,
     )
 
 
 def _policy(config: PolicyConfig, where: str) -> Policy:
+    if config.agent != LEARNED:
+        raise InvalidInput(
+            f"{where}.agent = {config.agent}: a dataset is made by learned policies alone; run this one by "
+            "`vpsci graph` and make tables of its bag by `vpsci bag export`"
+        )
     if not config.weights:
         raise InvalidInput(f"{where}: weights is empty; name a safetensors file, or weights shipped with the package")
     path = weights_path(config.weights)
@@ -123,6 +133,6 @@ def _policy(config: PolicyConfig, where: str) -> Policy:
     return Policy(data, path.stem, named)
 
 
-def fingerprint(description: Mapping[str, Any]) -> str:
-    """Return a hash of a description, equal for equal JSON."""
-    return hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()
+def _recorded(config: PolicyConfig) -> dict[str, Any]:
+    """Return a policy's parameters as datasets name them, with no groups."""
+    return {name.replace(".", "_"): value for name, value in values_of(config).items()}

@@ -15,9 +15,10 @@ from typing import Any
 
 from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.job import Unit, fingerprint
+from vpsci_ros.generate.job import Unit
 from vpsci_ros.generate.part import Part, part_from_bytes
-from vpsci_ros.provenance import require_empty_folder, written_whole
+from vpsci_ros.runs.files import require_empty_folder, write_json, written_whole
+from vpsci_ros.runs.identity import require_same
 
 FOLDER = ".generate"
 RUN = "run.json"
@@ -72,7 +73,7 @@ def journal_of(folder: Path, run: Mapping[str, Any], unit: int) -> Iterator[Jour
     :raises InvalidInput: the folder holds another run's work, or something else, or another process works in it.
     """
     if (folder / DESCRIPTION).is_file():
-        _compare(_read(folder / DESCRIPTION), run, folder, "holds a dataset")
+        require_same(folder, _read(folder / DESCRIPTION), run, "holds a dataset")
         shutil.rmtree(folder / FOLDER, ignore_errors=True)  # a run that was killed while it removed it
         yield None
         return
@@ -87,11 +88,10 @@ def journal_of(folder: Path, run: Mapping[str, Any], unit: int) -> Iterator[Jour
             raise InvalidInput(f"{folder}: another process is generating into this folder; wait for it") from None
         if (hidden / RUN).is_file():
             begun = _read(hidden / RUN)
-            _compare(begun, run, folder, "holds an unfinished run")
+            require_same(folder, begun, run, "holds an unfinished run")
             unit = int(begun["unit"])
         else:
-            with written_whole(hidden / RUN) as path:
-                path.write_text(json.dumps({**run, "unit": unit}, indent=2) + "\n", encoding="utf-8")
+            write_json(hidden / RUN, {**run, "unit": unit})
         yield Journal(hidden, unit)
 
 
@@ -100,23 +100,3 @@ def _read(path: Path) -> dict[str, Any]:
         return dict(json.loads(path.read_text(encoding="utf-8")))
     except (ValueError, TypeError) as error:
         raise InvalidInput(f"{path}: not readable ({error}); generate into another folder") from None
-
-
-def _compare(found: Mapping[str, Any], run: Mapping[str, Any], folder: Path, what: str) -> None:
-    """Refuse a folder whose run differs, naming the first difference."""
-    stored = {name: found.get(name) for name in run}
-    if fingerprint(stored) == fingerprint(run):
-        return
-    name, old, new = next(_differences(stored, json.loads(json.dumps(run)), ""))
-    raise InvalidInput(
-        f"{folder}: {what} with {name} = {old!r}, and this one has {new!r}; "
-        "generate into another folder, or with the same configuration"
-    )
-
-
-def _differences(old: Any, new: Any, name: str) -> Iterator[tuple[str, Any, Any]]:
-    if isinstance(old, dict) and isinstance(new, dict):
-        for key in [*old, *(key for key in new if key not in old)]:
-            yield from _differences(old.get(key), new.get(key), f"{name}.{key}" if name else key)
-    elif old != new:
-        yield name, old, new

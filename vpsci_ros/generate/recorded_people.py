@@ -8,6 +8,7 @@ velocity. People whose path does not cross that of the recorded vehicle, carried
 walked alongside, or had stopped for the car when their recording ends.
 """
 
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,13 +17,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.near_misses import STEP
+from vpsci_ros.data.reference import around_critical
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.bag import write_ticks
-from vpsci_ros.learning.rollout import Tick
 from vpsci_ros.safety.paths import first_crossing
-from vpsci_ros.world import RUNNING, Scenario, World, WorldConfig
+from vpsci_ros.world import RUNNING, Scenario, World, WorldConfig, handover
 from vpsci_ros.world.events import NO_EVENTS
+from vpsci_ros.world.observation import STEP
+from vpsci_ros.world.tick import NO_ACTIONS, Step, Tick
 
 Floats = NDArray[np.float64]
 Motion = dict[tuple[int, int], Floats]
@@ -38,8 +40,7 @@ def spawns(
     config: WorldConfig, scenarios: Sequence[Scenario], episodes: Sequence[tuple[int, int]], seed: int
 ) -> NDArray[np.void]:
     """Return the episodes as they begin, EPISODE[n]."""
-    drivers = WorldConfig(tick=config.tick, policy_period=config.policy_period, vehicle_driver="autopilot",
-                          pedestrian_driver="autopilot")  # fmt: skip
+    drivers = dataclasses.replace(config, vehicle_driver="autopilot", pedestrian_driver="autopilot")
     return World(drivers, scenarios, episodes, len(episodes), seed).state.copy()
 
 
@@ -68,7 +69,8 @@ def recorded_people(
     :param where: what it comes from, the opening of the error message.
     :raises InvalidInput: not one of its pedestrians crosses the path of its vehicle.
     """
-    people = [p for _, part in near_misses.group_by("interaction", maintain_order=True) if (p := _crossing(part))]
+    parts = around_critical(near_misses).partition_by("interaction", maintain_order=True)
+    people = [p for part in parts if (p := _crossing(part))]
     if not people:
         raise InvalidInput(f"{where}: no pedestrian crosses the path of its vehicle; give other recordings")
     order = np.random.default_rng(seed).permutation(len(people))
@@ -150,11 +152,11 @@ def write_motion(
 
     :raises InvalidInput: `bag` is not empty.
     """
-    write_ticks(_ticks(motion, begins), config, bag, {"made_by": "vpsci ads-test"})
+    write_ticks(_ticks(motion, begins, config), config, bag, {"made_by": "vpsci ads-test"})
 
 
-def _ticks(motion: Mapping[tuple[int, int], Floats], begins: NDArray[np.void]) -> Iterator[Tick]:
-    tick = 0
+def _ticks(motion: Mapping[tuple[int, int], Floats], begins: NDArray[np.void], config: WorldConfig) -> Iterator[Step]:
+    number = 0
     nowhere = np.array([np.inf])
     for begin in begins:
         for frame, row in enumerate(motion[int(begin["scenario"]), int(begin["episode"])]):
@@ -165,5 +167,6 @@ def _ticks(motion: Mapping[tuple[int, int], Floats], begins: NDArray[np.void]) -
                 ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"), row, strict=True
             ):
                 state[name] = value
-            yield Tick(tick, state, nowhere, nowhere, np.array([False]), {}, NO_EVENTS)
-            tick += 1
+            tick = Tick(number=number, state=state, policy_frame=handover.policy_frame(state, config))
+            yield Step(tick, tick.assessed(nowhere, nowhere, [False]), NO_ACTIONS, NO_EVENTS)
+            number += 1

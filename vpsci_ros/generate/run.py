@@ -1,23 +1,23 @@
 """`vpsci generate`: a whole dataset, resumable, by as many workers as there are."""
 
 import json
-import platform
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vpsci_ros.config import DatasetConfig
 from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.assemble import assemble
+from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import Job
 from vpsci_ros.generate.journal import Journal, journal_of
 from vpsci_ros.generate.part import part_from_bytes
 from vpsci_ros.generate.plan import Plan, ScenarioPlan
 from vpsci_ros.generate.workers import Processes, Serial, Workers
-from vpsci_ros.provenance import software_versions, written_whole
+from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.record import write_record
 
 RECORD = "generation.json"
 Report = Callable[[Plan], None]
@@ -71,7 +71,7 @@ def generate(
         "formats": list(config.formats),
     }
     versions = {"versions": software_versions()}
-    begin = time.perf_counter()
+    begin = time.monotonic()
     with journal_of(folder, run | versions, _unit(config, targets)) as journal:
         if journal is None:
             description = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
@@ -81,10 +81,16 @@ def generate(
             _resume(scenario, journal)
         try:
             computed = 0 if plan.complete else _compute(plan, journal, workers(), report)
-            middle = time.perf_counter()
+            middle = time.monotonic()
             description = assemble(job, plan, journal, folder, config.formats, run)
-            seconds = middle - begin, time.perf_counter() - middle
-            _record(folder, computed, seconds, journal.unit, config.parallel)
+            seconds = round(middle - begin, 3), round(time.monotonic() - middle, 3)
+            write_record(
+                folder / RECORD,
+                begun=begin,
+                results={"episodes_computed": computed, "seconds": {"simulating": seconds[0], "writing": seconds[1]}},
+                inputs={policy.file: policy.digest for policy in job.policies.values()},
+                facts={"unit": journal.unit, "parallel": config.parallel},
+            )
         except OSError as error:
             raise VpsciError(
                 f"{folder}: cannot write ({error.strerror}); mend that and run the same command, which goes on"
@@ -127,16 +133,3 @@ def _compute(plan: Plan, journal: Journal, workers: Workers, report: Report | No
     finally:
         workers.close()
     return computed
-
-
-def _record(folder: Path, computed: int, seconds: Sequence[float], unit: int, parallel: int) -> None:
-    """Write what this run was like, which is not part of the dataset: machine, time, units."""
-    record = {
-        "episodes_computed": computed,
-        "seconds": {"simulating": round(seconds[0], 1), "writing": round(seconds[1], 1)},
-        "unit": unit,
-        "parallel": parallel,
-        "platform": platform.platform(),
-    }
-    with written_whole(folder / RECORD) as path:
-        path.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")

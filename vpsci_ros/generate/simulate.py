@@ -6,7 +6,7 @@ test/benchmarks/bench_generate.py). Saving a part of that takes a proof that Cur
 scenario file; a bound on speeds and distances, which is cheap, proves it for next to none of their frames.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -15,10 +15,10 @@ from vpsci_ros.data.filters import judge
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.part import Part, PartCollector
-from vpsci_ros.learning.agent import PolicyAgent
-from vpsci_ros.learning.rollout import Tick, rollout
-from vpsci_ros.learning.weights import weights_from_bytes
+from vpsci_ros.policy.agent import PolicyAgent
+from vpsci_ros.policy.weights import weights_from_bytes
 from vpsci_ros.world import World
+from vpsci_ros.world.loop import Loop
 
 
 class Simulator:
@@ -32,24 +32,22 @@ class Simulator:
         self._batch = batch
         self._agents: dict[str, PolicyAgent] = {}
         for agent, policy in job.policies.items():
-            self._agents[agent] = PolicyAgent(agent, policy.config.seed, policy.config.explore, policy.config.noise)
+            c = policy.config
+            self._agents[agent] = PolicyAgent(agent, c.seed, c.explore, c.noise, c.temperature)
             self._agents[agent].load(weights_from_bytes(policy.data, policy.name), version=1)
 
-    def ticks(self, episodes: Iterable[tuple[int, int]]) -> Iterator[Tick]:
-        """Simulate episodes, (scenario, number) each, and yield every tick."""
-        return rollout(
-            World(self._job.world, self._job.scenarios, episodes, self._batch, self._job.seed),
-            self._job.monitor,
-            self._agents,
-        )
+    def loop(self, episodes: Iterable[tuple[int, int]]) -> Loop:
+        """Return the loop over every tick of episodes, (scenario, number) each."""
+        world = World(self._job.world, self._job.scenarios, episodes, self._batch, self._job.seed)
+        return Loop(world, self._job.monitor, self._agents)
 
     def run(self, unit: Unit) -> Part:
         """Simulate the unit's episodes and judge them."""
         job = self._job
         frames = EpisodeFrames(self._batch, job.world.episode_ticks + 1)
         collector = PartCollector(job.keep_rejected)
-        for tick in self.ticks((unit.scenario, number) for number in unit.numbers):
-            ended = frames.add(tick.state, tick.curvttc, tick.distance)
+        for step in self.loop((unit.scenario, number) for number in unit.numbers):
+            ended = frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance)
             if len(ended):
                 collector.add(ended, judge(ended, job.filters))
         part = collector.part()

@@ -6,9 +6,8 @@ the first differing row is found wherever it is.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
@@ -21,7 +20,12 @@ from vpsci_ros.generate.compare import Difference, first_difference
 from vpsci_ros.generate.job import Job, Unit, job_from
 from vpsci_ros.generate.part import Part, part_from_bytes
 from vpsci_ros.generate.workers import Workers
-from vpsci_ros.provenance import cpu_name, sha256
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.provenance import cpu_name
+from vpsci_ros.runs.renamed import POLICY, renamed
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.world.config import of_record
+from vpsci_ros.world.scenario import scenario_from
 
 BLOCK = 1024
 
@@ -41,7 +45,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Verified:
+class VerifiedDataset:
     """What was compared: episodes, rows, and what was found (nothing: all is as it should be)."""
 
     episodes: int
@@ -52,7 +56,7 @@ class Verified:
 
 def verify(
     folder: Path, workers: Callable[[Job], Workers], *, sample: int | None = None, tolerance: float = 0.0, seed: int = 0
-) -> Verified:
+) -> VerifiedDataset:
     """Simulate episodes of a dataset again and compare them to its files.
 
     :param sample: so many episodes of each scenario, drawn at random by `seed`; None for all.
@@ -90,7 +94,7 @@ def verify(
     for name in sorted(changed - named):
         what = "its numbers are as simulated" if name.endswith((".parquet", ".csv")) else "not a table"
         findings.append(Finding(name, True, f"bytes differ from the hash in {DESCRIPTION}; {what}"))
-    return Verified(episodes, rows, findings, data.description["cpu"] == cpu_name())
+    return VerifiedDataset(episodes, rows, findings, data.description["cpu"] == cpu_name())
 
 
 def job_of(data: Dataset) -> Job:
@@ -100,12 +104,17 @@ def job_of(data: Dataset) -> Job:
     """
     where, description = data.folder / DESCRIPTION, data.description
     try:
-        sections: dict[str, dict[str, Any]] = {n: dict(v) for n, v in description["configuration"].items()}
-        sections["world_simulator"]["seed"] = description["seed"]
+        sections = Sections({node: renamed(values, POLICY) for node, values in description["configuration"].items()})
+        world = of_record(sections.values["world_simulator"]) | {"seed": description["seed"]}
+        sections = sections.changed("world_simulator", world)
         stored = description["weights"]
         weights = {agent: data.folder / entry["file"] for agent, entry in stored.items()}
         scenario_files = description["scenario_files"]
-        job = job_from(sections, weights)
+        own = [
+            replace(scenario_from(document, f"{where}, scenario {name}"), sha256=scenario_files[name])
+            for name, document in description.get("own_scenarios", {}).items()
+        ]
+        job = job_from(sections, weights, own)
         digests = {agent: entry["sha256"] for agent, entry in stored.items()}
     except (KeyError, TypeError, AttributeError) as error:
         raise InvalidInput(

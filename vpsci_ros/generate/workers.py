@@ -12,6 +12,8 @@ from collections import deque
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
+from multiprocessing.reduction import ForkingPickler
+from multiprocessing.shared_memory import SharedMemory
 from typing import Protocol
 
 from vpsci_ros.errors import VpsciError
@@ -64,19 +66,24 @@ class Processes:
     """Computes units in `size` processes of this machine.
 
     A process that dies (killed, out of memory) takes its companions along; all are started anew and the units that
-    were on their way are computed again.
+    were on their way are computed again. The job lies in shared memory: a process is started through a pipe, and what
+    does not fit into the pipe would keep this process waiting for ever for one that dies before it has read it.
     """
 
     def __init__(self, job: Job, batch: int, size: int) -> None:
         self.size = size
-        self._job, self._batch = job, batch
+        data = bytes(ForkingPickler.dumps(job))
+        self._job = SharedMemory(create=True, size=len(data))
+        assert self._job.buf is not None  # it is until close()
+        self._job.buf[: len(data)] = data
+        self._batch = batch
         self._running: dict[Future[bytes], Unit] = {}
         self._deaths = 0
         self._pool = self._start()
 
     def _start(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(
-            self.size, get_context("spawn"), initializer=_begin, initargs=(self._job, self._batch, os.getpid())
+            self.size, get_context("spawn"), initializer=_begin, initargs=(self._job.name, self._batch, os.getpid())
         )
 
     @property
@@ -88,7 +95,7 @@ class Processes:
         """Hand a unit to the next free process."""
         try:
             self._running[self._pool.submit(_compute, unit)] = unit
-        except BrokenProcessPool:
+        except (BrokenProcessPool, OSError):  # OSError: the pool has found out, and closes its pipes
             self._revive([unit])
 
     def collect(self) -> list[tuple[Unit, bytes]]:
@@ -121,7 +128,7 @@ class Processes:
         self._pool.shutdown(wait=False, cancel_futures=True)
         self._pool = self._start()
         for unit in lost:
-            self._running[self._pool.submit(_compute, unit)] = unit
+            self.submit(unit)
 
     def close(self) -> None:
         """End the processes, also in the middle of a unit."""
@@ -131,13 +138,18 @@ class Processes:
             process.terminate()
         for process in processes:
             process.join()
+        self._job.close()
+        self._job.unlink()
 
 
-def _begin(job: Job, batch: int, parent: int) -> None:
+def _begin(shared: str, batch: int, parent: int) -> None:
     global _simulator  # noqa: PLW0603 - a worker's one possession, made once in the process
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to deal with
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-    _simulator = Simulator(job, batch)
+    memory = SharedMemory(shared)
+    assert memory.buf is not None
+    _simulator = Simulator(ForkingPickler.loads(memory.buf), batch)
+    memory.close()
 
 
 def _end_with(parent: int) -> None:

@@ -5,9 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.learning.config import AGENTS
 from vpsci_ros.learning.replay import History
+from vpsci_ros.learning.rewards import EventRewards
 from vpsci_ros.learning.transitions import TRANSITION
+from vpsci_ros.world.observation import AGENTS
 
 STALE = 65536  # transitions; no world steps more episodes at once, so an open history gets one within so many
 
@@ -18,11 +19,11 @@ class HistoryAssembler:
     received counts rows, lost those that never came by the gaps in their numbers (so not those after the last one that
     came), dropped the rows that came but were thrown away since others of their history were lost.
 
-    :param collision_reward, goal_reward: C_collision and C_goal of (25) and (26).
+    :param rewards: (25) and (26) of the steps of a history.
     """
 
-    def __init__(self, collision_reward: float, goal_reward: float) -> None:
-        self._collision, self._goal = collision_reward, goal_reward
+    def __init__(self, rewards: EventRewards) -> None:
+        self._rewards = rewards
         self._open: dict[tuple[int, int], list[NDArray[np.void]]] = {}
         self._expected = 0
         self.received, self.lost, self.dropped = 0, 0, 0
@@ -59,17 +60,12 @@ class HistoryAssembler:
                 del self._open[key]
 
     def _history(self, rows: NDArray[np.void]) -> History:
-        events = {}
-        for agent in AGENTS:
-            events[agent] = np.stack(
-                [self._collision * rows["collision"], self._goal * rows[f"{agent}_goal"]], axis=1
-            ).astype(np.float32)
         return History(
             {a: np.concatenate([rows[f"{a}_observation"], rows[f"next_{a}_observation"][-1:]]) for a in AGENTS},
             np.append(rows["curvttc"], rows["next_curvttc"][-1]),
             {a: rows[f"{a}_action"].copy() for a in AGENTS},  # a view of one record has odd strides
             {a: np.zeros((len(rows), 2), np.float32) for a in AGENTS},
-            events,
+            {a: self._rewards.of(rows["collision"], rows[f"{a}_goal"]) for a in AGENTS},
             terminal=bool(rows["terminal"][-1]),
             real=False,
             lane=rows["lane_heading"].copy(),

@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.provenance import written_whole
+from vpsci_ros.runs.files import written_whole
 
 FORMAT = "vpsci-checkpoint 1"
 _ARRAY, _TENSOR = "__array__", "__tensor__"

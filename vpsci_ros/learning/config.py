@@ -1,74 +1,70 @@
-"""Parameters of networks and training.
+"""Parameters of training, in groups that are small enough to read.
 
 Where the paper's Table 8 and section 3.2 give a value, it is the default, except for `episodes` of stage 1 (600, which
 is more than the objective closed_loop needs). params/paper_stage1.yaml and paper_stage2.yaml have all of the paper's.
 """
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.objectives import DESCRIPTION, OBJECTIVES, find_objective
 from vpsci_ros.parameters import parameter
 from vpsci_ros.world.config import WorldConfig
-
-OBSERVATION_SIZE = 6
-ACTION_SIZE = 2
-AGENTS = ("vehicle", "pedestrian")
-STEP = 0.1  # [s] of policies and of the real data
-PEDESTRIAN_GAIN = WorldConfig().pedestrian_gain  # that the differentiable copy of the world has, (21)-(24)
-RISK_TTC = 5.0  # [s] CurvTTC below which attention is gated towards a step
+from vpsci_ros.world.observation import AGENTS
 
 
 @dataclass(frozen=True)
-class NetworkConfig:
-    """Shape of the SST actors and critics (Table 8)."""
+class LearnerConfig:
+    """What the learner does, from what, and where it writes."""
 
-    hidden: int = parameter(256, "width of the SST state", low=8, high=1024)
-    layers: int = parameter(2, "SST layers", low=1, high=8)
-    heads: int = parameter(8, "attention heads", low=1, high=64)
-    key_dimension: int = parameter(32, "keys and queries of one head; heads * key_dimension = hidden", low=1, high=256)
-    attention_window: int = parameter(10, "steps that attention looks back over, this one included", low=1, high=64)
-    carry_state: bool = parameter(
-        True, "carry the SST state over the whole history; false: start it anew in each attention window"
-    )
-    risk_input: bool = parameter(
-        True, "CurvTTC's risk enters the networks with the observation, and does not only gate their attention"
-    )
-    tracked_steps: int = parameter(
-        2,
-        "closed loop of recorded near misses: starts from the velocity of the vehicle by its positions over so many "
-        "observed steps, for published speeds lag behind; 0: from the recorded one",
-        low=0,
-        high=10,
-    )
-    actor_hidden: list[int] = parameter([64, 64], "two hidden layers of the actor", low=1, high=1024)
-    critic_state: int = parameter(16, "critic: layer on the encoded history", low=1, high=1024)
-    critic_action: int = parameter(16, "critic: layer on the joint action", low=1, high=1024)
-    critic_hidden: list[int] = parameter([64, 64], "critic: two hidden layers after both are joined", low=1, high=1024)
-    action_limit: float = parameter(
-        5.0, "accelerations are clipped to plus and minus this, in training, too", unit="m/s2", low=0.1, high=50.0
-    )
-
-    def __post_init__(self) -> None:
-        if self.heads * self.key_dimension != self.hidden:
-            raise InvalidInput(
-                f"heads * key_dimension must equal hidden (values are the state's slices), "
-                f"got {self.heads} * {self.key_dimension} and {self.hidden}"
-            )
-        for name in ("actor_hidden", "critic_hidden"):
-            if len(getattr(self, name)) != 2:
-                raise InvalidInput(f"{name} must give two widths, got {getattr(self, name)}")
+    stage: str = parameter("pretrain", "stage 1 or stage 2", choices=("pretrain", "refine"))
+    near_misses: list[str] = parameter([], "Parquet files of real near misses; empty: the synthetic sample")
+    output: str = parameter("out/learner", "folder for weights, log and checkpoints")
+    seed: int = parameter(1, "seed of initial weights and sampling", low=0, high=2**63 - 1)
 
 
 @dataclass(frozen=True)
-class TrainingConfig:
-    """What both stages of learning share (Table 8)."""
+class StartConfig:
+    """What stage 2 starts from."""
+
+    weights: str = parameter("", "safetensors file, or the name of weights shipped with the package")
+
+
+# ---- both stages (Table 8)
+
+
+@dataclass(frozen=True)
+class ReplayConfig:
+    """The replay buffer of stage 1."""
 
     batch_size: int = parameter(256, "steps of experience in one update, drawn as whole histories", low=1, high=65536)
-    buffer_capacity: int = parameter(10000, "steps that the replay buffer holds", low=1, high=10_000_000)
+    capacity: int = parameter(10000, "steps that the replay buffer holds", low=1, high=10_000_000)
+
+
+@dataclass(frozen=True)
+class UpdatesConfig:
+    """Updates of the networks in stage 1."""
+
+    critic_learning_rate: float = parameter(2e-4, "step size of the critics", low=0.0, high=1.0)
     discount: float = parameter(0.99, "discount factor", low=0.0, high=1.0)
     target_update_rate: float = parameter(0.01, "soft update rate of the target networks", low=0.0, high=1.0)
-    reward_scaling: float = parameter(100.0, "factor on the speed rewards (14) and (15)", low=0.0, high=1e6)
+    importance_temperature: float = parameter(
+        10.0, "temperature of the importance weights (5), in units of the temporal-difference error", low=1e-3, high=1e9
+    )
+    gradient_clip: float = parameter(1.0, "gradients are scaled down to this norm", low=1e-6, high=1e9)
+
+
+# ---- stage 1
+
+
+@dataclass(frozen=True)
+class SpeedRewardsConfig:
+    """The speed rewards (14) and (15) in stage 1."""
+
+    speed_scaling: float = parameter(100.0, "factor on the speed rewards (14) and (15)", low=0.0, high=1e6)
     least_speed_deviation: float = parameter(
         0.3,
         "lower bound of the deviations in (14) and (15): a turning car's sideways speed varies by 0.02 m/s only, "
@@ -77,86 +73,118 @@ class TrainingConfig:
         low=1e-3,
         high=10.0,
     )
-    importance_temperature: float = parameter(
-        10.0, "temperature of the importance weights (5), in units of the temporal-difference error", low=1e-3, high=1e9
+    exploration: float = parameter(
+        0.5, "standard deviation of the actions scored around the actor's", unit="m/s2", low=0.0, high=5.0
     )
-    gradient_clip: float = parameter(1.0, "gradients are scaled down to this norm", low=1e-6, high=1e9)
 
 
 @dataclass(frozen=True)
-class PretrainConfig(TrainingConfig):
-    """Stage 1: learning from real near misses."""
+class DdpgConfig:
+    """Objective ddpg in stage 1."""
 
-    objective: str = parameter(
-        "closed_loop",
-        "ddpg: Algorithm 1 of the paper; closed_loop: imitation of trajectories through the kinematics, critics by TD",
-        choices=("closed_loop", "ddpg"),
-    )
-    episodes: int = parameter(600, "training iterations, one mini-batch each", low=1, high=10_000_000)
-    actor_learning_rate: float = parameter(1e-4, "step size of the actors, objective ddpg", low=0.0, high=1.0)
-    critic_learning_rate: float = parameter(2e-4, "step size of the critics", low=0.0, high=1.0)
+    actor_learning_rate: float = parameter(1e-4, "step size of the actors", low=0.0, high=1.0)
     critic_head_start: int = parameter(
-        300, "objective ddpg: iterations of the critics alone before the actors follow them", low=0, high=10_000_000
+        300, "iterations of the critics alone before the actors follow them", low=0, high=10_000_000
     )
-    exploration: float = parameter(
-        0.5,
-        "objective ddpg: standard deviation of the actions scored around the actor's",
-        unit="m/s2",
-        low=0.0,
-        high=5.0,
-    )
-    imitation_learning_rate: float = parameter(
-        1.5e-4, "peak step size of the actors, objective closed_loop", low=0.0, high=1.0
-    )
-    imitation_head_factor: float = parameter(
-        10.0,
-        "objective closed_loop: the actors' heads take larger steps by this; they begin near zero",
-        low=0.01,
-        high=1e3,
+
+
+@dataclass(frozen=True)
+class ImitationConfig:
+    """Objectives closed_loop and energy_score in stage 1: recorded trajectories, rolled out."""
+
+    learning_rate: float = parameter(1.5e-4, "peak step size of the actors", low=0.0, high=1.0)
+    head_factor: float = parameter(
+        10.0, "the actors' heads take larger steps by this; they begin near zero", low=0.01, high=1e3
     )
     velocity_weight: float = parameter(
-        10.0,
-        "objective closed_loop: weight of the next velocity's error against the positions'",
-        unit="s",
-        low=0.0,
-        high=1e3,
+        10.0, "weight of the next velocity's error against the positions'", unit="s", low=0.0, high=1e3
     )
-    rollouts: int = parameter(32, "objective closed_loop: near misses rolled out in one update", low=1, high=4096)
+    rollouts: int = parameter(32, "near misses rolled out in one update", low=1, high=4096)
     rollout_steps: int = parameter(
         15,
-        "objective closed_loop: longest roll-out; 0: none, the actors learn the next velocity alone",
+        "longest roll-out; 0: none, the actors learn the next velocity alone",
         unit="steps of 0.1 s",
         low=0,
         high=200,
     )
-    weight_decay: float = parameter(
-        0.05, "decoupled weight decay of the actors, objective closed_loop", low=0.0, high=10.0
-    )
-    dropout: float = parameter(
-        0.3, "objective closed_loop: share of the encoded history that the actors' heads do without", low=0.0, high=0.9
-    )
+    weight_decay: float = parameter(0.05, "decoupled weight decay of the actors", low=0.0, high=10.0)
+    dropout: float = parameter(0.3, "share of the encoded history that the actors' heads do without", low=0.0, high=0.9)
     mirror: bool = parameter(True, "mirror every other near miss left to right")
+
+
+@dataclass(frozen=True)
+class EnergyScoreConfig:
+    """Objective energy_score in stage 1: the distribution of recorded trajectories."""
+
+    samples: int = parameter(6, "roll-outs of each near miss, with other persons and other chance", low=2, high=256)
+    texture_weight: float = parameter(
+        1.0,
+        "weight of the distance of the accelerations' texture to people's against the score",
+        low=0.0,
+        high=1e3,
+    )
+
+
+@dataclass(frozen=True)
+class PretrainConfig:
+    """Stage 1: learning from real near misses."""
+
+    READ_BY: ClassVar[Mapping[str, Sequence[str]]] = {
+        "imitation": ("closed_loop", "energy_score"),
+        "energy_score": ("energy_score",),
+        "ddpg": ("ddpg",),
+    }
+    """Group that some objectives read alone -> these."""
+
+    objective: str = parameter("closed_loop", DESCRIPTION, choices=tuple(OBJECTIVES))
+    episodes: int = parameter(600, "training iterations, one mini-batch each", low=1, high=10_000_000)
     held_out_fraction: float = parameter(
         0.2, "share of near misses, by whole clips, kept out of training", low=0.0, high=0.9
     )
     evaluate_every: int = parameter(100, "iterations from one held-out error to the next", low=1, high=1_000_000)
     checkpoint_every: int = parameter(500, "iterations from one checkpoint to the next", low=1, high=1_000_000)
+    replay: ReplayConfig = ReplayConfig()
+    updates: UpdatesConfig = UpdatesConfig()
+    rewards: SpeedRewardsConfig = SpeedRewardsConfig()
+    imitation: ImitationConfig = ImitationConfig()
+    energy_score: EnergyScoreConfig = EnergyScoreConfig()
+    ddpg: DdpgConfig = DdpgConfig()
+
+
+# ---- stage 2
 
 
 @dataclass(frozen=True)
-class RefineConfig(TrainingConfig):
-    """Stage 2: learning on in simulation (section 3.2)."""
+class OnlineReplayConfig(ReplayConfig):
+    """The replay buffer of stage 2."""
 
-    online_objective: str = parameter(
-        "closed_loop",
-        "ddpg: the critics' policy gradient, as the paper; closed_loop: rewards (25)-(27) made smooth and followed "
-        "through the known kinematics, critics by TD",
-        choices=("closed_loop", "ddpg"),
+    priority_exponent: float = parameter(0.6, "alpha of the sampling probabilities (17)", low=0.0, high=2.0)
+    real_bonus: float = parameter(0.2, "beta of (17): extra priority of real experience", low=0.0, high=100.0)
+    real_share: float = parameter(0.3, "share of the buffer that real experience keeps", low=0.0, high=0.9)
+
+
+@dataclass(frozen=True)
+class OnlineUpdatesConfig(UpdatesConfig):
+    """Updates of the networks in stage 2."""
+
+    critic_learning_rate: float = parameter(1e-4, "step size of the critics", low=0.0, high=1.0)
+    value_unit: float = parameter(
+        10.0,
+        "rewards are divided by this before the critics learn them, so that values are of order one",
+        low=1e-3,
+        high=1e6,
     )
-    online_learning_rate: float = parameter(5e-5, "step size of the actors in stage 2", low=0.0, high=1.0)
-    online_critic_learning_rate: float = parameter(1e-4, "step size of the critics in stage 2", low=0.0, high=1.0)
+    steps_per_update: int = parameter(64, "new simulated steps that pay for one update", low=1, high=1_000_000)
+    warm_up_steps: int = parameter(1000, "simulated steps before the first update", low=1, high=10_000_000)
+
+
+@dataclass(frozen=True)
+class ActorsConfig:
+    """Step sizes of the actors in stage 2."""
+
+    learning_rate: float = parameter(5e-5, "step size of the actors", low=0.0, high=1.0)
     learning_rate_decay: float = parameter(
-        0.0, "the actors' step size falls by this share with every episode, to a tenth at most", low=0.0, high=1.0
+        0.0, "the step size falls by this share with every episode, to a tenth at most", low=0.0, high=1.0
     )
     head_factor: float = parameter(
         1.0,
@@ -165,101 +193,123 @@ class RefineConfig(TrainingConfig):
         low=0.0,
         high=1e3,
     )
-    foresight_rollouts: int = parameter(
-        32, "objective closed_loop: moments of simulated experience rolled out in one update", low=1, high=4096
+
+
+@dataclass(frozen=True)
+class RewardsConfig:
+    """The rewards of stage 2 (25)-(28)."""
+
+    collision: float = parameter(-200.0, "C_collision of (25)", low=-1e6, high=0.0)
+    goal: float = parameter(100.0, "C_goal of (26)", low=0.0, high=1e6)
+    speed_scaling: float = parameter(
+        10.0, "factor on the speed reward, beside rewards of a hundred; 100 drowns them", low=0.0, high=1e6
     )
-    foresight_steps: int = parameter(
-        40, "objective closed_loop: length of a roll-out", unit="steps of 0.1 s", low=1, high=200
-    )
-    foresight_scale: list[float] = parameter(
-        [180.0, 30.0, 1.0],
-        "objective closed_loop: what the smooth collision and goal rewards and the speed reward are worth before their "
-        "weights (27)",
-        low=0.0,
-        high=1e4,
-    )
-    clearance_margin: float = parameter(
-        0.5, "objective closed_loop: clearance that the agents should keep", unit="m", low=0.01, high=10.0
-    )
-    clearance_ahead: float = parameter(
-        0.0,
-        "objective closed_loop: weight of the clearance that speeds of the moment lead to within 2 s",
-        low=0.0,
-        high=100.0,
-    )
-    pace_weights: list[float] = parameter(
-        [0.5, 0.5],
-        "objective closed_loop: weights of the vehicle's and of the pedestrian's velocity in the goal reward",
-        low=0.0,
-        high=100.0,
-    )
-    haste_weight: float = parameter(
-        1.0,
-        "objective closed_loop: what being faster than at the hand-over costs in the goal reward, against being slower "
-        "by as much",
-        low=1.0,
-        high=100.0,
-    )
-    braking_share: float = parameter(
-        0.0,
-        "objective closed_loop: share of roll-outs in which the vehicle brakes to a stand whatever its policy says",
-        low=0.0,
-        high=1.0,
-    )
-    insisting_shares: list[float] = parameter(
-        [0.0, 0.0],
-        "objective closed_loop: shares of roll-outs in which the vehicle keeps its speed, and in which the pedestrian "
-        "walks on, whatever their policies say",
-        low=0.0,
-        high=1.0,
-    )
-    noise_start: float = parameter(
-        0.3, "N_0 of the exploration noise (16)", unit="of the action limit", low=0.0, high=2.0
-    )
-    noise_decay: float = parameter(0.001, "beta of (16), per training episode", low=0.0, high=1.0)
-    noise_floor: float = parameter(0.05, "N_min of (16)", unit="of the action limit", low=0.0, high=2.0)
-    real_exploration: float = parameter(
+    exploration: float = parameter(
         0.5,
         "deviation of the actions that are scored around the actors' on real experience",
         unit="m/s2",
         low=0.0,
         high=5.0,
     )
-    priority_exponent: float = parameter(0.6, "alpha of the sampling probabilities (17)", low=0.0, high=2.0)
-    real_bonus: float = parameter(0.2, "beta of (17): extra priority of real experience", low=0.0, high=100.0)
-    rehearsal_weight: float = parameter(
-        0.2,
-        "weight of real near misses rolled out in closed loop, beside the policy gradient (objective closed_loop: of "
-        "their clipped gradient, beside that of the simulated seconds); 0: as the paper",
-        low=0.0,
-        high=1e3,
-    )
-    rehearsal_rollouts: int = parameter(8, "near misses rolled out for that in one update", low=1, high=4096)
-    real_capacity: float = parameter(0.3, "share of the buffer that real experience keeps", low=0.0, high=0.9)
-    online_reward_scaling: float = parameter(
-        10.0, "factor on the speed reward in stage 2, beside rewards of a hundred; 100 drowns them", low=0.0, high=1e6
-    )
-    collision_reward: float = parameter(-200.0, "C_collision of (25)", low=-1e6, high=0.0)
-    goal_reward: float = parameter(100.0, "C_goal of (26)", low=0.0, high=1e6)
-    reward_weights: list[float] = parameter(
+    weights: list[float] = parameter(
         [], "fixed w_1 (collision), w_2 (goal), w_3 (speed) of (27); empty: adaptive by (28)", low=0.0, high=1.0
     )
     weight_temperature: float = parameter(1e-4, "lambda of the adaptive weights (28)", low=0.0, high=10.0)
-    value_unit: float = parameter(
-        10.0,
-        "rewards are divided by this before the critics learn them, so that values are of order one",
-        low=1e-3,
-        high=1e6,
+
+    def __post_init__(self) -> None:
+        if self.weights and (len(self.weights) != 3 or not math.isclose(sum(self.weights), 1.0, abs_tol=0.011)):
+            raise InvalidInput(f"rewards.weights must be three numbers that add up to 1 (or empty), got {self.weights}")
+
+
+@dataclass(frozen=True)
+class ForesightConfig:
+    """Objectives closed_loop and energy_score in stage 2: simulated seconds rolled out ahead."""
+
+    rollouts: int = parameter(32, "moments of simulated experience rolled out in one update", low=1, high=4096)
+    steps: int = parameter(40, "length of a roll-out", unit="steps of 0.1 s", low=1, high=200)
+    scale: list[float] = parameter(
+        [180.0, 30.0, 1.0],
+        "what the smooth collision and goal rewards and the speed reward are worth before their weights (27)",
+        low=0.0,
+        high=1e4,
     )
-    updates_per_refresh: int = parameter(50, "updates between two refreshes of the policies", low=1, high=1_000_000)
-    steps_per_update: int = parameter(64, "new simulated steps that pay for one update", low=1, high=1_000_000)
-    warm_up_steps: int = parameter(1000, "simulated steps before the first update", low=1, high=10_000_000)
+    clearance_margin: float = parameter(0.5, "clearance that the agents should keep", unit="m", low=0.01, high=10.0)
+    clearance_ahead: float = parameter(
+        0.0, "weight of the clearance that speeds of the moment lead to within 2 s", low=0.0, high=100.0
+    )
+    pace_weights: list[float] = parameter(
+        [0.5, 0.5],
+        "weights of the vehicle's and of the pedestrian's velocity in the goal reward",
+        low=0.0,
+        high=100.0,
+    )
+    haste_weight: float = parameter(
+        1.0,
+        "what being faster than at the hand-over costs in the goal reward, against being slower by as much",
+        low=1.0,
+        high=100.0,
+    )
+    braking_share: float = parameter(
+        0.0,
+        "share of roll-outs in which the vehicle brakes to a stand whatever its policy says",
+        low=0.0,
+        high=1.0,
+    )
+    insisting_shares: list[float] = parameter(
+        [0.0, 0.0],
+        "shares of roll-outs in which the vehicle keeps its speed, and in which the pedestrian walks on, whatever "
+        "their policies say",
+        low=0.0,
+        high=1.0,
+    )
+
+    def __post_init__(self) -> None:
+        if len(self.scale) != 3:
+            raise InvalidInput(f"foresight.scale must be three numbers, got {self.scale}")
+        if len(self.pace_weights) != 2:
+            raise InvalidInput(f"foresight.pace_weights must be two numbers, got {self.pace_weights}")
+        shares = self.insisting_shares
+        if len(shares) != 2 or self.braking_share + sum(shares) > 1.0:
+            raise InvalidInput(
+                f"foresight.insisting_shares must be two numbers that add up to 1 at most together with braking_share "
+                f"= {self.braking_share:g}, got {shares}"
+            )
+
+
+@dataclass(frozen=True)
+class OnlineDdpgConfig:
+    """Objective ddpg in stage 2."""
+
     critic_warm_up: int = parameter(200, "updates of the critics alone before the actors follow", low=0, high=1_000_000)
+
+
+@dataclass(frozen=True)
+class RehearsalConfig:
+    """Real near misses rolled out again in stage 2, as stage 1 did by the configuration that the weights carry."""
+
+    weight: float = parameter(
+        0.2,
+        "weight of their gradient beside the policy gradient (objective closed_loop: of their clipped gradient, beside "
+        "that of the simulated seconds); 0: as the paper",
+        low=0.0,
+        high=1e3,
+    )
+    rollouts: int = parameter(8, "near misses rolled out for that in one update", low=1, high=4096)
+
+
+@dataclass(frozen=True)
+class RefreshConfig:
+    """What stage 2 hands out to the policies, and keeps in the end."""
+
+    updates: int = parameter(50, "updates between two refreshes of the policies", low=1, high=1_000_000)
     rollback_margin: float = parameter(
         0.1,
         "a refresh whose held-out closed-loop ADE exceeds stage 1's by this share is rolled back",
         low=0.0,
         high=10.0,
+    )
+    held_out_fraction: float = parameter(
+        0.2, "share of near misses, by whole clips, for the held-out check; take that of stage 1", low=0.0, high=0.9
     )
     stage_1_share: float = parameter(
         0.0,
@@ -267,45 +317,51 @@ class RefineConfig(TrainingConfig):
         low=0.0,
         high=1.0,
     )
-    refine_held_out_fraction: float = parameter(
-        0.2, "share of near misses, by whole clips, for the held-out check; take that of stage 1", low=0.0, high=0.9
-    )
+
+
+@dataclass(frozen=True)
+class ConvergenceConfig:
+    """When stage 2 has converged (section 4.1)."""
+
     gradient_tolerance: float = parameter(
         1e-4, "converged where the policy gradient's norm stays below", low=0.0, high=1.0
     )
-    converged_episodes: int = parameter(100, "for so many episodes in a row", low=1, high=1_000_000)
+    episodes: int = parameter(100, "for so many episodes in a row", low=1, high=1_000_000)
 
-    def __post_init__(self) -> None:
-        if len(self.foresight_scale) != 3:
-            raise InvalidInput(f"foresight_scale must be three numbers, got {self.foresight_scale}")
-        if len(self.pace_weights) != 2:
-            raise InvalidInput(f"pace_weights must be two numbers, got {self.pace_weights}")
-        shares = self.insisting_shares
-        if len(shares) != 2 or self.braking_share + sum(shares) > 1.0:
-            raise InvalidInput(
-                f"insisting_shares must be two numbers that add up to 1 at most together with braking_share = "
-                f"{self.braking_share:g}, got {shares}"
-            )
-        weights = self.reward_weights
-        if weights and (len(weights) != 3 or not math.isclose(sum(weights), 1.0, abs_tol=0.011)):
-            raise InvalidInput(f"reward_weights must be three numbers that add up to 1 (or empty), got {weights}")
+
+@dataclass(frozen=True)
+class RefineConfig:
+    """Stage 2: learning on in simulation (section 3.2)."""
+
+    READ_BY: ClassVar[Mapping[str, Sequence[str]]] = {"foresight": ("closed_loop", "energy_score"), "ddpg": ("ddpg",)}
+    """Group that some objectives read alone -> these."""
+
+    objective: str = parameter("closed_loop", DESCRIPTION, choices=tuple(OBJECTIVES))
+    replay: OnlineReplayConfig = OnlineReplayConfig()
+    updates: OnlineUpdatesConfig = OnlineUpdatesConfig()
+    actors: ActorsConfig = ActorsConfig()
+    rewards: RewardsConfig = RewardsConfig()
+    foresight: ForesightConfig = ForesightConfig()
+    ddpg: OnlineDdpgConfig = OnlineDdpgConfig()
+    rehearsal: RehearsalConfig = RehearsalConfig()
+    refresh: RefreshConfig = RefreshConfig()
+    convergence: ConvergenceConfig = ConvergenceConfig()
 
     def require_known_world(self, world: WorldConfig) -> None:
         """Refuse a world in which a policy does not act, or that moves otherwise than the differentiable copy of it.
 
-        :raises InvalidInput: a driver is not the policy; or, for the objective closed_loop, what transitions do not
-            tell (`pedestrian_gain`, `lane_following`, `policy_period`) is not as the copy takes for granted.
+        :raises InvalidInput: a driver is not the policy; or what transitions do not tell (`pedestrian_gain`,
+            `lane_following`, `policy_period`) is not as the objective takes for granted.
         """
         known: dict[str, str | float] = {f"{agent}_driver": "policy" for agent in AGENTS}
-        if self.online_objective == "closed_loop":
-            known |= {"pedestrian_gain": PEDESTRIAN_GAIN, "lane_following": True, "policy_period": STEP}
+        known |= find_objective(self.objective).known_world
         for name, expected in known.items():
             if (got := getattr(world, name)) != expected:
                 hint = (
                     "" if name.endswith("_driver") else ", since transitions do not tell it; leave it, or choose ddpg"
                 )
                 raise InvalidInput(
-                    f"world_simulator.{name} = {_text(got)}: stage 2 with online_objective {self.online_objective} "
+                    f"world_simulator.{name} = {_text(got)}: stage 2 with learner.objective {self.objective} "
                     f"expects {_text(expected)}{hint}"
                 )
 

@@ -3,8 +3,9 @@
 import torch
 from torch import Tensor, nn
 
-from vpsci_ros.learning.config import ACTION_SIZE, NetworkConfig
-from vpsci_ros.learning.sst import SSTEncoder
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.sst import SSTEncoder
+from vpsci_ros.world.observation import ACTION_SIZE
 
 
 class Critic(nn.Module):

@@ -7,28 +7,23 @@ gradients with a known model do (Heess et al. 2015, 'Learning continuous control
 gradients', https://arxiv.org/abs/1510.09142): also through what the agents then observe of each other and how they
 react.
 
-Events have no gradient, so each gets a smooth stand-in:
+Events have no gradient, so each gets a smooth stand-in (`rewards`):
 
-- collision (25): how far the clearance of the footprints falls short of a margin, squared, now and, by a weight, where
-  both would be within the next `AHEAD` seconds at the speeds and the curvature of the moment. The second is
-  CurvTTC made smooth: who only minds clearance passes a hand's breadth from the other, and people do not;
-- goal (26): how far each agent's velocity is from that of the hand-over, as a share of it, squared; a vehicle's is
-  `CRUISE` along its lane at least. For a pedestrian sideways counts as well: who is free to drift is pushed along by
-  the car, metres away from where it wanted to cross. Weights say whose delay costs more; who learns to give way hangs
-  on the luck of a training, too. Being faster costs `haste` times as much as being slower: people in a near miss slow
-  down, and who may as well speed up learns to race the other to the crossing.
+- collision (25): clearance of the footprints below a margin, now and, by a weight, where both would be shortly;
+- goal (26): how far each agent's velocity is from that of the hand-over; a vehicle's is `CRUISE` along its lane at
+  least. Weights say whose delay costs more; who learns to give way hangs on the luck of a training, too.
 
 In some of the roll-outs one of the two does not do as its policy says: the vehicle brakes to a stand, and stays, or it
 keeps its speed; or the pedestrian walks on. Who learns beside one partner only learns a convention with it, say that
 the vehicle always gives way, and has no answer to anybody else; people on the road have, and so should whoever meets a
 driving system.
 
-The speed reward has a gradient as it is, and is taken at the recorded steps rather than at the foreseen ones.
+The speed reward is taken at the recorded steps rather than at the foreseen ones.
 
 The copy is simpler than the world: the vehicle keeps to its lane whatever its lateral action, which in the world
 moves it within the lane; so the lateral action learns from the speed reward and from rehearsal only. What transitions
 do not tell is taken for granted: the paper's 0.5 of (21)-(24), lane following, and steps of 0.1 s. A world that
-differs is refused and needs `online_objective: ddpg`.
+differs is refused and needs `objective: ddpg`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,76 +34,70 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vpsci_ros.learning.actor import previous
-from vpsci_ros.learning.config import AGENTS, STEP
+from vpsci_ros.evaluation.scene import Scene, from_heading_frame, observe, time_to_collision
 from vpsci_ros.learning.networks import Actors
 from vpsci_ros.learning.replay import History, collate
-from vpsci_ros.learning.scene import Scene, from_heading_frame, observe, time_to_collision, to_heading_frame
-from vpsci_ros.learning.sst import StepState
+from vpsci_ros.learning.rewards import collision_loss, pedestrian_pace_loss, vehicle_pace_loss
 from vpsci_ros.learning.transitions import LANE_GRID
-from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.policy.actor import previous
+from vpsci_ros.policy.sst import StepState
 from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION
+from vpsci_ros.world.observation import AGENTS, STEP
 
-AHEAD = (0.7, 1.4, 2.1)  # [s] from now at which anticipated clearance is taken; a car is as long as it drives between
 CRUISE = 3.5  # [m/s] pace that a vehicle which stands or creeps should take up
 HAND_OVERS = 0.7  # share of roll-outs that begin there
 LONGEST = 20.0  # times the median: the length to which gradients of single roll-outs are shortened
 BRAKING = (1.0, 5.0)  # [m/s2] least and greatest deceleration of a vehicle that brakes whatever its policy says
-_STANDING = 0.3  # [m/s] below this a pedestrian has no direction
 
 Memories = dict[str, list[StepState]]
 
 
-class Start(NamedTuple):
+class Moments(NamedTuple):
     """Moments from which M roll-outs begin, in the vehicle's heading frame of each; float32.
 
-    speed [M] [m/s] and lane [M, N] [rad], direction every 2 m, of the vehicle; pedestrian, walking [M, 2]: position [m]
-    and velocity [m/s]; cruise [M]: speed of the vehicle, and course [M, 2]: velocity of the pedestrian at the hand-over
-    [m/s]; before [M, 2] by agent: the action of the step before [m/s2]. observation [M, T, 6] and acted [M, T, 2] by
-    agent and curvttc [M, T] hold what came before the moment, taken int64[M] steps.
+    The last four hold the steps before the moment, T at most.
     """
 
-    speed: Tensor
-    lane: Tensor
-    pedestrian: Tensor
-    walking: Tensor
-    cruise: Tensor
-    course: Tensor
-    before: dict[str, Tensor]
-    observation: dict[str, Tensor]
-    acted: dict[str, Tensor]
-    curvttc: Tensor
-    taken: Tensor
+    speed: Tensor  # [M] [m/s] of the vehicle
+    lane: Tensor  # [M, N] [rad] its direction ahead of the vehicle, every `LANE_GRID` metres
+    pedestrian: Tensor  # [M, 2] [m] where it is
+    walking: Tensor  # [M, 2] [m/s] its velocity
+    cruise: Tensor  # [M] [m/s] speed of the vehicle at the hand-over, `CRUISE` at least
+    course: Tensor  # [M, 2] [m/s] velocity of the pedestrian at the hand-over
+    before: dict[str, Tensor]  # agent -> [M, 2] [m/s2] action of the step before
+    observation: dict[str, Tensor]  # agent -> [M, T, 6]
+    acted: dict[str, Tensor]  # agent -> [M, T, 2] [m/s2] action before each step
+    curvttc: Tensor  # [M, T] [s]
+    taken: Tensor  # int64[M] how many steps there were
 
 
-def start_at(histories: Sequence[History], at: NDArray[np.int64]) -> Start:
+def moments_at(histories: Sequence[History], at: NDArray[np.int64]) -> Moments:
     """Return the moments at step `at`, int64[M], of M simulated histories."""
     batch, rows = collate(histories), np.arange(len(histories))
     seen = batch.observation["pedestrian"][rows, at]
-    taken = torch.from_numpy(at)
     before = {}
     for agent in AGENTS:
         first = torch.from_numpy((at > 0).astype(np.float32))[:, None]
         before[agent] = batch.action[agent][rows, np.maximum(at - 1, 0)] * first
     longest = max(1, int(at.max()))
-    return Start(
-        (seen[:, 0] - seen[:, 4]).clamp(min=0.0),  # (7): its own velocity minus the relative one is the vehicle's
-        torch.from_numpy(np.stack([h.lane[i] for h, i in zip(histories, at, strict=True)])),
-        seen[:, 2:4],
-        seen[:, 0:2],
-        batch.observation["vehicle"][:, 0, 0].clamp(min=CRUISE),
-        from_heading_frame(batch.observation["pedestrian"][:, 0, 0:2], -_turned(histories, at)),
-        before,
-        {agent: batch.observation[agent][:, :longest] for agent in AGENTS},
-        {agent: previous(batch.action[agent])[:, :longest] for agent in AGENTS},
-        batch.curvttc[:, :longest],
-        taken,
+    return Moments(
+        speed=(seen[:, 0] - seen[:, 4]).clamp(min=0.0),  # (7): own velocity minus the relative one is the vehicle's
+        lane=torch.from_numpy(np.stack([h.lane[i] for h, i in zip(histories, at, strict=True)])),
+        pedestrian=seen[:, 2:4],
+        walking=seen[:, 0:2],
+        cruise=batch.observation["vehicle"][:, 0, 0].clamp(min=CRUISE),
+        course=from_heading_frame(batch.observation["pedestrian"][:, 0, 0:2], -_turned(histories, at)),
+        before=before,
+        observation={agent: batch.observation[agent][:, :longest] for agent in AGENTS},
+        acted={agent: previous(batch.action[agent])[:, :longest] for agent in AGENTS},
+        curvttc=batch.curvttc[:, :longest],
+        taken=torch.from_numpy(at),
     )
 
 
 def foresee(
     actors: Actors,
-    start: Start,
+    start: Moments,
     *,
     steps: int,
     margin: float,
@@ -121,55 +110,81 @@ def foresee(
     """Let both actors act together for `steps` steps, and return what they lose by collision and by goal.
 
     :param margin: clearance [m] below which the first counts.
-    :param anticipation: weight of the clearances that the speeds of the moment lead to after `AHEAD`, beside that of
-        the moment.
+    :param anticipation: weight of the clearances that the speeds of the moment lead to after `rewards.AHEAD`,
+        beside that of the moment.
     :param pace: weights of the vehicle's and of the pedestrian's pace.
     :param gain: share of the pedestrian's acceleration that becomes motion, (21)-(24).
     :param haste: what being faster than at the hand-over costs, against being slower by as much.
     :param scripted: by agent, what it does [M, 2] [m/s2] whatever its policy says; NaN: the policy acts.
     :returns: float32 scalars with gradient, means of all roll-outs and steps.
     """
-    count = len(start.speed)
-    memory, before = remembered(actors, start), start.before
-    speed, driven, vehicle = start.speed, torch.zeros(count), torch.zeros(count, 2)
-    pedestrian, walking = start.pedestrian, start.walking
-    walked = start.course.norm(dim=1)
-    moving, walked = walked > _STANDING, walked.clamp(min=_STANDING)
-    scripted = scripted or {}
+    memory, before, scripted = remembered(actors, start), start.before, scripted or {}
     collision, goal = torch.zeros(()), torch.zeros(())
-    heading, bend = _direction(start.lane, driven)
+    now = set_out(start)
     for _ in range(steps):
-        ahead = torch.stack([torch.cos(heading), torch.sin(heading)], dim=1)
-        scene = Scene(vehicle, heading, speed[:, None] * ahead, bend, pedestrian, walking)
+        scene, speed = now.scene, now.speed
         views, curvttc = dict(zip(AGENTS, observe(scene), strict=True)), time_to_collision(scene)
         before = {a: actors[a].step(views[a], before[a], curvttc, memory[a]) for a in AGENTS}
         before |= {agent: torch.where(done.isnan(), before[agent], done) for agent, done in scripted.items()}
         for answer in before.values():
             if answer.requires_grad:
-                answer.register_hook(_bounded)
-        faster = (speed / start.cruise - 1.0).clamp(min=0.0)
-        goal = goal + pace[0] * ((1.0 - speed / start.cruise) ** 2 + (haste - 1.0) * faster**2).mean()
-        faster = ((walking * start.course).sum(dim=1) / walked**2 - 1.0).clamp(min=0.0)
-        astray = (walking - start.course).square().sum(dim=1) / walked**2 + (haste - 1.0) * faster**2
-        goal = goal + pace[1] * (astray * moving).mean()
-        along = before["vehicle"][:, 0].clamp(-MAX_DECELERATION, MAX_ACCELERATION)
-        faster = (speed + along * STEP).clamp(min=0.0)
-        way = 0.5 * (speed + faster) * STEP
-        pushed = from_heading_frame(before["pedestrian"], heading) * (gain * STEP)
-        vehicle, driven, speed = vehicle + way[:, None] * ahead, driven + way, faster
-        pedestrian, walking = pedestrian + (walking + 0.75 * pushed) * STEP, walking + pushed
-        heading, bend = _direction(start.lane, driven)
-        near = _nearness(vehicle, heading, pedestrian, margin)
-        for time in AHEAD if anticipation > 0.0 else ():
-            turn = bend * speed * time
-            chord = heading + 0.5 * turn
-            there = vehicle + (speed * time)[:, None] * torch.stack([torch.cos(chord), torch.sin(chord)], dim=1)
-            then = _nearness(there, heading + turn, pedestrian + walking * time, margin)
-            near = near + anticipation / len(AHEAD) * then
-        collision = collision + near.mean()
+                answer.register_hook(bounded)
+        goal = goal + pace[0] * vehicle_pace_loss(speed, start.cruise, haste).mean()
+        goal = goal + pace[1] * pedestrian_pace_loss(scene.pedestrian_velocity, start.course, haste).mean()
+        now = advance_on_lane(now, start.lane, before["vehicle"], before["pedestrian"], gain)
+        collision = collision + collision_loss(now.scene, now.speed, margin, anticipation).mean()
         if not bool(collision.isfinite()):
             return collision, goal  # for the check of losses to find, before CurvTTC is asked of it
     return collision / steps, goal / steps
+
+
+class OnLane(NamedTuple):
+    """Scenes whose vehicles keep to their lanes."""
+
+    scene: Scene
+    ahead: Tensor  # [B, 2] unit vectors along the vehicles' headings
+    speed: Tensor  # [B] [m/s] of the vehicles
+    driven: Tensor  # [B] [m] along the lane since the roll-out began
+
+
+def set_out(start: Moments) -> OnLane:
+    """Return the scenes of the moments."""
+    still = torch.zeros(len(start.speed))
+    return _on_lane(start.lane, still, start.speed, torch.stack([still, still], dim=1), start.pedestrian, start.walking)
+
+
+def advance_on_lane(
+    now: OnLane, lane: Tensor, vehicle_action: Tensor, pedestrian_action: Tensor, gain: float
+) -> OnLane:
+    """Return the scenes one step of 0.1 s later, (18)-(24); actions [B, 2] [m/s2] in the vehicle's heading frame.
+
+    :param lane: direction every `LANE_GRID` metres, [B, N] [rad].
+    :param gain: share of the pedestrian's acceleration that becomes motion.
+    """
+    scene = now.scene
+    along = vehicle_action[:, 0].clamp(-MAX_DECELERATION, MAX_ACCELERATION)
+    faster = (now.speed + along * STEP).clamp(min=0.0)
+    way = 0.5 * (now.speed + faster) * STEP
+    pushed = from_heading_frame(pedestrian_action, scene.heading) * (gain * STEP)
+    vehicle, driven = scene.vehicle + way[:, None] * now.ahead, now.driven + way
+    pedestrian = scene.pedestrian + (scene.pedestrian_velocity + 0.75 * pushed) * STEP
+    return _on_lane(lane, driven, faster, vehicle, pedestrian, scene.pedestrian_velocity + pushed)
+
+
+def _on_lane(
+    lane: Tensor, driven: Tensor, speed: Tensor, vehicle: Tensor, pedestrian: Tensor, walking: Tensor
+) -> OnLane:
+    heading, bend = _direction(lane, driven)
+    ahead = torch.stack([torch.cos(heading), torch.sin(heading)], dim=1)
+    scene = Scene(
+        vehicle=vehicle,
+        heading=heading,
+        vehicle_velocity=speed[:, None] * ahead,
+        curvature=bend,
+        pedestrian=pedestrian,
+        pedestrian_velocity=walking,
+    )
+    return OnLane(scene=scene, ahead=ahead, speed=speed, driven=driven)
 
 
 def draw_moments(
@@ -222,28 +237,13 @@ def step_along(
 
 
 @torch.no_grad()
-def remembered(actors: Actors, start: Start) -> Memories:
+def remembered(actors: Actors, start: Moments) -> Memories:
     """Return what each actor remembers of the steps before the moment."""
     out = {}
     for agent in AGENTS:
         arguments = start.observation[agent], start.acted[agent], start.curvttc
         _, out[agent] = actors[agent].remember(*arguments, start.taken)
     return out
-
-
-def clearance(vehicle: Tensor, heading: Tensor, pedestrian: Tensor) -> Tensor:
-    """Return the distance [B] [m] between the footprints, negative where they overlap; differentiable.
-
-    :param vehicle, pedestrian: centres, [B, 2] [m]; heading [B] [rad].
-    """
-    forward, left = to_heading_frame(pedestrian - vehicle, heading).unbind(dim=1)
-    along, across = forward.abs() - 0.5 * VEHICLE_LENGTH, left.abs() - 0.5 * VEHICLE_WIDTH
-    outside = torch.sqrt(along.clamp(min=0.0) ** 2 + across.clamp(min=0.0) ** 2 + 1e-8)
-    return outside + torch.maximum(along, across).clamp(max=0.0) - PEDESTRIAN_RADIUS
-
-
-def _nearness(vehicle: Tensor, heading: Tensor, pedestrian: Tensor, margin: float) -> Tensor:
-    return (1.0 - clearance(vehicle, heading, pedestrian) / margin).clamp(min=0.0) ** 2
 
 
 def _turned(histories: Sequence[History], at: NDArray[np.int64]) -> Tensor:
@@ -264,7 +264,7 @@ def _direction(lane: Tensor, driven: Tensor) -> tuple[Tensor, Tensor]:
     return low + (high - low) * (place - node), (high - low) / LANE_GRID
 
 
-def _bounded(gradient: Tensor) -> Tensor:
+def bounded(gradient: Tensor) -> Tensor:
     """Shorten the rows of a gradient [B, n] that are `LONGEST` times longer than the median one."""
     norm = gradient.norm(dim=1, keepdim=True)
     bound = LONGEST * norm[norm > 0.0].median() if bool((norm > 0.0).any()) else norm.sum()

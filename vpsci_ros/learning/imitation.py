@@ -16,7 +16,7 @@ number of observed steps vary. Rotation needs none, since observations live in t
 import contextlib
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,12 +24,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vpsci_ros.learning.actor import previous
-from vpsci_ros.learning.config import AGENTS, STEP, PretrainConfig
-from vpsci_ros.learning.interactions import Interactions
+from vpsci_ros.data.interactions import Interactions
+from vpsci_ros.evaluation.scene import Scene, advance, observe, scene_at, time_to_collision
+from vpsci_ros.learning.config import ImitationConfig, PretrainConfig
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.scene import Scene, advance, observe, scene_at, time_to_collision
-from vpsci_ros.learning.sst import StepState
+from vpsci_ros.learning.objectives import Learner
+from vpsci_ros.policy.actor import previous
+from vpsci_ros.policy.sst import StepState
+from vpsci_ros.world.observation import AGENTS, STEP
 
 OBSERVED = 10  # steps observed before a roll-out, at most
 RISE = 20  # iterations until the step size is at its peak
@@ -37,46 +39,39 @@ _SMOOTH = 0.02  # [m] below this, distances count by their square
 
 
 class Start(NamedTuple):
-    """Where roll-outs begin, and how they are altered.
+    """Where roll-outs begin, and how they are altered."""
 
-    row, begin, at: int64[M], the interaction, the first step of the history, and the first predicted step; mirror:
-    bool[M].
-    """
-
-    row: NDArray[np.int64]
-    begin: NDArray[np.int64]
-    at: NDArray[np.int64]
-    mirror: NDArray[np.bool_]
+    row: NDArray[np.int64]  # [M] the interaction
+    begin: NDArray[np.int64]  # [M] the first step of the history
+    at: NDArray[np.int64]  # [M] the first predicted step
+    mirror: NDArray[np.bool_]  # [M]
 
     def take(self, rows: NDArray[np.int64]) -> "Start":
         """Return the roll-outs `rows`, in that order."""
-        return Start(self.row[rows], self.begin[rows], self.at[rows], self.mirror[rows])
+        return Start(row=self.row[rows], begin=self.begin[rows], at=self.at[rows], mirror=self.mirror[rows])
 
 
 @dataclass(frozen=True)
-class Recorded:
-    """Recorded steps of M roll-outs as tensors, `begin` first and mirrored where asked; past the end zero.
+class RecordedSteps:
+    """Recorded steps of M roll-outs as tensors, `begin` first and mirrored where asked; past the end zero."""
 
-    motion [M, T, 9]; curvttc [M, T]; present bool[M, T]; per agent observation [M, T, 6] and action [M, T, 2].
-    """
-
-    motion: Tensor
-    curvttc: Tensor
-    present: Tensor
-    observation: dict[str, Tensor]
-    action: dict[str, Tensor]
+    motion: Tensor  # [M, T, 9] rows as in `Interactions.motion`
+    curvttc: Tensor  # [M, T] [s]
+    present: Tensor  # bool[M, T]
+    observation: dict[str, Tensor]  # agent -> [M, T, 6], (6) and (7)
+    action: dict[str, Tensor]  # agent -> [M, T, 2] [m/s2]
 
 
-def draw(interactions: Interactions, config: PretrainConfig, rng: np.random.Generator) -> Start:
+def draw(interactions: Interactions, config: ImitationConfig, rng: np.random.Generator) -> Start:
     """Draw `config.rollouts` roll-outs: interactions evenly, then the first predicted step, then the observed steps."""
     row = rng.integers(len(interactions), size=config.rollouts)
     at = (rng.random(config.rollouts) * (interactions.length[row] - 1)).astype(np.int64)
     observed = np.where(rng.random(config.rollouts) < 0.5, OBSERVED, rng.integers(OBSERVED + 1, size=config.rollouts))
     mirror = (rng.random(config.rollouts) < 0.5) & config.mirror
-    return Start(row, np.maximum(at - observed, 0), at, mirror)
+    return Start(row=row, begin=np.maximum(at - observed, 0), at=at, mirror=mirror)
 
 
-def recorded(interactions: Interactions, start: Start, steps: int) -> Recorded:
+def recorded(interactions: Interactions, start: Start, steps: int) -> RecordedSteps:
     """Cut out `steps` steps of each roll-out, float32."""
     index = start.begin[:, None] + np.arange(steps)
     present = index < interactions.length[start.row, None]
@@ -92,12 +87,12 @@ def recorded(interactions: Interactions, start: Start, steps: int) -> Recorded:
         values[..., 1::2] *= sign
         return torch.from_numpy(values)
 
-    return Recorded(
-        torch.from_numpy(motion.astype(np.float32)),
-        torch.from_numpy(interactions.curvttc[rows, index]),
-        torch.from_numpy(present),
-        {agent: mirrored(interactions.observation[agent][rows, index]) for agent in AGENTS},
-        {agent: mirrored(interactions.action[agent][rows, index]) for agent in AGENTS},
+    return RecordedSteps(
+        motion=torch.from_numpy(motion.astype(np.float32)),
+        curvttc=torch.from_numpy(interactions.curvttc[rows, index]),
+        present=torch.from_numpy(present),
+        observation={agent: mirrored(interactions.observation[agent][rows, index]) for agent in AGENTS},
+        action={agent: mirrored(interactions.action[agent][rows, index]) for agent in AGENTS},
     )
 
 
@@ -111,7 +106,7 @@ def _origin(motion: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rollout_loss(
-    networks: Networks, interactions: Interactions, start: Start, config: PretrainConfig
+    networks: Networks, interactions: Interactions, start: Start, config: ImitationConfig
 ) -> tuple[Tensor, Tensor]:
     """Return the closed-loop error [m] and the error of the next velocity [m/s], both scalar with gradient.
 
@@ -154,7 +149,9 @@ def _column(mask: NDArray[np.bool_]) -> Tensor:
     return torch.from_numpy(mask.astype(np.float32))[:, None]
 
 
-def _observed(networks: Networks, data: Recorded, lead: NDArray[np.int64]) -> tuple[Tensor, dict[str, list[StepState]]]:
+def _observed(
+    networks: Networks, data: RecordedSteps, lead: NDArray[np.int64]
+) -> tuple[Tensor, dict[str, list[StepState]]]:
     """Return the error of the next velocity over recorded histories, and each actor's memory of the observed steps."""
     acted = torch.zeros_like(data.present)
     acted[:, :-1] = data.present[:, 1:]
@@ -172,26 +169,27 @@ class Imitation:
     """Both actors, their optimiser, and the near misses that they learn from."""
 
     def __init__(self, networks: Networks, interactions: Interactions, config: PretrainConfig) -> None:
-        self._networks, self._interactions, self._config = networks, interactions, config
+        self._networks, self._interactions, self._config = networks, interactions, config.imitation
+        self._episodes, self._gradient_clip = config.episodes, config.updates.gradient_clip
         groups = []
-        for part, factor in (("encoder", 1.0), ("head", config.imitation_head_factor)):
+        for part, factor in (("encoder", 1.0), ("head", self._config.head_factor)):
             mine = [p for agent in AGENTS for p in getattr(networks.actor[agent], part).parameters()]
-            for matrices, decay in ((True, config.weight_decay / factor), (False, 0.0)):
+            for matrices, decay in ((True, self._config.weight_decay / factor), (False, 0.0)):
                 parameters = [p for p in mine if (p.ndim == 2) == matrices]
                 groups.append({"params": parameters, "weight_decay": decay, "factor": factor})
-        self.optimiser = torch.optim.AdamW(groups, lr=config.imitation_learning_rate)
+        self.optimiser = torch.optim.AdamW(groups, lr=self._config.learning_rate)
 
     def update(self, rng: np.random.Generator, episode: int) -> dict[str, float]:
         """Take one step; the step size rises over the first iterations and falls along a cosine to the last."""
         for group in self.optimiser.param_groups:
-            group["lr"] = self._config.imitation_learning_rate * group["factor"] * self._schedule(episode)
+            group["lr"] = self._config.learning_rate * group["factor"] * self._schedule(episode)
         start = draw(self._interactions, self._config, rng)
         torch.manual_seed(int(rng.integers(2**62)))  # of the dropout
         with self._dropout():
             position, velocity = rollout_loss(self._networks, self._interactions, start, self._config)
         self.optimiser.zero_grad()
         (position + self._config.velocity_weight * velocity).backward()
-        norm = torch.nn.utils.clip_grad_norm_(self._networks.actor.parameters(), self._config.gradient_clip)
+        norm = torch.nn.utils.clip_grad_norm_(self._networks.actor.parameters(), self._gradient_clip)
         self.optimiser.step()
         return {
             "rollout_error": float(position.detach()),
@@ -209,4 +207,18 @@ class Imitation:
 
     def _schedule(self, episode: int) -> float:
         rise = min(1.0, (episode + 1) / RISE)
-        return rise * 0.5 * (1.0 + math.cos(math.pi * episode / self._config.episodes))
+        return rise * 0.5 * (1.0 + math.cos(math.pi * episode / self._episodes))
+
+
+class Rehearsal:
+    """A few real near misses rolled out again in stage 2, as stage 1 minimised their error."""
+
+    def __init__(self, learner: Learner, rollouts: int) -> None:
+        self._networks, self._interactions = learner.maddpg.networks, learner.real
+        self._config = replace(learner.stage_1.imitation, rollouts=rollouts)
+
+    def loss(self, rng: np.random.Generator) -> Tensor:
+        """Return the closed-loop error of some of them, a scalar with gradient."""
+        start = draw(self._interactions, self._config, rng)
+        position, velocity = rollout_loss(self._networks, self._interactions, start, self._config)
+        return position + self._config.velocity_weight * velocity

@@ -1,16 +1,17 @@
 """One update of Algorithm 1, the same in both stages: critics by temporal difference, actors by the policy gradient."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vpsci_ros.learning.actor import previous
-from vpsci_ros.learning.config import AGENTS, TrainingConfig
+from vpsci_ros.learning.config import UpdatesConfig
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.replay import Batch
+from vpsci_ros.policy.actor import previous
+from vpsci_ros.world.observation import AGENTS
 
 LARGEST_IMPORTANCE = 10.0  # of (5), relative to the batch's mean: the exponential would let one sample rule a batch
 Tensors = dict[str, Tensor]
@@ -28,14 +29,21 @@ class Scored:
 class UpdateResult:
     """What came of an update.
 
-    critic_loss, actor_loss, gradient_norm: by agent, the last two empty if the actors rested; error: float64[M, T],
-    |delta|, mean of both agents, zero past the end.
+    :ivar critic_loss: by agent.
+    :ivar actor_loss, gradient_norm: of the policy gradient, by agent; empty if the actors did not follow it.
+    :ivar error: |delta|, mean of both agents, float64[M, T], zero past the end.
+    :ivar actions: what the actors would have done before this update, float32[M, T, 2] [m/s2] by agent.
+    :ivar more: other losses and norms of the objective, by name.
+    :ivar rested: whether the actors rested while the critics warm up.
     """
 
     critic_loss: dict[str, float]
     actor_loss: dict[str, float]
     gradient_norm: dict[str, float]
     error: NDArray[np.float64]
+    actions: Tensors = field(default_factory=dict)
+    more: dict[str, float] = field(default_factory=dict)
+    rested: bool = False
 
 
 def importance(error: Tensor, present: Tensor, temperature: float) -> Tensor:
@@ -60,14 +68,13 @@ class Maddpg:
     def __init__(
         self,
         networks: Networks,
-        config: TrainingConfig,
+        config: UpdatesConfig,
         actor_learning_rate: float,
-        critic_learning_rate: float,
         value_unit: float = 1.0,
         head_factor: float = 1.0,
     ) -> None:
         self.networks, self.config, self._unit = networks, config, value_unit
-        self.critic_optimiser = torch.optim.Adam(networks.critic.parameters(), critic_learning_rate)
+        self.critic_optimiser = torch.optim.Adam(networks.critic.parameters(), config.critic_learning_rate)
         heads = [p for agent in AGENTS for p in networks.actor[agent].head.parameters()]
         encoders = [p for agent in AGENTS for p in networks.actor[agent].encoder.parameters()]
         groups = [

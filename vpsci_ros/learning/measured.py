@@ -1,59 +1,41 @@
-"""How policies do on simulated episodes that they have not learned on: without exploration, by another seed."""
+"""How policies do on simulated episodes, as a rule by a seed that they have not learned on and without exploration."""
 
 import math
-from collections.abc import Sequence
-from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.learning.config import AGENTS
+from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.learning.online import Outcomes
-from vpsci_ros.learning.rollout import Acting, policies, rollout
-from vpsci_ros.learning.weights import Weights
-from vpsci_ros.world import COLLISION, GOAL, Scenario, World, WorldConfig
-from vpsci_ros.world.monitor import MonitorConfig
-
-LEVEL = 0.95
+from vpsci_ros.policy.agent import policies
+from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.weights import Weights
+from vpsci_ros.world import COLLISION, GOAL
+from vpsci_ros.world.loop import Agent, Loop
+from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.tick import Assessment, Tick
 
 
 class NoAcceleration:
     """The control in simulation: whoever is handed to it keeps its speed (and the vehicle its lane)."""
 
-    def act(
-        self,
-        state: NDArray[np.void],
-        policy_frame: NDArray[np.bool_],
-        curvttc: NDArray[np.float64],
-        critical: NDArray[np.bool_],
-    ) -> NDArray[np.float32]:
-        """See `PolicyAgent.act`."""
-        return np.zeros((len(state), 2), np.float32)
+    def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.float64]:
+        """See `Agent.act`."""
+        return np.zeros((len(tick.state), 2))
 
 
-def measure_outcomes(
-    weights: Weights | None,
-    *,
-    scenarios: Sequence[Scenario],
-    episodes: Sequence[tuple[int, int]],
-    batch: int,
-    seed: int,
-    world: WorldConfig | None = None,
-    monitor: MonitorConfig | None = None,
-) -> Outcomes:
-    """Simulate `episodes` under these policies, without exploration, and return how the critical ones ended.
+def measure_outcomes(weights: Weights | None, simulation: SimulationConfig) -> Outcomes:
+    """Simulate episodes under these policies, and return how the critical ones ended.
 
     :param weights: of both agents; None: `NoAcceleration`.
-    :param episodes: (scenario number, episode number) pairs.
-    :param seed: of the world; take another one than training had.
     """
-    simulation = World(world or WorldConfig(), scenarios, episodes, min(batch, len(episodes)), seed)
-    agents: dict[str, Acting] = dict.fromkeys(AGENTS, NoAcceleration())
+    world = simulation.make_world()
+    agents: dict[str, Agent] = dict.fromkeys(AGENTS, NoAcceleration())
     if weights is not None:
-        agents = dict(policies(weights, simulation, seed, explore=False))
+        agents = dict(policies(weights, world, simulation.policies))
     outcomes = Outcomes()
-    for tick in rollout(simulation, monitor or MonitorConfig(), agents):
-        outcomes.note(tick.events)
+    for step in Loop(world, simulation.monitor, agents):
+        outcomes.note(step.events)
     return outcomes
 
 
@@ -74,17 +56,3 @@ def rates_with_intervals(outcomes: Outcomes) -> dict[str, float]:
         known = bool(outcomes.least_curvttc)
         row[f"least_curvttc_{percent}"] = float(np.percentile(outcomes.least_curvttc, percent)) if known else math.nan
     return row
-
-
-def wilson_interval(count: int, total: int) -> tuple[float, float]:
-    """Return the 95% score interval of a rate of `count` in `total` trials; (0, 1) where there were none.
-
-    See Wilson, 'Probable Inference, the Law of Succession, and Statistical Inference' (1927).
-    """
-    if total == 0:
-        return 0.0, 1.0
-    z = NormalDist().inv_cdf(0.5 + 0.5 * LEVEL)
-    rate, spread = count / total, z * z / total
-    half = z * math.sqrt(rate * (1.0 - rate) / total + spread / (4.0 * total))
-    centre = rate + 0.5 * spread
-    return max(0.0, (centre - half) / (1.0 + spread)), min(1.0, (centre + half) / (1.0 + spread))

@@ -1,24 +1,25 @@
 """Stage 2 in one process: world, monitor, policies and learner called in turn, as the graph of nodes runs them."""
 
-import hashlib
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import AGENTS, RefineConfig
-from vpsci_ros.learning.pretrain import Report, Stopped, write_log
+from vpsci_ros.errors import Stopped
+from vpsci_ros.learning.config import RefineConfig
+from vpsci_ros.learning.pretrain import Report, write_log
 from vpsci_ros.learning.refine import CHECKPOINT, Refiner
-from vpsci_ros.learning.rollout import policies, rollout
 from vpsci_ros.learning.transitions import TransitionBuilder
-from vpsci_ros.learning.weights import Weights, weights_from_bytes
-from vpsci_ros.world import COLLISION, GOAL, Scenario, World, WorldConfig, handover
-from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.policy.agent import policies
+from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.weights import Weights, weights_from_bytes
+from vpsci_ros.runs.identity import require_same
+from vpsci_ros.world import COLLISION, GOAL
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import FINISHED, HANDED_OVER
 
 LOG, EPISODES = "refine_log.csv", "refine_episodes.csv"
@@ -59,52 +60,40 @@ def refine(
     near_misses: pl.DataFrame,
     config: RefineConfig,
     weights: Weights,
+    simulation: SimulationConfig,
     *,
-    scenarios: Sequence[Scenario],
-    episodes: Sequence[tuple[int, int]],
-    batch: int,
-    seed: int,
     learner_seed: int | None = None,
     out_dir: str | Path,
-    world: WorldConfig | None = None,
-    monitor: MonitorConfig | None = None,
     report: Callable[[Report], None] | None = None,
 ) -> Weights:
-    """Simulate `episodes` with exploration, learn from them, and write `refined.safetensors` and logs to `out_dir`.
+    """Simulate episodes, learn from them, and write `refined.safetensors` and logs to `out_dir`.
 
-    Episodes run in portions of four times `batch`; a checkpoint after each lets a stopped run go on to the same
+    Episodes run in portions of four batches; a checkpoint after each lets a stopped run go on to the same
     result. It ends early where the convergence test of section 4.1 is met.
 
-    :param episodes: (scenario number, episode number) pairs, in order.
-    :param seed: of the world and of the exploration; `learner_seed`: of sampling, None for the same.
+    :param learner_seed: of sampling; None: the simulation's.
     :param report: called after every portion with the learner's summary and the rates of Table 5; may raise `Stopped`.
     :raises InvalidInput: see `Refiner`, and `RefineConfig.require_known_world`.
     """
-    world = world or WorldConfig()
-    config.require_known_world(world)
+    config.require_known_world(simulation.world)
     out_dir = Path(out_dir)
     out_dir.mkdir(parents=True, exist_ok=True)
-    learner_seed = seed if learner_seed is None else learner_seed
+    learner_seed = simulation.seed if learner_seed is None else learner_seed
     refiner = Refiner(config, weights, near_misses, seed=learner_seed, out_dir=out_dir)
-    simulated = _simulation(world, monitor or MonitorConfig(), scenarios, episodes, batch, seed)
-    portion, done, rows = 4 * batch, 0, []
-    outcomes, builder = Outcomes(), TransitionBuilder(scenarios)
+    identity, episodes = simulation.identity(), simulation.episodes
+    portion, done, rows = 4 * simulation.batch, 0, []
+    outcomes, builder = Outcomes(), TransitionBuilder(simulation.scenarios)
     if (out_dir / CHECKPOINT).exists():
         extra = refiner.restore(out_dir / CHECKPOINT)
-        if extra.get("simulation") != simulated:
-            raise InvalidInput(
-                f"{out_dir / CHECKPOINT}: this checkpoint is of another simulation (world, monitor, scenarios, "
-                "episodes, batch or seed); choose another folder, or delete it to start again"
-            )
+        require_same(out_dir / CHECKPOINT, {"simulation": extra.get("simulation")}, {"simulation": identity})
         done, rows, builder.count = extra["done"], extra["rows"], refiner.received
         outcomes.outcomes, outcomes.least_curvttc = extra["outcomes"], extra["least_curvttc"]
     while done < len(episodes) and not refiner.finished:
         part = episodes[done : done + portion]
-        simulation = World(world, scenarios, part, min(batch, len(part)), seed)
-        _simulate(simulation, refiner, builder, outcomes, monitor or MonitorConfig(), seed, config)
+        _simulate(simulation, part, refiner, builder, outcomes)
         done += len(part)
         rows.append(refiner.summary() | outcomes.rates(1000))
-        extra = {"done": done, "rows": rows, "simulation": simulated}
+        extra = {"done": done, "rows": rows, "simulation": identity}
         extra |= {"outcomes": outcomes.outcomes, "least_curvttc": outcomes.least_curvttc}
         refiner.save_checkpoint(out_dir / CHECKPOINT, extra)
         write_log(out_dir / LOG, rows)
@@ -116,39 +105,20 @@ def refine(
     return refiner.final()
 
 
-def _simulation(
-    world: WorldConfig,
-    monitor: MonitorConfig,
-    scenarios: Sequence[Scenario],
-    episodes: Sequence[tuple[int, int]],
-    batch: int,
-    seed: int,
-) -> str:
-    """Return the hash of all that says what is simulated, as hexadecimal digits."""
-    numbers = [(scenario.number, scenario.name) for scenario in scenarios]
-    told = [asdict(world), asdict(monitor), numbers, [list(pair) for pair in episodes], batch, seed]
-    return hashlib.sha256(json.dumps(told).encode()).hexdigest()
-
-
 def _simulate(
-    world: World,
+    simulation: SimulationConfig,
+    episodes: Sequence[tuple[int, int]],
     refiner: Refiner,
     builder: TransitionBuilder,
     outcomes: Outcomes,
-    monitor: MonitorConfig,
-    seed: int,
-    noise: RefineConfig,
 ) -> None:
-    agents = policies(refiner.current(), world, seed, explore=True, noise=noise)
+    world = simulation.make_world(episodes)
+    agents = policies(refiner.current(), world, simulation.policies)
     for agent in agents.values():
         agent.version = refiner.version
-    for tick in rollout(world, monitor, agents):
-        outcomes.note(tick.events)
-        frame = handover.policy_frame(tick.state, world.config)
-        versions = [agents[agent].version for agent in AGENTS]
-        rows = builder.observe(
-            tick.state, frame, tick.curvttc, tick.critical, tick.actions[AGENTS[0]], tick.actions[AGENTS[1]], *versions
-        )
+    for step in Loop(world, simulation.monitor, agents):
+        outcomes.note(step.events)
+        rows = builder.observe(step, *(agents[agent].version for agent in AGENTS))
         if len(rows):
             refiner.add(rows)
         while refiner.due:

@@ -1,12 +1,4 @@
-"""Stage 1: both agents learn from recorded near misses (Algorithm 1), by either of two objectives.
-
-`ddpg` is the paper's. Recorded actions reproduce the recorded speeds, so their reward (14)-(15) is zero everywhere and
-teaches nothing about other actions. The practical replay buffer therefore holds the recorded histories, and what is
-scored against the observed next speeds at every step is the acting policy's action with exploration around it.
-
-`closed_loop` trains the actors through the known kinematics (`imitation`), and the critics by the same temporal
-difference as above on the way, so that stage 2 starts with both.
-"""
+"""Stage 1: both agents learn from recorded near misses (Algorithm 1), by one of the `objectives`."""
 
 import csv
 import time
@@ -18,29 +10,28 @@ import numpy as np
 import polars as pl
 import torch
 
+from vpsci_ros.data.interactions import from_table, table_hash
 from vpsci_ros.data.near_misses import split_by_clip
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import Stopped
+from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
-from vpsci_ros.learning.config import AGENTS, NetworkConfig, PretrainConfig
+from vpsci_ros.learning.config import PretrainConfig
 from vpsci_ros.learning.divergence import check_losses
-from vpsci_ros.learning.held_out import HeldOut
-from vpsci_ros.learning.imitation import Imitation
-from vpsci_ros.learning.interactions import from_table, table_hash
-from vpsci_ros.learning.maddpg import Maddpg, Scored, Tensors
+from vpsci_ros.learning.maddpg import Maddpg, Tensors
 from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.objectives import Learner, find_objective
 from vpsci_ros.learning.replay import Batch, collate, recorded_histories, up_to_capacity
-from vpsci_ros.learning.rewards import predicted_velocity, speed_reward
-from vpsci_ros.learning.weights import Weights, resolved, save_weights
-from vpsci_ros.provenance import written_whole
+from vpsci_ros.learning.rewards import RecordedRewards
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.weights import Weights, resolved, save_weights
+from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.identity import require_same
+from vpsci_ros.world.observation import AGENTS
 
 CHECKPOINT, WEIGHTS, LOG = "checkpoint.safetensors", "pretrained.safetensors", "log.csv"
 
 
 Report = dict[str, float]
-
-
-class Stopped(Exception):
-    """Raised by a `report` callback to stop a run, which then writes a checkpoint to go on from."""
 
 
 def pretrain(
@@ -115,30 +106,28 @@ class _Run:
             self.held_out = HeldOut(held_out)
             self._facts["data"]["held_out_clips"] = sorted(set(self.held_out.interactions.clip))
         self.rng = np.random.default_rng(seed)
-        everything = from_table(training)
+        everything = from_table(training, find_objective(config.objective).whole_tracks)
         histories = recorded_histories(everything)
-        kept = up_to_capacity(histories, config.buffer_capacity, self.rng)
+        kept = up_to_capacity(histories, config.replay.capacity, self.rng)
         self._histories = [histories[i] for i in kept]
         interactions = everything.take(np.array(kept))
         self._facts["data"] |= {"interactions": len(interactions), "steps": sum(len(h) for h in self._histories)}
         torch.manual_seed(seed)
         self._networks = Networks(network)
-        self._networks.set_statistics(*interactions.samples(), config.least_speed_deviation)
-        self._maddpg = Maddpg(self._networks, config, config.actor_learning_rate, config.critic_learning_rate)
-        self._imitation = Imitation(self._networks, interactions, config) if config.objective == "closed_loop" else None
+        self._networks.set_statistics(*interactions.samples(), config.rewards.least_speed_deviation)
+        self._maddpg = Maddpg(self._networks, config.updates, config.ddpg.actor_learning_rate)
+        self._rewards, objective = RecordedRewards(config.rewards, self._networks), find_objective(config.objective)
+        self._acting = objective.acting
+        self._objective = objective.pretrain(Learner(self._maddpg, self._rewards, interactions, config), config)
+        self._optimisers = [self._maddpg.critic_optimiser, self._maddpg.actor_optimiser, *self._objective.optimisers]
         self.episode, self.whole = 0, True
         self.log: list[dict[str, float]] = []
 
     def iterate(self, out_dir: Path) -> tuple[dict[str, float], dict[str, float]]:
         """Run one training iteration; return losses and rewards by name."""
-        losses: dict[str, float] = {}
         batch = self._draw()
-        if self._imitation is not None:
-            losses |= self._imitation.update(self.rng, self.episode)
-        follow = self._imitation is None and self.episode >= self._config.critic_head_start
-        with torch.set_grad_enabled(follow):
-            actions = self._maddpg.act(batch)
-        result = self._maddpg.update(batch, self._score(batch, actions), actions if follow else None)
+        result = self._objective.update(batch, self.episode, self.rng)
+        losses = dict(result.more)
         for agent in AGENTS:
             losses[f"{agent}_critic_loss"] = result.critic_loss[agent]
             if agent in result.actor_loss:
@@ -146,30 +135,28 @@ class _Run:
                 losses[f"{agent}_gradient_norm"] = result.gradient_norm[agent]
         check_losses(losses, batch, self.episode, out_dir)
         self.episode += 1
-        return losses, self._episode_rewards(batch, actions)
+        return losses, self._episode_rewards(batch, result.actions)
 
     def weights(self, final: bool = False) -> Weights:
         """Return what the run has learned; `final` adds the held-out errors to it."""
         facts: dict[str, Any] = dict(self._facts)
-        # The running average of the actors predicts unseen clips better than their last state.
-        actors = "actor" if self._imitation is None else "target_actor"
         configuration = resolved(self._config)
         if final and self.held_out is not None:
-            errors = self.held_out.errors(self._networks.weights(configuration, facts, actors=actors))
+            errors = self.held_out.errors(self._networks.weights(configuration, facts, actors=self._acting))
             facts["held_out"] = {"errors": errors, "control": self.held_out.control}
-        return self._networks.weights(configuration, facts, actors=actors)
+        return self._networks.weights(configuration, facts, actors=self._acting)
+
+    def _identity(self) -> dict[str, Any]:
+        """Return what a checkpoint has to share with this run."""
+        configuration = resolved(self._config, self._networks.config)
+        return {"configuration": configuration, "seed": self._seed, "data": self._facts["data"]["sha256"]}
 
     def state(self) -> dict[str, Any]:
         """Return all that `restore` needs."""
-        optimisers = [self._maddpg.critic_optimiser, self._maddpg.actor_optimiser]
-        if self._imitation is not None:
-            optimisers.append(self._imitation.optimiser)
         return {
-            "configuration": resolved(self._config, self._networks.config),
-            "seed": self._seed,
-            "data": self._facts["data"]["sha256"],
+            **self._identity(),
             "networks": dict(self._networks.state_dict()),
-            "optimisers": [o.state_dict() for o in optimisers],
+            "optimisers": [o.state_dict() for o in self._optimisers],
             "rng": self.rng.bit_generator.state,
             "episode": self.episode,
             "log": self.log,
@@ -180,48 +167,24 @@ class _Run:
 
         :raises InvalidInput: another configuration, seed or data made it.
         """
-        mine = self.state()
-        for name in ("configuration", "seed", "data"):
-            if state[name] != mine[name]:
-                raise InvalidInput(
-                    f"{where}: this checkpoint has another {name}: {state[name]}, expected {mine[name]}; "
-                    "choose another output folder, or delete it to start again"
-                )
+        require_same(where, state, self._identity())
         self._networks.load_state_dict(state["networks"])
-        optimisers = [self._maddpg.critic_optimiser, self._maddpg.actor_optimiser]
-        if self._imitation is not None:
-            optimisers.append(self._imitation.optimiser)
-        for optimiser, saved in zip(optimisers, state["optimisers"], strict=True):
+        for optimiser, saved in zip(self._optimisers, state["optimisers"], strict=True):
             optimiser.load_state_dict(saved)
         self.rng.bit_generator.state = state["rng"]
         self.episode, self.log = state["episode"], state["log"]
 
     def _draw(self) -> Batch:
         picked, held = [], 0
-        while held < self._config.batch_size:
+        while held < self._config.replay.batch_size:
             history = self._histories[int(self.rng.integers(len(self._histories)))]
             picked.append(history)
             held += len(history)
         return collate(picked)
 
-    def _score(self, batch: Batch, actions: Tensors) -> Scored:
-        """Explore around the actors' actions and reward each by the observed next speed, (14)-(15)."""
-        explored, rewards = {}, {}
-        for agent in AGENTS:
-            action = actions[agent].detach()
-            noise = self.rng.normal(0.0, self._config.exploration, tuple(action.shape)).astype(np.float32)
-            explored[agent] = action + torch.from_numpy(noise)
-            rewards[agent] = self._reward(batch, agent, explored[agent])
-        return Scored(explored, rewards)
-
-    def _reward(self, batch: Batch, agent: str, action: torch.Tensor) -> torch.Tensor:
-        predicted = predicted_velocity(batch.observation[agent][:, :-1, :2], action)
-        deviation = self._networks.speed_deviation[agent]
-        reward = speed_reward(predicted, batch.next_velocity[agent], deviation) * self._config.reward_scaling
-        return reward * batch.present
-
     def _episode_rewards(self, batch: Batch, actions: Tensors) -> dict[str, float]:
-        sums = {agent: self._reward(batch, agent, actions[agent].detach()).sum(dim=1) for agent in AGENTS}
+        rewards = {agent: self._rewards.speed(batch, actions[agent].detach(), agent) for agent in AGENTS}
+        sums = {agent: (reward * batch.present).sum(dim=1) for agent, reward in rewards.items()}
         return {f"{agent}_reward": float(total.mean()) for agent, total in sums.items()}
 
 

@@ -14,33 +14,30 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vpsci_ros.learning.config import AGENTS
-from vpsci_ros.learning.interactions import Interactions
+from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.learning.transitions import LANE_NODES
+from vpsci_ros.world.observation import AGENTS
 
 Floats = NDArray[np.float32]
 
 
 @dataclass
 class History:
-    """T steps of both agents from the first step of a history on.
+    """T steps of both agents from the first step of a history on, by agent where the two differ.
 
-    observation float32[T + 1, 6] and curvttc float32[T + 1] include what followed the last action; action float32[T, 2]
-    as executed [m/s2]; next_velocity float32[T, 2]: the next speeds that rewards (14)-(15) compare with, recorded ones
-    in real experience, the frozen stage-1 actor's in simulated; events float32[T, 2]: collision and goal, unweighted
-    rewards (25)-(26); terminal: whether the episode ended with the last step; lane float32[T, 21] [rad]: the lane ahead
-    of each step, as in `transitions`, empty in real experience. `priority` float64[T] is |delta|.
+    `observation` and `curvttc` include what followed the last action. `next_velocity` are the next speeds that rewards
+    (14)-(15) compare with: recorded ones in real experience, the frozen stage-1 actor's in simulated.
     """
 
-    observation: dict[str, Floats]
-    curvttc: Floats
-    action: dict[str, Floats]
-    next_velocity: dict[str, Floats]
-    events: dict[str, Floats]
-    terminal: bool
-    real: bool
-    lane: Floats = field(default_factory=lambda: np.zeros((0, LANE_NODES), np.float32))
-    priority: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    observation: dict[str, Floats]  # [T + 1, 6]
+    curvttc: Floats  # [T + 1] [s]
+    action: dict[str, Floats]  # [T, 2] [m/s2] as executed
+    next_velocity: dict[str, Floats]  # [T, 2] [m/s]
+    events: dict[str, Floats]  # [T, 2] collision and goal, unweighted rewards (25)-(26)
+    terminal: bool  # the episode ended with the last step
+    real: bool  # recorded, not simulated
+    lane: Floats = field(default_factory=lambda: np.zeros((0, LANE_NODES), np.float32))  # [T, 21] [rad] ahead; or empty
+    priority: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # [T] |delta|
 
     def __len__(self) -> int:
         return len(self.curvttc) - 1
@@ -79,14 +76,14 @@ def collate(histories: Sequence[History]) -> Batch:
     for row, history in zip(curvttc, histories, strict=True):
         row[: len(history) + 1] = history.curvttc
     return Batch(
-        {agent: stacked("observation", agent, 6, 1) for agent in AGENTS},
-        torch.from_numpy(curvttc),
-        {agent: stacked("action", agent, 2, 0) for agent in AGENTS},
-        {agent: stacked("next_velocity", agent, 2, 0) for agent in AGENTS},
-        {agent: stacked("events", agent, 2, 0) for agent in AGENTS},
-        torch.from_numpy(terminal),
-        torch.tensor([h.real for h in histories]),
-        torch.from_numpy(present),
+        observation={agent: stacked("observation", agent, 6, 1) for agent in AGENTS},
+        curvttc=torch.from_numpy(curvttc),
+        action={agent: stacked("action", agent, 2, 0) for agent in AGENTS},
+        next_velocity={agent: stacked("next_velocity", agent, 2, 0) for agent in AGENTS},
+        events={agent: stacked("events", agent, 2, 0) for agent in AGENTS},
+        terminal=torch.from_numpy(terminal),
+        real=torch.tensor([h.real for h in histories]),
+        present=torch.from_numpy(present),
     )
 
 
@@ -100,11 +97,11 @@ def recorded_histories(interactions: Interactions) -> list[History]:
         steps = int(length) - 1
         histories.append(
             History(
-                {a: interactions.observation[a][i, : steps + 1] for a in AGENTS},
-                interactions.curvttc[i, : steps + 1].astype(np.float32),
-                {a: interactions.action[a][i, :steps] for a in AGENTS},
-                {a: interactions.next_velocity[a][i, :steps] for a in AGENTS},
-                {a: np.zeros((steps, 2), np.float32) for a in AGENTS},
+                observation={a: interactions.observation[a][i, : steps + 1] for a in AGENTS},
+                curvttc=interactions.curvttc[i, : steps + 1].astype(np.float32),
+                action={a: interactions.action[a][i, :steps] for a in AGENTS},
+                next_velocity={a: interactions.next_velocity[a][i, :steps] for a in AGENTS},
+                events={a: np.zeros((steps, 2), np.float32) for a in AGENTS},
                 terminal=True,
                 real=True,
             )

@@ -1,14 +1,33 @@
-"""Rewards: the speed reward of both stages (14)-(15), and collision, goal and their weighting in stage 2 (25)-(28).
+"""All rewards of the paper: speed (14)-(15), collision (25), goal (26) and their weighting (27)-(28).
 
 Speeds are those of the next step, expressed in the vehicle's heading frame of the step at which the action was taken.
 In its own frame the vehicle never moves sideways, so a deviation taken there would be zero and (14) undefined.
+
+Collision and goal have no gradient, so those who follow one through the known kinematics get a smooth stand-in each,
+`collision_loss` for (25) and `vehicle_pace_loss` and `pedestrian_pace_loss` for (26). The speed reward has a gradient
+as it is.
 """
 
+import copy
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, Protocol
+
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vpsci_ros.learning.config import STEP, RefineConfig
+from vpsci_ros.evaluation.scene import Scene, to_heading_frame
+from vpsci_ros.learning.config import RewardsConfig, SpeedRewardsConfig
+from vpsci_ros.learning.maddpg import Scored
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.replay import Batch, History, collate
+from vpsci_ros.policy.actor import previous
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.world.observation import AGENTS, STEP
+
+AHEAD = (0.7, 1.4, 2.1)  # [s] from now at which anticipated clearance is taken; a car is as long as it drives between
+_WALKING = 0.3  # [m/s] below this a pedestrian has no direction
 
 
 def predicted_velocity(velocity: Tensor, action: Tensor) -> Tensor:
@@ -28,6 +47,21 @@ def speed_reward(predicted: Tensor, observed: Tensor, deviation: Tensor) -> Tens
     return -(((predicted - observed) / deviation) ** 2).sum(dim=-1)
 
 
+class EventRewards(NamedTuple):
+    """What single events are worth.
+
+    :ivar collision: C_collision of (25), of a step that ends in a collision.
+    :ivar goal: C_goal of (26), of the step by which an agent reaches its own goal.
+    """
+
+    collision: float = RewardsConfig.collision
+    goal: float = RewardsConfig.goal
+
+    def of(self, collision: NDArray[np.uint8], goal: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Return the rewards (25) and (26), float32[T, 2], of steps that end in these events or not, 0 or 1 [T]."""
+        return np.stack([self.collision * collision, self.goal * goal], axis=1).astype(np.float32)
+
+
 class RewardWeights:
     """w_1 (collision), w_2 (goal), w_3 (speed) of (27): fixed, or adapted after every episode by (28).
 
@@ -35,12 +69,12 @@ class RewardWeights:
     takes over in the end, whatever lambda; lambda only sets how many episodes that takes.
     """
 
-    def __init__(self, config: RefineConfig) -> None:
-        self.adaptive = not config.reward_weights
+    def __init__(self, config: RewardsConfig) -> None:
+        self.adaptive = not config.weights
         self._temperature = config.weight_temperature
         self.values: NDArray[np.float64] = np.full(3, 1.0 / 3.0)
         if not self.adaptive:
-            self.values = np.array(config.reward_weights) / sum(config.reward_weights)
+            self.values = np.array(config.weights) / sum(config.weights)
 
     def episode(self, components: NDArray[np.float64]) -> None:
         """Take the rewards of one episode, float64[steps, 3] as (collision, goal, speed), into account."""
@@ -54,3 +88,157 @@ class RewardWeights:
         """Return R of (27), float64[...], of components float64[..., 3]."""
         total: NDArray[np.float64] = components @ self.values
         return total
+
+
+class SpeedReward:
+    """(14)-(15) of actions in the steps of a batch.
+
+    :param networks: whose `speed_deviation` is sigma.
+    :param scaling: factor on the reward.
+    """
+
+    def __init__(self, networks: Networks, scaling: float) -> None:
+        self._deviation, self._scaling = networks.speed_deviation, scaling
+
+    def __call__(self, batch: Batch, action: Tensor, agent: str) -> Tensor:
+        """Return the reward, float32[M, T], of actions [M, T, 2] [m/s2], past the end as well."""
+        predicted = predicted_velocity(batch.observation[agent][:, :-1, :2], action)
+        return speed_reward(predicted, batch.next_velocity[agent], self._deviation[agent]) * self._scaling
+
+
+class Rewards(Protocol):
+    """What a stage scores in a batch, and by what."""
+
+    speed: SpeedReward
+
+    def score(self, batch: Batch, actions: Mapping[str, Tensor], rng: np.random.Generator) -> Scored:
+        """Return actions and their rewards, given what the actors would do, `actions` [M, T, 2] [m/s2] by agent."""
+        ...
+
+
+class RecordedRewards:
+    """Stage 1: the speed reward of actions around the actors', by the recorded next speeds."""
+
+    def __init__(self, config: SpeedRewardsConfig, networks: Networks) -> None:
+        self._exploration, self.speed = config.exploration, SpeedReward(networks, config.speed_scaling)
+
+    def score(self, batch: Batch, actions: Mapping[str, Tensor], rng: np.random.Generator) -> Scored:
+        """See `Rewards.score`."""
+        scored = {agent: explored(actions[agent], self._exploration, rng) for agent in AGENTS}
+        return Scored(scored, {agent: self.speed(batch, scored[agent], agent) * batch.present for agent in AGENTS})
+
+
+class SimulatedRewards:
+    """Stage 2: collision, goal and speed (25)-(27) by `weights`, which adapt (28).
+
+    In simulation nobody observes what a person would have done next, so the speed reward compares with what the
+    *frozen stage-1 actor* does after the same history: it is zero where the policy still behaves as the real near
+    misses taught it. Speeds are compared as (8)-(9) give them, so neither the pedestrian's halved accelerations
+    (21)-(24) nor lane keeping count as a deviation.
+
+    Real experience has no observed collision or goal. As in stage 1 it scores the acting policy's action, with
+    exploration around it, against the recorded next speed, by the speed reward alone.
+
+    :param networks: as stage 1 left them: their actors, as they are now, are the reference of the speed reward.
+    """
+
+    def __init__(self, config: RewardsConfig, networks: Networks) -> None:
+        self._exploration, self.speed = config.exploration, SpeedReward(networks, config.speed_scaling)
+        self._frozen = copy.deepcopy(networks.actor).requires_grad_(False)
+        self.weights = RewardWeights(config)
+
+    @torch.no_grad()
+    def refer(self, histories: Sequence[History]) -> None:
+        """Fill in the next speeds that the frozen stage-1 actor would have chosen after the same histories."""
+        batch = collate(histories)
+        for agent in AGENTS:
+            seen, before = batch.observation[agent][:, :-1], previous(batch.action[agent])
+            action = self._frozen[agent](seen, before, batch.curvttc[:, :-1])
+            velocity = predicted_velocity(seen[..., :2], action).numpy()
+            for history, row in zip(histories, velocity, strict=True):
+                history.next_velocity[agent] = row[: len(history)].copy()
+
+    def components(self, history: History) -> dict[str, NDArray[np.float64]]:
+        """Return (collision, goal, speed) rewards of every step by agent, float64[T, 3], before their weights."""
+        batch, components = collate([history]), {}
+        for agent in AGENTS:
+            speed = self.speed(batch, batch.action[agent], agent)[0].numpy()
+            components[agent] = np.column_stack([history.events[agent], speed]).astype(np.float64)
+        return components
+
+    def score(self, batch: Batch, actions: Mapping[str, Tensor], rng: np.random.Generator) -> Scored:
+        """See `Rewards.score`: of simulated steps the executed actions, of real ones `actions` explored; by (27)."""
+        scored, rewards = {}, {}
+        real = batch.real[:, None, None]
+        weights = torch.from_numpy(self.weights.values.astype(np.float32))
+        for agent in AGENTS:
+            tried = explored(actions[agent], self._exploration, rng)
+            scored[agent] = torch.where(real, tried, batch.action[agent])
+            speed = self.speed(batch, scored[agent], agent)
+            rewards[agent] = ((batch.events[agent] * weights[:2]).sum(dim=2) + weights[2] * speed) * batch.present
+        return Scored(scored, rewards)
+
+
+def explored(actions: Tensor, deviation: float, rng: np.random.Generator) -> Tensor:
+    """Return `actions` with normal noise of this deviation [m/s2], without their gradient."""
+    noise = rng.normal(0.0, deviation, tuple(actions.shape)).astype(np.float32)
+    return actions.detach() + torch.from_numpy(noise)
+
+
+# ---- smooth stand-ins for (25) and (26)
+
+
+def collision_loss(scene: Scene, speed: Tensor, margin: float, anticipation: float) -> Tensor:
+    """Return how far the clearance of the footprints falls short of `margin` [m], as a share of it, squared; [B].
+
+    To that of now comes `anticipation` times the mean of those that the speeds and the curvature of the moment lead to
+    after `AHEAD`. This is CurvTTC made smooth: who only minds clearance passes a hand's breadth from the other, and
+    people do not.
+
+    :param speed: of the vehicle [B] [m/s].
+    """
+    near = _nearness(scene.vehicle, scene.heading, scene.pedestrian, margin)
+    for time in AHEAD if anticipation > 0.0 else ():
+        turn = scene.curvature * speed * time
+        chord = scene.heading + 0.5 * turn
+        there = scene.vehicle + (speed * time)[:, None] * torch.stack([torch.cos(chord), torch.sin(chord)], dim=1)
+        walked = scene.pedestrian + scene.pedestrian_velocity * time
+        near = near + anticipation / len(AHEAD) * _nearness(there, scene.heading + turn, walked, margin)
+    return near
+
+
+def vehicle_pace_loss(speed: Tensor, cruise: Tensor, haste: float) -> Tensor:
+    """Return how far `speed` is from `cruise`, [B] [m/s] each, as a share of it, squared; faster counts `haste` times.
+
+    People in a near miss slow down, and who may as well speed up learns to race the other to the crossing.
+    """
+    faster = (speed / cruise - 1.0).clamp(min=0.0)
+    return (1.0 - speed / cruise) ** 2 + (haste - 1.0) * faster**2
+
+
+def pedestrian_pace_loss(walking: Tensor, course: Tensor, haste: float) -> Tensor:
+    """Return how far the velocity `walking` is from `course`, [B, 2] [m/s] each, as `vehicle_pace_loss`; [B].
+
+    Sideways counts as well: who is free to drift is pushed along by the car, metres away from where it wanted to cross.
+    It is zero where the course is that of somebody who stands.
+    """
+    pace = course.norm(dim=1)
+    moving, pace = pace > _WALKING, pace.clamp(min=_WALKING)
+    faster = ((walking * course).sum(dim=1) / pace**2 - 1.0).clamp(min=0.0)
+    astray = (walking - course).square().sum(dim=1) / pace**2 + (haste - 1.0) * faster**2
+    return astray * moving
+
+
+def clearance(vehicle: Tensor, heading: Tensor, pedestrian: Tensor) -> Tensor:
+    """Return the distance [B] [m] between the footprints, negative where they overlap; differentiable.
+
+    :param vehicle, pedestrian: centres, [B, 2] [m]; heading [B] [rad].
+    """
+    forward, left = to_heading_frame(pedestrian - vehicle, heading).unbind(dim=1)
+    along, across = forward.abs() - 0.5 * VEHICLE_LENGTH, left.abs() - 0.5 * VEHICLE_WIDTH
+    outside = torch.sqrt(along.clamp(min=0.0) ** 2 + across.clamp(min=0.0) ** 2 + 1e-8)
+    return outside + torch.maximum(along, across).clamp(max=0.0) - PEDESTRIAN_RADIUS
+
+
+def _nearness(vehicle: Tensor, heading: Tensor, pedestrian: Tensor, margin: float) -> Tensor:
+    return (1.0 - clearance(vehicle, heading, pedestrian) / margin).clamp(min=0.0) ** 2

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.world import Scenario, handover
+from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import observe
 from vpsci_ros.world.state import COLLISION, ENDED, GOAL
+from vpsci_ros.world.tick import Step
 
 LANE_GRID, LANE_NODES = 2.0, 21  # [m] between the nodes of the lane that lies ahead, and how many of them
 
@@ -56,42 +57,30 @@ class TransitionBuilder:
         self._open = np.zeros(0, bool)
         self._heading = np.zeros(0)
 
-    def observe(
-        self,
-        state: NDArray[np.void],
-        policy_frame: NDArray[np.bool_],
-        curvttc: NDArray[np.float64] | None,
-        critical: NDArray[np.bool_] | None,
-        vehicle_action: NDArray[np.floating] | None,
-        pedestrian_action: NDArray[np.floating] | None,
-        vehicle_version: int = 0,
-        pedestrian_version: int = 0,
-    ) -> NDArray[np.void]:
+    def clear(self) -> None:
+        """Forget what was begun: other episodes begin. Numbers go on."""
+        self._open[:] = False
+
+    def observe(self, step: Step, vehicle_version: int = 0, pedestrian_version: int = 0) -> NDArray[np.void]:
         """Take one tick in and return the transitions that it completes, TRANSITION[n].
 
-        :param state: EPISODE[B] as published for the tick, before `World.advance`.
-        :param policy_frame: bool[B], `handover.policy_frame` of this tick.
-        :param curvttc: float64[B] [s]; critical: bool[B]; both of this tick, or None where the monitor did not answer.
-        :param vehicle_action, pedestrian_action: float[B, 2] [m/s2], the policies' executed answers to this tick; None
-            where they were not asked or did not answer.
+        :param step: whose actions are the policies'.
+        :param vehicle_version, pedestrian_version: of the weights by which they acted.
         """
+        (_, state, policy_frame, _), assessment, actions = step.tick, step.assessment, step.actions
         if len(self._open) != len(state):
             self._pending, self._open = np.zeros(len(state), TRANSITION), np.zeros(len(state), bool)
             self._heading = np.zeros(len(state))
-        curvttc = np.full(len(state), np.inf) if curvttc is None else curvttc
-        critical = np.zeros(len(state), bool) if critical is None else critical
-        acts = handover.acting(state, policy_frame, critical)
-        if vehicle_action is None or pedestrian_action is None:
+        acts = assessment.acting
+        if actions.vehicle is None or actions.pedestrian is None:
             acts = np.zeros_like(acts)
         due = self._open & (policy_frame | (state["status"] == ENDED))
         if not (due.any() or acts.any()):
             return np.zeros(0, TRANSITION)
         observations = observe(state)
-        rows = self._complete(state, curvttc, observations, due, acts)
+        rows = self._complete(state, assessment.curvttc, observations, due, acts)
         if acts.any():
-            assert vehicle_action is not None
-            assert pedestrian_action is not None
-            self._begin(state, curvttc, observations, acts, (vehicle_action, pedestrian_action))
+            self._begin(state, assessment.curvttc, observations, acts, (actions.vehicle, actions.pedestrian))
             self._pending["vehicle_policy_version"][acts] = vehicle_version
             self._pending["pedestrian_policy_version"][acts] = pedestrian_version
         return rows

@@ -3,19 +3,23 @@
 import time
 from typing import Any
 
+import numpy as np
 from rclpy.context import Context
 from rclpy.task import Future
 
 from vpsci_msgs.msg import PolicyWeights, SafetyState, WorldState
 from vpsci_msgs.srv import History
-from vpsci_ros.config import PolicyConfig
-from vpsci_ros.learning.agent import PolicyAgent
-from vpsci_ros.learning.weights import Weights, load_weights, weights_from_bytes
+from vpsci_ros.bags import layout
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode, Output
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.topics import LATCHED
+from vpsci_ros.policy.agent import PolicyAgent
+from vpsci_ros.policy.agent_types import make_agent
+from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.weights import Weights, load_weights, weights_from_bytes
 from vpsci_ros.resources import weights_path
+from vpsci_ros.world.tick import Actions
 
 SILENCE = 0.5  # [s] without a message: ask the world whether one was missed
 REPLY_PATIENCE = 1.0  # [s] for the world's reply, before asking again
@@ -24,7 +28,7 @@ OWN_PATIENCE = 3.0  # [s]
 
 
 class AgentPolicy(GraphNode):
-    """`/world/state`, `/safety/state` and `/policy/weights` in, `/<agent>/action` out.
+    """`/world/state`, `/safety/state` and, where no weights are given, `/policy/weights` in, `/<agent>/action` out.
 
     A policy answers every tick at which some running episode is at a policy frame, with zeros for the episodes in
     which it does not act, so that the world never waits in doubt. Before its first answer, and whenever nothing comes,
@@ -38,8 +42,9 @@ class AgentPolicy(GraphNode):
         super().__init__(f"{agent}_policy", context=context, parameter_overrides=parameter_overrides)
         config = self.config(PolicyConfig)
         self._topic = f"/{agent}/action"
+        self._version = 0  # of the weights
         self._actions: Output | None = None
-        self._agent = PolicyAgent(agent, config.seed, config.explore, config.noise)
+        self._agent = make_agent(agent, config)
         self._state: WorldState | None = None
         self._safety: SafetyState | None = None
         self._known = -1  # tick of the latest policy frame that was worked through
@@ -47,25 +52,32 @@ class AgentPolicy(GraphNode):
         self._caught_up = False
         self._recalled = 0
         self._reply: Future | None = None
-        self._asked_at = self._heard_at = time.perf_counter()
-        self._first_heard_at: float | None = None
-        if config.weights:
-            self._take_up(load_weights(weights_path(config.weights)), version=1)
+        self._requested_at = self._received_at = time.perf_counter()
+        self._first_received_at: float | None = None
+        if not isinstance(self._agent, PolicyAgent):
+            self._actions = self.output(self._topic)
+        elif config.weights:
+            self._take_up(self._agent, load_weights(weights_path(config.weights)), version=1)
+        else:
+            learned = self._agent
+            self.input("/policy/weights", lambda message: self._on_weights(learned, message), LATCHED)
         self.input("/world/state", self._on_state)
         self.input("/safety/state", self._on_safety)
-        self.input("/policy/weights", self._on_weights, LATCHED)
         self._history = self.client("/world/history")
         self.wall_timer(0.1, self._keep_up)
         self.diagnose(self._status, lambda: "running" if self._caught_up else "waiting")
 
     def parameters_changed(self) -> None:
-        """Take up the exploration that was set on the running node."""
+        """Take up the exploration and the temperature that were set on the running node."""
         config = self.config(PolicyConfig)
-        self._agent.set_exploration(config.explore, config.noise)
+        if isinstance(self._agent, PolicyAgent):
+            self._agent.set_temperature(config.temperature)
+            self._agent.set_exploration(config.explore, config.noise)
 
-    def _take_up(self, weights: Weights, version: int) -> None:
+    def _take_up(self, agent: PolicyAgent, weights: Weights, version: int) -> None:
         """Act with `weights` from now on; only a policy that can act offers its topic, for which the world waits."""
-        self._agent.load(weights, version)
+        agent.load(weights, version)
+        self._version = version
         if self._actions is None:
             self._actions = self.output(self._topic)
 
@@ -78,18 +90,18 @@ class AgentPolicy(GraphNode):
         self._safety = message
         self._answer()
 
-    def _on_weights(self, message: PolicyWeights) -> None:
-        self._take_up(weights_from_bytes(bytes(message.safetensors), "/policy/weights"), message.version)
+    def _on_weights(self, agent: PolicyAgent, message: PolicyWeights) -> None:
+        self._take_up(agent, weights_from_bytes(bytes(message.safetensors), "/policy/weights"), message.version)
         self.get_logger().info(f"acts with weights of version {message.version}")
 
     def _status(self) -> list[tuple[str, Any]]:
-        version = ("policy_version", self._agent.version)
+        version = ("policy_version", self._version)
         return [*self._meter.pairs(), version, ("frames_recalled", self._recalled)]
 
     # ---- acting
 
     def _answer(self) -> None:
-        self._heard_at = arrived = time.perf_counter()
+        self._received_at = arrived = time.perf_counter()
         world, safety = self._state, self._safety
         if self._actions is None or world is None or safety is None or world.tick != safety.tick:
             return
@@ -98,7 +110,7 @@ class AgentPolicy(GraphNode):
         if world.tick <= self._known:
             return
         if not self._caught_up:
-            self._first_heard_at = self._first_heard_at or arrived
+            self._first_received_at = self._first_received_at or arrived
             self._keep_up()
             return
         self.simulated_time = world.header.stamp
@@ -110,13 +122,12 @@ class AgentPolicy(GraphNode):
     def _act(self, world: WorldState, safety: SafetyState) -> Any:
         """Take one tick in; return the answer, or None where none is wanted."""
         self._known = world.tick
-        if not convert.values(world.policy_frame).any():
+        if not layout.values(world.policy_frame).any():
             return None
-        state, policy_frame = convert.world_state_arrays(world)
-        curvttc = convert.checked(safety.curvttc, len(state), "/safety/state", "curvttc")
-        critical = convert.checked(safety.critical, len(state), "/safety/state", "critical").astype(bool)
-        action = self._agent.act(state, policy_frame, curvttc, critical)
-        return convert.action_message(world.header, world.tick, action, self._agent.version)
+        tick = layout.world_state(world)
+        action = self._agent.act(tick, layout.assessment(safety, tick)).astype(np.float64)
+        Actions(pedestrian=action)  # refuses another shape, and numbers that are not finite
+        return convert.action_message(world.header, world.tick, action, self._version)
 
     # ---- catching up
 
@@ -126,16 +137,16 @@ class AgentPolicy(GraphNode):
         if self._actions is None:
             self.get_logger().info("waiting for weights on /policy/weights", throttle_duration_sec=5.0)
             return
-        waits = self._reply is not None and now - self._asked_at < REPLY_PATIENCE
-        if waits or (self._caught_up and now - self._heard_at < SILENCE):
+        waits = self._reply is not None and now - self._requested_at < REPLY_PATIENCE
+        if waits or (self._caught_up and now - self._received_at < SILENCE):
             return
         if self._history.service_is_ready():
             if self._reply is not None:
                 self._history.remove_pending_request(self._reply)
-            self._asked_at = now
+            self._requested_at = now
             self._reply = self._history.call_async(History.Request(after_tick=self._known))
             self._reply.add_done_callback(self._on_history)
-        elif self._first_heard_at is not None and now - self._first_heard_at > self._service_patience():
+        elif self._first_received_at is not None and now - self._first_received_at > self._service_patience():
             self._caught_up = True  # a world that keeps no history
             self._answer()
 
@@ -148,7 +159,7 @@ class AgentPolicy(GraphNode):
         if reply is not self._reply:
             return  # an earlier one, given up
         self._reply = None
-        self._heard_at = time.perf_counter()
+        self._received_at = time.perf_counter()
         self._caught_up = True
         for world, safety in zip(response.states, response.safeties, strict=True):
             if world.tick == response.tick and (self._state is None or self._state.tick <= world.tick):

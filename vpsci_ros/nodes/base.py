@@ -24,11 +24,11 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from vpsci_ros.config import SECTIONS, PeerConfig, pick
 from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.nodes.config import LEARNER, SECTIONS, PeerConfig, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners, speakers
-from vpsci_ros.parameters import Parameter, refuse_unknown, table
+from vpsci_ros.parameters import Parameter, pick, refuse_unknown, table
 
 T = TypeVar("T")
 EXECUTORS: dict[str, Any] = {"events": EventsExecutor, "single": SingleThreadedExecutor}
@@ -39,7 +39,7 @@ _SET_BY_ROS = ("use_sim_time", "start_type_description_service")
 
 
 class GraphNode(Node):
-    """A node of the graph; its section of `vpsci_ros.config.SECTIONS` says which parameters it has.
+    """A node of the graph; its section of `vpsci_ros.nodes.config.SECTIONS` says which parameters it has.
 
     :param context: a private context, or None for the global one.
     :param parameter_overrides: as in `rclpy.node.Node`, for tests and graphs composed in one process.
@@ -150,7 +150,7 @@ class GraphNode(Node):
     def _check_parameters(self, given: list[RosParameter]) -> SetParametersResult:
         try:
             values = self._values | self._own(given)
-            for kind in SECTIONS[self._section]:
+            for kind in section_classes(self._section, values):
                 pick(kind, values, f"node {self._section}")
         except InvalidInput as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -166,9 +166,11 @@ class GraphNode(Node):
         return {name: list(value) if _is_sequence(value) else value for name, value in values.items()}
 
     def _declare(self) -> dict[str, Any]:
-        rows = {row.name: row for kind in SECTIONS[self._section] for row in table(kind)}
         overrides = {name: parameter.value for name, parameter in self._parameter_overrides.items()}
-        elsewhere = {row.name for kinds in SECTIONS.values() for kind in kinds for row in table(kind)}
+        rows = {row.name: row for kind in section_classes(self._section, overrides) for row in table(kind)}
+        learner = LEARNER if self._section != "learner" else {}
+        others = [kinds for section, kinds in (SECTIONS | learner).items() if section != self._section]
+        elsewhere = {row.name for kinds in others for kind in kinds for row in table(kind)}
         own = {k: v for k, v in overrides.items() if not k.startswith("qos_overrides") and k not in _SET_BY_ROS}
         # A file's /** section reaches every node, so a name that another node declares is not an error here.
         refuse_unknown({k: v for k, v in own.items() if k not in elsewhere}, rows, f"node {self._section}")
@@ -206,7 +208,7 @@ class Output:
         return self._publisher.get_subscription_count() >= max(known, len(self.expected))
 
     @property
-    def heard(self) -> bool:
+    def has_readers(self) -> bool:
         """Whether anybody listens, so that a view of the world is made for somebody."""
         return bool(self._publisher.get_subscription_count())
 
@@ -229,7 +231,7 @@ class Output:
 
     def _wait(self) -> None:
         begun = time.monotonic()
-        told = begun
+        last_notice = begun
         # Matching goes on in the middleware's threads while this callback waits; a node that is to stop waits no more.
         while not self.complete and not self._node.stop.is_set():
             now = time.monotonic()
@@ -241,9 +243,9 @@ class Output:
                     f"{self._node.get_name()}: waited {self._timeout:g} s for {names} to subscribe"
                     f" to {self.topic}; start them, or name only running nodes in the parameter 'peers'"
                 )
-            if now - told > 5.0:
+            if now - last_notice > 5.0:
                 self._node.get_logger().info(f"waiting for {' and '.join(self.expected)} on {self.topic}")
-                told = now
+                last_notice = now
             time.sleep(0.005)
         self._ready = True
 

@@ -9,7 +9,6 @@ import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import rclpy
 from rclpy.context import Context
@@ -18,6 +17,8 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from vpsci_ros.nodes.base import EXECUTORS, GraphNode
+from vpsci_ros.nodes.config import GraphConfig, PeerConfig
+from vpsci_ros.runs.sections import Sections
 
 
 def node_class(name: str) -> Callable[..., GraphNode]:
@@ -27,22 +28,22 @@ def node_class(name: str) -> Callable[..., GraphNode]:
 
 
 @contextmanager
-def composed(sections: dict[str, dict[str, Any]]) -> Iterator[dict[str, GraphNode]]:
+def composed(sections: Sections) -> Iterator[dict[str, GraphNode]]:
     """Make the nodes of a graph, run it to its leader's end, yield the nodes by name, and tidy up.
 
     :param sections: resolved, see `vpsci_ros.nodes.graph.resolve`; the leader's executor runs all nodes.
     :raises InvalidInput: a parameter is refused.
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    names = sections["graph"]["nodes"]
+    names = sections.get(GraphConfig, "graph").nodes
     leader = "world_simulator" if "world_simulator" in names else "learner"
     context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    spinner: Executor = EXECUTORS[sections[leader]["executor"]](context=context)
+    spinner: Executor = EXECUTORS[sections.get(PeerConfig, leader).executor](context=context)
     nodes: dict[str, GraphNode] = {}
     try:
         for name in names:
-            values = sections[name] | {"peers": list(names)}
+            values = {**sections.values[name], "peers": list(names)}
             overrides = [Parameter(key, value=value) for key, value in values.items() if value != []]
             nodes[name] = node_class(name)(context=context, parameter_overrides=overrides)
             spinner.add_node(nodes[name])

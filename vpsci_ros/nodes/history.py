@@ -14,19 +14,23 @@ from numpy.typing import NDArray
 from std_msgs.msg import Header
 
 from vpsci_msgs.msg import SafetyState, WorldState
+from vpsci_ros.bags.layout import MAP
 from vpsci_ros.nodes import convert
-from vpsci_ros.world import EPISODE, RUNNING, WorldConfig, handover
+from vpsci_ros.world import EPISODE, RUNNING, WorldConfig
+from vpsci_ros.world.tick import Assessment, Tick
 
 
 class _Frame(NamedTuple):
-    tick: int
-    slots: NDArray[np.int64]
-    state: NDArray[np.void]
-    curvttc: NDArray[np.float64]
-    critical: NDArray[np.bool_]
+    """A policy frame of those who acted at it."""
+
+    tick: int  # its number
+    slots: NDArray[np.int64]  # [n]
+    state: NDArray[np.void]  # EPISODE[n]
+    curvttc: NDArray[np.float64]  # [n] [s]
+    critical: NDArray[np.bool_]  # [n]
 
 
-class History:
+class FrameHistory:
     """The acting slots of the last policy frames, for as long as an episode can last."""
 
     def __init__(self, config: WorldConfig, batch: int) -> None:
@@ -35,18 +39,19 @@ class History:
         longest = math.ceil(config.episode_time / config.tick) // config.policy_ticks + 2
         self._frames: deque[_Frame] = deque(maxlen=longest)
 
-    def note(
-        self,
-        tick: int,
-        state: NDArray[np.void],
-        asked: NDArray[np.bool_],
-        curvttc: NDArray[np.float64],
-        critical: NDArray[np.bool_],
-    ) -> None:
-        """Keep the slots in which the policies act at this tick: EPISODE[B], bool[B], float64[B] [s], bool[B]."""
-        slots = np.flatnonzero(handover.acting(state, asked, critical))
-        if len(slots):
-            self._frames.append(_Frame(tick, slots, state[slots], curvttc[slots], critical[slots]))
+    def note(self, tick: Tick, assessment: Assessment) -> None:
+        """Keep the slots in which the policies act at this tick."""
+        slots = np.flatnonzero(assessment.acting)
+        if len(slots) and assessment.answered:
+            self._frames.append(
+                _Frame(
+                    tick=tick.number,
+                    slots=slots,
+                    state=tick.state[slots],
+                    curvttc=assessment.curvttc[slots],
+                    critical=assessment.critical[slots],
+                )
+            )
 
     def clear(self) -> None:
         """Forget everything: other episodes begin."""
@@ -69,10 +74,10 @@ class History:
         slots = frame.slots[same]
         state = np.zeros(self._batch, EPISODE)
         curvttc, critical = np.full(self._batch, np.inf), np.zeros(self._batch, bool)
-        asked = np.zeros(self._batch, bool)
+        policy_frame = np.zeros(self._batch, bool)
         state[slots], curvttc[slots], critical[slots] = frame.state[same], frame.curvttc[same], frame.critical[same]
-        asked[slots] = True
-        message = convert.world_state_message(state, asked, frame.tick, self._period)
-        header = Header(stamp=message.header.stamp, frame_id=convert.MAP)
+        policy_frame[slots] = True
+        message = convert.world_state_message(state, policy_frame, frame.tick, self._period)
+        header = Header(stamp=message.header.stamp, frame_id=MAP)
         distance = np.zeros(self._batch)  # no policy looks at it
         return message, convert.safety_message(header, frame.tick, curvttc, distance, critical)

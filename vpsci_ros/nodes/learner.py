@@ -10,16 +10,17 @@ from rclpy.context import Context
 from std_msgs.msg import UInt64
 
 from vpsci_msgs.msg import PolicyWeights, Transition
-from vpsci_ros.config import LearnerConfig
+from vpsci_ros.bags import layout
 from vpsci_ros.data.corpus import load_corpus
-from vpsci_ros.learning.config import NetworkConfig, PretrainConfig, RefineConfig
-from vpsci_ros.learning.pretrain import Stopped, pretrain
+from vpsci_ros.errors import Stopped
+from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
+from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.refine_log import RefineLog
-from vpsci_ros.learning.weights import load_weights
-from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode, run
 from vpsci_ros.nodes.topics import RECORDING
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
 
 REPORT_PERIOD = 0.5  # [s] between diagnostics
@@ -41,7 +42,7 @@ class Learner(GraphNode):
         self._reported = 0.0
         self._last_receipt = time.monotonic()
         self._refiner: Refiner | None = None
-        self._whole, self._told = True, False
+        self._whole, self._announced = True, False
         if self._config.stage == "pretrain":
             self.wall_timer(0.01, self._pretrain)
         else:
@@ -74,7 +75,7 @@ class Learner(GraphNode):
     # ---- stage 2
 
     def _begin_refining(self) -> Refiner:
-        weights = load_weights(weights_path(self._config.weights))
+        weights = load_weights(weights_path(self.config(StartConfig).weights))
         config = self.config(RefineConfig)
         refiner = Refiner(config, weights, self._near_misses, seed=self._config.seed, out_dir=self._folder)
         self._log = RefineLog(refiner, self._folder)
@@ -91,14 +92,14 @@ class Learner(GraphNode):
     def _on_transition(self, refiner: Refiner, message: Transition) -> None:
         self._last_receipt = time.monotonic()
         self.simulated_time = message.header.stamp
-        refiner.add(convert.transition_arrays(message))
+        refiner.add(layout.transitions(message))
         while refiner.due and not refiner.finished and not self.stop.is_set():
             self._whole = False
             refiner.update()
             self._whole = True
             self._report(refiner.summary())
-        if refiner.finished and not self._told:
-            self._told = True
+        if refiner.finished and not self._announced:
+            self._announced = True
             self.get_logger().info("converged by the test of section 4.1; no further updates")
         if refiner.take_refresh():
             self._publish_weights(refiner)

@@ -15,7 +15,7 @@ class Meter:
         self.missed = 0
         self._tick = -1
         self._spent = self._longest = 0.0
-        self._told = (time.perf_counter(), 0)
+        self._reported = (time.perf_counter(), 0)
 
     def tick(self, tick: int) -> None:
         """Take note of a tick of the world, so that gaps between ticks are counted as missed."""
@@ -32,10 +32,10 @@ class Meter:
 
     def pairs(self) -> list[tuple[str, Any]]:
         """Return answers in all, answers a second, mean and longest lag [ms], all three since the last call."""
-        now, (then, before) = time.perf_counter(), self._told
+        now, (then, before) = time.perf_counter(), self._reported
         fresh = self.count - before
         mean, longest = self._spent / max(fresh, 1), self._longest
-        self._told, self._spent, self._longest = (now, self.count), 0.0, 0.0
+        self._reported, self._spent, self._longest = (now, self.count), 0.0, 0.0
         return [
             ("tick", self._tick),
             ("answers", self.count),

@@ -1,5 +1,6 @@
 """Asks the nodes of the graph for their parameters, through the services that every ROS 2 node has."""
 
+import itertools
 import time
 from collections.abc import Callable
 from functools import partial
@@ -8,8 +9,8 @@ from typing import Any
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 
-from vpsci_ros.config import SECTIONS
 from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.parameters import table
 
 PERIOD = 0.1  # [s] between looks at who is there
@@ -19,33 +20,40 @@ PATIENCE = 1.0  # [s] for an answer before asking again: what is asked before bo
 class PeerParameters:
     """Asks each node once it is there, until it has answered.
 
+    A node answers nothing where it lacks a parameter, so a learner is asked for those of either stage in turn.
+
     :param names: nodes in the namespace of `node`; those without a section of `SECTIONS` are not asked.
-    :param heard: called with a node's name and its parameters, once each.
+    :param received: called with a node's name and its parameters, once each.
     """
 
-    def __init__(self, node: GraphNode, names: list[str], heard: Callable[[str, dict[str, Any]], None]) -> None:
-        self._heard = heard
-        known = [name for name in names if name in SECTIONS]
+    def __init__(self, node: GraphNode, names: list[str], received: Callable[[str, dict[str, Any]], None]) -> None:
+        self._received = received
+        known = [name for name in names if name in SECTIONS or name == "learner"]
         self._clients = {name: node.create_client(GetParameters, f"{name}/get_parameters") for name in known}
-        self._asked = dict.fromkeys(known, 0.0)
+        self._requested_at = dict.fromkeys(known, 0.0)
+        self._stages = itertools.cycle(LEARNER)
         node.wall_timer(PERIOD, self._ask)
 
     @property
     def missing(self) -> list[str]:
         """Nodes that have not answered yet."""
-        return list(self._asked)
+        return list(self._requested_at)
 
     def _ask(self) -> None:
         now = time.monotonic()
-        for name, asked in self._asked.items():
-            if now - asked > PATIENCE and self._clients[name].service_is_ready():
-                self._asked[name] = now
-                names = [row.name for kind in SECTIONS[name] for row in table(kind)]
+        for name, requested_at in self._requested_at.items():
+            if now - requested_at > PATIENCE and self._clients[name].service_is_ready():
+                self._requested_at[name] = now
+                values = {"stage": next(self._stages)} if name == "learner" else {}
+                names = [row.name for kind in section_classes(name, values) for row in table(kind)]
                 future = self._clients[name].call_async(GetParameters.Request(names=names))
                 future.add_done_callback(partial(self._on_answer, name, names))
 
     def _on_answer(self, name: str, names: list[str], future: Any) -> None:
-        if self._asked.pop(name, None) is not None:
-            values = [parameter_value_to_python(value) for value in future.result().values]
+        answer = future.result().values
+        if not answer and name in self._requested_at:
+            self._requested_at[name] = 0.0  # a learner of the other stage
+        elif self._requested_at.pop(name, None) is not None:
+            values = [parameter_value_to_python(value) for value in answer]
             plain = [list(value) if hasattr(value, "tolist") or isinstance(value, tuple) else value for value in values]
-            self._heard(name, {key: value for key, value in zip(names, plain, strict=True) if value is not None})
+            self._received(name, {key: value for key, value in zip(names, plain, strict=True) if value is not None})

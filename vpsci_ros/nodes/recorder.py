@@ -1,7 +1,6 @@
 """The recorder: writes every message of the graph, as it came off the wire, to a rosbag2 folder with MCAP storage."""
 
 import hashlib
-import struct
 import sys
 import time
 from functools import partial
@@ -12,14 +11,16 @@ from rclpy.context import Context
 from rclpy.serialization import deserialize_message
 
 from vpsci_msgs.msg import EpisodeEvent, PolicyWeights
-from vpsci_ros.config import NODES, RecorderConfig
-from vpsci_ros.data.bag_episodes import EVENTS, RECORD, BagEpisode, EpisodeLog, event_rows
-from vpsci_ros.data.bag_run import NODE, SOFTWARE, WEIGHTS, node_record, software_record
-from vpsci_ros.data.bag_writer import BagTopic, BagWriter
-from vpsci_ros.nodes import schemas
+from vpsci_ros.bags.decoder import describe
+from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog, event_rows
+from vpsci_ros.bags.layout import EVENTS, stamp_of
+from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
+from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.nodes.config import NODES, RecorderConfig
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
+from vpsci_ros.world import load_scenario
 
 DRAIN_QUIET = 0.3  # [s] without a message: nothing is on its way any more
 PARAMETERS_PATIENCE = 5.0  # [s] for the peers' parameters, before recording begins without them
@@ -40,7 +41,7 @@ class Recorder(GraphNode):
         recorded = [row for row in TOPICS.values() if "recorder" in row.subscribers]
         # A topic without a publisher here is an external driving system's.
         wanted = [row for row in recorded if not (explicit and row.publishers) or speakers(row.name, self.peers)]
-        topics = [BagTopic(row.name, *schemas.describe(row.type)) for row in wanted]
+        topics = [BagTopic(row.name, row.type_name, *describe(row.type_name)) for row in wanted]
         sizes = {"chunk_size": config.chunk_size * 1024, "split_size": config.split_size}
         self._bag = BagWriter(config.bag, topics, **sizes)
         self._bag.describe(SOFTWARE, software_record())
@@ -52,7 +53,7 @@ class Recorder(GraphNode):
             self.simulated_time = self.get_clock().now().to_msg()
         self._last_receipt = self._begun = time.monotonic()
         others = [name for name in (self.peers if explicit else NODES) if name not in ("recorder", "replayer")]
-        self._asked = PeerParameters(self, others, self._on_parameters)
+        self._peer_parameters = PeerParameters(self, others, self._on_parameters)
         if "learner" in others:
             self.input("/policy/weights", self._on_weights, LATCHED)
         # Where the nodes wait for this one, it first waits for their parameters: a short run would be over before.
@@ -65,9 +66,9 @@ class Recorder(GraphNode):
 
     def _subscribe_when_known(self) -> None:
         late = time.monotonic() - self._begun > PARAMETERS_PATIENCE
-        if self._waiting and (late or not self._asked.missing):
+        if self._waiting and (late or not self._peer_parameters.missing):
             if late:
-                missing = ", ".join(self._asked.missing)
+                missing = ", ".join(self._peer_parameters.missing)
                 self.get_logger().warning(f"recording without the parameters of {missing}: no answer yet")
             self._subscribe()
 
@@ -78,8 +79,7 @@ class Recorder(GraphNode):
 
     def _on_message(self, topic: str, data: bytes) -> None:
         self._last_receipt = time.monotonic()
-        # Every recorded type begins with its stamp, after CDR's 4 bytes; in an array of markers its length comes first.
-        seconds, nanoseconds = struct.unpack_from("<iI", data, 8 if topic == "/markers" else 4)
+        seconds, nanoseconds = stamp_of(topic, data)
         at = seconds * 1_000_000_000 + nanoseconds
         if self._ended and at > self._ended[0].end_time:
             self._write_ended()
@@ -99,6 +99,8 @@ class Recorder(GraphNode):
 
     def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
         self._bag.describe(NODE, node_record(node, values))
+        for record in scenario_records(map(load_scenario, values.get("scenario_files", ()))):
+            self._bag.describe(SCENARIO, record)
 
     def _on_weights(self, message: PolicyWeights) -> None:
         digest = hashlib.sha256(bytes(message.safetensors)).hexdigest()

@@ -14,12 +14,12 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
-from vpsci_ros.config import ReplayerConfig
-from vpsci_ros.data.bag_episodes import bag_episodes, chosen_episode
-from vpsci_ros.data.bag_reader import Bag
-from vpsci_ros.data.raw import RawMessage, TopicInfo
+from vpsci_ros.bags.episodes import bag_episodes, chosen_episode
+from vpsci_ros.bags.raw import RawMessage, TopicInfo
+from vpsci_ros.bags.reader import Bag
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.nodes.config import ReplayerConfig
 from vpsci_ros.nodes.topics import LATCHED, TOPICS, listeners
 
 CLOCK = "/clock"

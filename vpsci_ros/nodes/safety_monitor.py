@@ -7,6 +7,7 @@ from typing import Any
 from rclpy.context import Context
 
 from vpsci_msgs.msg import WorldState
+from vpsci_ros.bags import layout
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode, run
 from vpsci_ros.nodes.meter import Meter
@@ -27,8 +28,7 @@ class SafetyMonitor(GraphNode):
 
     def _on_state(self, message: WorldState) -> None:
         arrived = time.perf_counter()
-        state, _ = convert.world_state_arrays(message)
-        curvttc, distance, critical = assess(state, self._config)
+        curvttc, distance, critical = assess(layout.world_state(message).state, self._config)
         self._safety.publish(convert.safety_message(message.header, message.tick, curvttc, distance, critical))
         self.simulated_time = message.header.stamp
         self._meter.tick(message.tick)

@@ -14,7 +14,7 @@ from visualization_msgs.msg import MarkerArray
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, VehicleControl, WorldState
 from vpsci_msgs.srv import History
-from vpsci_ros.config import NODES
+from vpsci_ros.nodes.config import NODES
 
 LOCK_STEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """What a decision rests on: nothing is lost, and a reader a thousand messages behind still has them all."""
@@ -35,6 +35,11 @@ class Topic:
     publishers: tuple[str, ...]
     subscribers: tuple[str, ...]
     qos: QoSProfile
+
+    @property
+    def type_name(self) -> str:
+        """The type as bags name it, such as "nav_msgs/msg/Odometry"."""
+        return f"{self.type.__module__.partition('.')[0]}/msg/{self.type.__name__}"
 
 
 _POLICIES = ("vehicle_policy", "pedestrian_policy")

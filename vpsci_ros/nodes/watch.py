@@ -1,9 +1,7 @@
 """Watching a run from outside: counts ended episodes, reads the nodes' diagnostics, and shows progress."""
 
 import os
-import sys
 import time
-from typing import Any
 
 import numpy as np
 import rclpy
@@ -11,16 +9,17 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from std_srvs.srv import SetBool
 
 from vpsci_msgs.msg import EpisodeEvent
-from vpsci_ros.nodes import convert
+from vpsci_ros.bags import layout
+from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.topics import RECORDING
+from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.progress import Bars
+from vpsci_ros.runs.sections import Sections
 
 WATCH = "graph_watch"  # the listener's name in the table of topics
-LINE_EVERY = 10.0  # [s] between progress lines where there is no terminal
 DRAIN_QUIET = 0.2  # [s]
 WORTH_SHOWING = ("updates", "refreshes", "rollbacks", "closed_loop_ade", "held_out_closed_loop_ade")
 
@@ -28,26 +27,18 @@ WORTH_SHOWING = ("updates", "refreshes", "rollbacks", "closed_loop_ade", "held_o
 class Watch:
     """A listener on `/episode/event` and `/diagnostics` with a progress bar; use it in a `with` block.
 
-    :param resolved: section -> parameters of the graph.
+    :param resolved: parameters of the graph.
     :param quiet: count, but show nothing.
     """
 
-    def __init__(self, resolved: dict[str, dict[str, Any]], *, quiet: bool = False) -> None:
-        self._namespace = resolved["graph"]["namespace"]
+    def __init__(self, resolved: Sections, *, quiet: bool = False) -> None:
+        self._namespace = resolved.get(GraphConfig, "graph").namespace
         self._held: dict[str, set[bytes]] = {}  # policies that are awaited, and whoever spoke in their place before
         self._total = _episodes(resolved)
         self._ended = 0
         self._last = time.monotonic()
-        self._said = self._last
         self._status: dict[str, dict[str, str]] = {}
-        self._quiet = quiet
-        console = Console(stderr=True)
-        self._interactive = console.is_terminal and not quiet
-        columns = (
-            TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-            TimeRemainingColumn(), TextColumn("{task.fields[note]}"),
-        )  # fmt: skip
-        self._bar = Progress(*columns, console=console, disable=not self._interactive)
+        self._bars = Bars(quiet=quiet)
 
     def __enter__(self) -> "Watch":
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -59,13 +50,12 @@ class Watch:
         self._node.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, RECORDING)
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._bar.start()
-        what = "episodes"
-        self._task = self._bar.add_task(what, total=self._total or None, note="starting")
+        self._bars.__enter__()
+        self._bars.bar("episodes", 0, self._total or None, "starting")
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._bar.stop()
+        self._bars.__exit__()
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
@@ -107,7 +97,7 @@ class Watch:
 
     def _on_event(self, message: EpisodeEvent) -> None:
         self._last = time.monotonic()
-        self._ended += int(np.count_nonzero(convert.values(message.kind) == EpisodeEvent.ENDED))
+        self._ended += int(np.count_nonzero(layout.values(message.kind) == EpisodeEvent.ENDED))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -127,15 +117,15 @@ class Watch:
         parts = [f"{world['ticks_per_second']} ticks/s"] if "ticks_per_second" in world else []
         parts += [f"{key.replace('_', ' ')} {learner[key]}" for key in WORTH_SHOWING if key in learner]
         note = ", ".join(parts)
-        self._bar.update(self._task, completed=done, total=total, note=note)
-        if not self._interactive and not self._quiet and time.monotonic() - self._said > LINE_EVERY:
-            self._said = time.monotonic()
-            print(f"  {done} of {total or '?'}; {note}", file=sys.stderr, flush=True)
+        self._bars.bar("episodes", done, total, note)
+        self._bars.line(f"{done} of {total or '?'}; {note}")
 
 
-def _episodes(resolved: dict[str, dict[str, Any]]) -> int:
-    world = resolved.get("world_simulator")
-    return len(world["scenarios"]) * world["episodes"] if world else 0
+def _episodes(resolved: Sections) -> int:
+    if "world_simulator" not in resolved.values:
+        return 0
+    run = resolved.get(RunConfig, "world_simulator")
+    return len(run.scenarios) * run.episodes
 
 
 def _is_number(text: str) -> bool:

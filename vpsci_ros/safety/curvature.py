@@ -1,9 +1,8 @@
 """Path curvature of a recorded vehicle, from its positions or from its yaw rate; positive to the left, in 1/m.
 
 Which of the two: yaw rate over speed wherever a filtered heading exists. Three positions 0.1 s apart lie so near to
-each other that centimetres of noise bend the circle: on the VCI-DUT clips tried, they find 479 near misses where the
-yaw rate finds 231. With positions only, take them further apart (`spacing`) and ask for more bend (`collinear`):
-5 steps and 0.02 m find 238 there.
+each other that centimetres of noise bend the circle. With positions only, take them further apart (`spacing`) and ask
+for more bend (`collinear`); docs/curvttc.md has what that comes to on recordings.
 """
 
 import numpy as np

@@ -28,21 +28,38 @@ WALK_ACCELERATION = 2.5  # [m/s2] with which the walker changes its velocity
 WALK_LOOK_AHEAD = 2.0  # [m]
 
 
-def comfortable_speeds(path: Path) -> NDArray[np.float64]:
+def comfortable_speeds(
+    path: Path, lateral: float = LATERAL_COMFORT, deceleration: float = COMFORT_DECELERATION
+) -> NDArray[np.float64]:
     """Return the greatest comfortable speed [m/s] at each sample of a lane, float64[N].
 
-    It is slow enough for the bend, and for braking comfortably into the next one.
+    It is slow enough for the bend, by the `lateral` acceleration, and for the `deceleration` into the next one [m/s2].
     """
-    speeds = np.sqrt(LATERAL_COMFORT / np.maximum(np.abs(path.curvature()), 1e-3))
+    speeds = np.sqrt(lateral / np.maximum(np.abs(path.curvature()), 1e-3))
     for i in range(len(speeds) - 2, -1, -1):
-        speeds[i] = min(speeds[i], math.sqrt(speeds[i + 1] ** 2 + 2.0 * COMFORT_DECELERATION * path.step))
+        speeds[i] = min(speeds[i], math.sqrt(speeds[i + 1] ** 2 + 2.0 * deceleration * path.step))
     return speeds
 
 
 @kernel
-def pursuit_curvature(points, row, count, step, s, x, y, heading, speed):  # type: ignore[no-untyped-def]
-    """Curvature [1/m] of the arc to the centreline of lane `row`, a look-ahead beyond arc length `s` [m]."""
-    target_x, target_y = point_at(points, row, count, step, s + LOOK_AHEAD + LOOK_AHEAD_TIME * speed)
+def look_ahead(s: float, speed: float) -> float:
+    """Return the arc length [m] of the place that a driver at `s` [m] steers to."""
+    return s + LOOK_AHEAD + LOOK_AHEAD_TIME * speed
+
+
+@kernel
+def pursuit_curvature(points, row, count, step, s, aside, x, y, heading, speed):  # type: ignore[no-untyped-def]
+    """Curvature [1/m] of the arc to the centreline of lane `row`, a look-ahead beyond arc length `s` [m].
+
+    Or to a place so far `aside` of it, to the left [m].
+    """
+    target_x, target_y = point_at(points, row, count, step, look_ahead(s, speed))
+    if aside != 0.0:
+        next_x, next_y = point_at(points, row, count, step, look_ahead(s, speed) + step)
+        target_x, target_y = (
+            target_x - aside * (next_y - target_y) / step,
+            target_y + aside * (next_x - target_x) / step,
+        )
     forward, left = to_heading_frame(heading, target_x - x, target_y - y)
     square = forward * forward + left * left
     if forward <= 0.0:  # the lane lies behind: turn about as tightly as possible
@@ -77,8 +94,8 @@ def walk_velocity(points, row, count, step, s, offset, x, y, speed):  # type: ig
 
 
 @kernel
-def walk_acceleration(change_x: float, change_y: float, period: float) -> tuple[float, float]:
-    """Acceleration (ax, ay) [m/s2] for a change of velocity [m/s], at most `WALK_ACCELERATION`."""
+def walk_acceleration(change_x: float, change_y: float, most: float, period: float) -> tuple[float, float]:
+    """Acceleration (ax, ay) [m/s2] for a change of velocity [m/s], `most` [m/s2] at most."""
     change = math.sqrt(change_x * change_x + change_y * change_y)
-    scale = 1.0 / period if change <= WALK_ACCELERATION * period else WALK_ACCELERATION / change
+    scale = 1.0 / period if change <= most * period else most / change
     return change_x * scale, change_y * scale

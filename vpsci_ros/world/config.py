@@ -1,12 +1,20 @@
 """Parameters of the world: periods, the hand-over, who drives, and how the learned accelerations become motion."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
 
 VEHICLE_DRIVERS = ("policy", "autopilot", "external", "replay")
+SPAWNS = ("human", "paper")
 PEDESTRIAN_DRIVERS = ("policy", "autopilot", "external", "replay", "constant_velocity", "social_force")
+
+
+def of_record(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the world's parameters of a stored record as they were meant: without `spawn` it was the paper's."""
+    return {"spawn": "paper", **values}
 
 
 @dataclass(frozen=True)
@@ -17,9 +25,17 @@ class WorldConfig:
     policy_period: float = parameter(
         0.1, "the policies act at this period and their actions hold in between", unit="s", low=0.005, high=2.0
     )
-    episode_time: float = parameter(10.0, "an episode ends after this time", unit="s", low=0.1, high=3276.0)
+    episode_time: float = parameter(
+        15.0, "an episode ends after this time; 10 s in the paper, whose walkers run", unit="s", low=0.1, high=3276.0
+    )
     release_time: float = parameter(
         5.0, "the policies give the agents back after this time without a critical tick", unit="s", low=0.0, high=60.0
+    )
+    spawn: str = parameter(
+        "human",
+        "how they come to the meeting; human: as recorded people do, with human jerk; paper: section 3.2's walking "
+        "speeds of 1-4 m/s and throttle of 0.6-0.9",
+        choices=SPAWNS,
     )
     vehicle_driver: str = parameter(
         "policy", "policy: the autopilot until it is critical, then the policy", choices=VEHICLE_DRIVERS

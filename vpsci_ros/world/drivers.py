@@ -7,10 +7,20 @@ import math
 
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import kinematics as motion
-from vpsci_ros.world.autopilot import pursuit_curvature, speed_acceleration, too_near, walk_acceleration, walk_velocity
+from vpsci_ros.world.approach import drivers_acceleration, lane_sway, line_offset, step_towards, walker_speed
+from vpsci_ros.world.autopilot import (
+    WALK_ACCELERATION,
+    WALK_LOOK_AHEAD,
+    pursuit_curvature,
+    speed_acceleration,
+    too_near,
+    walk_acceleration,
+    walk_velocity,
+)
 from vpsci_ros.world.compiled import inlined
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
 from vpsci_ros.world.observation import from_heading_frame, to_heading_frame
+from vpsci_ros.world.people import STRIDE_ACCELERATION, limited
 from vpsci_ros.world.social_force import social_force
 
 POLICY, EXTERNAL, REPLAY = (VEHICLE_DRIVERS.index(name) for name in ("policy", "external", "replay"))
@@ -34,6 +44,7 @@ def controls(episode, i, answers, tables, settings):  # type: ignore[no-untyped-
         row.lane_count,
         row.lane_step,
         episode.route_s,
+        lane_sway(episode) if settings.human else 0.0,
         episode.vehicle_x,
         episode.vehicle_y,
         episode.vehicle_heading,
@@ -47,11 +58,20 @@ def controls(episode, i, answers, tables, settings):  # type: ignore[no-untyped-
             along, left = answers.vehicle_action[i, 0], answers.vehicle_action[i, 1]
         if settings.lane_following:
             left += keeping * speed * speed
+        if by_policy and settings.human:
+            along = limited(along, episode.vehicle_acceleration, settings.period)
+            left = limited(left, episode.vehicle_curvature * speed * speed, settings.period)
         return motion.steer_for(left, speed), motion.throttle_for(along), motion.brake_for(along)
     forward, left = to_heading_frame(
         episode.vehicle_heading, episode.pedestrian_x - episode.vehicle_x, episode.pedestrian_y - episode.vehicle_y
     )
     steer = motion.steer_to(keeping)
+    if settings.human:
+        near = too_near(forward, left, _HALF_LENGTH, _STRAIGHT_AHEAD, settings.proximity_distance)
+        along = drivers_acceleration(
+            episode, row, tables, forward - _HALF_LENGTH if near else math.inf, settings.period
+        )
+        return steer, motion.throttle_for(along), motion.brake_for(along)
     if too_near(forward, left, _HALF_LENGTH, _STRAIGHT_AHEAD, settings.proximity_distance):
         return steer, 0.0, 1.0
     sample = min(max(int(episode.route_s / row.lane_step), 0), row.lane_count - 1)
@@ -101,22 +121,32 @@ def impulse(episode, i, answers, tables, settings):  # type: ignore[no-untyped-d
         return ax, ay, settings.pedestrian_gain
     if driver == POLICY and episode.pedestrian_held:
         ax, ay = from_heading_frame(episode.action_heading, episode.pedestrian_long, episode.pedestrian_lat)
+        if settings.human:
+            ax, ay = step_towards(
+                episode, settings.pedestrian_gain * ax, settings.pedestrian_gain * ay, settings.period
+            )
+            return ax, ay, 1.0
         return ax, ay, settings.pedestrian_gain
     vx, vy = episode.pedestrian_vx, episode.pedestrian_vy
     waiting = episode.frame * settings.period < episode.start_delay
     if driver == CONSTANT_VELOCITY and (waiting or vx != 0.0 or vy != 0.0):
         return 0.0, 0.0, 1.0
     row = tables.rows[episode.table]
+    pace, offset = episode.walking_speed, episode.pedestrian_offset
+    if settings.human:
+        if driver != CONSTANT_VELOCITY:
+            pace = walker_speed(episode, episode.frame * settings.period)
+        offset = line_offset(episode, row, episode.pedestrian_s + WALK_LOOK_AHEAD)
     wanted_x, wanted_y = walk_velocity(
         tables.walk,
         episode.table,
         row.walk_count,
         row.walk_step,
         episode.pedestrian_s,
-        episode.pedestrian_offset,
+        offset,
         episode.pedestrian_x,
         episode.pedestrian_y,
-        0.0 if waiting or episode.pedestrian_goal else episode.walking_speed,
+        0.0 if waiting or episode.pedestrian_goal else pace,
     )
     if driver == CONSTANT_VELOCITY:  # sets off, once
         return wanted_x / settings.period, wanted_y / settings.period, 1.0
@@ -136,7 +166,10 @@ def impulse(episode, i, answers, tables, settings):  # type: ignore[no-untyped-d
             PEDESTRIAN_RADIUS,
         )
         return ax, ay, 1.0
-    ax, ay = walk_acceleration(wanted_x - vx, wanted_y - vy, settings.period)
+    most = STRIDE_ACCELERATION if settings.human else WALK_ACCELERATION
+    ax, ay = walk_acceleration(wanted_x - vx, wanted_y - vy, most, settings.period)
+    if settings.human:
+        ax, ay = step_towards(episode, ax, ay, settings.period)
     return ax, ay, 1.0
 
 
@@ -155,6 +188,8 @@ def move_pedestrian(episode, ax, ay, gain, settings):  # type: ignore[no-untyped
         settings.period,
     )
     episode.pedestrian_path += math.sqrt((x - episode.pedestrian_x) ** 2 + (y - episode.pedestrian_y) ** 2)
+    episode.pedestrian_ax = (vx - episode.pedestrian_vx) / settings.period
+    episode.pedestrian_ay = (vy - episode.pedestrian_vy) / settings.period
     episode.pedestrian_x, episode.pedestrian_y, episode.pedestrian_vx, episode.pedestrian_vy = x, y, vx, vy
 
 

@@ -43,7 +43,7 @@ def _decide(episode, i, answers, settings):  # type: ignore[no-untyped-def]
     else:
         events |= 1 << SAFETY_MISSING
     acts = answers.acts[i]
-    kind = update(episode, critical, answers.asked[i], acts, settings.release_ticks)
+    kind = update(episode, critical, answers.policy_frame[i], acts, settings.release_ticks)
     if kind:
         events |= 1 << kind
     if acts:

@@ -8,10 +8,7 @@ control to and fro.
 
 The danger is over when the two have passed each other, not when one of them has begun to give way: then the rule-based
 pair, which knows nothing of it, would take up its speed and its way into the same conflict, with less room than before.
-With the shipped policies 58% of the critical episodes have to be handed over again after a release time of 1 s, 16%
-after 2 s, 1% after 3 s. Then the autopilot still stops for somebody whom the policy would have passed behind at 2 m/s,
-and is late: both goals are reached in 69% after 3 s, 79% after 4 s and 82% after the 5 s of the default
-(`python test/benchmarks/outcomes.py --release-time 3`).
+How long to wait was decided by measurement: docs/results/2026-11-policies.md.
 """
 
 import numpy as np
@@ -28,25 +25,25 @@ def policy_frame(state: NDArray[np.void], config: WorldConfig) -> NDArray[np.boo
 
 
 def acting(
-    state: NDArray[np.void], asked: NDArray[np.bool_], critical: NDArray[np.bool_] | NDArray[np.uint8]
+    state: NDArray[np.void], on_frame: NDArray[np.bool_], critical: NDArray[np.bool_] | NDArray[np.uint8]
 ) -> NDArray[np.bool_]:
     """Return in which episodes the policies act now, bool[B].
 
     A history begins where `acting & (state["controlled"] == 0)`.
 
     :param state: EPISODE[B]; `status`, `controlled` and `hold` are read.
-    :param asked: bool[B], `policy_frame` of the same tick.
+    :param on_frame: bool[B], `policy_frame` of the same tick.
     :param critical: bool[B] or uint8[B], from the safety monitor, of the same tick.
     """
     kept = (state["controlled"] != 0) & (state["hold"] > 0)
-    return asked & (state["status"] == RUNNING) & ((critical != 0) | kept)
+    return on_frame & (state["status"] == RUNNING) & ((critical != 0) | kept)
 
 
 @kernel
-def update(episode, critical, asked, acts, release_ticks):  # type: ignore[no-untyped-def]
+def update(episode, critical, on_frame, acts, release_ticks):  # type: ignore[no-untyped-def]
     """Take one running EPISODE record through the decisions of one tick; return the kind of event, or 0."""
     kind = 0
-    if asked:
+    if on_frame:
         if acts and episode.controlled == 0:
             kind = HANDED_OVER
         elif not acts and episode.controlled != 0:

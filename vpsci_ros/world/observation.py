@@ -21,8 +21,10 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.compiled import kernel
 
 Observations: TypeAlias = NDArray[np.float32]
+AGENTS = ("vehicle", "pedestrian")
 OBSERVATION_SIZE = 6
 ACTION_SIZE = 2
+STEP = 0.1  # [s] of the policies, and of recordings
 
 
 @kernel

@@ -134,3 +134,15 @@ def project(points, row, count, step, x, y, near):  # type: ignore[no-untyped-de
         u = min(max(u, 0.0), 1.0)  # outside a corner: the corner itself is nearest
     left = (ux * dy - uy * dx) / math.sqrt(square)
     return (i + u) * step, left
+
+
+@kernel
+def nearest(points, row, count, step, x, y):  # type: ignore[no-untyped-def]
+    """Arc length [m] of the place on path `row` nearest to (x, y), searched over the whole path."""
+    best, least = 0, math.inf
+    for i in range(count):
+        square = (points[row, i, 0] - x) ** 2 + (points[row, i, 1] - y) ** 2
+        if square < least:
+            best, least = i, square
+    s, _ = project(points, row, count, step, x, y, best * step)
+    return s

@@ -4,9 +4,12 @@ A scenario is a YAML file, one's own intersection as well as the eight of the pa
 of them explains each key). Everything is checked on reading, and an error names the file and the key.
 """
 
+import hashlib
+import json
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path as FilePath
 from typing import Any, TypeAlias
@@ -76,6 +79,8 @@ class Scenario:
     vehicle: VehicleScenario
     pedestrian: PedestrianScenario
     crosswalk: Points  # float64[K, 2] [m], for pictures; K = 0: not known
+    document: Mapping[str, Any] = field(compare=False, repr=False)  # it was made from, without reference to a map
+    sha256: str = ""  # of its file and of the map that it names; empty: it was not read from a file
 
 
 def scenario_files() -> list[FilePath]:
@@ -96,12 +101,21 @@ def _own(folder: FilePath) -> dict[int, FilePath]:
     return dict(sorted(found.items()))
 
 
-def load_scenarios(which: Iterable[int | str | FilePath]) -> list[Scenario]:
+def load_scenarios(
+    which: Iterable[int | str | FilePath], own: Iterable[str | FilePath | Scenario] = ()
+) -> list[Scenario]:
     """Return several scenarios, see `load_scenario`.
 
-    :raises InvalidInput: also where two of them have the same number.
+    :param own: scenarios of one's own, or their files, whose numbers may stand in `which`.
+    :raises InvalidInput: also where two of them have the same number, or one of one's own is not in `which`.
     """
-    scenarios = [load_scenario(item) for item in which]
+    which, added = list(which), {scenario.number: scenario for scenario in map(_of_ones_own, own)}
+    if left := [scenario for number, scenario in added.items() if number not in which]:
+        raise InvalidInput(
+            f"scenario_files holds {left[0].name} with number {left[0].number}, but scenarios = {which} does not name "
+            f"{left[0].number}; add it there, or leave the file out"
+        )
+    scenarios = [added[item] if isinstance(item, int) and item in added else load_scenario(item) for item in which]
     by_number: dict[int, Scenario] = {}
     for scenario in scenarios:
         other = by_number.setdefault(scenario.number, scenario)
@@ -110,13 +124,47 @@ def load_scenarios(which: Iterable[int | str | FilePath]) -> list[Scenario]:
     return scenarios
 
 
+def own_documents(scenarios: Iterable[Scenario]) -> dict[str, Any]:
+    """Return what those scenarios are made from that are not the package's own, as JSON values, by name.
+
+    `scenario_from` makes the same scenario of it, to the bit.
+    """
+    package = _own(params_dir() / "scenarios")
+    return {s.name: json.loads(json.dumps(s.document)) for s in scenarios if s.number not in package}
+
+
+def every_scenario(own: Mapping[str, Any] | None = None, where: str = "") -> list[Scenario]:
+    """Return the package's scenarios and those of `own_documents`, which `where` holds.
+
+    :raises InvalidInput: a document is damaged.
+    """
+    added = [scenario_from(document, f"{where}, scenario {name}") for name, document in (own or {}).items()]
+    return [*load_scenarios(scenario_files()), *added]
+
+
 def load_scenario(which: int | str | FilePath) -> Scenario:
     """Return a scenario by its number or name (the package's own), or by the path of its YAML file.
 
     :raises InvalidInput: no such scenario, unreadable YAML, or a key that is missing, unknown or out of range.
     """
     path = _find(which)
-    return scenario_from(_read(path), str(path))
+    document = _read(path)
+    digest = hashlib.sha256(path.read_bytes())
+    scenario = scenario_from(document, str(path))
+    if "opendrive" in document:
+        digest.update((path.parent / document["opendrive"]).read_bytes())
+    return replace(scenario, sha256=digest.hexdigest())
+
+
+def _of_ones_own(item: str | FilePath | Scenario) -> Scenario:
+    scenario = item if isinstance(item, Scenario) else load_scenario(item)
+    own = _own(params_dir() / "scenarios")
+    if scenario.number in own:
+        raise InvalidInput(
+            f"{scenario.name}: number {scenario.number} is that of the package's own {own[scenario.number].stem}; "
+            f"choose one from {max(own) + 1} to 255"
+        )
+    return scenario
 
 
 def _read(path: FilePath) -> Any:
@@ -131,7 +179,10 @@ def _find(which: int | str | FilePath) -> FilePath:
     if isinstance(which, int) or (isinstance(which, str) and which.isdigit()):
         if int(which) in own:
             return own[int(which)]
-        raise InvalidInput(f"scenario {which}: expected a number from 1 to {max(own)}, or the path of a YAML file")
+        raise InvalidInput(
+            f"scenario {which}: expected a number from 1 to {max(own)}, that of a file of your own "
+            "among scenario_files, or the path of a YAML file"
+        )
     by_name = {path.stem: path for path in own.values()}
     if str(which) in by_name:
         return by_name[str(which)]
@@ -153,12 +204,16 @@ def scenario_from(document: Any, where: str) -> Scenario:
     number = top["number"]
     if type(number) is not int or not 1 <= number <= 255:
         raise InvalidInput(f"{where}: number must be a whole number from 1 to 255, got {number!r}")
+    if not re.fullmatch(r"\w[\w.-]*", str(top["name"])):
+        raise InvalidInput(
+            f"{where}: name becomes that of files: expected letters, digits, '_', '-' and '.', got {top['name']!r}"
+        )
     vehicle = _vehicle(_section(top["vehicle"], _VEHICLE, _VEHICLE_OPTIONAL, f"{where}, vehicle"), f"{where}, vehicle")
     here = f"{where}, pedestrian"
     pedestrian = _pedestrian(_section(top["pedestrian"], _PEDESTRIAN, _PEDESTRIAN_OPTIONAL, here), vehicle.path, here)
     polygon = _points(top["crosswalk"], 3, f"{where}: crosswalk") if top["crosswalk"] else np.zeros((0, 2))
     return Scenario(
-        number, str(top["name"]), str(top["location"]), str(top["description"]), vehicle, pedestrian, polygon
+        number, str(top["name"]), str(top["location"]), str(top["description"]), vehicle, pedestrian, polygon, document
     )
 
 

@@ -12,7 +12,8 @@ from numba import uint64
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.config import VEHICLE_DRIVERS
 from vpsci_ros.world.counter_rng import STREAM_SPAWN, philox, unit
-from vpsci_ros.world.paths import point_at, project
+from vpsci_ros.world.human_spawn import spawn_people
+from vpsci_ros.world.paths import nearest, point_at
 from vpsci_ros.world.state import NONE, RUNNING
 
 REPLAY = VEHICLE_DRIVERS.index("replay")  # the same for both agents
@@ -24,12 +25,10 @@ def _between(low: float, high: float, share: float) -> float:
 
 
 @kernel
-def spawn(episode, table, number, seed, tables):  # type: ignore[no-untyped-def]
+def spawn(episode, table, number, seed, tables, human):  # type: ignore[no-untyped-def]
     """Make an EPISODE record that of episode `number` of scenario `tables.rows[table]`, at its frame 0."""
     row = tables.rows[table]
     scenario = uint64(row.number)
-    first = philox(uint64(seed), scenario, uint64(0), uint64(STREAM_SPAWN), uint64(number), uint64(0))
-    second = philox(uint64(seed), scenario, uint64(1), uint64(STREAM_SPAWN), uint64(number), uint64(0))
     episode.scenario, episode.episode, episode.table = row.number, number, table
     episode.status, episode.outcome = RUNNING, NONE
     episode.frame = episode.hold = episode.step = 0
@@ -39,6 +38,12 @@ def spawn(episode, table, number, seed, tables):  # type: ignore[no-untyped-def]
     episode.steer = episode.throttle = episode.brake = episode.vehicle_acceleration = 0.0
     episode.least_curvttc = math.inf
     episode.vehicle_path = episode.pedestrian_path = 0.0
+    episode.pedestrian_ax = episode.pedestrian_ay = 0.0
+    if human:
+        spawn_people(episode, table, row, tables, seed)
+        return
+    first = philox(uint64(seed), scenario, uint64(0), uint64(STREAM_SPAWN), uint64(number), uint64(0))
+    second = philox(uint64(seed), scenario, uint64(1), uint64(STREAM_SPAWN), uint64(number), uint64(0))
     _place_vehicle(episode, table, row, tables, first)
     _place_pedestrian(episode, table, row, tables, second, unit(first[3]))
 
@@ -85,28 +90,16 @@ def spawn_all(state, slots, table_of, numbers, seeds, tables, recordings, record
     """Start episode `numbers[k]` of scenario row `table_of[k]` and uint64 `seeds[k]` in slot `slots[k]`."""
     for k in range(slots.size):
         episode = state[slots[k]]
-        spawn(episode, table_of[k], numbers[k], seeds[k], tables)
+        spawn(episode, table_of[k], numbers[k], seeds[k], tables, settings.human)
         episode.recording = recording_of[k]
         row = tables.rows[table_of[k]]
         if settings.vehicle_driver == REPLAY:
             x, y, heading, speed, curvature = recordings.vehicle[recording_of[k], 0]
             episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading = x, y, heading
             episode.vehicle_speed, episode.vehicle_curvature = speed, curvature
-            episode.route_s = _nearest(tables.lane, table_of[k], row.lane_count, row.lane_step, x, y)
+            episode.route_s = nearest(tables.lane, table_of[k], row.lane_count, row.lane_step, x, y)
         if settings.pedestrian_driver == REPLAY:
             x, y, vx, vy = recordings.pedestrian[recording_of[k], 0]
             episode.pedestrian_x, episode.pedestrian_y = x, y
             episode.pedestrian_vx, episode.pedestrian_vy = vx, vy
-            episode.pedestrian_s = _nearest(tables.walk, table_of[k], row.walk_count, row.walk_step, x, y)
-
-
-@kernel
-def _nearest(points, row, count, step, x, y):  # type: ignore[no-untyped-def]
-    """Arc length [m] of the place on path `row` nearest to (x, y), searched over the whole path."""
-    nearest, least = 0, math.inf
-    for i in range(count):
-        square = (points[row, i, 0] - x) ** 2 + (points[row, i, 1] - y) ** 2
-        if square < least:
-            nearest, least = i, square
-    s, _ = project(points, row, count, step, x, y, nearest * step)
-    return s
+            episode.pedestrian_s = nearest(tables.walk, table_of[k], row.walk_count, row.walk_step, x, y)

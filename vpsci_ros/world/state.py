@@ -38,6 +38,20 @@ _QUANTITIES = (
     "pedestrian_offset",  # [m] to the left of the walking route, drawn at the spawn: where the walker wants to walk
     "walking_speed",  # [m/s] drawn at the spawn
     "start_delay",  # [s] after the spawn before the walker sets off
+    "pedestrian_ax",  # [m/s2] of the last tick
+    "pedestrian_ay",  # [m/s2]
+    # how these people come to the meeting, drawn at a human spawn; see `people`
+    "meeting_s",  # [m] along the lane's centreline: where the walker's line crosses it
+    "approach_acceleration",  # [m/s2] within which the driver keeps its speed, to the meeting
+    "approach_phase",  # 0 to 1
+    "lateral_comfort",  # [m/s2] sideways, as much as this driver accepts in the bend
+    "lane_sine",  # [m] sway in the lane
+    "lane_cosine",  # [m]
+    "walking_acceleration",  # [m/s2] within which the walker keeps its speed
+    "walking_phase",  # 0 to 1
+    "walk_slope",  # [m/m] of the walker's line against the route, to the left
+    "walk_sine",  # [m] sway about that line
+    "walk_cosine",  # [m]
     # the policies' last actions, held until the next policy frame, in the vehicle's heading frame at `action_heading`
     "vehicle_long",  # [m/s2]
     "vehicle_lat",  # [m/s2] to the left

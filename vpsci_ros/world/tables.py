@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from vpsci_ros.world.autopilot import comfortable_speeds
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS, WorldConfig
 from vpsci_ros.world.paths import Path
+from vpsci_ros.world.people import TURNING_DECELERATION
 from vpsci_ros.world.scenario import Scenario
 
 SCENARIO = np.dtype(
@@ -47,6 +48,7 @@ class Tables(NamedTuple):
     rows: NDArray[np.void]  # SCENARIO[S]
     lane: NDArray[np.float64]  # [S, N, 2] centrelines [m]
     lane_speed: NDArray[np.float64]  # [S, N] comfortable speeds along them [m/s]
+    turning_speed: NDArray[np.float64]  # [S, N] speeds along them [m/s] of a driver who accepts 1 m/s2 sideways
     walk: NDArray[np.float64]  # [S, M, 2] walking routes [m]
 
 
@@ -63,6 +65,7 @@ class Settings(NamedTuple):
     top_speed: float
     proximity_distance: float
     lane_following: bool
+    human: bool  # the spawn is "human"
 
 
 class Answers(NamedTuple):
@@ -70,7 +73,7 @@ class Answers(NamedTuple):
 
     curvttc: NDArray[np.float64]  # [B] [s]
     critical: NDArray[np.uint8]  # [B]
-    asked: NDArray[np.uint8]  # [B] 1: a policy frame
+    policy_frame: NDArray[np.uint8]  # [B] 1: the policies choose actions at this tick
     acts: NDArray[np.uint8]  # [B] 1: the policies act
     vehicle_action: NDArray[np.float64]  # [B, 2] (longitudinal, lateral) [m/s2]
     pedestrian_action: NDArray[np.float64]  # [B, 2] likewise
@@ -98,6 +101,7 @@ def settings_from(config: WorldConfig) -> Settings:
         top_speed=config.pedestrian_top_speed,
         proximity_distance=config.proximity_distance,
         lane_following=config.lane_following,
+        human=config.spawn == "human",
     )
 
 
@@ -122,8 +126,13 @@ def tables_from(scenarios: Sequence[Scenario]) -> Tables:
         ):
             row[f"lowest_{name}"], row[f"highest_{name}"] = interval
     lanes = [scenario.vehicle.path for scenario in scenarios]
-    speeds = [comfortable_speeds(lane) for lane in lanes]
-    return Tables(rows, _padded(lanes), _stacked(speeds), _padded([s.pedestrian.path for s in scenarios]))
+    return Tables(
+        rows=rows,
+        lane=_padded(lanes),
+        lane_speed=_stacked([comfortable_speeds(lane) for lane in lanes]),
+        turning_speed=_stacked([comfortable_speeds(lane, 1.0, TURNING_DECELERATION) for lane in lanes]),
+        walk=_padded([s.pedestrian.path for s in scenarios]),
+    )
 
 
 def _padded(paths: list[Path]) -> NDArray[np.float64]:

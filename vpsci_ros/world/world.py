@@ -16,10 +16,10 @@ from vpsci_ros.world.scenario import Scenario
 from vpsci_ros.world.spawn import spawn_all
 from vpsci_ros.world.state import EPISODE, IDLE, STARTED
 from vpsci_ros.world.tables import Answers, settings_from, tables_from
+from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Floats, Tick
 
-Floats = NDArray[np.float64]
 _NO_VALUES = np.empty(0)
-_NO_ACTIONS, _NO_CONTROLS = np.empty((0, 2)), np.empty((0, 3))
+_NO_PAIRS, _NO_CONTROLS = np.empty((0, 2)), np.empty((0, 3))
 
 
 class World:
@@ -32,6 +32,8 @@ class World:
     :param episodes: (scenario number, episode number) in the order in which slots take them; read as slots get free,
         so it may be an endless iterator.
     :param recorded: motion of the agents whose driver is "replay".
+    :param first_tick: number of the first tick, a policy tick.
+    :ivar now: the present tick; its state is the world's own array, valid until the next one.
     :raises InvalidInput: no scenario, two with one number, a batch below 1, an episode whose scenario is not given or
         which has no recording though one is needed.
     """
@@ -44,6 +46,7 @@ class World:
         batch: int,
         seed: int,
         recorded: Recorded | None = None,
+        first_tick: int = 0,
     ) -> None:
         if batch < 1:
             raise InvalidInput(f"batch must be at least 1, got {batch}")
@@ -55,15 +58,15 @@ class World:
         self.config = config
         self.scenarios = tuple(scenarios)
         self.seed = seed
-        self.tick = 0
         self.state: NDArray[np.void] = np.zeros(batch, EPISODE)
+        self._nobody = np.zeros(batch, np.bool_)
         if "replay" in (config.vehicle_driver, config.pedestrian_driver) and recorded is None:
             raise InvalidInput(
                 "a replay driver needs recordings: World(..., recorded=...), or the node's parameter recorded_bag"
             )
         self._recorded = recorded
         self._recordings = NO_RECORDINGS if recorded is None else recorded.arrays
-        self._asks = "policy" in (config.vehicle_driver, config.pedestrian_driver)
+        self._has_policies = "policy" in (config.vehicle_driver, config.pedestrian_driver)
         self._settings = settings_from(config)
         self._tables = tables_from(scenarios)
         self._queue: Iterator[tuple[int, int]] = iter(episodes)
@@ -71,7 +74,7 @@ class World:
         self._bits = np.zeros(batch, np.uint16)
         self._idle = batch
         self._ended: NDArray[np.int64] = np.empty(0, np.int64)
-        self._started = self._fill()
+        self._started = self._begin(first_tick)
 
     @property
     def done(self) -> bool:
@@ -79,43 +82,29 @@ class World:
         return self._exhausted and self._idle == len(self.state)
 
     def take_started(self) -> NDArray[np.void]:
-        """Return the STARTED events of tick 0, EVENT[n]."""
+        """Return the STARTED events of the first tick, EVENT[n]."""
         return self._started
 
-    def advance(
-        self,
-        curvttc: Floats | None,
-        critical: NDArray[np.bool_] | NDArray[np.uint8] | None,
-        vehicle_action: Floats | None = None,
-        pedestrian_action: Floats | None = None,
-        *,
-        vehicle_control: Floats | None = None,
-    ) -> NDArray[np.void]:
-        """Move from `tick` to the next one with the answers to `tick`, and return what happened, EVENT[n].
+    def advance(self, assessment: Assessment, actions: Actions = NO_ACTIONS) -> NDArray[np.void]:
+        """Move from the present tick to the next one with the answers to it, and return what happened, EVENT[n].
 
-        Policies' actions are used where `handover.acting` holds, and then held until the next policy frame; an
-        external driver's are used at once, everywhere. Missing answers (None): without CurvTTC nothing counts as
-        critical at this tick; without an action the rule-based driver acts until the next one.
+        Policies' actions are used where they act, and then held until the next policy frame; an external driver's are
+        used at once, everywhere, `vehicle_control` rather than `vehicle`. Without an action the rule-based driver acts
+        until the next one.
 
-        :param curvttc: float64[B] [s], infinity where there is none.
-        :param critical: bool[B] or uint8[B].
-        :param vehicle_action, pedestrian_action: float[B, 2] (longitudinal, lateral) [m/s2], in the heading frame of
-            the vehicle at `tick`.
-        :param vehicle_control: float[B, 3] (steer -1..1 positive to the left, throttle 0..1, brake 0..1), for the
-            external driver, and preferred to `vehicle_action`.
-        :raises InvalidInput: a wrong shape, or numbers that are not finite (NaN in `curvttc`).
+        :param assessment: made by `now`.
+        :raises InvalidInput: actions for another number of slots.
         """
-        answers = self._answers(curvttc, critical, vehicle_action, pedestrian_action, vehicle_control)
+        answers = self._answers(assessment, actions)
         engine.decide(self.state, answers, self._settings, self._bits)
         decided = list_events(self.state, self._bits)
         if len(self._ended):
             self.state[self._ended] = 0
             self._idle += len(self._ended)
         in_threads(lambda part: self._move(answers, part), len(self.state))
-        self.tick += 1
         self._ended = np.flatnonzero(self._bits)
         arrived = list_events(self.state, self._bits)
-        happened = [events for events in (decided, arrived, self._fill()) if len(events)]
+        happened = [events for events in (decided, arrived, self._begin(self.now.number + 1)) if len(events)]
         return np.concatenate(happened) if happened else NO_EVENTS
 
     def _move(self, answers: Answers, part: slice) -> None:
@@ -132,20 +121,31 @@ class World:
         :param seeds: of each episode; the world's own seed where not given.
         :raises InvalidInput: between policy ticks, slots given twice or out of range, or see the constructor.
         """
-        if self.tick % self.config.policy_ticks:
-            raise InvalidInput(
-                f"episodes start at policy ticks, each {self.config.policy_ticks}; this is tick {self.tick}"
-            )
+        tick, every = self.now.number, self.config.policy_ticks
+        if tick % every:
+            raise InvalidInput(f"episodes start at policy ticks, each {every}; this is tick {tick}")
         where = np.array(slots, np.int64)
         if len(np.unique(where)) < len(where) or (where < 0).any() or (where >= len(self.state)).any():
             raise InvalidInput(f"expected different slots from 0 to {len(self.state) - 1}, got {list(slots)}")
         self._idle += int((self.state["status"][where] != IDLE).sum())
         self._ended = np.setdiff1d(self._ended, where)
-        return self._start(where, episodes, seeds)
+        started = self._start(where, episodes, seeds)
+        self._show(tick)
+        return started
+
+    def _begin(self, tick: int) -> NDArray[np.void]:
+        """Begin a tick; at policy ticks, idle slots take the next episodes of the queue. Return the STARTED events."""
+        started = NO_EVENTS if tick % self.config.policy_ticks else self._fill()
+        self._show(tick)
+        return started
+
+    def _show(self, tick: int) -> None:
+        policy_tick = tick % self.config.policy_ticks == 0
+        frame = handover.policy_frame(self.state, self.config) if policy_tick else self._nobody
+        self.now = Tick(number=tick, state=self.state, policy_frame=frame, by_policies=self._has_policies)
 
     def _fill(self) -> NDArray[np.void]:
-        """Give idle slots to the next episodes of the queue, at policy ticks; return the STARTED events."""
-        if self._exhausted or self._idle == 0 or self.tick % self.config.policy_ticks:
+        if self._exhausted or self._idle == 0:
             return NO_EVENTS
         idle = np.flatnonzero(self.state["status"] == IDLE)
         episodes = list(itertools.islice(self._queue, len(idle)))
@@ -182,62 +182,29 @@ class World:
             raise InvalidInput(f"episode of scenario {scenario}: this world has scenario {known} only")
         return self._rows[scenario]
 
-    def _answers(
-        self,
-        curvttc: Floats | None,
-        critical: NDArray[np.bool_] | NDArray[np.uint8] | None,
-        vehicle_action: Floats | None,
-        pedestrian_action: Floats | None,
-        vehicle_control: Floats | None,
-    ) -> Answers:
-        batch = len(self.state)
-        if (curvttc is None) != (critical is None):
-            raise InvalidInput("curvttc and critical come from one message: give both, or neither")
-        asked, acts = np.zeros(batch, np.uint8), np.zeros(batch, np.uint8)
-        alarms = np.zeros(batch, np.uint8) if critical is None else _codes(critical, batch)
-        if self._asks and self.tick % self.config.policy_ticks == 0:
-            frame = handover.policy_frame(self.state, self.config)
-            asked[:] = frame
-            acts[:] = handover.acting(self.state, frame, alarms)
-        ttc = _NO_VALUES if curvttc is None else _floats("curvttc", curvttc, (batch,))
-        if np.isnan(ttc).any():
-            raise InvalidInput(f"curvttc of slot {int(np.argmax(np.isnan(ttc)))} is not a number")
+    def _answers(self, assessment: Assessment, actions: Actions) -> Answers:
+        """Return the answers as compiled code takes them."""
         return Answers(
-            curvttc=ttc,
-            critical=alarms,
-            asked=asked,
-            acts=acts,
-            vehicle_action=_finite("vehicle_action", vehicle_action, (batch, 2), _NO_ACTIONS),
-            pedestrian_action=_finite("pedestrian_action", pedestrian_action, (batch, 2), _NO_ACTIONS),
-            vehicle_control=_finite("vehicle_control", vehicle_control, (batch, 3), _NO_CONTROLS),
+            curvttc=assessment.curvttc if assessment.answered else _NO_VALUES,
+            critical=assessment.critical.view(np.uint8),
+            policy_frame=(self.now.policy_frame if self._has_policies else self._nobody).view(np.uint8),
+            acts=assessment.acting.view(np.uint8),
+            vehicle_action=self._given("vehicle", actions.vehicle, _NO_PAIRS),
+            pedestrian_action=self._given("pedestrian", actions.pedestrian, _NO_PAIRS),
+            vehicle_control=self._given("vehicle_control", actions.vehicle_control, _NO_CONTROLS),
         )
+
+    def _given(self, name: str, values: Floats | None, missing: Floats) -> Floats:
+        if values is None:
+            return missing
+        if len(values) != len(self.state):
+            raise InvalidInput(
+                f"actions.{name}: expected one row for each of {len(self.state)} slots, got {len(values)}"
+            )
+        return values
 
 
 def _episode_number(number: int) -> int:
     if not 0 <= number < 2**32:
         raise InvalidInput(f"an episode's number must be from 0 to 2^32 - 1, got {number}")
     return number
-
-
-def _codes(values: NDArray[np.bool_] | NDArray[np.uint8], batch: int) -> NDArray[np.uint8]:
-    array = np.asarray(values)
-    if array.shape != (batch,):
-        raise InvalidInput(f"critical: expected shape ({batch},), got {array.shape}")
-    return np.ascontiguousarray(array != 0, dtype=np.uint8)
-
-
-def _floats(name: str, values: Floats, shape: tuple[int, ...]) -> Floats:
-    array = np.ascontiguousarray(values, dtype=np.float64)
-    if array.shape != shape:
-        raise InvalidInput(f"{name}: expected shape {shape}, got {array.shape}")
-    return array
-
-
-def _finite(name: str, values: Floats | None, shape: tuple[int, ...], missing: Floats) -> Floats:
-    if values is None:
-        return missing
-    array = _floats(name, values, shape)
-    if not np.isfinite(array).all():
-        slot = int(np.argwhere(~np.isfinite(array))[0, 0])
-        raise InvalidInput(f"{name} of slot {slot}: expected finite numbers, got {array[slot]}")
-    return array

@@ -1,19 +1,23 @@
 """Real recordings in, near misses out: every format becomes clips of tracks at 0.1 s, and then the same thing happens.
 
-`tracks` reads, checks and resamples; `vci` knows one pair of published data sets; `pairing` puts each vehicle together
-with each pedestrian and keeps the near misses; `result` is what comes out; `run` is the door, with the list of formats.
+`importer` says what an importer is; `tracks` reads, checks and resamples; `vci`, `published` and `described` know
+formats, the last two by a `layout` of columns; `pairing` puts each vehicle together with each pedestrian and keeps the
+near misses; `result` is what comes out; `run` is the door, with the list of formats, to which other distributions add
+theirs (`docs/extending.md`).
 """
 
-from vpsci_ros.data.importers.pairing import AFTER, BEFORE
+from vpsci_ros.data.importers.importer import Clip, Importer
 from vpsci_ros.data.importers.result import ImportResult, SourceSummary, joined, print_import_summary
-from vpsci_ros.data.importers.run import FORMATS, import_folders, import_trajectories
+from vpsci_ros.data.importers.run import IMPORTERS, import_folders, import_trajectories
+from vpsci_ros.data.importers.tracks import Track
 
 __all__ = [
-    "AFTER",
-    "BEFORE",
-    "FORMATS",
+    "IMPORTERS",
+    "Clip",
     "ImportResult",
+    "Importer",
     "SourceSummary",
+    "Track",
     "import_folders",
     "import_trajectories",
     "joined",

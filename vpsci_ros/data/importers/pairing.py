@@ -1,11 +1,6 @@
-"""Each vehicle with each pedestrian of a clip: CurvTTC along their joint track, and the part of it that is kept.
+"""Each vehicle with each pedestrian of a clip: CurvTTC along their joint track, and those that become critical.
 
-What is kept runs from up to ten steps before the first critical step (CurvTTC < 5 s) to ten steps after the last one,
-as far as both are observed. Ten before, because the closed-loop protocol starts at the first critical step after up to
-ten observed ones, and the policies' attention spans ten; ten after, for how people go on when it is over: policies keep
-control for a while then (the world's `release_time`). Steps between two critical spells stay: they are part of one
-encounter. More would fill the buffer with people who walk undisturbed, and did not help: stage 1 with all 546 pairs
-below 10 s and 30 steps after came to the same held-out errors (two folds).
+The whole joint track of a near miss is kept; `vpsci_ros.data.reference` says which of its rows learning takes.
 """
 
 from collections.abc import Iterable
@@ -14,14 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
+from vpsci_ros.data.importers.importer import Clip
 from vpsci_ros.data.importers.result import ImportResult, SourceSummary, least_quartiles
 from vpsci_ros.data.importers.tracks import Floats, Track, slope
-from vpsci_ros.data.importers.vci import Clip
-from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS, STEP
+from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS
+from vpsci_ros.data.reference import causal_curvttc, flags, trailing_slope
 from vpsci_ros.safety import CRITICAL_TTC, PEDESTRIAN_RADIUS, curvature_from_yaw_rate, curvttc
-
-BEFORE = 10  # steps kept before the first critical one
-AFTER = 10  # steps kept after the last critical one
+from vpsci_ros.world.observation import STEP
 
 
 def near_misses_of(
@@ -29,17 +23,19 @@ def near_misses_of(
 ) -> ImportResult:
     """Return the near misses of a source, interactions numbered from 0 in order of clip, vehicle and pedestrian.
 
-    :param length, width: of the source's vehicles [m].
+    :param length, width: of vehicles whose tracks do not say [m].
     :param critical: CurvTTC below which a pair is a near miss [s].
     """
     parts: list[pl.DataFrame] = []
     clip_count = pairs = reversing = 0
+    assumed: dict[str, None] = {}
     for clip in clips:
         clip_count += 1
         reversing += clip.reversing
+        assumed |= dict.fromkeys(clip.assumed)
         for joint in _joint_tracks(clip):
             pairs += 1
-            table = _near_miss(joint, length, width, critical)
+            table = _near_miss(joint, *(joint.vehicle.size or (length, width)), critical)
             if table is not None:
                 number = pl.lit(len(parts), pl.Int64)
                 table = table.with_columns(interaction=number, source=pl.lit(source), clip=pl.lit(clip.name))
@@ -57,6 +53,7 @@ def near_misses_of(
         reversing=reversing,
         vehicle_length=length,
         vehicle_width=width,
+        assumed=tuple(assumed),
     )
     return ImportResult(table, (summary,))
 
@@ -74,7 +71,8 @@ class _Joint:
 
 def _joint_tracks(clip: Clip) -> Iterable[_Joint]:
     for vehicle in clip.vehicles:
-        values = vehicle.values | {"yaw_rate": slope(vehicle.values["heading"])}
+        heading = vehicle.values["heading"]
+        values = vehicle.values | {"yaw_rate": slope(heading), "yaw_rate_causal": trailing_slope(heading)}
         for pedestrian in clip.pedestrians:
             first, last = max(vehicle.first, pedestrian.first), min(vehicle.last, pedestrian.last)
             if first <= last:
@@ -95,29 +93,22 @@ def _near_miss(joint: _Joint, length: float, width: float, critical: float) -> p
         width=width,
         radius=PEDESTRIAN_RADIUS,
     )
-    critical_steps = np.flatnonzero(ttc < critical)
-    if len(critical_steps) == 0:
+    if not (ttc < critical).any():
         return None
-    begin = max(int(critical_steps[0]) - BEFORE, 0)
-    keep = slice(begin, int(critical_steps[-1]) + AFTER + 1)
-    time = (joint.first + np.arange(len(ttc))[keep]) * STEP
+    columns = {f"veh_{name}": veh[name] for name in ("x", "y", "heading", "speed")}
+    columns["veh_vx"] = veh["speed"] * np.cos(veh["heading"])
+    columns["veh_vy"] = veh["speed"] * np.sin(veh["heading"])
+    columns |= {f"ped_{name}": ped[name] for name in ("x", "y", "vx", "vy")}
+    steps = np.arange(len(ttc))
     return pl.DataFrame(
         {
-            "step": np.arange(len(time)),
-            "time": time,
-            "veh_id": np.full(len(time), joint.vehicle.number),
-            "ped_id": np.full(len(time), joint.pedestrian.number),
-            "veh_x": veh["x"][keep],
-            "veh_y": veh["y"][keep],
-            "veh_heading": veh["heading"][keep],
-            "veh_speed": veh["speed"][keep],
-            "veh_vx": (veh["speed"] * np.cos(veh["heading"]))[keep],
-            "veh_vy": (veh["speed"] * np.sin(veh["heading"]))[keep],
-            "ped_x": ped["x"][keep],
-            "ped_y": ped["y"][keep],
-            "ped_vx": ped["vx"][keep],
-            "ped_vy": ped["vy"][keep],
-            "curvttc": ttc[keep],
-            "distance": np.hypot(veh["x"] - ped["x"], veh["y"] - ped["y"])[keep],
+            "step": steps,
+            "time": (joint.first + steps) * STEP,
+            "veh_id": np.full(len(ttc), joint.vehicle.number),
+            "ped_id": np.full(len(ttc), joint.pedestrian.number),
+            **columns,
+            "curvttc": ttc,
+            "distance": np.hypot(veh["x"] - ped["x"], veh["y"] - ped["y"]),
+            "curvttc_causal": causal_curvttc(columns, veh["yaw_rate_causal"], length, width),
         }
-    )
+    ).with_columns(**{name: pl.lit(value) for name, value in flags(ttc, veh["speed"]).items()})

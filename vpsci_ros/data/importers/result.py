@@ -10,9 +10,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from vpsci_ros.data.near_misses import STEP, concat_near_misses
-from vpsci_ros.provenance import software_versions
+from vpsci_ros.data.near_misses import concat_near_misses
+from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.safety import CRITICAL_TTC, HORIZON, PEDESTRIAN_RADIUS
+from vpsci_ros.world.observation import STEP
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,8 @@ class SourceSummary:
     :ivar steps: rows of the table; `critical_steps` of them below 5 s.
     :ivar quartiles: of the least CurvTTC of each near miss [s], NaN where there is none.
     :ivar reversing: frames left out because the vehicle drives backwards.
-    :ivar vehicle_length, vehicle_width: the rectangle that CurvTTC was computed with [m].
+    :ivar vehicle_length, vehicle_width: the rectangle that CurvTTC was computed with [m], unless a track has its own.
+    :ivar assumed: what the recordings did not tell, or what was left out of them.
     """
 
     source: str
@@ -37,6 +39,7 @@ class SourceSummary:
     reversing: int
     vehicle_length: float
     vehicle_width: float
+    assumed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -91,10 +94,15 @@ def print_import_summary(result: ImportResult, console: Console | None = None) -
         view.add_column(source, justify="right")
     for i, name in enumerate(names):
         view.add_row(name, *(f"{counts[i]:,}" for _, counts, _ in cells))
+        if name == "near misses":
+            view.add_row("share of pairs", *(f"{counts[2] / max(counts[1], 1):.1%}" for _, counts, _ in cells))
     view.add_section()
     for i, name in enumerate(("first quartile", "median", "third quartile")):
         view.add_row(f"least CurvTTC, {name} [s]", *(f"{quartiles[i]:.2f}" for *_, quartiles in cells))
     console = console or Console()
     console.print(view)
+    for row in result.summaries:
+        for text in row.assumed:
+            console.print(f"{row.source}: {text}")
     if reversing := sum(row.reversing for row in result.summaries):
         console.print(f"{reversing:,} frames of vehicles that drive backwards were left out.")

@@ -3,25 +3,29 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from vpsci_ros.data.importers.described import DESCRIBED
+from vpsci_ros.data.importers.hc import HC
+from vpsci_ros.data.importers.importer import Importer
 from vpsci_ros.data.importers.pairing import near_misses_of
+from vpsci_ros.data.importers.published import PUBLISHED
 from vpsci_ros.data.importers.result import ImportResult, joined
-from vpsci_ros.data.importers.vci import VCI_CITR, VCI_DUT, VciFormat, find_clips, read_clip
+from vpsci_ros.data.importers.taf_bw import TAF_BW
+from vpsci_ros.data.importers.vci import VCI_CITR, VCI_DUT
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.runs.plugins import PluginGroup
 
-FORMATS: dict[str, VciFormat] = {form.name: form for form in (VCI_DUT, VCI_CITR)}
+BUILT_IN = {"vci-dut": VCI_DUT, "vci-citr": VCI_CITR, "hc": HC, "taf-bw": TAF_BW, **PUBLISHED, "described": DESCRIBED}
+IMPORTERS = PluginGroup("vpsci_ros.importers", "format", Importer, BUILT_IN)
 
 
 def import_trajectories(folder: str | Path, format_name: str) -> ImportResult:
     """Read every clip of a folder as published and return its near misses; `pairing` tells which steps are kept.
 
-    :param format_name: a key of `FORMATS`.
+    :param format_name: of `IMPORTERS`; the table's `source`.
     :raises InvalidInput: an unknown format, a missing folder or file, a file that does not hold what it should.
     """
-    if format_name not in FORMATS:
-        raise InvalidInput(f"unknown format {format_name!r}; expected one of {', '.join(FORMATS)}")
-    form = FORMATS[format_name]
-    clips = (read_clip(*files, form.frame_rate) for files in find_clips(folder))
-    return near_misses_of(form.name, clips, length=form.length, width=form.width)
+    importer = IMPORTERS.find(format_name)
+    return near_misses_of(format_name, importer.read(Path(folder)), length=importer.length, width=importer.width)
 
 
 def import_folders(folders: Sequence[str | Path], formats: Sequence[str]) -> ImportResult:

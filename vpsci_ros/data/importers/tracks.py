@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.near_misses import STEP
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
 MAX_GAP = 0.25  # [s] frames further apart than this are not bridged: the track is cut there
@@ -22,11 +22,13 @@ class Track:
 
     :ivar first: k of the first value.
     :ivar values: column name -> float64[T], one value a grid step.
+    :ivar size: length and width [m] of a vehicle, where its recording says; None: see `Importer`.
     """
 
     number: int
     first: int
     values: dict[str, Floats]
+    size: tuple[float, float] | None = None
 
     @property
     def last(self) -> int:
@@ -34,9 +36,10 @@ class Track:
         return self.first + len(next(iter(self.values.values()))) - 1
 
 
-def read_tracks_csv(path: Path, columns: tuple[str, ...]) -> pl.DataFrame:
+def read_tracks_csv(path: Path, columns: tuple[str, ...], keys: tuple[str, str] = ("id", "frame")) -> pl.DataFrame:
     """Read `id`, `frame` (whole numbers) and `columns` (finite numbers) of one CSV; other columns are left out.
 
+    :param keys: what the file calls id and frame.
     :raises InvalidInput: unreadable, a missing column, no row, a value that is missing, text or not finite, or frames
         of an id that do not increase; names file, column, line and what to do.
     """
@@ -44,7 +47,7 @@ def read_tracks_csv(path: Path, columns: tuple[str, ...]) -> pl.DataFrame:
         text = pl.read_csv(path, infer_schema=False)
     except (pl.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
         raise InvalidInput(f"{path}: not readable as CSV: {error}; take the file as published") from None
-    wanted = ("id", "frame", *columns)
+    wanted = (*keys, *columns)
     missing = [name for name in wanted if name not in text.columns]
     if missing:
         raise InvalidInput(
@@ -53,7 +56,8 @@ def read_tracks_csv(path: Path, columns: tuple[str, ...]) -> pl.DataFrame:
         )
     if text.is_empty():
         raise InvalidInput(f"{path}: expected one row a frame and agent, got none; remove the clip or restore the file")
-    table = text.select(_numbers(text, name, name not in columns, path) for name in wanted)
+    numbers = (_numbers(text, name, name not in columns, path) for name in wanted)
+    table = text.select(numbers).rename(dict(zip(keys, ("id", "frame"), strict=True)))
     step = table.select((pl.col("frame").diff().over("id") <= 0).fill_null(False).alias("back"))["back"]
     if step.any():
         row = int(step.arg_max() or 0)

@@ -6,12 +6,14 @@ NAME_traj_ped_filtered.csv (id, frame, label, x_est, y_est, vx_est, vy_est) and 
 label, x_est, y_est, psi_est [rad], vel_est [m/s]), Kalman-filtered, in metres.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
+from vpsci_ros.data.importers.importer import Clip, Importer
 from vpsci_ros.data.importers.tracks import Floats, Track, read_tracks_csv, resample
 from vpsci_ros.errors import InvalidInput
 
@@ -27,32 +29,20 @@ _RATE_TOLERANCE = 0.1  # by which it may differ; published clips do by 0.03 at m
 _ASKEW = 0.5  # [rad] by which headings may differ from it, by noise and side slip (median)
 
 
-@dataclass(frozen=True)
-class VciFormat:
-    """What tells one VCI data set from the other: name, frame rate [1/s], size of its vehicles [m]."""
-
-    name: str
-    frame_rate: float
-    length: float
-    width: float
+FRAME_RATES = {"vci-dut": 23.976, "vci-citr": 29.97}  # [1/s]
 
 
-VCI_DUT = VciFormat("vci-dut", 23.976, 4.5, 1.8)
-VCI_CITR = VciFormat("vci-citr", 29.97, 2.4, 1.2)
+def read_folder(folder: Path, form: str) -> Iterator[Clip]:
+    """Yield every clip of a folder as published, sorted by name.
 
-
-@dataclass(frozen=True)
-class Clip:
-    """One recording: tracks on the 0.1 s grid under the near-miss table's names, without their `veh_` and `ped_`.
-
-    Vehicles have x, y, heading, speed, pedestrians x, y, vx, vy (float64[T]). `reversing` counts the vehicle frames
-    that were left out because the vehicle drives backwards, which is not a near miss that CurvTTC describes.
+    :param form: a key of `FRAME_RATES`.
+    :raises InvalidInput: see `find_clips` and `read_clip`.
     """
+    return (read_clip(*files, FRAME_RATES[form]) for files in find_clips(folder))
 
-    name: str
-    vehicles: list[Track]
-    pedestrians: list[Track]
-    reversing: int
+
+VCI_DUT = Importer(partial(read_folder, form="vci-dut"), length=4.5, width=1.8)
+VCI_CITR = Importer(partial(read_folder, form="vci-citr"), length=2.4, width=1.2)
 
 
 def find_clips(folder: str | Path) -> list[tuple[str, Path, Path]]:
@@ -126,7 +116,7 @@ def _check_frame_rate(pedestrians: pl.DataFrame, frame_rate: float, path: Path) 
         return
     rate = 1.0 / float(np.median(moving["came"] / moving["speed"]))
     if abs(rate / frame_rate - 1.0) > _RATE_TOLERANCE:
-        fits = next((f.name for f in (VCI_DUT, VCI_CITR) if abs(rate / f.frame_rate - 1.0) < _RATE_TOLERANCE), "")
+        fits = next((name for name, own in FRAME_RATES.items() if abs(rate / own - 1.0) < _RATE_TOLERANCE), "")
         hint = f"this looks like {fits}: give --format {fits} for this folder" if fits else "convert the speeds"
         raise InvalidInput(
             f"{path}: pedestrians' speeds and positions belong to {rate:.1f} frames a second (median), "

@@ -1,0 +1,244 @@
+"""`vpsci bag` info, plot, verify and export: bags of the graph, of other tools, damaged and empty ones."""
+
+import io
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from matplotlib.image import imread
+from rich.console import Console
+from rosbags.rosbag2 import StoragePlugin, Writer
+from typer.testing import CliRunner
+
+from vpsci_ros.bags.decoder import known_types
+from vpsci_ros.bags.export import Selection, export_bag
+from vpsci_ros.bags.info import bag_info, print_info
+from vpsci_ros.bags.plot import save_episode
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.run_record import NODE, bag_run, node_record
+from vpsci_ros.bags.verify import verify_bag
+from vpsci_ros.bags.writer import BagTopic, BagWriter
+from vpsci_ros.cli.bag import bag_app
+from vpsci_ros.errors import InvalidInput
+
+ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(bag_app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def foreign(own_bag: Path, tmp_path: Path) -> Path:
+    """What `ros2 bag record /vehicle/odometry /pedestrian/odometry` leaves with sqlite3 storage."""
+    writer = Writer(tmp_path / "foreign", version=9, storage_plugin=StoragePlugin.SQLITE3)
+    writer.open()
+    connections = {
+        name: writer.add_connection(name, "nav_msgs/msg/Odometry", typestore=known_types()) for name in ODOMETRY
+    }
+    for raw in Bag(own_bag).messages(ODOMETRY, ordered=True):
+        writer.write(connections[raw.topic], 1_700_000_000 * 10**9 + raw.time, raw.data)
+    writer.close()
+    return tmp_path / "foreign"
+
+
+def changed(
+    bag: Path, folder: Path, *, at: int | None = None, nodes: dict[str, dict] | None = None, **run: object
+) -> Path:
+    """Write a bag again: with a bit of message `at` flipped, or other parameters of the nodes."""
+    source = Bag(bag)
+    topics = {}
+    for raw in source.messages():
+        topics.setdefault(raw.topic, BagTopic(raw.topic, raw.type, raw.definition, "RIHS01_0"))
+    writer = BagWriter(folder, list(topics.values()))
+    parameters = bag_run(source).parameters if nodes is None else nodes
+    for node, values in parameters.items():
+        writer.describe(NODE, node_record(node, values | (run if node == "world_simulator" else {})))
+    for number, raw in enumerate(source.messages()):
+        data = bytearray(raw.data)
+        if number == at:
+            data[-5] ^= 1
+        writer.write(raw.topic, bytes(data), raw.time, 0)
+    writer.close({})
+    return folder
+
+
+# ---- info
+
+
+def test_info_tells_topics_rates_of_simulated_time_episodes_and_counts(own_bag: Path) -> None:
+    info = bag_info(own_bag)
+    assert json.loads(json.dumps(info)) == info
+    topics = {topic["name"]: topic for topic in info["topics"]}
+    assert topics["/world/state"]["rate"] == pytest.approx(20.0)
+    assert topics["/world/state"]["type"] == "vpsci_msgs/msg/WorldState"
+    assert topics["/world/state"]["seen"] == topics["/world/state"]["written"] == topics["/world/state"]["messages"]
+    assert info["messages_seen"] == info["messages_written"] == info["messages"]
+    assert [episode["name"] for episode in info["episodes"]] == ["1:0", "6:4", "1:2"]
+    assert sum(info["outcomes"].values()) == 3
+    assert info["run"]["parameters"]["world_simulator"]["seed"] == 3
+    assert info["missing"] == []
+
+
+def test_info_prints_weights_hashes_and_fits_eighty_columns(own_bag: Path, tmp_path: Path) -> None:
+    policy = {"vehicle_policy": {"weights": "refined"}}
+    bag = changed(own_bag, tmp_path / "bag", nodes=bag_run(Bag(own_bag)).parameters | policy)
+    text = io.StringIO()
+    print_info(bag_info(bag), Console(file=text, width=80))
+    assert bag_run(Bag(bag)).weights["vehicle_policy"] in text.getvalue()
+    assert len(bag_run(Bag(bag)).weights["vehicle_policy"]) == 64
+    assert "3 episodes" in text.getvalue()
+    table = [line for line in text.getvalue().splitlines() if line.startswith(" /")]
+    assert len(table) >= 4
+    assert all(len(line) <= 80 for line in table)
+
+
+def test_info_of_another_tools_bag_says_what_is_missing(foreign: Path) -> None:
+    info = bag_info(foreign)
+    assert info["time"] == "of receipt"
+    assert [episode["outcome"] for episode in info["episodes"]] == ["none"] * 3
+    assert info["messages_seen"] is None
+    assert info["missing"] == ["/world/state: episodes and CurvTTC come from odometry, outcomes are unknown; no verify"]
+
+
+def test_info_of_a_bag_of_something_else_lists_its_topics(tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / "bag", [BagTopic("/chatter", "std_msgs/msg/String", "string data\n", "RIHS01_0")])
+    bag.write("/chatter", b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00", 0, 0)
+    bag.close({})
+    info = bag_info(tmp_path / "bag")
+    assert [topic["name"] for topic in info["topics"]] == ["/chatter"]
+    assert "no export, no plot, no verify" in info["missing"][0]
+    result = run("plot", tmp_path / "bag", 1, "-o", tmp_path / "x.png")
+    assert isinstance(result.exception, InvalidInput)
+    assert not (tmp_path / "x.png").exists()
+
+
+def test_info_of_a_cut_off_bag_tells_what_is_readable_and_that_it_is_damaged(own_bag: Path, tmp_path: Path) -> None:
+    bag = changed(own_bag, tmp_path / "bag")
+    (file,) = bag.glob("*.mcap")
+    whole = bag_info(bag)["messages"]
+    file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
+    info = bag_info(bag)
+    assert "breaks off" in info["damage"][0]
+    assert 0 < info["messages"] < whole
+
+
+def test_info_of_an_empty_bag_says_so(tmp_path: Path) -> None:
+    BagWriter(tmp_path / "bag", []).close({})
+    with pytest.raises(InvalidInput, match="the bag holds no message"):
+        bag_info(tmp_path / "bag")
+
+
+# ---- plot
+
+
+def test_plot_draws_both_ways_and_series(own_bag: Path, foreign: Path, tmp_path: Path) -> None:
+    for bag, episode in ((own_bag, "6:4"), (foreign, "1")):
+        save_episode(bag, episode, tmp_path / "one.png")
+        picture = imread(tmp_path / "one.png")
+        assert picture.shape[0] > 500
+        assert picture.shape[1] > 1000
+        red, green, blue = np.moveaxis(picture[..., :3], -1, 0)
+        assert ((blue > red + 0.2) & (blue > green + 0.1)).sum() > 500  # the vehicle
+        assert ((red > blue + 0.2) & (red > green + 0.2)).sum() > 200  # the pedestrian
+
+
+def test_plot_of_an_episode_that_is_not_there_names_those_that_are(own_bag: Path, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"episode 9: not in the bag; it has 1:0 \(.*6:4 \("):
+        save_episode(own_bag, "9", tmp_path / "x.png")
+
+
+# ---- verify
+
+
+def test_verify_finds_a_bag_to_be_what_its_parameters_say(own_bag: Path) -> None:
+    result = verify_bag(own_bag)
+    assert (result.difference, result.notes, result.absent) == ("", (), 0)
+    assert result.episodes == 3
+    assert result.ticks == bag_info(own_bag)["topics"][-1]["messages"]
+    assert result.values > 20 * result.ticks
+
+
+def test_verify_names_tick_and_field_of_a_flipped_bit_and_exits_with_1(own_bag: Path, tmp_path: Path) -> None:
+    messages = list(Bag(own_bag).messages())
+    at = next(i for i, raw in enumerate(messages) if raw.topic == "/world/state" and raw.time == 40 * 50_000_000)
+    bag = changed(own_bag, tmp_path / "bag", at=at)
+    result = run("verify", bag)
+    assert result.exit_code == 1
+    assert "differs at tick 40, /world/state.pedestrian_vy[0]:" in result.stdout
+    assert "40 ticks before it are the same" in result.stdout
+
+
+def test_verify_finds_another_seed(own_bag: Path, tmp_path: Path) -> None:
+    assert "tick 0, /world/state." in verify_bag(changed(own_bag, tmp_path / "bag", seed=4)).difference
+
+
+def test_verify_compares_what_is_left_of_a_cut_off_bag(own_bag: Path, tmp_path: Path) -> None:
+    bag = shutil.copytree(own_bag, tmp_path / "bag")
+    (file,) = bag.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:-500])
+    with pytest.raises(InvalidInput, match="not completed"):
+        verify_bag(bag)
+    result = verify_bag(bag, recover=True)
+    assert result.difference == ""
+    assert result.ticks > 100
+
+
+@pytest.mark.parametrize(
+    ("nodes", "message"),
+    [
+        ({}, "does not hold the parameters of the nodes"),
+        ({"world_simulator": {"vehicle_driver": "external"}}, "an external system drove the vehicle"),
+        (
+            {"world_simulator": {"vehicle_driver": "replay", "recorded_bag": "gone/bag"}},
+            "replay the bag gone/bag, which is not here",
+        ),
+        ({"world_simulator": {"vehicle_driver": "policy"}}, "does not hold the parameters of vehicle_policy"),
+        (
+            {"world_simulator": {"pedestrian_driver": "autopilot"}, "vehicle_policy": {"weights": "gone.safetensors"}},
+            "vehicle_policy acted by weights of SHA-256 .*gone.safetensors: no such file.*--weights",
+        ),
+    ],
+)
+def test_verify_says_why_a_bag_cannot_be_simulated_again(
+    own_bag: Path, tmp_path: Path, nodes: dict, message: str
+) -> None:
+    with pytest.raises(InvalidInput, match=f"cannot be simulated again: .*{message}"):
+        verify_bag(changed(own_bag, tmp_path / "bag", nodes=nodes))
+
+
+def test_verify_refuses_weights_of_another_hash(own_bag: Path, tmp_path: Path) -> None:
+    world = bag_run(Bag(own_bag)).parameters["world_simulator"] | {"vehicle_driver": "policy"}
+    bag = changed(own_bag, tmp_path / "bag", nodes={"world_simulator": world, "vehicle_policy": {"weights": "refined"}})
+    with pytest.raises(InvalidInput, match="acted by weights refined of SHA-256 .*, but .*pretrained.safetensors has"):
+        verify_bag(bag, weights="pretrained")
+
+
+def test_verify_cannot_simulate_another_tools_bag(foreign: Path) -> None:
+    with pytest.raises(InvalidInput, match="cannot be simulated again: it does not hold the parameters"):
+        verify_bag(foreign)
+
+
+# ---- export of a selection
+
+
+def test_chosen_episodes_are_exported_whatever_the_filters_say(own_bag: Path, tmp_path: Path) -> None:
+    chosen = next(e for e in bag_info(own_bag)["episodes"] if e["least_curvttc"] is not None)
+    selection = Selection(chosen["name"])
+    export_bag(own_bag, tmp_path / "out", selection=selection, console=Console(file=io.StringIO()))
+    (table,) = (pl.read_parquet(path) for path in (tmp_path / "out").glob("Location*.parquet"))
+    assert table["count"].unique().to_list() == [chosen["episode"]]
+    assert table.height == chosen["end_tick"] - chosen["start_tick"] + 1
+    (csv,) = (tmp_path / "out").glob("Location*.csv")
+    assert pl.read_csv(csv).height == table.height
+
+
+def test_another_tools_bag_is_exported_from_its_odometry(foreign: Path, tmp_path: Path) -> None:
+    result = run("export", foreign, "-o", tmp_path / "out", "--episodes", "0-9")
+    assert result.exit_code == 0, result.output
+    files = sorted(path.name for path in (tmp_path / "out").rglob("odometry.*"))
+    assert files
+    assert not any(name.endswith(".csv") for name in files)

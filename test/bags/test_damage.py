@@ -1,0 +1,46 @@
+"""A damaged bag is never taken for a whole one: whatever byte has changed, `bag info` says so or gives an error."""
+
+import contextlib
+import random
+import shutil
+from pathlib import Path
+
+import pytest
+
+from vpsci_ros.bags.info import bag_info
+from vpsci_ros.errors import InvalidInput
+
+
+def damaged(data: bytes, rng: random.Random) -> bytes:
+    """Return the bytes with a flipped bit anywhere, near the beginning or near the end, or with eight bytes changed."""
+    out = bytearray(data)
+    place, kind = rng.randrange(len(out)), rng.randrange(4)
+    if kind == 1:
+        place = rng.randrange(min(6000, len(out)))
+    elif kind == 2:
+        place = len(out) - 1 - rng.randrange(min(4000, len(out)))
+    elif kind == 3:
+        out[place : place + 8] = rng.randbytes(len(out[place : place + 8]))
+        return bytes(out)
+    out[place] ^= 1 << rng.randrange(8)
+    return bytes(out)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_changed_byte_is_always_noticed_and_never_ends_in_a_traceback(
+    own_bag: Path, tmp_path: Path, seed: int
+) -> None:
+    bag = shutil.copytree(own_bag, tmp_path / "bag")
+    (path,) = bag.glob("*.mcap")
+    data, rng = path.read_bytes(), random.Random(seed)
+    read = 0
+    for _ in range(25):
+        path.write_bytes(damaged(data, rng))
+        with contextlib.suppress(InvalidInput):
+            assert bag_info(bag)["damage"], "taken for a whole bag"
+            read += 1
+    assert read > 0, "nothing of any of them was read"
+
+
+def test_a_whole_bag_is_not_called_damaged(own_bag: Path) -> None:
+    assert bag_info(own_bag)["damage"] == []

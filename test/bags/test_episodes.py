@@ -1,0 +1,117 @@
+"""Episodes of a bag: found by their records, chosen by number, outcome or CurvTTC, and read without the rest."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vpsci_ros.bags import episodes as module
+from vpsci_ros.bags.episodes import (
+    BagEpisode,
+    EpisodeLog,
+    EventRow,
+    bag_episodes,
+    choose,
+    chosen_episode,
+    episode_ticks,
+)
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.state import FINISHED, STARTED
+
+
+def episode(scenario: int, number: int, outcome: str = "goal", least: float = 2.0) -> BagEpisode:
+    return BagEpisode(scenario, number, 0, 0, 10, 0, 500, outcome, least)
+
+
+EPISODES = [episode(1, 3), episode(1, 7, "collision", 0.0), episode(6, 3, "timeout", np.inf), episode(6, 8, least=1.2)]
+
+
+def names(chosen: list[BagEpisode]) -> list[str]:
+    return [one.name for one in chosen]
+
+
+@pytest.mark.parametrize(
+    ("conditions", "expected"),
+    [
+        (("3",), ["1:3", "6:3"]),
+        (("6:3",), ["6:3"]),
+        (("3,7-9",), ["1:3", "1:7", "6:3", "6:8"]),
+        (("6:1-9", "goal"), ["6:8"]),
+        (("", "collision"), ["1:7"]),
+        (("", "", 1.5), ["1:7", "6:8"]),
+        (("", "goal", 1.5), ["6:8"]),
+    ],
+)
+def test_episodes_are_chosen_by_number_outcome_and_curvttc(conditions: tuple, expected: list[str]) -> None:
+    assert names(choose(EPISODES, *conditions)) == expected
+
+
+@pytest.mark.parametrize(
+    ("conditions", "message"),
+    [
+        (("seven",), "'seven': expected a number, a range or SCENARIO:NUMBER"),
+        (("3-",), None),
+        (("", "crash"), "expected one of none, collision, goal, timeout"),
+        (("99",), r"no episode of the bag is as chosen; it has 1:3 \(goal\)"),
+        (("3,99",), r"no episode 99 in the bag; it has 1:3 \(goal\)"),
+    ],
+)
+def test_a_choice_that_cannot_be_met_says_what_there_is(conditions: tuple, message: str | None) -> None:
+    if message is None:
+        assert names(choose(EPISODES, *conditions)) == ["1:3", "6:3"]  # an open range is its beginning
+        return
+    with pytest.raises(InvalidInput, match=message):
+        choose(EPISODES, *conditions)
+
+
+def test_a_number_in_two_scenarios_has_to_be_told_apart() -> None:
+    assert chosen_episode(EPISODES, "7").name == "1:7"
+    with pytest.raises(InvalidInput, match=r"in several scenarios; name one of 1:3 \(goal\), 6:3 \(timeout\)"):
+        chosen_episode(EPISODES, "3")
+    with pytest.raises(InvalidInput, match="not in the bag"):
+        chosen_episode(EPISODES, "6:7")
+
+
+def test_a_record_gives_the_episode_back() -> None:
+    for one in EPISODES:
+        assert BagEpisode.from_record(one.to_record()) == one
+    with pytest.raises(InvalidInput, match="record of an episode is damaged"):
+        BagEpisode.from_record({"scenario": "1"})
+
+
+def test_events_make_episodes_and_one_whose_beginning_was_not_seen_is_left_out() -> None:
+    log = EpisodeLog()
+    assert log.add(4, 200, [EventRow(STARTED, 1, 2, 9, 0, np.inf)], "bag_0.mcap") == []
+    assert log.unfinished == 1
+    (ended,) = log.add(
+        30, 1500, [EventRow(FINISHED, 0, 2, 8, 1, 0.0), EventRow(FINISHED, 1, 2, 9, 2, 1.25)], "bag_1.mcap"
+    )
+    assert ended == BagEpisode(2, 9, 1, 4, 30, 200, 1500, "goal", 1.25, "bag_0.mcap", "bag_1.mcap")
+    assert log.unfinished == 0
+
+
+def test_the_episodes_of_a_bag_are_known_without_reading_a_message(
+    own_bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag = Bag(own_bag)
+    monkeypatch.setattr(bag, "messages", None)
+    assert names(bag_episodes(bag)) == ["1:0", "6:4", "1:2"]
+
+
+def test_records_agree_with_what_the_states_tell(own_bag: Path) -> None:
+    recorded = bag_episodes(Bag(own_bag))
+    for one, told in zip(recorded, module._from_ticks(Bag(own_bag), False), strict=True):
+        for name in ("scenario", "episode", "start_tick", "end_tick", "start_time", "end_time", "outcome"):
+            assert getattr(one, name) == getattr(told, name), name
+        assert one.least_curvttc == pytest.approx(told.least_curvttc)
+
+
+def test_one_episode_is_read_whole_and_nothing_else(own_bag: Path) -> None:
+    one = chosen_episode(bag_episodes(Bag(own_bag)), "6:4")
+    ticks = list(episode_ticks(own_bag, one))
+    every = [tick for tick in read_bag(own_bag) if tick.state["scenario"][0] == 6]
+    assert [tick.number for tick in ticks] == [tick.number for tick in every]
+    assert [int(tick.state["frame"][0]) for tick in ticks] == list(range(one.end_tick - one.start_tick + 1))
+    assert all(a.state.tobytes() == b.state.tobytes() for a, b in zip(ticks, every, strict=True))

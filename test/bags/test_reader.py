@@ -1,0 +1,215 @@
+"""Bags of any ROS 2 tool: MCAP and sqlite3, one file or several, whole or in part, with definitions or without."""
+
+import shutil
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+
+from vpsci_ros.bags.decoder import known_types
+from vpsci_ros.bags.reader import Bag, bag_files
+from vpsci_ros.bags.repair import repair_bag
+from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.bags.writer import BagTopic, BagWriter
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.state import GOAL
+
+ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
+
+
+def copied(bag: Path, folder: Path, storage: StoragePlugin, topics: tuple[str, ...] = ODOMETRY) -> Path:
+    """What another tool would have recorded of these topics, with receipt times that run twice as fast."""
+    store = known_types()
+    writer = Writer(folder, version=9, storage_plugin=storage)
+    writer.open()
+    connections = {}
+    for raw in Bag(bag).messages(topics, ordered=True):
+        if raw.topic not in connections:
+            connections[raw.topic] = writer.add_connection(raw.topic, raw.type, typestore=store)
+        writer.write(connections[raw.topic], 1_700_000_000 * 10**9 + raw.time // 2, raw.data)
+    writer.close()
+    return folder
+
+
+@pytest.fixture(params=[StoragePlugin.SQLITE3, StoragePlugin.MCAP], ids=["sqlite3", "mcap"])
+def foreign(request: pytest.FixtureRequest, own_bag: Path, tmp_path: Path) -> Path:
+    return copied(own_bag, tmp_path / "foreign", request.param)
+
+
+def split_bag(folder: Path, messages: int = 60) -> Path:
+    topic = BagTopic("/a", "std_msgs/msg/String", "string data\n", "RIHS01_0")
+    bag = BagWriter(folder, [topic], chunk_size=1024, split_size=4096)
+    bag.describe("node", {"seed": "7"})
+    noise = np.random.default_rng(1)
+    for i in range(messages):
+        bag.write("/a", b"\x00\x01\x00\x00" + noise.bytes(500), 1000 + i, 5)
+    bag.close({})
+    return folder
+
+
+def test_a_bag_is_split_by_size_and_read_as_one(tmp_path: Path) -> None:
+    folder = split_bag(tmp_path / "bag")
+    files = bag_files(folder)
+    assert len(files) > 3
+    assert [file.name for file in files] == [f"bag_{i}.mcap" for i in range(len(files))]
+    assert all(4096 <= file.stat().st_size < 8192 for file in files[:-1])
+    assert [raw.time for raw in Bag(folder).messages()] == list(range(1000, 1060))
+    with Reader(folder) as reader:
+        assert reader.message_count == 60
+        assert [time for _, time, _ in reader.messages()] == list(range(1000, 1060))
+
+
+def test_every_file_of_a_split_bag_says_how_it_was_made_and_what_was_seen_and_written_so_far(tmp_path: Path) -> None:
+    folder = split_bag(tmp_path / "bag")
+    written = []
+    for file in bag_files(folder):
+        records = dict(Bag(file).records())
+        assert records["node"] == {"seed": "7"}
+        assert records["vpsci_ros"]["messages_seen"] == records["vpsci_ros"]["messages_written"]
+        written.append(int(records["vpsci_ros"]["messages_written"]))
+    assert written == sorted(written)
+    assert written[-1] == 60
+
+
+def test_files_are_in_the_order_of_their_numbers_not_of_their_letters(tmp_path: Path) -> None:
+    for number in (10, 9, 1):
+        (tmp_path / f"bag_{number}.mcap").touch()
+    assert [path.name for path in bag_files(tmp_path)] == ["bag_1.mcap", "bag_9.mcap", "bag_10.mcap"]
+
+
+def test_repair_completes_the_last_file_of_a_split_bag_and_keeps_the_others(tmp_path: Path) -> None:
+    folder = split_bag(tmp_path / "bag")
+    *whole, last = bag_files(folder)
+    before = [path.read_bytes() for path in whole]
+    last.write_bytes(last.read_bytes()[:-200])  # as a killed recorder leaves it
+    (folder / "metadata.yaml").unlink()
+    assert "recovered" in str(repair_bag(folder))
+    assert [path.read_bytes() for path in whole] == before
+    times = [raw.time for raw in Bag(folder).messages()]
+    assert times == list(range(1000, 1000 + len(times)))
+    with Reader(folder) as reader:
+        assert reader.message_count == len(times)
+
+
+def test_only_the_chunks_of_the_wanted_time_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import mcap.reader
+
+    topic = BagTopic("/a", "std_msgs/msg/String", "string data\n", "RIHS01_0")
+    bag = BagWriter(tmp_path / "bag", [topic], chunk_size=1024)
+    for i in range(400):
+        bag.write("/a", b"\x00\x01\x00\x00" + bytes(500), i, i)
+    bag.close({})
+    read = []
+    breakup = mcap.reader.breakup_chunk
+    monkeypatch.setattr(mcap.reader, "breakup_chunk", lambda *a, **k: read.append(1) or breakup(*a, **k))
+    assert [raw.time for raw in Bag(tmp_path / "bag").messages(None, 200, 203)] == [200, 201, 202, 203]
+    assert 0 < len(read) < 5
+
+
+def test_odometry_of_another_tool_gives_the_motion_and_curvttc_of_the_graph(own_bag: Path, foreign: Path) -> None:
+    graph = [tick for tick in read_bag(own_bag) if tick.state["status"][0]]
+    other = list(read_bag(foreign))
+    assert len(other) == len(graph)
+    assert other[0].period == pytest.approx(0.05)
+    for name in ("vehicle_x", "vehicle_y", "vehicle_speed", "pedestrian_x", "pedestrian_vx", "pedestrian_vy"):
+        found, expected = ([float(tick.state[name][0]) for tick in ticks] for ticks in (other, graph))
+        np.testing.assert_allclose(found, expected, atol=1e-9, err_msg=name)
+    found, expected = ([float(tick.curvttc[0]) for tick in ticks] for ticks in (other, graph))
+    both = np.isfinite(found) & np.isfinite(expected)
+    assert both.sum() > 10
+    np.testing.assert_allclose(np.array(found)[both], np.array(expected)[both], atol=1e-6)
+
+
+def test_odometry_is_cut_into_episodes_where_it_jumps(own_bag: Path, foreign: Path) -> None:
+    starts = [tick.number for tick in read_bag(own_bag) if tick.state["status"][0] and tick.state["frame"][0] == 0]
+    other = list(read_bag(foreign))
+    assert len(starts) == 3
+    assert [int(tick.state["episode"][0]) for tick in other if tick.state["frame"][0] == 0] == [0, 1, 2]
+
+
+def test_a_sqlite_bag_without_its_metadata_file_is_read(own_bag: Path, tmp_path: Path) -> None:
+    folder = copied(own_bag, tmp_path / "bag", StoragePlugin.SQLITE3)
+    (folder / "metadata.yaml").unlink()
+    assert set(Bag(folder).topics()) == set(ODOMETRY)
+    assert len(list(read_bag(folder))) > 100
+
+
+def test_a_single_file_is_a_bag(own_bag: Path) -> None:
+    (file,) = own_bag.glob("*.mcap")
+    assert len(list(read_bag(file))) == len(list(read_bag(own_bag)))
+
+
+def test_one_of_the_two_odometry_topics_alone_is_not_enough_and_what_is_missing_is_said(
+    own_bag: Path, tmp_path: Path
+) -> None:
+    folder = copied(own_bag, tmp_path / "bag", StoragePlugin.SQLITE3, ODOMETRY[:1])
+    with pytest.raises(
+        InvalidInput, match="without both /vehicle/odometry and /pedestrian/odometry .* it has /vehicle"
+    ):
+        list(read_bag(folder))
+
+
+def test_a_type_that_neither_bag_nor_package_defines_is_named(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    with sqlite3.connect(folder / "bag_0.db3") as database:
+        database.execute(
+            "CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format, offered_qos_profiles)"
+        )
+        database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data)")
+        database.execute("INSERT INTO topics VALUES(1, '/vehicle/odometry', 'nav_msgs/msg/Odometry', 'json', '')")
+        database.execute("INSERT INTO messages VALUES(1, 1, 5, x'00')")
+    database.close()
+    with pytest.raises(InvalidInput, match="holds json"):
+        list(read_bag(folder))
+
+
+def test_a_damaged_sqlite_file_is_refused_and_read_as_far_as_it_goes(own_bag: Path, tmp_path: Path) -> None:
+    folder = copied(own_bag, tmp_path / "bag", StoragePlugin.SQLITE3)
+    (file,) = folder.glob("*.db3")
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2 : len(data) // 2 + 20_000] = bytes(20_000)
+    file.write_bytes(data)
+    with pytest.raises(InvalidInput, match="not a whole sqlite3 bag file"):
+        list(Bag(folder).messages())
+    bag = Bag(folder, recover=True)
+    assert 10 < sum(1 for _ in bag.messages()) < 2 * len(list(read_bag(own_bag)))
+    assert bag.damage
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("bag_0.db3", b"count,frame\n" * 100, "not a whole sqlite3 bag file"),
+        ("bag_0.db3", b"", "not a whole sqlite3 bag file"),
+        ("bag_0.mcap", b"count,frame\n", "not an MCAP file"),
+        ("bag_0.mcap", b"", "not completed"),
+        ("bag_0.db3.zstd", b"", "compressed as a whole; unpack it"),
+        ("notes.txt", b"", r"no \.mcap file and no \.db3"),
+    ],
+)
+def test_what_is_no_bag_is_named(tmp_path: Path, name: str, content: bytes, message: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InvalidInput, match=message):
+        Bag(tmp_path).topics()
+
+
+def test_two_kinds_of_files_in_a_folder_are_not_one_bag(tmp_path: Path) -> None:
+    (tmp_path / "a_0.db3").touch()
+    (tmp_path / "a_0.mcap").touch()
+    with pytest.raises(InvalidInput, match="more than one bag"):
+        bag_files(tmp_path)
+
+
+def test_a_recorded_goal_is_read_from_a_bag_without_definitions_of_vpsci_msgs(
+    own_bag: Path, tmp_path: Path, simulate, write_bag
+) -> None:
+    bag = write_bag(tmp_path / "source", list(simulate([20], [GOAL], 1)))
+    folder = copied(bag, tmp_path / "sqlite", StoragePlugin.SQLITE3, ("/world/state", "/safety/state"))
+    with sqlite3.connect(next(folder.glob("*.db3"))) as database:
+        database.execute("DELETE FROM message_definitions")
+    database.close()
+    assert [int(tick.state["frame"][0]) for tick in read_bag(folder) if tick.state["status"][0]][-1] == 19
+    shutil.rmtree(folder)

@@ -1,0 +1,28 @@
+"""The bags that come with the package: one a scenario, small, critical, and what the shipped policies do."""
+
+from pathlib import Path
+
+import pytest
+
+from vpsci_ros.bags.info import bag_info
+from vpsci_ros.bags.verify import verify_bag
+from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.world.scenario import scenario_files
+
+FOLDER = Path(__file__).parents[2] / "bags"
+NAMES = sorted(path.stem for path in scenario_files())
+
+
+@pytest.mark.skipif(not FOLDER.is_dir(), reason="no bags/; tools/make_bags.py makes it")
+@pytest.mark.parametrize("name", NAMES)
+def test_a_shipped_bag_shows_a_critical_interaction_of_its_scenario_by_the_shipped_policies(name: str) -> None:
+    bag = FOLDER / name
+    assert sum(path.stat().st_size for path in bag.iterdir()) < 200_000
+    info = bag_info(bag)
+    (episode,) = info["episodes"]
+    assert episode["least_curvttc"] < CRITICAL_TTC
+    assert {"/markers", "/vehicle/odometry", "/pedestrian/odometry", "/safety/state", "/world/state"} <= {
+        topic["name"] for topic in info["topics"] if topic["messages"]
+    }, "the Foxglove layout shows these"
+    assert info["missing"] == info["damage"] == []
+    assert verify_bag(bag).difference == "", "make the bags anew after the weights have changed"

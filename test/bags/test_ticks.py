@@ -1,0 +1,182 @@
+"""Bags read back without ROS, whole or broken off, and completed by repair."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader
+
+from vpsci_ros.bags.mcap_file import McapFile
+from vpsci_ros.bags.repair import repair_bag
+from vpsci_ros.bags.ticks import read_bag, read_episodes
+from vpsci_ros.bags.writer import BagTopic, BagWriter
+from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.state import COLLISION, EPISODE, GOAL
+
+LENGTHS, OUTCOMES = [30, 12, 40, 25], [GOAL, COLLISION, GOAL, GOAL]
+FIELDS = ("scenario", "episode", "frame", "status", "outcome", "vehicle_x", "vehicle_heading", "pedestrian_vy")
+
+
+@pytest.fixture(scope="module")
+def ticks(simulate) -> list:
+    return list(simulate(LENGTHS, OUTCOMES, 2))
+
+
+def mcap_file(bag: Path) -> Path:
+    (path,) = bag.glob("*.mcap")
+    return path
+
+
+def test_every_tick_comes_back_to_the_bit(ticks, write_bag, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", ticks)
+    back = list(read_bag(bag))
+    assert [tick.number for tick in back] == list(range(len(ticks)))
+    for tick, (state, curvttc, distance) in zip(back, ticks, strict=True):
+        assert tick.state.dtype == EPISODE
+        assert tick.period == 0.05
+        np.testing.assert_array_equal(tick.curvttc, curvttc)
+        np.testing.assert_array_equal(tick.distance, distance)
+        for name in FIELDS:
+            np.testing.assert_array_equal(tick.state[name], state[name])
+
+
+def test_a_bag_gives_the_same_episodes_as_the_simulation(ticks, write_bag, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", ticks)
+    collector = EpisodeFrames(2)
+    direct = [batch for batch in (collector.add(*tick) for tick in ticks) if len(batch)]
+    recorded = list(read_episodes(bag))
+    assert [batch.episode.tolist() for batch in recorded] == [batch.episode.tolist() for batch in direct]
+    for one, other in zip(recorded, direct, strict=True):
+        np.testing.assert_array_equal(one.values, other.values)
+        np.testing.assert_array_equal(one.outcome, other.outcome)
+
+
+def test_a_tick_without_an_answer_has_an_unknown_curvttc(ticks, write_bag, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", ticks, unanswered=(3, len(ticks) - 1))
+    back = list(read_bag(bag))
+    assert [tick.number for tick in back] == list(range(len(ticks)))
+    assert [tick.number for tick in back if np.isnan(tick.curvttc).all()] == [3, len(ticks) - 1]
+
+
+def test_a_bag_that_was_not_closed_is_refused_and_read_on_request(ticks, write_bag, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", ticks, closed=False)
+    with pytest.raises(InvalidInput, match=r"bag_0\.mcap: it was not completed: its recorder was killed.*bag repair"):
+        next(read_bag(bag))
+    back = list(read_bag(bag, recover=True))
+    assert 5 < len(back) <= len(ticks)
+    assert [tick.number for tick in back] == list(range(len(back)))
+
+
+def test_repair_completes_a_bag_that_was_not_closed(ticks, write_bag, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", ticks, closed=False)
+    whole = list(read_bag(bag, recover=True))
+    repair = repair_bag(bag)
+    assert repair.rewritten
+    assert repair.messages["/world/state"] == len(whole)
+    assert "recovered" in str(repair)
+    assert sorted(path.name for path in bag.iterdir()) == ["bag_0.mcap", "metadata.yaml"]
+    assert [tick.number for tick in read_bag(bag)] == [tick.number for tick in whole]
+    with Reader(bag) as reader:
+        assert {c.topic: c.msgcount for c in reader.connections} == repair.messages
+        assert reader.message_count == sum(repair.messages.values())
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.999])
+def test_a_file_cut_anywhere_gives_a_gapless_beginning(ticks, write_bag, tmp_path: Path, share: float) -> None:
+    path = mcap_file(write_bag(tmp_path / "bag", ticks))
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+    repair = repair_bag(path.parent)
+    assert any("breaks off" in text for text in repair.damage)
+    back = [tick.number for tick in read_bag(path.parent)]
+    assert back == list(range(len(back)))
+    assert 0 < len(back) <= len(ticks)
+
+
+def test_a_damaged_chunk_is_left_out_and_the_rest_recovered(ticks, write_bag, tmp_path: Path) -> None:
+    path = mcap_file(write_bag(tmp_path / "bag", ticks))
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    path.write_bytes(data)
+    with pytest.raises(InvalidInput, match="damaged"):
+        list(read_bag(path.parent))
+    repair = repair_bag(path.parent)
+    assert repair.damage
+    back = [tick.number for tick in read_bag(path.parent)]
+    assert len(back) < len(ticks)
+    assert back[-1] == len(ticks) - 1
+
+
+def test_a_damaged_text_record_costs_no_message(tmp_path: Path) -> None:
+    bag = BagWriter(tmp_path / "bag", [BagTopic("/a", "std_msgs/msg/String", "string data\n", "RIHS01_0")])
+    bag.describe("note", {"text": "here it is"})
+    for i in range(5):
+        bag.write("/a", b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00", i, i)
+    bag.close({})
+    path = mcap_file(tmp_path / "bag")
+    data = bytearray(path.read_bytes())
+    data[data.index(b"here it is")] = 0xFF  # no longer UTF-8
+    path.write_bytes(data)
+    with pytest.raises(InvalidInput, match="do not agree with their checksum"):
+        list(McapFile(path, strict=True).messages())
+    assert len(list(McapFile(path, strict=False).messages())) == 5
+    assert repair_bag(tmp_path / "bag").messages == {"/a": 5}
+
+
+def test_a_lost_metadata_file_is_written_again(ticks, write_bag, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", ticks)
+    before = mcap_file(bag).read_bytes()
+    (bag / "metadata.yaml").unlink()
+    assert "metadata.yaml was missing" in str(repair_bag(bag))
+    assert mcap_file(bag).read_bytes() == before
+    with Reader(bag) as reader:
+        assert reader.message_count == 2 * len(ticks)
+
+
+def test_repair_leaves_a_complete_bag_alone(ticks, write_bag, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", ticks)
+    before = {path.name: path.read_bytes() for path in bag.iterdir()}
+    assert not repair_bag(bag).rewritten
+    assert {path.name: path.read_bytes() for path in bag.iterdir()} == before
+
+
+def test_what_is_no_bag_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="no such folder"):
+        next(read_bag(tmp_path / "absent"))
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InvalidInput, match=r"no \.mcap file"):
+        next(read_bag(tmp_path / "empty"))
+    (tmp_path / "empty" / "text.mcap").write_text("count,frame\n")
+    for recover in (False, True):
+        with pytest.raises(InvalidInput, match=r"text\.mcap: not an MCAP file"):
+            next(read_bag(tmp_path / "empty", recover=recover))
+
+
+def test_a_bag_with_nothing_in_it_is_named(write_bag, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", [])
+    with pytest.raises(InvalidInput, match="holds no message of /world/state"):
+        list(read_bag(bag))
+    with pytest.raises(InvalidInput, match="nothing to recover"):
+        repair_bag(bag)
+    mcap_file(bag).write_bytes(b"")
+    with pytest.raises(InvalidInput, match="nothing to recover"):
+        repair_bag(bag)
+
+
+def test_a_bag_of_something_else_is_named(tmp_path: Path) -> None:
+    text = BagTopic("/chatter", "std_msgs/msg/String", "string data\n", "RIHS01_0")
+    bag = BagWriter(tmp_path / "bag", [text])
+    bag.write("/chatter", b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00", 0, 0)
+    bag.close({})
+    with pytest.raises(InvalidInput, match="so this is no bag of a vpsci graph.*; it has /chatter"):
+        list(read_bag(tmp_path / "bag"))
+
+
+def test_another_type_on_the_topic_is_named(tmp_path: Path) -> None:
+    text = BagTopic("/world/state", "std_msgs/msg/String", "string data\n", "RIHS01_0")
+    bag = BagWriter(tmp_path / "bag", [text])
+    bag.write("/world/state", b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00", 0, 0)
+    bag.close({})
+    with pytest.raises(InvalidInput, match=r"expected vpsci_msgs/msg/WorldState on .*, got std_msgs/msg/String"):
+        list(read_bag(tmp_path / "bag"))

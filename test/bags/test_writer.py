@@ -1,0 +1,87 @@
+"""A bag is written as rosbag2 wants it: `mcap` and `rosbags` read back what was put in."""
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+
+from vpsci_ros.bags.writer import BagTopic, BagWriter
+from vpsci_ros.errors import InvalidInput
+
+HEADER_HASH = "RIHS01_f49fb3ae2cf070f793645ff749683ac6b06203e41c891e17701b1cb597ce6a01"
+STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+
+
+def topics() -> list[BagTopic]:
+    return [
+        BagTopic("/a", "std_msgs/msg/String", "string data\n", STRING_HASH),
+        BagTopic("/b", "std_msgs/msg/String", "string data\n", STRING_HASH, latched=True),
+    ]
+
+
+def write(folder, count: int = 3) -> list[bytes]:
+    bag = BagWriter(folder, topics(), chunk_size=1024)
+    messages = [b"\x00\x01\x00\x00" + bytes([i]) * 700 for i in range(count)]
+    for i, data in enumerate(messages):
+        bag.write("/a" if i % 2 == 0 else "/b", data, log_time=1000 + i, publish_time=5)
+    bag.close({"seed": "7"})
+    return messages
+
+
+def test_mcap_reads_back_every_byte(tmp_path) -> None:
+    sent = write(tmp_path / "bag", 5)
+    with open(tmp_path / "bag" / "bag_0.mcap", "rb") as file:
+        reader = make_reader(file)
+        got = [(channel.topic, message.log_time, message.data) for _, channel, message in reader.iter_messages()]
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+    assert got == [("/a" if i % 2 == 0 else "/b", 1000 + i, data) for i, data in enumerate(sent)]
+    totals = {
+        "messages_seen": "5",
+        "messages_written": "5",
+        "seen": '{"/a": 3, "/b": 2}',
+        "written": '{"/a": 3, "/b": 2}',
+    }
+    assert metadata["vpsci_ros"] == {"seed": "7"} | totals
+
+
+def test_rosbags_reads_it_as_a_rosbag2_folder(tmp_path) -> None:
+    sent = write(tmp_path / "bag")
+    with Reader(tmp_path / "bag") as reader:
+        assert reader.message_count == 3
+        assert {c.topic: c.msgcount for c in reader.connections} == {"/a": 2, "/b": 1}
+        assert [bytes(data) for _, _, data in reader.messages()] == sent
+
+
+def test_metadata_counts_and_times_what_is_in_the_file(tmp_path) -> None:
+    write(tmp_path / "bag")
+    text = (tmp_path / "bag" / "metadata.yaml").read_text()
+    information = yaml.safe_load(text)["rosbag2_bagfile_information"]
+    assert information["message_count"] == 3
+    assert information["duration"] == {"nanoseconds": 2}
+    assert information["starting_time"] == {"nanoseconds_since_epoch": 1000}
+    assert information["custom_data"]["seed"] == "7"
+    assert information["custom_data"]["messages_written"] == "3"
+    assert "&id" not in text
+
+
+def test_a_bag_without_messages_is_still_a_bag(tmp_path) -> None:
+    write(tmp_path / "bag", 0)
+    with Reader(tmp_path / "bag") as reader:
+        assert reader.message_count == 0
+
+
+def test_full_chunks_are_on_disk_before_the_bag_is_closed(tmp_path) -> None:
+    bag = BagWriter(tmp_path / "bag", topics(), chunk_size=1024)
+    before = bag.path.stat().st_size
+    for i in range(4):
+        bag.write("/a", bytes([i]) * 700, i, i)
+    assert bag.path.stat().st_size > before
+    bag.close({})
+
+
+def test_a_folder_that_is_not_empty_is_refused_and_left_alone(tmp_path) -> None:
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "x").write_text("kept")
+    with pytest.raises(InvalidInput, match="not empty"):
+        BagWriter(tmp_path / "bag", topics())
+    assert [p.name for p in (tmp_path / "bag").iterdir()] == ["x"]

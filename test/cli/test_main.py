@@ -1,0 +1,131 @@
+"""The command line as a stranger meets it: help without heavy imports, one line for an error, nothing half written."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PARAMS = ROOT / "params"
+
+
+def vpsci(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "vpsci_ros.cli", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, cwd=ROOT)
+
+
+def test_help_loads_neither_torch_nor_ros() -> None:
+    code = "import sys, vpsci_ros.cli; print([m for m in ('torch', 'rclpy', 'numba', 'polars') if m in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert result.stdout.strip() == "[]", result.stderr
+    assert "demo" in vpsci("--help").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["import", "nowhere", "--format", "vci-dut", "-o", "x.parquet"], "nowhere"),
+        (["import", "test", "--format", "vci", "-o", "x.parquet"], "unknown format 'vci'"),
+        (
+            ["graph", "--params", "none.yaml", "-o", "x"],
+            "none.yaml: no such parameter file; the package's own are ads_test",
+        ),
+        (
+            ["graph", "--params", "params/stage3_generate.yaml", "-o", "x", "--set", "learner.sed=1"],
+            "did you mean seed",
+        ),
+        (["graph", "--params", "params/stage3_generate.yaml", "-o", "x", "--set", "seed=1"], "NODE.PARAMETER=VALUE"),
+        (["node", "pilot"], "unknown node 'pilot'; expected one of world_simulator"),
+        (["bag", "export", "nowhere", "-o", "x"], "nowhere: no such folder"),
+        (["demo", "-o", "vpsci_ros"], "not empty, and not an earlier demo's"),
+        (["world", "show", "9", "-o", "x.png"], "9"),
+        (
+            ["study", "samples", "--params", "params/stage1_pretrain.yaml", "-o", "x", "--sizes", "5,few"],
+            "--sizes 5,few: expected whole numbers",
+        ),
+        (["pretrain", "--params", "params/stage2_online.yaml", "-o", "x"], "learner.stage = refine: expected pretrain"),
+        (["evaluate", "--data", "test"], "for a folder of recordings give --format"),
+        (
+            ["generate", "--params", "params/stage3_generate.yaml", "-o", "x", "--scenarios", "1,A"],
+            "--scenarios 1,A: expected numbers",
+        ),
+        (["world", "show", "1", "-o", "docs"], "expected a file to write, found a folder"),
+    ],
+)
+def test_an_error_is_one_line_that_says_what_and_where(arguments: list[str], message: str) -> None:
+    result = vpsci(*arguments)
+    assert result.returncode == 2
+    assert message in result.stderr
+    assert result.stderr.startswith("error: ")
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not any((ROOT / name).exists() for name in ("x", "x.parquet", "x.png"))
+
+
+@pytest.mark.parametrize("path", sorted(PARAMS.glob("*.yaml")), ids=lambda path: path.name)
+def test_every_parameter_file_of_the_package_is_accepted(path: Path) -> None:
+    from vpsci_ros.cli.parameter_file import load, stage_of
+    from vpsci_ros.parameters import read_parameter_file
+
+    sections, kinds = load(path), stage_of(read_parameter_file(path)).sections
+    assert all(sections.get(kind, node) for node in sections.values for kind in kinds[node])
+
+
+def test_pretraining_writes_weights_that_evaluation_reads(tmp_path: Path) -> None:
+    small = [
+        f"learner.{name}" for name in ("episodes=2", "imitation.rollouts=4", "replay.batch_size=16", "evaluate_every=2")
+    ]
+    settings = [argument for text in small for argument in ("--set", text)]
+    run = vpsci("pretrain", "--params", str(PARAMS / "stage1_pretrain.yaml"), "-o", str(tmp_path / "run"), *settings)
+    assert run.returncode == 0, run.stderr
+    weights = str(tmp_path / "run" / "pretrained.safetensors")
+
+    from vpsci_ros.data.near_misses import write_near_misses
+    from vpsci_ros.data.synthetic import synthetic_near_misses
+
+    write_near_misses(synthetic_near_misses(8).table, tmp_path / "near.parquet")
+    arguments = ["--data", str(tmp_path / "near.parquet"), "--json", str(tmp_path / "out.json")]
+    result = vpsci("evaluate", *arguments, "--refined", weights, "--pretrained", weights)
+    assert result.returncode == 0, result.stderr
+    import json
+
+    models = json.loads((tmp_path / "out.json").read_text())["models"]
+    assert set(models) == {"refined", "pretrained", "repeat_velocity", "constant_velocity", "constant_velocity_tracked"}
+    assert models["refined"]["closed_loop"]["ade"] > 0
+    assert pl.read_csv(tmp_path / "run" / "log.csv").height == 2
+
+    record = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert record["error"] == ""
+    assert set(record["outputs_sha256"]) == {"log.csv", "learning.png", "params.yaml", "pretrained.safetensors"}
+    made_from = json.loads((tmp_path / "out.json").read_text())["weights_sha256"]
+    assert made_from["refined"] == record["outputs_sha256"]["pretrained.safetensors"]
+    assert "synthetic sample, good for trials only" in run.stderr
+    before = (tmp_path / "run" / "log.csv").stat().st_mtime_ns
+    same = vpsci("pretrain", "--params", str(PARAMS / "stage1_pretrain.yaml"), "-o", str(tmp_path / "run"), *settings)
+    assert (same.returncode, "holds this run, finished" in same.stdout) == (0, True)
+    assert (tmp_path / "run" / "log.csv").stat().st_mtime_ns == before
+
+    refused = vpsci("evaluate", *arguments, "--refined", weights, "--pretrained", "pretrained", "--held-out")
+    assert refused.returncode == 2
+    assert "none of its clips was held out" in refused.stderr
+    write_near_misses(synthetic_near_misses().table, tmp_path / "all.parquet")  # what it was trained on
+    found = []
+    for options in ([], ["--held-out"]):
+        models = ["--refined", weights, "--pretrained", weights, *options]
+        own = vpsci("evaluate", "--data", str(tmp_path / "all.parquet"), "--json", str(tmp_path / "own.json"), *models)
+        assert own.returncode == 0, own.stderr
+        assert ("see --held-out" in own.stdout) == (not options)
+        found.append(json.loads((tmp_path / "own.json").read_text())["interactions"])
+    assert 0 < found[1] < found[0]
+    again = vpsci("pretrain", "--params", str(PARAMS / "stage1_pretrain.yaml"), "-o", str(tmp_path / "run"))
+    assert again.returncode == 2
+    assert "holds a run with learner.episodes = 2, and this one has 300" in again.stderr
+
+
+def test_the_studies_run_the_papers_configurations_unless_told_otherwise() -> None:
+    from vpsci_ros.cli import learning as cli_learning
+    from vpsci_ros.studies.learning import SAMPLE_SIZES, WEIGHTINGS
+
+    assert tuple(map(int, cli_learning.SIZES.split(","))) == SAMPLE_SIZES
+    assert tuple(cli_learning.WEIGHTINGS.split(",")) == tuple(WEIGHTINGS)

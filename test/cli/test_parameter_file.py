@@ -1,0 +1,139 @@
+"""Parameter files: whatever nothing reads is refused by name, with what reads it or its name of today."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from vpsci_ros.cli.parameter_file import STAGES, load
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.parameters import table
+from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
+from vpsci_ros.runs import renamed
+
+
+def written(folder: Path, **sections: dict) -> Path:
+    path = folder / "params.yaml"
+    path.write_text(yaml.safe_dump({name: {"ros__parameters": values} for name, values in sections.items()}))
+    return path
+
+
+def refused(path: Path, settings: tuple[str, ...] = ()) -> str:
+    with pytest.raises(InvalidInput) as caught:
+        load(path, settings)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_a_parameter_of_the_other_stage_is_refused_and_the_stage_that_reads_it_named(tmp_path: Path) -> None:
+    text = refused(written(tmp_path, learner={"stage": "refine", "episodes": 3000, "held_out_fraction": 0.5}))
+    for name in ("episodes", "held_out_fraction"):
+        expected = f"learner.{name}: nothing reads it in stage 2 (learner.stage: refine), but in stage 1"
+        assert expected in text
+    text = refused(written(tmp_path, learner={"episodes": 3}, world_simulator={"batch": 8}))
+    assert "world_simulator.batch: nothing reads it in stage 1 (learner.stage: pretrain), but in stage 2" in text
+    text = refused(written(tmp_path, world_simulator={"batch": 8}, replayer={"rate": 2.0}))
+    assert "replayer.rate: nothing reads it in stage 3, but in the node replayer by itself" in text
+
+
+def test_a_shared_parameter_that_no_node_of_the_stage_has_is_refused(tmp_path: Path) -> None:
+    assert load(written(tmp_path, learner={"stage": "pretrain"}, **{"/**": {"seed": 7}})).values["learner"]["seed"] == 7
+    text = refused(written(tmp_path, learner={"stage": "pretrain"}, **{"/**": {"batch": 8}}))
+    assert "/**.batch: nothing reads it in stage 1" in text
+
+
+@pytest.mark.parametrize(
+    ("stage", "name", "other"),
+    [("pretrain", "ddpg.critic_head_start", "ddpg"), ("refine", "ddpg.critic_warm_up", "ddpg")],
+)
+def test_a_parameter_of_another_objective_is_refused(tmp_path: Path, stage: str, name: str, other: str) -> None:
+    path = written(tmp_path, learner={"stage": stage, name: 5})
+    assert f"learner.{name}: nothing reads it with learner.objective closed_loop, but with {other}" in refused(path)
+    assert load(path, [f"learner.objective={other}"]).values["learner"][name] == 5
+
+
+def test_what_the_exam_sets_itself_is_refused_in_its_file(tmp_path: Path) -> None:
+    text = refused(written(tmp_path, ads_test={"ads": "example_ads"}, world_simulator={"batch": 8, "seed": 3}))
+    assert text.endswith("world_simulator.batch: the exam sets it itself")
+
+
+@pytest.mark.parametrize("stage", ["pretrain", "refine"])
+def test_an_older_file_is_refused_with_the_new_place_of_each_of_its_keys(tmp_path: Path, stage: str) -> None:
+    names = renamed.PRETRAIN if stage == "pretrain" else renamed.REFINE
+    path = written(tmp_path, learner={"stage": stage} | dict.fromkeys(names, 1), pedestrian_policy={"noise_start": 0.1})
+    text = refused(path)
+    for old, new in names.items():
+        assert f"learner.{old} is now learner.{new};" in text
+    assert "pedestrian_policy.noise_start is now noise.start in the section /**, for both policies" in text
+
+
+def test_a_setting_by_an_old_name_says_the_new_one(tmp_path: Path) -> None:
+    path = written(tmp_path, learner={"stage": "refine"})
+    assert "learner.collision_reward is now learner.rewards.collision" in refused(
+        path, ("learner.collision_reward=-1",)
+    )
+    assert "learner.noise_floor is now noise.floor in the section /**" in refused(path, ("learner.noise_floor=0.1",))
+    assert "mirror is now learner.imitation.mirror of stage 1" in refused(path, ("learner.mirror=false",))
+
+
+@pytest.mark.parametrize(
+    ("names", "kind"), [("POLICY", PolicyConfig), ("PRETRAIN", PretrainConfig), ("REFINE", RefineConfig)]
+)
+def test_every_new_name_of_the_table_is_a_parameter_and_no_old_one_is(names: str, kind: type) -> None:
+    known, former = {row.name for row in table(kind)}, getattr(renamed, names)
+    assert set(former.values()) <= known
+    assert not set(former) & known
+    assert len(set(former.values())) == len(former)
+
+
+def test_groups_may_be_written_as_mappings_or_with_dots(tmp_path: Path) -> None:
+    first = load(written(tmp_path, learner={"stage": "refine", "rewards": {"collision": -1.0}}))
+    second = load(written(tmp_path, learner={"stage": "refine", "rewards.collision": -1.0}))
+    assert first == second
+    assert first.get(RefineConfig, "learner").rewards.collision == -1.0
+
+
+def test_noise_of_a_file_is_that_of_both_policies(tmp_path: Path) -> None:
+    sections = load(written(tmp_path, learner={"stage": "refine"}, **{"/**": {"noise": {"start": 0.2}, "seed": 4}}))
+    for name in ("vehicle_policy", "pedestrian_policy"):
+        policy = sections.get(PolicyConfig, name)
+        assert (policy.noise, policy.seed) == (NoiseConfig(start=0.2), 4)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected sections 'node: ros__parameters: ...', got an empty file"),
+        (
+            "learner: {ros__parameters: {stage: refien}}",
+            "stage = 'refien' is unknown; expected one of pretrain, refine",
+        ),
+        (
+            "learner: {ros__parameters: {rewards: 5}}",
+            "rewards is a group of parameters, got one value; expected",
+        ),
+        ("learner: {ros__parameters: {updates: {discont: 0.9}}}", "'updates.discont'; did you mean updates.discount?"),
+        ("learner: {ros__parameters: {episodes: {a: 1}}}", "unknown parameter 'episodes.a'; did you mean episodes?"),
+        ("learner: {ros__parameters: {episodes: }}", "episodes must be a whole number, got None"),
+        (
+            "learner: {ros__parameters: {updates: {discount: .nan}}}",
+            "updates.discount is not a number; expected",
+        ),
+        ("learner: {ros__parameters: {updates: {discount: .inf}}}", "updates.discount = inf is out of range"),
+        ("learner: {ros__parameters: {near_misses: a.parquet}}", "near_misses must be"),
+        ("learner: {ros__parameters: &a {updates: *a}}", "a mapping that holds itself"),
+        ("learner: [1]", "expected one key ros__parameters"),
+        ("a: b: c", "not readable as YAML"),
+        ("\0", "not readable as YAML"),
+    ],
+)
+def test_a_hostile_file_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "params.yaml"
+    path.write_text(text)
+    said = refused(path)
+    assert message in said
+
+
+def test_every_section_is_read_in_some_stage() -> None:
+    assert {name for stage in STAGES.values() for name in stage.sections} >= {"learner", "dataset", "ads_test", "graph"}

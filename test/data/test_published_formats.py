@@ -1,0 +1,227 @@
+"""Files written by the published formats become the same near misses, whatever their names, units, axes and classes."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vpsci_ros.data.importers import import_trajectories
+from vpsci_ros.errors import InvalidInput
+
+HEADING = 2.0  # [rad] of the car, 6 m/s from the origin; the walker comes from its right and is hit
+SPEED, WALK = 6.0, 1.5  # [m/s]
+SIZE = (4.2, 1.7)  # [m]
+
+
+def scene(rate: float, seconds: float = 4.0) -> dict[str, pl.DataFrame]:
+    """Return tables of a car, a walker and a bicycle: frame, time [s], x, y, vx, vy, heading [rad]."""
+    frame = np.arange(round(seconds * rate) + 1)
+    time = frame / rate
+    along, across = np.array([np.cos(HEADING), np.sin(HEADING)]), np.array([-np.sin(HEADING), np.cos(HEADING)])
+    meet = 18.0 * along
+    tracks = {
+        "car": (SPEED * time[:, None] * along, SPEED * along, HEADING),
+        "walker": (meet + WALK * (time[:, None] - 3.0) * across, WALK * across, HEADING + np.pi / 2),
+        "bicycle": (np.array([50.0, 50.0]) + 3.0 * time[:, None] * along, 3.0 * along, HEADING),
+    }
+    return {
+        name: pl.DataFrame(
+            {"frame": frame, "time": time, "x": xy[:, 0], "y": xy[:, 1]}
+            | {"vx": np.full(len(frame), v[0]), "vy": np.full(len(frame), v[1]), "heading": np.full(len(frame), angle)}
+        )
+        for name, (xy, v, angle) in tracks.items()
+    }
+
+
+def write_levelx(folder):
+    parts = scene(25.0)
+    ids = {"car": 0, "walker": 1, "bicycle": 2}
+    sizes = {"car": SIZE, "walker": (0.0, 0.0), "bicycle": (0.0, 0.0)}
+    tracks = pl.concat(
+        part.select(
+            pl.lit(7).alias("recordingId"), pl.lit(ids[name]).alias("trackId"), "frame",
+            pl.col("x").alias("xCenter"), pl.col("y").alias("yCenter"),
+            pl.col("heading").degrees().mod(360.0).alias("heading"),
+            pl.lit(sizes[name][1]).alias("width"), pl.lit(sizes[name][0]).alias("length"),
+            pl.col("vx").alias("xVelocity"), pl.col("vy").alias("yVelocity"),
+        )
+        for name, part in parts.items()
+    )  # fmt: skip
+    tracks.write_csv(folder / "07_tracks.csv")
+    classes = ["car", "pedestrian", "bicycle"]
+    pl.DataFrame({"recordingId": 7, "trackId": [0, 1, 2], "class": classes}).write_csv(folder / "07_tracksMeta.csv")
+    pl.DataFrame({"recordingId": [7], "frameRate": [25.0]}).write_csv(folder / "07_recordingMeta.csv")
+
+
+def by_agent(name, part, track_id, kind, heading=None):
+    columns = [pl.lit(track_id).alias("track_id"), pl.col("frame").alias("frame_id")]
+    columns += [(pl.col("time") * 1000.0).alias("timestamp_ms"), pl.lit(kind).alias("agent_type"), "x", "y", "vx", "vy"]
+    if heading:
+        columns += [pl.col("heading").alias(heading), pl.lit(SIZE[0]).alias("length"), pl.lit(SIZE[1]).alias("width")]
+    return part.select(columns)
+
+
+def write_interaction(folder):
+    parts = scene(10.0)
+    place = folder / "DR_TEST"
+    place.mkdir()
+    by_agent("car", parts["car"], 1, "car", "psi_rad").write_csv(place / "vehicle_tracks_000.csv")
+    by_agent("walker", parts["walker"], "P1", "pedestrian/bicycle").write_csv(place / "pedestrian_tracks_000.csv")
+
+
+def write_sind(folder):
+    parts = scene(29.97 / 3.0)
+    place = folder / "8_02_1"
+    place.mkdir()
+    cars = [
+        by_agent("car", parts["car"], 1, "car", "yaw_rad"),
+        by_agent("b", parts["bicycle"], 2, "bicycle", "yaw_rad"),
+    ]
+    pl.concat(cars).write_csv(place / "Veh_smoothed_tracks.csv")
+    by_agent("walker", parts["walker"], "P1", "pedestrian").write_csv(place / "Ped_smoothed_tracks.csv")
+
+
+def write_argoverse2(folder):
+    kinds = {"car": ("AV", "vehicle"), "walker": ("138951", "pedestrian"), "bicycle": ("138952", "cyclist")}
+    rows = pl.concat(
+        part.select(
+            pl.lit(kinds[name][0]).alias("track_id"), pl.lit(kinds[name][1]).alias("object_type"),
+            pl.col("frame").alias("timestep"), pl.col("x").alias("position_x"), pl.col("y").alias("position_y"),
+            "heading", pl.col("vx").alias("velocity_x"), pl.col("vy").alias("velocity_y"),
+        )
+        for name, part in scene(10.0).items()
+    )  # fmt: skip
+    (folder / "abc").mkdir()
+    rows.write_parquet(folder / "abc/scenario_abc.parquet")
+
+
+def write_tgsim(folder):
+    kinds = {"car": (3, SIZE), "walker": (0, (0.5, 0.5)), "bicycle": (1, (1.8, 0.6))}
+    rows = pl.concat(
+        part.select(
+            pl.lit(number).alias("id"), "time", pl.col("x").alias("xloc_kf"), (-pl.col("y")).alias("yloc_kf"),
+            pl.col("vx").alias("speed_kf_x"), (-pl.col("vy")).alias("speed_kf_y"),
+            pl.lit(kinds[name][1][0]).alias("length_smoothed"), pl.lit(kinds[name][1][1]).alias("width_smoothed"),
+            pl.lit(kinds[name][0]).alias("type_most_common"), pl.lit(1).alias("run_index"),
+        )
+        for number, (name, part) in enumerate(scene(10.0).items())
+    )  # fmt: skip
+    rows.write_csv(folder / "Foggy_Bottom_Trajectories.csv")
+
+
+LAYOUT = """
+columns: {id: who, frame: n, class: kind, x: px, y: py}
+vehicles: [auto]
+pedestrians: [person]
+frame_rate: 20
+metres: 0.05
+y_down: true
+length: 4.2
+width: 1.7
+"""
+
+
+def write_described(folder):
+    kinds = {"car": "auto", "walker": "person", "bicycle": "bike"}
+    rows = pl.concat(
+        part.select(
+            pl.lit(name).alias("who"), pl.col("frame").alias("n"), pl.lit(kinds[name]).alias("kind"),
+            (pl.col("x") / 0.05).alias("px"), (-pl.col("y") / 0.05).alias("py"),
+        )
+        for name, part in scene(20.0).items()
+    )  # fmt: skip
+    rows.write_csv(folder / "one.csv")
+    (folder / "layout.yaml").write_text(LAYOUT)
+
+
+FORMATS = {
+    "levelx": (write_levelx, ("left out: 1 bicycle",)),
+    "interaction": (write_interaction, ()),
+    "sind": (write_sind, ("left out: 1 bicycle",)),
+    "argoverse2": (write_argoverse2, ("left out: 1 cyclist", "sizes of vehicles are the format's")),
+    "tgsim": (write_tgsim, ("left out: 1 1", "headings are directions of motion")),
+    "described": (write_described, ("left out: 1 bike", "headings are directions of motion")),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_car_and_a_walker_come_out_as_they_were_and_the_import_says_what_it_assumed(name, tmp_path):
+    write, assumed = FORMATS[name]
+    write(tmp_path)
+    result = import_trajectories(tmp_path, name)
+    (summary,) = result.summaries
+    assert (summary.clips, summary.pairs, summary.near_misses) == (1, 1, 1)
+    assert set(assumed) <= set(summary.assumed)
+    table = result.table
+    time = table["time"].to_numpy()
+    assert np.abs(np.diff(time) - 0.1).max() < 1e-9
+    assert table["veh_x"].to_numpy() == pytest.approx(SPEED * time * np.cos(HEADING), abs=0.02)
+    assert table["veh_y"].to_numpy() == pytest.approx(SPEED * time * np.sin(HEADING), abs=0.02)
+    assert table["veh_heading"].to_numpy() == pytest.approx(HEADING, abs=1e-3)
+    assert table["veh_speed"].to_numpy() == pytest.approx(SPEED, abs=0.02)
+    assert table["ped_vx"].to_numpy() == pytest.approx(-WALK * np.sin(HEADING), abs=0.02)
+    assert table["ped_vy"].to_numpy() == pytest.approx(WALK * np.cos(HEADING), abs=0.02)
+
+
+def test_sizes_of_the_track_decide_when_it_touches(tmp_path):
+    write_levelx(tmp_path)
+    found = {}
+    for length in (SIZE[0], SIZE[0] + 2.0):
+        path = tmp_path / "07_tracks.csv"
+        rows = pl.read_csv(path).with_columns(
+            length=pl.when(pl.col("trackId") == 0).then(length).otherwise(pl.col("length"))
+        )
+        rows.write_csv(path)
+        found[length] = import_trajectories(tmp_path, "levelx").table["curvttc"][0]
+    assert found[SIZE[0]] - found[SIZE[0] + 2.0] == pytest.approx(1.0 / SPEED, abs=0.01)  # the nose is 1 m further on
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "said"),
+    [
+        ("heading", pl.col("heading").radians(), "headings differ from the direction of motion"),
+        ("heading", -pl.col("heading"), "y seems to point down"),
+        ("xVelocity", pl.col("xVelocity") * 3.6, "times as fast as their speeds say"),
+        (
+            "xCenter",
+            pl.when(pl.col("frame") == 3).then(None).otherwise(pl.col("xCenter")),
+            "line 106, column xCenter: expected a finite number",
+        ),
+        ("frame", pl.col("frame") // 2, "comes twice"),
+    ],
+)
+def test_units_angles_and_values_that_contradict_the_motion_are_refused(column, change, said, tmp_path):
+    write_levelx(tmp_path)
+    path = tmp_path / "07_tracks.csv"
+    pl.read_csv(path).with_columns(change.alias(column)).write_csv(path)
+    with pytest.raises(InvalidInput, match=said):
+        import_trajectories(tmp_path, "levelx")
+
+
+def test_another_frame_rate_than_the_motions_is_refused(tmp_path):
+    write_levelx(tmp_path)
+    pl.DataFrame({"recordingId": [7], "frameRate": [30.0]}).write_csv(tmp_path / "07_recordingMeta.csv")
+    with pytest.raises(InvalidInput, match="move 1.2 times as fast as their speeds say"):
+        import_trajectories(tmp_path, "levelx")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("frame_rate: 20", "frame_rat: 20", "frame_rate"),
+        ("frame: n, ", "", "expected either frame or time"),
+        ("x: px", "x: nowhere", "nowhere is missing"),
+        ("vehicles: [auto]", "vehicles: auto", "vehicles: expected a list"),
+        ("metres: 0.05", "metres: -1", "metres: expected a number above 0"),
+    ],
+)
+def test_a_wrong_description_is_refused_by_key(old, new, said, tmp_path):
+    write_described(tmp_path)
+    (tmp_path / "layout.yaml").write_text(LAYOUT.replace(old, new))
+    with pytest.raises(InvalidInput, match=said):
+        import_trajectories(tmp_path, "described")
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_folder_without_files_of_the_format_is_refused(name, tmp_path):
+    with pytest.raises(InvalidInput, match="expected|not readable"):
+        import_trajectories(tmp_path, name)

@@ -1,0 +1,118 @@
+"""All protocols in one run, resumed from its parts; evidence from elsewhere is read as published."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.episode_frames import EpisodeBatch
+from vpsci_ros.data.synthetic import synthetic_near_misses
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.realism.elsewhere import elsewhere, reactions
+from vpsci_ros.evaluation.realism.free import as_near_misses, described
+from vpsci_ros.evaluation.realism.onsets import Onsets
+from vpsci_ros.evaluation.realism.run import RealismConfig, measure_realism
+from vpsci_ros.world import GOAL
+
+CONFLICTS = """"Encroachment_Time","Reaction.to.conflict","Ped.Reaction","Encroachment.Car.After.Ped"
+2,"Driver slowed down","No obvious reaction",TRUE
+-3,"No obvious reaction","Ran to avoid collision",FALSE
+5,"Driver sped up","No obvious reaction",TRUE
+9,"Driver fully stopped","Changed direction",TRUE
+"""
+
+
+@pytest.fixture
+def conflicts(tmp_path: Path) -> Path:
+    path = tmp_path / "datlong.csv"
+    path.write_text(CONFLICTS)
+    return path
+
+
+def noisy(onsets: Onsets) -> np.ndarray:
+    """Roll-outs: the recording with one shift each."""
+    shift = np.random.default_rng(0).normal(size=(len(onsets), 4, 2, 1, 2))
+    return onsets.recorded[:, None] + shift
+
+
+def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(conflicts: Path, tmp_path: Path) -> None:
+    table = synthetic_near_misses(interactions=24, seed=3).table
+    parts = tmp_path / "run"
+    parts.mkdir()
+    told: list[str] = []
+
+    config = RealismConfig()
+
+    def measure() -> dict[str, Any]:
+        return measure_realism(
+            table, {"noisy": noisy}, config, conflicts=conflicts, parts=parts, told=lambda name, *_: told.append(name)
+        )
+
+    result = measure()
+    models = result["same_start"]["models"]
+    assert list(models) == ["recorded", "constant_velocity_tracked", "social_force", "residual_sampler", "noisy"]
+    assert told == list(models)
+    assert models["recorded"]["energy_score"] == pytest.approx(0.0, abs=1e-12)
+    assert models["constant_velocity_tracked"]["of_constant_velocity"] == pytest.approx(1.0)
+    assert models["recorded"]["likelihood"] > models["constant_velocity_tracked"]["likelihood"]
+    assert models["noisy"]["roll_outs"] == 4
+    (parts / "same_start_noisy.part.json").write_text('{"kept": true}')
+    assert measure()["same_start"]["models"]["noisy"] == {"kept": True}
+
+
+def test_a_model_must_not_have_a_controls_name() -> None:
+    table = synthetic_near_misses(interactions=4, seed=3).table
+    with pytest.raises(InvalidInput, match="recorded is the name of a control"):
+        measure_realism(table, {"recorded": noisy}, RealismConfig())
+
+
+def test_reactions_elsewhere_are_counted_by_encroachment_time(conflicts: Path) -> None:
+    shares = elsewhere(conflicts, None, 0)
+    near = shares["within_3_s"]["recorded"]
+    assert near["conflicts"] == 2  # 3 s before counts as 3 s after
+    assert near["driver"] == {"none": 0.5, "slows": 0.5, "stops": 0.0, "speeds up": 0.0, "swerves": 0.0}
+    assert near["pedestrian"]["hurries or runs"] == 0.5
+    assert shares["within_5_s"]["recorded"]["pedestrian_first"] == pytest.approx(2 / 3)
+
+
+def test_an_unknown_reaction_is_refused(conflicts: Path) -> None:
+    conflicts.write_text(CONFLICTS.replace("Driver sped up", "Driver waved"))
+    with pytest.raises(InvalidInput, match="expected one of No obvious reaction, .*got 'Driver waved'"):
+        elsewhere(conflicts, None, 0)
+
+
+def test_who_stops_stops_and_who_walks_on_does_not_react(dataset: Path) -> None:
+    found = reactions(as_near_misses(Dataset(dataset), 100, 0))
+    assert set(found["driver"].to_list()) <= {"none", "slows", "stops", "speeds up"}
+    car_stops = found.filter(pl.col("driver") == "stops")
+    assert car_stops.height
+    assert (car_stops["pedestrian"] == "none").all()
+    assert car_stops["pedestrian_first"].all()
+
+
+def test_generated_episodes_are_described_by_the_same_lines_as_recordings(dataset: Path) -> None:
+    made = described(as_near_misses(Dataset(dataset), 100, 0))
+    recorded = described(synthetic_near_misses(interactions=6, seed=3).table)
+    assert made.keys() == recorded.keys()
+    assert made["vehicle_over_3"] == 1.0
+    assert made["onset_curvttc_median"] < 5.0
+
+
+def test_rejected_critical_episodes_belong_to_free_simulation(tmp_path: Path) -> None:
+    speed = np.full(100, 5.0)
+    values = np.zeros((2, 100, 10), np.float32)
+    values[:, :, 0], values[:, :, 2] = np.cumsum(speed) * 0.05, speed
+    values[:, :, 5] = -4.0
+    values[..., 4] = 20.0
+    values[..., 8], values[..., 9] = 10.0, 3.0
+    outcome, frames = np.full(2, GOAL, np.uint8), np.full(2, 100)
+    batch = EpisodeBatch(np.full(2, 1, np.uint8), np.arange(2), outcome, frames, values, np.zeros(256, np.int64))
+    for keep, number in ((False, 0), (True, 2)):
+        with DatasetWriter(tmp_path / str(keep), {1: "one"}, {}, period=0.05, keep_rejected=keep) as writer:
+            writer.add(batch)  # the pedestrian hardly moves
+            writer.close()
+        assert as_near_misses(Dataset(tmp_path / str(keep)), 100, 0)["interaction"].n_unique() == number

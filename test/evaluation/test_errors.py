@@ -1,0 +1,80 @@
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vpsci_ros.data.synthetic import synthetic_near_misses
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.errors import CONTROLS, evaluate
+from vpsci_ros.evaluation.predictors import RepeatVelocity
+
+
+class Jerky(RepeatVelocity):
+    """Brakes the vehicle whatever happens."""
+
+    def act(self, vehicle, pedestrian, curvttc, active):
+        return self._none + np.array([-2.0, 0.0], np.float32), self._none
+
+
+@pytest.fixture(scope="module")
+def result():
+    return evaluate(synthetic_near_misses(interactions=16, seed=3).table, {"same": RepeatVelocity(), "jerky": Jerky()})
+
+
+def test_the_controls_are_always_among_the_models_and_json_takes_it_all(result):
+    assert set(result["models"]) == {"same", "jerky", *CONTROLS}
+    assert json.loads(json.dumps(result)) == result
+    for model in result["models"].values():
+        for protocol in ("reconstruction", "closed_loop"):
+            assert {"ade", "fde", "rmse"} <= set(model[protocol])
+
+
+def test_a_model_that_does_as_the_control_does_has_its_errors(result):
+    for protocol in ("reconstruction", "closed_loop"):
+        same, control = (result["models"][name][protocol] for name in ("same", "repeat_velocity"))
+        assert same == control
+        assert same["ade_ratio"] == pytest.approx(1.0)
+        assert same["ade_ratio_interval"] == pytest.approx([1.0, 1.0])
+
+
+def test_in_closed_loop_the_first_two_controls_are_the_same_and_in_reconstruction_looking_again_helps(result):
+    repeat, constant = (result["models"][name] for name in ("repeat_velocity", "constant_velocity"))
+    assert repeat["closed_loop"] == constant["closed_loop"]
+    assert repeat["reconstruction"]["ade"] < constant["reconstruction"]["ade"]
+
+
+def test_a_car_whose_published_speed_lags_is_followed_better_from_its_positions():
+    table = synthetic_near_misses(interactions=16, seed=3).table
+    lagging = table.with_columns(pl.col("veh_vx", "veh_vy", "veh_speed") * 1.2)
+    models = evaluate(lagging, {})["models"]
+    tracked, recorded = (models[f"constant_velocity{name}"]["closed_loop"] for name in ("_tracked", ""))
+    assert tracked["ade_vehicle"] < 0.8 * recorded["ade_vehicle"]
+    assert tracked["ade_pedestrian"] == recorded["ade_pedestrian"]
+
+
+def test_braking_without_cause_costs_the_vehicle_only(result):
+    jerky, control = (result["models"][name]["closed_loop"] for name in ("jerky", "repeat_velocity"))
+    assert jerky["ade_vehicle"] > 1.5 * control["ade_vehicle"]
+    assert jerky["ade_pedestrian"] == pytest.approx(control["ade_pedestrian"], abs=0.02)
+    assert jerky["ade_ratio"] > 1.0
+
+
+def test_intervals_hold_the_mean(result):
+    for model in result["models"].values():
+        low, high = model["closed_loop"]["ade_interval"]
+        assert low <= model["closed_loop"]["ade"] <= high
+
+
+def test_a_model_must_not_take_the_name_of_a_control():
+    with pytest.raises(InvalidInput, match="repeat_velocity"):
+        evaluate(synthetic_near_misses(interactions=4, seed=3).table, {"repeat_velocity": RepeatVelocity()})
+
+
+def test_the_fixed_3_s_of_one_roll_out_have_the_ade_as_energy_score(result) -> None:
+    assert result["fixed_3s"]["interactions"] > 10
+    for of in result["models"].values():
+        assert of["fixed_3s"]["energy_score"] == pytest.approx(of["fixed_3s"]["ade"])
+    assert result["models"]["constant_velocity_tracked"]["fixed_3s"]["of_constant_velocity"] == pytest.approx(1.0)
+    jerky, control = (result["models"][name]["fixed_3s"]["ade"] for name in ("jerky", "repeat_velocity"))
+    assert jerky > control

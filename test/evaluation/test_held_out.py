@@ -1,0 +1,70 @@
+"""No stage learns from the clips that its held-out error is measured on."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vpsci_ros.data.near_misses import split_by_clip
+from vpsci_ros.learning.config import (
+    DdpgConfig,
+    ImitationConfig,
+    OnlineReplayConfig,
+    PretrainConfig,
+    RefineConfig,
+    ReplayConfig,
+)
+from vpsci_ros.learning.pretrain import pretrain
+from vpsci_ros.learning.refine import Refiner
+from vpsci_ros.learning.replay import recorded_histories
+from vpsci_ros.policy.config import NetworkConfig
+
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+SHORT = PretrainConfig(
+    episodes=6,
+    held_out_fraction=0.3,
+    replay=ReplayConfig(batch_size=60),
+    imitation=ImitationConfig(rollouts=4, rollout_steps=5),
+)
+CLIP = pl.concat_str("source", "clip", separator="/")
+
+
+def all_clips(table):
+    return set(table.select(CLIP).to_series())
+
+
+def what_happened(histories):
+    return {history.observation["vehicle"].tobytes() for history in histories}
+
+
+@pytest.mark.parametrize("objective", ["closed_loop", "ddpg"])
+def test_what_stage_1_learns_does_not_depend_on_what_happened_in_the_held_out_clips(tmp_path, near_misses, objective):
+    config = replace(SHORT, objective=objective, ddpg=DdpgConfig(critic_head_start=2))
+
+    def learned(table, name):
+        return pretrain(table, config, SMALL, seed=5, out_dir=tmp_path / name)
+
+    first = learned(near_misses, "first")
+    held_out = CLIP.is_in(first.facts["data"]["held_out_clips"])
+    hurried = [pl.when(held_out).then(1.5 * pl.col(c)).otherwise(pl.col(c)).alias(c) for c in ("veh_vx", "ped_vx")]
+    second = learned(near_misses.with_columns(hurried), "second")
+    assert first.facts["held_out"]["errors"] != second.facts["held_out"]["errors"]
+    assert first.facts["data"]["held_out_clips"] == second.facts["data"]["held_out_clips"]
+    assert all(np.array_equal(first.tensors[name], second.tensors[name]) for name in first.tensors)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_stage_2_learns_from_no_clip_that_is_held_out(networks, near_misses, named):
+    """Whether its weights name clips of the table that stage 1 held out, or stage 2 holds out clips of its own."""
+    config = RefineConfig(replay=OnlineReplayConfig(real_share=1.0))
+    fraction, seed = (0.4, 11) if named else (config.refresh.held_out_fraction, 4)
+    clips = all_clips(split_by_clip(near_misses, fraction, seed)[1])
+    weights = networks().weights({}, {"data": {"held_out_clips": sorted(clips)}} if named else {})
+    refiner = Refiner(config, weights, near_misses, seed=4)
+    held_out, real = refiner._held_out.interactions, what_happened(refiner._buffer.histories)
+    assert len(held_out) > 0
+    assert set(held_out.clip) <= clips
+    assert set(refiner._real.clip) == all_clips(near_misses) - clips
+    assert real == what_happened(recorded_histories(refiner._real))
+    assert not real & what_happened(recorded_histories(held_out))

@@ -1,0 +1,101 @@
+"""Intervals and paired tests agree with published or independently computed numbers."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vpsci_ros.evaluation import statistics
+from vpsci_ros.evaluation.statistics import (
+    cluster_counts,
+    interval,
+    mcnemar,
+    mean,
+    quantile,
+    resampled,
+    resampled_difference,
+    resamples,
+    share,
+    wilson_interval,
+)
+
+
+def test_wilsons_interval_of_ten_in_twenty_and_of_none_is_as_in_the_literature():
+    # Newcombe, "Two-sided confidence intervals for the single proportion" (Statistics in Medicine 17, 1998), Table I,
+    # method 3: 81/263, 15/148, 0/20, 1/29
+    for hits, n, low, high in ((81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611),
+                               (1, 29, 0.0061, 0.1718), (29, 29, 0.8830, 1.0)):  # fmt: skip
+        found = share(hits, n)
+        assert found.value == hits / n
+        assert (found.low, found.high) == (pytest.approx(low, abs=5e-5), pytest.approx(high, abs=5e-5))
+
+
+def test_nothing_observed_gives_no_estimate():
+    assert wilson_interval(0, 0) == (0.0, 1.0)
+    assert np.isnan(interval([math.nan])).all()
+    for found in (share(0, 0), resampled(np.empty(0), mean), statistics.share_difference(0, 0, 0)):
+        assert math.isnan(found.value)
+        assert found.n == 0
+
+
+def test_mcnemars_test_is_the_two_sided_binomial_test_of_the_discordant_pairs():
+    assert mcnemar(0, 0) == 1.0
+    assert mcnemar(3, 3) == 1.0
+    assert mcnemar(0, 5) == pytest.approx(2 / 2**5)
+    assert mcnemar(9, 1) == pytest.approx(2 * (1 + 10) / 2**10)
+    assert mcnemar(1, 9) == mcnemar(9, 1)
+
+
+def test_the_paired_interval_is_that_of_agresti_and_min():
+    # b = 10, c = 2 of n = 50 by hand: (10.5 - 2.5) / 52 = 0.153846; half = 1.959964 * sqrt(13 - 64 / 52) / 52
+    found = statistics.share_difference(10, 2, 50)
+    assert found.value == pytest.approx(0.16)
+    half = 1.959964 * math.sqrt(13 - 64 / 52) / 52
+    assert (found.low, found.high) == (pytest.approx(8 / 52 - half, abs=1e-6), pytest.approx(8 / 52 + half, abs=1e-6))
+
+
+def test_a_paired_interval_has_a_width_even_where_no_pair_differs():
+    found = statistics.share_difference(0, 0, 100)
+    assert found.low < 0.0 < found.high
+
+
+def test_the_bootstrap_of_a_mean_agrees_with_the_normal_interval():
+    values = np.random.default_rng(3).normal(5.0, 2.0, 400)
+    found = resampled(values, mean)
+    error = values.std() / math.sqrt(400)
+    assert found.value == pytest.approx(values.mean())
+    assert found.low == pytest.approx(values.mean() - 1.96 * error, abs=0.15 * error)
+    assert found.high == pytest.approx(values.mean() + 1.96 * error, abs=0.15 * error)
+    assert resampled(values, mean) == found, "the same numbers, the same interval"
+
+
+def test_pairs_are_resampled_as_pairs():
+    first = np.random.default_rng(4).normal(0.0, 10.0, 200)
+    found = resampled_difference(first + 1.0, first, mean)
+    assert found.low == pytest.approx(1.0)
+    assert found.high == pytest.approx(1.0)
+
+
+def test_a_quantile_is_taken_of_each_resample():
+    found = resampled(np.arange(101.0), quantile(0.25))
+    assert found.value == 25.0
+    assert 10.0 < found.low < 25.0 < found.high < 40.0
+
+
+def test_clusters_are_drawn_whole_and_as_often_as_there_are_clusters():
+    clusters = np.array(["a", "b", "a", "c", "c", "c"])
+    counts = cluster_counts(clusters, seed=1, count=50)
+    assert (counts[:, 0] == counts[:, 2]).all()
+    assert (counts[:, 3:] == counts[:, 3:4]).all()
+    assert (counts[:, [0, 1, 3]].sum(axis=1) == 3).all()
+    assert len({tuple(row) for row in counts}) > 5
+
+
+def test_resamples_where_a_statistic_is_undefined_do_not_count():
+    assert interval([math.nan, *np.linspace(0.0, 1.0, 1001), math.inf]) == pytest.approx((0.025, 0.975))
+
+
+def test_units_are_drawn_with_replacement_by_the_seed():
+    drawn = list(resamples(40, seed=2, count=20))
+    assert all(len(rows) == 40 and len(set(rows)) < 40 and set(rows) <= set(range(40)) for rows in drawn)
+    assert [list(rows) for rows in resamples(40, seed=2, count=20)] == [list(rows) for rows in drawn]

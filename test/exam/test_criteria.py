@@ -1,0 +1,79 @@
+"""Criteria for failing: parsed without evaluating anything, refused with what would be right, judged on a report."""
+
+import math
+
+import pytest
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.criteria import NAMES, judge, parse
+
+MET = ["learned", "walker"]
+
+
+def report(**rates: float | None) -> dict:
+    rows = {name: {"collision_rate": {"value": value}, "time_lost": {"value": 2.0}} for name, value in rates.items()}
+    return {
+        "drivers": {"ads": rows},
+        "differences": {"walker": {"collision_rate": {"value": 0.3}}},
+        "conduct": {"learned": {"commands_refused": 4}, "walker": {"commands_refused": 0}},
+    }
+
+
+def failed(text: str, **rates: float | None) -> list[str]:
+    return [v.pedestrian for v in judge([parse(text, MET)], report(**rates), MET) if v.failed]
+
+
+def test_a_criterion_holds_for_any_pedestrian_unless_it_names_one():
+    assert failed("collision_rate > 0.05", learned=0.02, walker=0.2) == ["walker"]
+    assert failed("collision_rate>5e-2@learned", learned=0.02, walker=0.2) == []
+    assert failed("  collision_rate  >  .01  @ learned ", learned=0.02, walker=0.2) == ["learned"]
+
+
+@pytest.mark.parametrize(("sign", "expected"), [(">", False), (">=", True), ("<", False), ("<=", True)])
+def test_each_operator_means_what_it_says_at_the_limit(sign, expected):
+    assert bool(failed(f"collision_rate {sign} 0.02 @learned", learned=0.02, walker=0.0)) is expected
+
+
+def test_what_could_not_be_measured_fails():
+    assert failed("collision_rate > 0.05 @learned", learned=None, walker=0.0) == ["learned"]
+    assert failed("evasion_success_rate < 0.9 @walker", learned=0.0, walker=0.0) == ["walker"]
+    verdict = judge([parse("collision_rate > 1 @learned", MET)], report(learned=None), MET)[0]
+    assert math.isnan(verdict.value)
+    assert verdict.sentence() == "collision_rate > 1 @learned: not measured with learned, failed"
+
+
+def test_increases_compare_with_the_learned_pedestrian_and_counts_are_those_of_the_run():
+    assert failed("collision_increase > 0.1", learned=0.0, walker=0.3) == ["walker"]
+    assert failed("commands_refused > 0", learned=0.0, walker=0.3) == ["learned"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "collision_rate", "collision_rate > ", "> 0.05", "collision_rate > a", "collision_rate > 0.05 @",
+        "collision_rate == 0.05", "collision_rate > nan", "collision_rate > inf", "collision_rate > 0.05; x > 1",
+        "__import__('os').system('true') > 0", "collision_rate > (1)", "collision_rate > 0.05 @learned @walker",
+    ],
+)  # fmt: skip
+def test_anything_of_another_form_is_refused_with_the_form_and_the_measures(text):
+    with pytest.raises(InvalidInput, match=r"expected MEASURE \{>,>=,<,<=\} NUMBER \[@PEDESTRIAN\]") as error:
+        parse(text, MET)
+    assert all(name in str(error.value) for name in NAMES)
+
+
+def test_an_unknown_measure_is_refused_with_the_nearest_and_all_there_are():
+    with pytest.raises(InvalidInput, match="unknown measure 'colision_rate'; did you mean collision_rate") as error:
+        parse("colision_rate > 0.05", MET)
+    assert all(name in str(error.value) for name in NAMES)
+
+
+def test_a_pedestrian_that_is_not_met_is_refused():
+    with pytest.raises(InvalidInput, match="no pedestrian 'recorded' in this exam; it has learned, walker"):
+        parse("collision_rate > 0.05 @recorded", MET)
+
+
+def test_an_increase_needs_the_learned_pedestrian_and_another():
+    for met, text in ((["walker"], "collision_increase > 0"), (["learned"], "collision_increase > 0"),
+                      (MET, "collision_increase > 0 @learned")):  # fmt: skip
+        with pytest.raises(InvalidInput, match="the exam needs both"):
+            parse(text, met)

@@ -1,0 +1,146 @@
+"""What a row of an episode says, on drives whose numbers are known by hand."""
+
+import math
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vpsci_ros.data.episode_frames import QUANTITIES
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.measures import Drive, episode_table, time_lost
+from vpsci_ros.exam.report import Conduct, definitions, make_report, value_of
+from vpsci_ros.exam.scores import MEASURES, difference, estimate
+from vpsci_ros.world import COLLISION, GOAL, TIMEOUT
+
+PERIOD = 0.05
+CONFIG = ExamConfig()
+
+
+def drive(speeds, *, curvttc=np.inf, outcome=GOAL, episode=0, walking=1.5):
+    """A car along x with these speeds, a pedestrian walking along y ten metres ahead."""
+    speeds = np.asarray(speeds, float)
+    time = PERIOD * np.arange(len(speeds))
+    values = np.zeros((len(speeds), len(QUANTITIES)), np.float32)
+    column = {name: values[:, i] for i, name in enumerate(QUANTITIES)}
+    column["position_x_av"][1:] = np.cumsum(PERIOD * speeds[:-1])
+    column["velocity_x_av"][:] = speeds
+    column["position_x_ped"][:], column["position_y_ped"][:] = 10.0, walking * time - 5.0
+    column["velocity_y_ped"][:] = walking
+    column["CurvTTC"][:] = curvttc
+    return Drive(1, episode, outcome, values)
+
+
+def row(found, alone=(), **options):
+    given = {"driver": "ads", "pedestrian": "learned"} | options
+    return episode_table([found], list(alone), CONFIG, PERIOD, **given).row(0, named=True)
+
+
+def test_hard_braking_is_above_the_threshold_and_not_at_it():
+    for deceleration, hard in ((3.4, False), (3.6, True)):
+        found = row(drive(5.0 - deceleration * PERIOD * np.arange(20)))
+        assert found["hardest_braking"] == pytest.approx(deceleration, abs=1e-3)
+        assert found["hard_braking"] is hard
+
+
+def test_a_vehicle_that_only_accelerates_does_not_brake():
+    assert row(drive(np.linspace(1.0, 5.0, 50)))["hardest_braking"] == 0.0
+
+
+def test_a_contact_counts_as_moving_only_where_the_vehicle_moves():
+    for speed, moving in ((0.0, False), (0.4, False), (3.0, True)):
+        found = row(drive(np.full(30, speed), outcome=COLLISION, curvttc=0.5))
+        assert found["collision"] is True
+        assert found["moving_collision"] is moving
+        assert found["impact_speed"] == pytest.approx(speed)
+        assert found["least_curvttc"] == 0.0
+        assert math.isnan(found["time_lost"])
+
+
+def test_the_least_curvttc_is_capped_at_its_horizon_and_missing_answers_are_not_looked_at():
+    series = np.full(30, np.inf)
+    assert row(drive(np.full(30, 4.0), curvttc=series))["least_curvttc"] == 10.0
+    series[[3, 4]] = np.nan, 1.5
+    found = row(drive(np.full(30, 4.0), curvttc=series))
+    assert found["least_curvttc"] == pytest.approx(1.5)
+    assert (found["critical"], found["conflict"], found["severe_conflict"]) == (True, True, False)
+
+
+def test_time_lost_is_the_delay_at_the_place_that_was_reached():
+    alone = drive(np.full(201, 4.0), outcome=TIMEOUT)
+    stopped = drive(np.concatenate([np.full(40, 4.0), np.zeros(60), np.full(101, 4.0)]), outcome=TIMEOUT)
+    assert row(stopped, [alone])["time_lost"] == pytest.approx(3.0, abs=1e-3)
+    assert row(alone, [alone])["time_lost"] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_vehicle_that_never_sets_off_loses_all_of_its_time():
+    assert time_lost(np.zeros(101), np.linspace(0.0, 20.0, 101), 0.05) == pytest.approx(5.0)
+
+
+def test_without_a_reference_no_time_is_lost_or_won():
+    assert math.isnan(row(drive(np.full(30, 4.0)))["time_lost"])
+
+
+def table(**collisions):
+    """Episodes by driver_pedestrian, all critical; a 1 is a collision at speed."""
+    parts = []
+    for name, outcomes in collisions.items():
+        driver, pedestrian = name.split("_", 1)
+        drives = [
+            drive(np.full(30, 4.0), outcome=COLLISION if hit else GOAL, curvttc=1.0, episode=k)
+            for k, hit in enumerate(outcomes)
+        ]
+        alone = [drive(np.full(30, 4.0), episode=k) for k in range(len(outcomes))]
+        parts.append(episode_table(drives, alone, CONFIG, PERIOD, driver=driver, pedestrian=pedestrian))
+    return pl.concat(parts)
+
+
+def test_differences_pair_the_episodes_that_both_have():
+    rows = table(ads_learned=[0, 0, 0, 1], ads_walker=[1, 1, 0, 1, 1, 1])
+    learned, walker = (rows.filter(pl.col("pedestrian") == name) for name in ("learned", "walker"))
+    found, p = difference(walker, learned, MEASURES["collision_rate"])
+    assert (found.value, found.n, p) == (0.5, 4, 0.5)
+    lost, _ = difference(walker, learned, MEASURES["time_lost"])
+    assert lost.n == 1, "only where neither ended in a contact"
+
+
+def test_evasion_success_counts_critical_episodes_only():
+    rows = table(ads_learned=[0, 1, 0, 0])
+    assert estimate(rows, MEASURES["evasion_success_rate"]).value == 0.75
+    calm = rows.with_columns(pl.col("episode").ne(0).alias("critical"))
+    assert estimate(calm, MEASURES["evasion_success_rate"]).n == 3
+
+
+def test_a_report_says_how_much_the_driver_lives_off_the_pedestrians_yielding():
+    rows = table(ads_learned=[0, 0, 0, 0], ads_walker=[1, 1, 0, 0])
+    gave_way = pl.Series(["pedestrian", "pedestrian", "pedestrian", "vehicle", *["nobody"] * 4])
+    report = make_report(rows.with_columns(gave_way.alias("yielded")), {}, CONFIG)
+    reliance = report["reliance"]["ads"]
+    assert reliance["left_to_pedestrian"]["value"] == 0.75
+    assert (reliance["of_those_collide"]["value"], reliance["of_those_collide"]["n"]) == (pytest.approx(2 / 3), 3)
+    assert reliance["moving_collision_increase"]["value"] == 0.5
+    assert value_of(report, "moving_collision_increase", "walker") == 0.5
+
+
+def test_a_report_counts_refused_commands_and_unanswered_ticks():
+    rows = episode_table([drive(np.full(30, 4.0))], [], CONFIG, PERIOD, driver="ads", pedestrian="learned",
+                         unanswered={(1, 0): 7})  # fmt: skip
+    report = make_report(rows, {"learned": Conduct(4, 12, failure="the ADS was killed")}, CONFIG)
+    conduct = report["conduct"]["learned"]
+    assert (conduct["episodes_driven"], conduct["episodes_wanted"], conduct["commands_refused"]) == (1, 4, 12)
+    assert (conduct["ticks_unanswered"], conduct["episodes_with_unanswered_ticks"]) == (7, 1)
+    assert value_of(report, "ticks_unanswered", "learned") == 7
+
+
+def test_definitions_quote_the_thresholds_in_use():
+    text = definitions(ExamConfig(conflict=2.5, hard_braking=4.0))
+    assert "below 2.5 s" in text["conflict_rate"]["definition"]
+    assert "above 4 m/s2" in text["hard_braking_rate"]["definition"]
+
+
+def test_an_exam_without_a_pedestrian_or_an_ads_is_refused():
+    for values, said in (({"pedestrians": []}, "name at least one"), ({"ads": " "}, "ads is empty"),
+                         ({"pedestrians": ["recorded"]}, "no recordings are given")):  # fmt: skip
+        with pytest.raises(InvalidInput, match=said):
+            ExamConfig(**values)

@@ -1,0 +1,86 @@
+"""The page of an exam: complete, self-contained, and safe whatever a command line or a failure says."""
+
+import re
+
+import numpy as np
+import polars as pl
+import pytest
+from exam.test_measures import CONFIG, PERIOD, drive
+
+from vpsci_ros.exam.measures import episode_table
+from vpsci_ros.exam.page import WORST, worst, write_page
+from vpsci_ros.exam.report import Conduct, make_report
+from vpsci_ros.world import COLLISION, load_scenarios
+
+EXAM = {
+    "ads": "python 'my <ads>.py' & co",
+    "ads_files_sha256": {"my_ads.py": 64 * "a"},
+    "weights_sha256": 64 * "b",
+    "software": {"python": "3.11"},
+    "cpu": "a kind of CPU",
+    "parameters": {"world_simulator": {"seed": 7}, "pedestrian_policy": {"weights": "refined"}},
+}
+
+
+def episodes(pedestrian, driver, collide):
+    """Twelve episodes, all critical, of which the first `collide` end in a contact at 1, 2, ... m/s."""
+    made = [drive(np.full(40, 1.0 + k), curvttc=1.0, episode=k, outcome=COLLISION) for k in range(collide)]
+    made += [drive(np.linspace(5.0, 0.5, 40), curvttc=3.0, episode=k) for k in range(collide, 12)]
+    return made, episode_table(made, [], CONFIG, PERIOD, driver=driver, pedestrian=pedestrian)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """(text of the page, table) of an exam of two pedestrians, one of which the ADS hits more often."""
+    folder = tmp_path_factory.mktemp("page")
+    found = {("learned", "ads"): 2, ("walker", "ads"): 5, ("learned", "autopilot"): 1, ("walker", "autopilot"): 1}
+    made = {key: episodes(*key, collide) for key, collide in found.items()}
+    table = pl.concat([rows for _, rows in made.values()])
+    report = make_report(table, {"learned": Conduct(12), "walker": Conduct(12, refused=3)}, CONFIG)
+    report |= {"exam": EXAM, "failures": [], "criteria": []}
+    drives = {name: made[name, "ads"][0] for name in ("learned", "walker")}
+    write_page(folder / "report.html", report, table, drives, load_scenarios([1]), "view.html")
+    write_page(folder / "alone.html", report, table, drives, load_scenarios([1]))
+    assert "view.html" not in (folder / "alone.html").read_text(encoding="utf-8")
+    return (folder / "report.html").read_text(encoding="utf-8"), table
+
+
+def test_the_first_paragraph_counts_the_contacts_with_the_learned_pedestrian(page):
+    text = re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", page[0]))
+    assert "With the learned pedestrian, 2 of 12 episodes end in a contact: 16.7% [4.7, 44.8]" in text
+    assert "The rule-based autopilot has a contact in 8.3% [1.5, 35.4] of these episodes. Of the critical" in text
+
+
+def test_the_page_needs_nothing_from_elsewhere(page):
+    sources = re.findall(r'src="?([^"> ]{0,30})', page[0])
+    assert len(sources) == 2, "overview and episode"
+    assert all(link.startswith("view.html#") for link in re.findall(r'href="?([^"> ]*)', page[0]))
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+
+
+def test_a_number_opens_the_episodes_that_it_counts(page):
+    link = 'href="view.html#a=ads-learned&amp;b=autopilot-learned&amp;mark=collision">'
+    assert f"{link}2</a> of 12 episodes end in a contact" in re.sub(r"\s+", " ", page[0])
+    assert 'href="view.html#a=autopilot-walker&amp;b=&amp;mark=critical">' in page[0]
+    nearest = worst(page[1])[0]
+    name = f"{nearest['scenario']}:{nearest['episode']}"
+    assert f'#a=ads-walker&amp;b=autopilot-walker&amp;episode={name}">{name}</a>' in page[0]
+
+
+def test_a_command_line_with_markup_is_shown_as_it_is(page):
+    assert "my &lt;ads&gt;.py&#39; &amp; co" in page[0]
+    assert "<ads>" not in page[0]
+
+
+def test_every_row_of_every_table_has_as_many_cells_as_its_head(page):
+    for table in re.findall(r"<table>.*?</table>", page[0], re.DOTALL):
+        rows = [len(re.findall(r"<t[hd]\b", row)) for row in table.split("<tr>")[1:]]
+        assert len(set(rows)) == 1, table
+
+
+def test_the_worst_episodes_are_contacts_by_speed_and_then_the_nearest(page):
+    rows = worst(page[1])
+    assert len(rows) == WORST
+    assert [row["impact_speed"] for row in rows[:7]] == [5.0, 4.0, 3.0, 2.0, 2.0, 1.0, 1.0]
+    assert [row["least_curvttc"] for row in rows[7:]] == [3.0, 3.0, 3.0]
+    assert {row["driver"] for row in rows} == {"ads"}

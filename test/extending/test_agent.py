@@ -1,0 +1,66 @@
+"""A pedestrian of another distribution acts in process, through the graph of nodes and in the exam."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from extending.page import Install, files_of, run_graph_with
+
+from vpsci_ros.bags.verify import verify_bag
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.policy.agent_types import make_agent
+from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.resources import params_dir
+from vpsci_ros.world import World, WorldConfig, load_scenarios
+from vpsci_ros.world.loop import Loop
+
+FREEZING = files_of("Add a pedestrian or a driver")
+
+
+def test_the_pedestrian_of_the_page_stands_within_two_seconds_of_the_hand_over(install: Install) -> None:
+    install(FREEZING)
+    config = WorldConfig(vehicle_driver="autopilot")
+    world = World(config, load_scenarios([1]), [(1, episode) for episode in range(40)], 40, 1)
+    agents = {"pedestrian": make_agent("pedestrian", PolicyConfig(agent="freezing"))}
+    since, speeds = np.zeros(40), []
+    for step in Loop(world, agents=agents):
+        state = step.tick.state
+        since = np.where(state["controlled"] == 1, since + config.tick, 0.0)
+        speeds += list(np.hypot(state["pedestrian_vx"], state["pedestrian_vy"])[since > 2.0])
+    # Velocity falls by exp(-4 * 0.5 * t), (21)-(24): after 2 s to 2% of 4 m/s at most.
+    assert len(speeds) > 100
+    assert max(speeds) < 0.1
+
+
+def test_it_meets_a_driving_system_in_the_exam_and_the_bag_repeats_to_the_bit(
+    install: Install, domain: int, tmp_path: Path
+) -> None:
+    install(FREEZING)
+    settings = ["world_simulator.scenarios=[1]", "world_simulator.episodes=2", "ads_test.baseline=true",
+                "world_simulator.episode_time=4.0", "world_simulator.action_timeout=30.0",
+                "ads_test.pedestrians=[freezing]"]  # fmt: skip
+    exam = prepare(load(params_dir() / "ads_test.yaml", settings))
+    assert run_exam(exam, tmp_path / "exam", quiet=True) == []
+    report = json.loads((tmp_path / "exam" / "report.json").read_text(encoding="utf-8"))
+    assert set(report["drivers"]["ads"]) == {"freezing"}
+    assert report["exam"]["agents"] == {"freezing": "freezing-pedestrian 1.0"}
+    assert "freezing" in (tmp_path / "exam" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_graph_with_it_is_verified_from_its_bag(install: Install, domain: int, tmp_path: Path) -> None:
+    install(FREEZING)
+    settings = ["pedestrian_policy.agent=freezing", "pedestrian_policy.weights=''", "world_simulator.scenarios=[1]"]
+    result = verify_bag(run_graph_with(settings, tmp_path / "run"))
+    assert result.difference == ""
+
+
+def test_an_agent_that_cannot_be_the_vehicle_is_refused_and_an_unknown_one_named(install: Install) -> None:
+    install(FREEZING)
+    with pytest.raises(InvalidInput, match="vehicle_policy.agent = freezing: this one can only be pedestrian"):
+        make_agent("vehicle", PolicyConfig(agent="freezing"))
+    with pytest.raises(InvalidInput, match="pedestrians: unknown 'frozen'; expected learned, .*freezing"):
+        ExamConfig(pedestrians=["frozen"])

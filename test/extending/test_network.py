@@ -1,0 +1,43 @@
+"""A network of another distribution is trained and measured beside the built-in ones."""
+
+import json
+from pathlib import Path
+
+import pytest
+from extending.page import Install, files_of
+from typer.testing import CliRunner
+
+from vpsci_ros.cli.main import app
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.sst import EncoderLayer
+from vpsci_ros.studies.networks import MODELS, Model
+
+GATED = files_of("Add a network for Table 9")
+SMALL = ("episodes=2", "imitation.rollouts=2", "imitation.rollout_steps=2", "hidden=16", "heads=2", "key_dimension=8")
+
+
+def test_the_network_of_the_page_is_a_row_of_table_9(install: Install, tmp_path: Path) -> None:
+    install(GATED)
+    params = Path(__file__).parents[2] / "params" / "stage1_pretrain.yaml"
+    words = ["study", "models", "--params", str(params), "--models", "ma_sst,ma_gru", "--folds", "2", "--quiet"]
+    for value in SMALL:
+        words += ["--set", f"learner.{value}"]
+    done = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "ma_gru" in done.output
+    rows = json.loads((tmp_path / "out" / "models.json").read_text(encoding="utf-8"))["models"]
+    assert rows["ma_gru"]["closed_loop"]["ade"] > 0.0
+    # A gated recurrent unit of width 16 has 3 * (2 * 16 * 16 + 2 * 16) = 1,632 parameters, its normalisation 32; an SST
+    # layer of 2 heads has 5 * 16 * 16 + 2 * 16 + 2 + 32 = 1,346. Each of two agents has two layers.
+    assert rows["ma_gru"]["parameters"] - rows["ma_sst"]["parameters"] == 4 * (1632 + 32 - 1346)
+
+
+def test_a_model_whose_layer_has_no_memory_of_fixed_shape_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="derives from BaselineLayer, got <class .*EncoderLayer"):
+        Model(EncoderLayer, together=True)
+
+
+def test_an_unknown_network_is_refused_with_the_names_that_there_are(install: Install) -> None:
+    install(GATED)
+    with pytest.raises(InvalidInput, match=r"unknown network 'gru'; expected one of ma_sst, .*ma_gru"):
+        MODELS.find("gru")

@@ -1,0 +1,135 @@
+import numpy as np
+import pytest
+import torch
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.actor import previous
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.sst import SSTLayer, risk
+
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+
+
+def history(batch=2, steps=30):
+    generator = torch.Generator().manual_seed(4)
+    observation = torch.randn(batch, steps, 6, generator=generator)
+    action = torch.randn(batch, steps, 2, generator=generator)
+    return observation, previous(action), torch.rand(batch, steps, generator=generator) * 8.0
+
+
+def test_risk_is_zero_from_five_seconds_on_and_one_on_contact():
+    assert risk(torch.tensor([0.0, 2.5, 5.0, torch.inf])).tolist() == [1.0, 0.5, 0.0, 0.0]
+
+
+def test_a_layer_is_the_recurrence_of_equation_3_and_the_attention_of_equation_4():
+    """Written out step by step for one history, as the equations read."""
+    torch.manual_seed(0)
+    layer = SSTLayer(SMALL)
+    x, risks = torch.randn(1, 14, 16), torch.rand(1, 14)
+    a = torch.sigmoid(layer.decay_logit)
+    h, states, expected = torch.zeros(16), [], []
+    for t in range(14):
+        h = a * h + torch.sqrt(1 - a * a) * (layer.input.weight @ x[0, t])
+        states.append(h)
+        y = layer.readout.weight @ h + layer.skip * x[0, t]
+        context = []
+        for head in range(2):
+            part = slice(8 * head, 8 * head + 8)
+            query = (layer.query.weight @ h)[part]
+            window = range(max(0, t - 9), t + 1)
+            logits = torch.stack(
+                [
+                    query @ (layer.key.weight @ states[i])[part] / 8**0.5 + layer.risk_gain[head] * risks[0, i]
+                    for i in window
+                ]
+            )
+            values = torch.stack([states[i][part] for i in window])
+            context.append(torch.softmax(logits, 0) @ values)
+        expected.append(layer.norm(x[0, t] + y + layer.attended.weight @ torch.cat(context)))
+    torch.testing.assert_close(layer(x, risks)[0][0], torch.stack(expected), atol=1e-5, rtol=1e-4)
+
+
+@pytest.fixture(params=[True, False], ids=["carried", "window"])
+def actor(request, networks):
+    """A vehicle's actor, with carried state and with a plain window of ten steps."""
+    return networks(NetworkConfig(**{**vars(SMALL), "carry_state": request.param})).actor["vehicle"]
+
+
+def test_stepping_equals_the_whole_history(actor):
+    observation, before, curvttc = history()
+    states = actor.empty_history()
+    steps = [actor.step(observation[:, t], before[:, t], curvttc[:, t], states) for t in range(30)]
+    torch.testing.assert_close(torch.stack(steps, 1), actor(observation, before, curvttc), atol=1e-5, rtol=1e-4)
+
+
+def test_histories_of_different_length_go_on_from_what_was_remembered(actor):
+    observation, before, curvttc = history(batch=4)
+    taken = torch.tensor([0, 1, 7, 13])
+    _, states = actor.remember(observation, before, curvttc, taken)
+    whole = actor(observation, before, curvttc)
+    rows = torch.arange(4)
+    for k in range(12):
+        at = taken + k
+        action = actor.step(observation[rows, at], before[rows, at], curvttc[rows, at], states)
+        torch.testing.assert_close(action, whole[rows, at], atol=1e-5, rtol=1e-4)
+
+
+def test_the_future_does_not_matter(actor):
+    observation, before, curvttc = history()
+    changed = observation.clone()
+    changed[:, 20:] += 1.0
+    difference = (actor(observation, before, curvttc) - actor(changed, before, curvttc)).abs().amax(dim=(0, 2))
+    assert difference[:20].max() == 0.0
+    assert difference[20:].min() > 0.0
+
+
+@pytest.mark.parametrize(("carry_state", "remembers"), [(True, True), (False, False)])
+def test_only_carried_state_remembers_more_than_ten_steps(networks, carry_state, remembers):
+    actor = networks(NetworkConfig(**{**vars(SMALL), "carry_state": carry_state})).actor["vehicle"]
+    observation, before, curvttc = history()
+    changed = observation.clone()
+    changed[:, 0] += 1.0
+    difference = (actor(observation, before, curvttc) - actor(changed, before, curvttc)).abs().amax(dim=(0, 2))
+    assert (difference[15] > 0.0) == remembers
+
+
+def test_the_gate_turns_attention_towards_risk():
+    torch.manual_seed(0)
+    layer = SSTLayer(SMALL)
+    with torch.no_grad():
+        layer.query.weight.zero_()  # all steps alike, but for the gate
+        layer.risk_gain.fill_(50.0)
+    x = torch.randn(1, 8, 16)
+    risks = torch.zeros(1, 8)
+    risks[0, 3] = 1.0
+    h = torch.zeros(16)
+    a = layer.decay()
+    for t in range(4):
+        h = a * h + torch.sqrt(1 - a * a) * (layer.input.weight @ x[0, t])
+        if t == 3:
+            risky = h
+    for t in range(4, 8):
+        h = a * h + torch.sqrt(1 - a * a) * (layer.input.weight @ x[0, t])
+    y = layer.readout.weight @ h + layer.skip * x[0, 7]
+    expected = layer.norm(x[0, 7] + y + layer.attended.weight @ risky)
+    torch.testing.assert_close(layer(x, risks)[0][0, 7], expected, atol=1e-4, rtol=1e-3)
+
+
+def test_an_untrained_actor_keeps_its_velocity(networks):
+    actor = networks(gain=1.0).actor["vehicle"]
+    assert actor(*history()).abs().max() < 0.1
+
+
+def test_heads_and_keys_must_fill_the_state():
+    with pytest.raises(InvalidInput, match="heads"):
+        NetworkConfig(hidden=256, heads=7)
+    with pytest.raises(InvalidInput, match="two widths"):
+        NetworkConfig(actor_hidden=[64])
+
+
+def test_table_8_is_the_default():
+    config = NetworkConfig()
+    assert (config.hidden, config.layers, config.heads, config.key_dimension) == (256, 2, 8, 32)
+    assert config.attention_window == 10
+    assert (config.actor_hidden, config.critic_hidden) == ([64, 64], [64, 64])
+    assert np.array_equal([config.critic_state, config.critic_action], [16, 16])

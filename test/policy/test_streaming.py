@@ -1,0 +1,138 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.actor import previous
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.streaming import StreamingActor
+
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+
+STEPS = 200
+
+
+def episode(batch: int, steps: int, seed: int = 0):
+    rng = np.random.default_rng(seed)
+    curvttc = rng.uniform(0.0, 8.0, (batch, steps))
+    curvttc[0] = np.inf
+    return rng.normal(0.0, 3.0, (batch, steps, 6)).astype(np.float32), curvttc
+
+
+def streamed(weights, observation, curvttc, threads=1):
+    batch, steps, _ = observation.shape
+    actor = StreamingActor(weights, batch, threads)
+    every = np.ones(batch, bool)
+    out = [actor.step(observation[:, t], curvttc[:, t], np.full(batch, t == 0), every) for t in range(steps)]
+    return np.stack(out, axis=1)
+
+
+@pytest.mark.parametrize("config", [SMALL, NetworkConfig()], ids=["small", "table_8"])
+def test_streaming_equals_the_whole_history_over_200_steps(networks, config):
+    made = networks(config)
+    observation, curvttc = episode(3, STEPS)
+    actions = streamed(made.weights({}, {}).actor("vehicle"), observation, curvttc)
+    with torch.no_grad():
+        whole = made.actor["vehicle"](
+            torch.from_numpy(observation), previous(torch.from_numpy(actions)), torch.from_numpy(curvttc)
+        )
+    assert np.abs(actions).mean() > 0.05  # the actors do act
+    np.testing.assert_allclose(actions, whole.numpy(), atol=1e-5)
+
+
+def test_streaming_equals_the_plain_window_where_state_is_not_carried(networks):
+    config = NetworkConfig(hidden=16, heads=2, key_dimension=8, attention_window=4, carry_state=False)
+    made = networks(config)
+    observation, curvttc = episode(3, 15)
+    actions = streamed(made.weights({}, {}).actor("pedestrian"), observation, curvttc)
+    before = previous(torch.from_numpy(actions))
+    with torch.no_grad():
+        for t in range(15):
+            window = slice(max(0, t - 3), t + 1)
+            last = made.actor["pedestrian"](
+                torch.from_numpy(observation[:, window]), before[:, window], torch.from_numpy(curvttc[:, window])
+            )[:, -1]
+            np.testing.assert_allclose(actions[:, t], last.numpy(), atol=1e-5)
+
+
+def test_carried_state_differs_from_the_plain_window_after_the_window_only(networks):
+    carried = networks(SMALL)
+    plain = networks(NetworkConfig(**{**vars(SMALL), "carry_state": False}))
+    observation, curvttc = episode(2, 15)
+    first, second = (streamed(n.weights({}, {}).actor("vehicle"), observation, curvttc) for n in (carried, plain))
+    np.testing.assert_allclose(first[:, :10], second[:, :10], atol=1e-5)
+    assert np.abs(first[:, 10:] - second[:, 10:]).max() > 1e-4
+
+
+def test_a_row_keeps_its_bits_in_any_batch_at_any_place_with_any_threads(networks):
+    weights = networks().weights({}, {}).actor("vehicle")
+    observation, curvttc = episode(150, 12)
+    together = streamed(weights, observation, curvttc)
+    shuffle = np.random.default_rng(1).permutation(150)
+    assert np.array_equal(streamed(weights, observation[shuffle], curvttc[shuffle], threads=2), together[shuffle])
+    for size in (1, 2, 3, 5, 64):
+        assert np.array_equal(streamed(weights, observation[:size], curvttc[:size]), together[:size])
+
+
+def test_rows_that_are_not_active_keep_their_history_and_return_zero(networks):
+    weights = networks().weights({}, {}).actor("vehicle")
+    observation, curvttc = episode(1, 6)
+    alone = streamed(weights, observation, curvttc)
+    actor = StreamingActor(weights, 2)
+    for t in range(6):
+        for active in ([False, True], [True, False]):
+            seen = np.where(np.array(active)[:, None], observation[0, t], np.nan).astype(np.float32)
+            action = actor.step(seen, np.full(2, curvttc[0, t]), np.full(2, t == 0), np.array(active))
+            assert np.array_equal(action[int(active[1])], alone[0, t])
+            assert not action[int(active[0])].any()
+
+
+def test_reset_begins_an_empty_history(networks):
+    weights = networks().weights({}, {}).actor("vehicle")
+    observation, curvttc = episode(1, 12)
+    actor = StreamingActor(weights, 1)
+    every = np.ones(1, bool)
+    for t in range(12):
+        action = actor.step(observation[:, t], curvttc[:, t], np.array([t in (0, 7)]), every)
+    assert np.array_equal(action, streamed(weights, observation[:, 7:], curvttc[:, 7:])[:, -1])
+
+
+def test_the_executed_action_enters_the_history(networks):
+    weights = networks().weights({}, {}).actor("vehicle")
+    observation, curvttc = episode(1, 2)
+    results = []
+    for executed in (0.0, 2.0):
+        actor, every = StreamingActor(weights, 1), np.ones(1, bool)
+        actor.step(observation[:, 0], curvttc[:, 0], every, every)
+        actor.executed(np.full((1, 2), executed, np.float32), every)
+        results.append(actor.step(observation[:, 1], curvttc[:, 1], ~every, every))
+    assert not np.array_equal(*results)
+
+
+def test_actions_are_clipped_to_the_limit(networks):
+    made = networks(gain=1e5)
+    actions = streamed(made.weights({}, {}).actor("vehicle"), *episode(4, 10))
+    assert np.abs(actions).max() == SMALL.action_limit
+
+
+def test_an_observation_that_is_not_a_number_is_refused_by_row(networks):
+    actor = StreamingActor(networks().weights({}, {}).actor("vehicle"), 3)
+    observation = np.zeros((3, 6), np.float32)
+    observation[2, 1] = np.nan
+    every = np.ones(3, bool)
+    with pytest.raises(InvalidInput, match="row 2"):
+        actor.step(observation, np.zeros(3), every, every)
+    with pytest.raises(InvalidInput, match=r"observation: expected shape \(3, 6\), got \(2, 6\)"):
+        actor.step(observation[:2], np.zeros(3), every, every)
+
+
+def test_a_policy_runs_without_torch():
+    code = (
+        "import sys; sys.modules['torch'] = None\n"
+        "import vpsci_ros.policy.streaming, vpsci_ros.policy.weights, vpsci_ros.policy.exploration\n"
+        "import vpsci_ros.learning.transitions\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

@@ -1,0 +1,149 @@
+import re
+
+import numpy as np
+import pytest
+from safetensors.numpy import save
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.config import PretrainConfig
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.shapes import weight_shapes
+from vpsci_ros.policy.weights import Weights, load_weights, resolved, save_weights, weights_from_bytes, weights_to_bytes
+
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+
+
+@pytest.mark.parametrize(
+    "config",
+    [SMALL, NetworkConfig(), NetworkConfig(risk_input=False)],
+    ids=["small", "table_8", "without the risk input"],
+)
+def test_the_expected_tensors_are_those_that_the_networks_have(config):
+    tensors = Networks(config).weights({}, {}).tensors
+    assert {name: tensor.shape for name, tensor in tensors.items()} == weight_shapes(config)
+
+
+def test_a_file_keeps_tensors_configuration_and_facts(networks, tmp_path):
+    weights = networks().weights(resolved(PretrainConfig(episodes=7)), {"stage": "pretrained", "data": {"steps": 3}})
+    save_weights(tmp_path / "w.safetensors", weights)
+    loaded = load_weights(tmp_path / "w.safetensors")
+    assert loaded.network == SMALL
+    assert loaded.configuration["PretrainConfig"]["episodes"] == 7
+    assert loaded.facts["data"] == {"steps": 3}
+    assert loaded.facts["software"]["vpsci_ros"]
+    for name, tensor in weights.tensors.items():
+        assert np.array_equal(loaded.tensors[name], tensor)
+
+
+def test_a_file_older_than_the_risk_input_residual_goes_without_it(networks, tmp_path):
+    old = networks(NetworkConfig(**{**vars(SMALL), "risk_input": False})).weights({}, {})
+    data = weights_to_bytes(old)
+    length = int.from_bytes(data[:8], "little")
+    header = data[8 : 8 + length].replace(b', \\"risk_input\\": false', b"")
+    assert len(header) < length
+    loaded = weights_from_bytes(len(header).to_bytes(8, "little") + header + data[8 + length :])
+    assert not loaded.network.risk_input
+    assert loaded.tensors.keys() == old.tensors.keys()
+
+
+def test_equal_weights_give_equal_bytes(networks):
+    weights = networks().weights({"a": {"b": 1}}, {name: {"é": name} for name in ("one", "two", "three", "four")})
+    assert len({weights_to_bytes(weights) for _ in range(8)}) == 1
+    assert weights_from_bytes(weights_to_bytes(weights)).facts["two"] == {"é": "two"}
+
+
+def test_networks_come_back_from_weights(networks):
+    made = networks()
+    again = Networks.from_weights(made.weights({}, {}))
+    for (name, a), (_, b) in zip(made.actor.state_dict().items(), again.target_actor.state_dict().items(), strict=True):
+        assert (a == b).all(), name
+
+
+def changed(networks, **tensors):
+    weights = networks().weights({}, {})
+    return Weights(weights.network, {k: v for k, v in (weights.tensors | tensors).items() if v is not None})
+
+
+@pytest.mark.parametrize(
+    ("tensor", "message"),
+    [
+        (np.zeros((3, 2), np.float32), r"vehicle_actor.head.4.bias: expected float32\[2\], got float32\[3, 2\]"),
+        (np.zeros(2, np.float64), r"vehicle_actor.head.4.bias: expected float32\[2\], got float64\[2\]"),
+        (np.full(2, np.nan, np.float32), "vehicle_actor.head.4.bias holds values that are not finite"),
+        (None, "vehicle_actor.head.4.bias is missing"),
+    ],
+    ids=["shape", "type", "nan", "missing"],
+)
+def test_a_tensor_that_does_not_fit_is_named(networks, tensor, message):
+    with pytest.raises(InvalidInput, match=message):
+        weights_to_bytes(changed(networks, **{"vehicle_actor.head.4.bias": tensor}))
+
+
+def test_an_unknown_tensor_is_named(networks):
+    with pytest.raises(InvalidInput, match="unknown tensor surplus"):
+        weights_to_bytes(changed(networks, surplus=np.zeros(1, np.float32)))
+
+
+def test_tensors_are_checked_against_the_configuration_in_the_file(networks):
+    data = weights_to_bytes(networks().weights({}, {}))
+    other = data.replace(b'\\"hidden\\": 16', b'\\"hidden\\": 32').replace(
+        b'\\"key_dimension\\": 8', b'\\"key_dimension\\":16'
+    )
+    assert len(other) == len(data)
+    assert other != data
+    with pytest.raises(InvalidInput, match=r"expected float32\[32, 6\], got float32\[16, 6\]"):
+        weights_from_bytes(other)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "expected a safetensors file"),
+        (b"PK\x03\x04 a zip file, as torch.save writes", "expected a safetensors file"),
+        (save({"a": np.zeros(1, np.float32)}), "expected format"),
+    ],
+    ids=["empty", "zip", "other"],
+)
+def test_other_files_are_refused(tmp_path, data, message):
+    (tmp_path / "w.safetensors").write_bytes(data)
+    with pytest.raises(InvalidInput, match=message) as error:
+        load_weights(tmp_path / "w.safetensors")
+    assert "w.safetensors" in str(error.value)
+
+
+def test_a_truncated_file_is_refused(networks):
+    data = weights_to_bytes(networks().weights({}, {}))
+    with pytest.raises(InvalidInput, match="damaged|expected"):
+        weights_from_bytes(data[: len(data) // 2])
+
+
+def test_a_file_with_a_flipped_bit_in_any_tensor_is_refused(networks):
+    data = weights_to_bytes(networks().weights({}, {}))
+    first = 8 + int.from_bytes(data[:8], "little")
+    rng = np.random.default_rng(0)
+    for place in rng.integers(first, len(data), 20):
+        damaged = bytearray(data)
+        damaged[place] ^= 1  # the value stays finite, its last bits or its neighbours' change
+        with pytest.raises(InvalidInput, match="damaged weights file: its tensors are not those"):
+            weights_from_bytes(bytes(damaged))
+
+
+def test_a_file_of_an_earlier_version_without_a_checksum_is_read(networks):
+    weights = networks().weights({}, {})
+    data = weights_to_bytes(weights)
+    stripped = re.sub(
+        rb'"tensors_sha256":"[0-9a-f]{64}"', lambda m: b'"older":"' + b"1" * (len(m[0]) - 10) + b'"', data
+    )
+    assert stripped != data
+    assert weights_from_bytes(stripped).digest() == weights.digest()
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InvalidInput, match="nowhere.safetensors"):
+        load_weights(tmp_path / "nowhere.safetensors")
+
+
+def test_an_unknown_agent_is_refused(networks):
+    with pytest.raises(InvalidInput, match="cyclist"):
+        networks().weights({}, {}).actor("cyclist")

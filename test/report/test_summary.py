@@ -1,0 +1,75 @@
+"""The summary counts what the files hold, and says who yielded."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.yields import headings, yields
+from vpsci_ros.report.summary import print_summary, summarise
+from vpsci_ros.safety.yielding import Yielded
+
+
+def test_each_scenario_has_its_counts_quartiles_and_yields(dataset: Path) -> None:
+    first, second, empty, together = summarise(dataset)
+    assert (first.name, first.episodes, first.kept) == ("LocationA_PedCross_S-N", 4, 4)
+    assert first.quartiles == pytest.approx((1.75, 2.5, 3.25))
+    assert (first.vehicle_yields, first.pedestrian_yields) == (4, 0)
+    assert (second.episodes, second.kept, second.vehicle_yields, second.pedestrian_yields) == (3, 2, 0, 2)
+    assert (first.collisions, first.kept_collisions) == (1, 1)
+    assert (empty.episodes, empty.kept, empty.collisions) == (1, 0, 1)
+    assert np.isnan(empty.quartiles).all()
+    assert (together.name, together.episodes, together.kept, together.collisions) == ("all", 8, 6, 3)
+    assert together.quartiles == pytest.approx(np.quantile([1.0, 2.0, 3.0, 4.0, 2.5, 1.5], [0.25, 0.5, 0.75]))
+
+
+def test_the_table_fits_a_terminal_of_eighty_columns(dataset: Path) -> None:
+    text = io.StringIO()
+    print_summary(summarise(dataset), Console(width=80, file=text))
+    lines = text.getvalue().splitlines()
+    assert max(len(line.rstrip()) for line in lines) <= 80
+    assert "…" not in text.getvalue()
+    (row,) = (line.split() for line in lines if line.strip().startswith("A S-N"))
+    assert row == ["A", "S-N", "4", "4", "1", "(1)", "1.75", "2.50", "3.25", "100", "0", "0"]
+
+
+def test_rejected_episodes_do_not_count_among_the_yields(dataset: Path) -> None:
+    data = Dataset(dataset)
+    (part,) = data.episodes("LocationA_PedCross_N-S")
+    assert part.count.tolist() == [1, 2]
+    assert yields(part, data.period).tolist() == [Yielded.PEDESTRIAN] * 2
+
+
+def test_a_standing_vehicle_keeps_its_heading() -> None:
+    vx, vy = np.array([[0.0, 1.0, 0.0, 0.0, -1.0]]), np.array([[0.0, 1.0, 0.0, 0.0, 0.0]])
+    assert headings(vx, vy)[0] == pytest.approx([np.pi / 4, np.pi / 4, np.pi / 4, np.pi / 4, np.pi])
+    assert headings(np.zeros((1, 3)), np.zeros((1, 3)))[0] == pytest.approx([0.0, 0.0, 0.0])
+
+
+def test_frames_that_nobody_saw_do_not_stop_the_judgement(dataset: Path) -> None:
+    (part,) = Dataset(dataset).episodes("LocationA_PedCross_S-N")
+    values = part.values.copy()
+    values[:, 70:75] = np.nan
+    assert yields(type(part)(part.count, part.lengths, values), 0.05).tolist() == [Yielded.VEHICLE] * 4
+
+
+def test_a_folder_without_a_description_is_no_dataset(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"dataset\.json: no such file; expected the folder of a dataset"):
+        summarise(tmp_path)
+    (tmp_path / "dataset.json").write_text("[]")
+    with pytest.raises(InvalidInput, match="not the description of a dataset"):
+        summarise(tmp_path)
+
+
+def test_a_file_that_the_description_promises_must_be_there(dataset: Path, tmp_path: Path) -> None:
+    (tmp_path / "dataset.json").write_text((dataset / "dataset.json").read_text())
+    (tmp_path / "episodes.parquet").write_bytes((dataset / "episodes.parquet").read_bytes())
+    with pytest.raises(InvalidInput, match=r"LocationA_PedCross_S-N\.parquet: no such file"):
+        summarise(tmp_path)
+    (tmp_path / "LocationA_PedCross_S-N.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(InvalidInput, match=r"S-N\.csv: expected the columns of Table 7"):
+        summarise(tmp_path)

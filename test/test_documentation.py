@@ -1,0 +1,77 @@
+"""README and docs: every link leads somewhere, every command that they show is one, every file in docs is read."""
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from vpsci_ros.cli.main import app
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", ROOT / "vpsci_ros/models/README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+_LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)")
+_BLOCK = re.compile(r"^```(?:bash|sh)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub makes them."""
+    titles = re.findall(r"^#+ (.*)$", page.read_text("utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title).lower().replace(" ", "-") for title in titles}
+
+
+def commands(page: Path) -> Iterator[list[str]]:
+    """Yield the words of every `vpsci ...` line in a page's shell blocks and in its tables."""
+    text = page.read_text("utf-8")
+    lines = [line for block in _BLOCK.findall(text) for line in block.replace("\\\n", " ").splitlines()]
+    lines += re.findall(r"^\| `(vpsci [^`]*)`", text, re.MULTILINE)
+    for line in lines:
+        words = shlex.split(line, comments=True)
+        if words[:1] == ["vpsci"]:
+            yield words[1:]
+
+
+def options(words: list[str]) -> tuple[Any, list[str]]:
+    """Follow words down to the command that they name; return it and the options given to it."""
+    command = typer.main.get_command(app)
+    rest = list(words)
+    while hasattr(command, "commands") and rest:
+        name = rest.pop(0)
+        assert name in command.commands, f"vpsci {' '.join(words)}: no command {name!r}"
+        command = command.commands[name]
+    if "--ros-args" in rest:
+        rest = rest[: rest.index("--ros-args")]
+    return command, [word.partition("=")[0] for word in rest if re.match(r"--?[a-z]", word)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_leads_to_a_file_and_a_heading(page: Path) -> None:
+    for target, anchor in _LINK.findall(page.read_text("utf-8")):
+        path = (page.parent / target).resolve() if target else page
+        assert path.exists(), f"{page.name}: {target}"
+        assert not anchor or anchor in anchors(path), f"{page.name}: {target}#{anchor}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_command_shown_exists_with_the_options_shown(page: Path) -> None:
+    for words in commands(page):
+        command, given = options(words)
+        known = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
+        assert set(given) <= known | {"--help"}, f"{page.name}: vpsci {' '.join(words)}"
+
+
+def test_commands_are_found_at_all() -> None:
+    assert sum(1 for page in PAGES for _ in commands(page)) > 30
+
+
+def test_every_page_and_picture_of_docs_is_linked_from_somewhere() -> None:
+    linked = set()
+    for page in PAGES:
+        text = page.read_text("utf-8")
+        linked |= {(page.parent / target).resolve() for target, _ in _LINK.findall(text) if target}
+        linked |= {(ROOT / name).resolve() for name in re.findall(r"docs/[\w./-]+\.\w+", text)}
+    left = [path.name for path in (ROOT / "docs").rglob("*") if path.is_file() and path.resolve() not in linked]
+    assert not left

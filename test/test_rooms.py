@@ -1,0 +1,83 @@
+"""Rooms lie one upon the other, and whoever needs another room looks down: imports within functions, too."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import vpsci_ros
+
+ROOT = Path(vpsci_ros.__file__).parent
+HALL = ("errors", "parameters", "resources")
+ROOMS = (
+    *HALL, "runs", "safety", "world", "data", "policy", "evaluation", "learning", "report", "bags", "export",
+    "generate", "studies", "view", "envs", "nodes", "exam", "turing", "cli",
+)  # fmt: skip
+"""From the ground up, as `vpsci_ros/` lies in DESIGN."""
+OF_ROS = {"rclpy", "vpsci_msgs", "rcl_interfaces", "builtin_interfaces", "launch", "launch_ros", "std_srvs"}
+ROOM_OF_NODES = ROOMS.index("nodes")
+
+
+def room(path: Path) -> str:
+    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+
+
+def imported(tree: ast.AST) -> list[tuple[int, str]]:
+    """Return line and module of every import, wherever it stands; `from vpsci_ros import x` counts as vpsci_ros.x."""
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += [(node.lineno, alias.name) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            module = "vpsci_ros" if node.level else node.module or ""
+            names = [f"{module}.{alias.name}" for alias in node.names] if module == "vpsci_ros" else [module]
+            found += [(node.lineno, name) for name in names]
+    return found
+
+
+def upward(path: Path, tree: ast.AST) -> list[str]:
+    """Return where a file looks up, one sentence each; it may look at its own room and at those below."""
+    arrows, mine = [], ROOMS.index(room(path))
+    for line, module in imported(tree):
+        first, _, rest = module.partition(".")
+        theirs = rest.partition(".")[0]
+        if first == "vpsci_ros" and theirs in ROOMS and ROOMS.index(theirs) > mine:
+            arrows.append(f"{path.relative_to(ROOT)}:{line} imports {module}, but {theirs} lies above {ROOMS[mine]}")
+        if (first in OF_ROS or first.endswith(("_msgs", "_interfaces"))) and mine < ROOM_OF_NODES:
+            arrows.append(f"{path.relative_to(ROOT)}:{line} imports {module}, but nothing below nodes knows ROS")
+    return arrows
+
+
+def test_every_room_has_its_place() -> None:
+    files = {path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py"}
+    assert {room(path) for path in files} == set(ROOMS)
+
+
+def test_the_hall_holds_the_ground_only() -> None:
+    assert {path.stem for path in ROOT.glob("*.py")} - {"__init__"} == set(HALL)
+
+
+def test_no_file_looks_up() -> None:
+    files = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py")
+    arrows = [text for path in files for text in upward(path, ast.parse(path.read_text(encoding="utf-8")))]
+    assert not arrows, "\n".join(arrows)
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "from vpsci_ros.learning.config import RefineConfig",
+        "import vpsci_ros.exam.run",
+        "from vpsci_ros import nodes",
+        "def late():\n    from vpsci_ros.cli.options import Params",
+        "if TYPE_CHECKING:\n    from rclpy.node import Node",
+        "from geometry_msgs.msg import Pose",
+    ],
+)
+def test_an_arrow_up_is_found_wherever_it_stands(code: str) -> None:
+    assert len(upward(ROOT / "policy" / "agent.py", ast.parse(code))) == 1
+
+
+def test_a_look_down_or_around_is_none() -> None:
+    code = "from vpsci_ros.world import World\nfrom vpsci_ros.policy.config import NetworkConfig\nimport numpy"
+    assert upward(ROOT / "policy" / "agent.py", ast.parse(code)) == []

@@ -1,0 +1,200 @@
+"""Lock-step: the world goes on when everybody has answered, or has been waited for; not while it has to stand still."""
+
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world import EPISODE, RUNNING, WorldConfig
+from vpsci_ros.world.lockstep import LockStep, LockStepConfig
+from vpsci_ros.world.safe_stop import ExternalConfig, ExternalDriver
+from vpsci_ros.world.tick import Actions, Assessment, Tick
+
+PATIENT = LockStepConfig(action_timeout=2.0, replay_window=100)
+
+
+class Session:
+    """A lock-step with two slots, and those who answer it."""
+
+    def __init__(self, external: ExternalDriver | None = None, **drivers: str) -> None:
+        self.counts: Counter[str] = Counter()
+        self.lock_step = LockStep(PATIENT, WorldConfig(**drivers), self.counts, external)
+        self.state = np.zeros(2, EPISODE)
+        self.state["status"] = RUNNING
+
+    def begin(self, number: int = 0, now: float = 0.0) -> None:
+        asked = np.full(2, number % 2 == 0)
+        self.lock_step.begin(Tick(number=number, state=self.state, policy_frame=asked), now)
+
+    def monitor(self, number: int = 0, ttc: float = 1.0) -> None:
+        def read(tick: Tick) -> Assessment:
+            return tick.assessed(np.full(2, ttc), np.ones(2), np.ones(2, bool))
+
+        self.lock_step.take_assessment(number, read)
+
+    def agent(self, agent: str, number: int = 0, value: float = 1.0) -> None:
+        self.lock_step.take_action(number, agent, 7, lambda _: np.full((2, 2), value))
+
+    def answer(self, number: int = 0) -> None:
+        self.monitor(number)
+        for agent in ("vehicle", "pedestrian"):
+            self.agent(agent, number)
+
+
+@pytest.fixture
+def session() -> Session:
+    return Session()
+
+
+@pytest.mark.parametrize("last", ["monitor", "vehicle", "pedestrian"])
+def test_at_a_policy_tick_the_world_goes_on_with_the_last_answer(session: Session, last: str) -> None:
+    session.begin()
+    answers: dict[str, Callable[[], None]] = {"monitor": session.monitor}
+    answers |= {agent: lambda agent=agent: session.agent(agent) for agent in ("vehicle", "pedestrian")}  # type: ignore[misc]
+    final = answers.pop(last)
+    for answer in answers.values():
+        answer()
+    assert not session.lock_step.may_advance()
+    final()
+    assert session.lock_step.may_advance()
+    assessment, actions, events = session.lock_step.answers()
+    assert assessment.acting.all()
+    assert actions.vehicle is not None
+    assert actions.pedestrian is not None
+    assert session.lock_step.versions == {"vehicle": 7, "pedestrian": 7}
+    assert len(events) == 0
+
+
+def test_between_policy_ticks_nobody_waits_for_policies(session: Session) -> None:
+    session.begin(1)
+    session.monitor(1)
+    assert session.lock_step.may_advance()
+
+
+def test_answers_to_other_ticks_are_passed_over(session: Session) -> None:
+    session.answer()
+    session.begin(4)
+    session.answer(2)
+    assert session.lock_step.assessment is None
+    assert session.lock_step.actions == Actions()
+    assert not session.counts
+
+
+def test_a_tick_forgets_the_answers_to_the_last_one(session: Session) -> None:
+    session.begin()
+    session.answer()
+    session.begin(2)
+    assert not session.lock_step.may_advance()
+    assert session.lock_step.versions == {}
+    assert not session.lock_step.answers()[0].answered
+
+
+def test_who_does_not_answer_is_waited_for_until_the_timeout_and_left_out(session: Session) -> None:
+    session.begin(now=10.0)
+    session.monitor()
+    session.agent("vehicle")
+    assert not session.lock_step.may_advance(12.0)
+    assert session.lock_step.may_advance(12.1)
+    assert not session.lock_step.may_advance()
+    assert session.lock_step.answers()[1].pedestrian is None
+
+
+def test_a_bad_answer_is_refused_counted_and_nobody_waits_for_a_better_one(session: Session) -> None:
+    session.begin()
+    with pytest.raises(InvalidInput, match="curvttc of slot 0 is not a number"):
+        session.monitor(ttc=np.nan)
+    with pytest.raises(InvalidInput, match="actions.vehicle of slot 0"):
+        session.agent("vehicle", value=np.inf)
+    session.agent("pedestrian")
+    assert session.counts == {"safety_answers_refused": 1, "vehicle_answers_refused": 1}
+    assert session.lock_step.may_advance()
+    assessment, actions, _ = session.lock_step.answers()
+    assert not assessment.answered
+    assert actions.vehicle is None
+    assert actions.pedestrian is not None
+
+
+def test_a_paused_world_takes_one_tick_for_each_step_and_nobody_is_late_meanwhile(session: Session) -> None:
+    session.begin()
+    session.lock_step.pause(True, 5.0)
+    session.answer()
+    assert not session.lock_step.may_advance(1000.0)
+    assert session.lock_step.step(1000.0)
+    assert session.lock_step.may_advance()
+    session.begin(2)
+    session.answer(2)
+    assert not session.lock_step.may_advance()
+    session.lock_step.pause(False, 1001.0)
+    assert session.lock_step.may_advance()
+
+
+def test_steps_are_refused_unless_it_is_paused_and_running(session: Session) -> None:
+    assert not session.lock_step.step(0.0)
+    session.begin()
+    assert not session.lock_step.step(0.0)
+    session.lock_step.pause(True, 0.0)
+    assert session.lock_step.step(0.0)
+    session.begin(2)
+    session.lock_step.end()
+    assert not session.lock_step.step(0.0)
+    assert not session.lock_step.running
+
+
+def test_paced_by_the_wall_clock_a_tick_waits_for_its_beat_and_late_ones_are_counted(session: Session) -> None:
+    session.lock_step.pace(True)
+    session.begin()
+    session.answer()
+    assert not session.lock_step.may_advance()
+    assert not session.lock_step.may_advance(99.0)
+    session.lock_step.beat()
+    assert session.lock_step.may_advance()
+    assert session.counts["late_ticks"] == 0
+    session.lock_step.beat()
+    assert session.counts["late_ticks"] == 1
+    session.begin(2)
+    session.answer(2)
+    session.lock_step.pace(False)
+    assert session.lock_step.may_advance()
+
+
+def test_the_world_waits_for_a_learner_that_is_a_window_behind_however_long(session: Session) -> None:
+    session.begin()
+    session.answer()
+    session.lock_step.unread = 100
+    assert not session.lock_step.may_advance(1e9)
+    session.lock_step.unread = 99
+    assert session.lock_step.may_advance()
+    session.lock_step.config = LockStepConfig(replay_window=0)
+    session.lock_step.unread = 10**6
+    assert session.lock_step.may_advance()
+
+
+def test_an_external_pedestrian_is_asked_at_every_tick_at_which_an_episode_runs() -> None:
+    session = Session(vehicle_driver="autopilot", pedestrian_driver="external")
+    session.begin(1)
+    session.monitor(1)
+    assert not session.lock_step.may_advance()
+    session.agent("pedestrian", 1)
+    assert session.lock_step.may_advance()
+    session.state["status"] = 0
+    session.begin(2)
+    session.monitor(2)
+    assert session.lock_step.may_advance()
+
+
+def test_an_external_vehicles_command_stands_in_for_a_policys_action() -> None:
+    driver = ExternalDriver(ExternalConfig(), 0.05, Counter())
+    session = Session(driver, vehicle_driver="external")
+    session.begin()
+    session.monitor()
+    session.agent("pedestrian")
+    assert not session.lock_step.may_advance()
+    driver.control((0.5, 0.0, 1.0))
+    assert session.lock_step.may_advance()
+    _, actions, _ = session.lock_step.answers()
+    assert actions.vehicle is None
+    assert actions.vehicle_control is not None
+    assert actions.vehicle_control.tolist() == [[0.5, 0.0, 1.0]]
+    assert actions.pedestrian is not None

@@ -1,0 +1,156 @@
+"""An external driving system's commands: what is taken, what is refused, and what happens where none comes."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world import EPISODE, RUNNING
+from vpsci_ros.world.safe_stop import ExternalConfig, ExternalDriver
+from vpsci_ros.world.state import SAFE_STOP
+from vpsci_ros.world.tick import NO_ACTIONS, Tick
+
+PERIOD, NANOSECONDS = 0.05, 50_000_000
+REAL_TIME = ExternalConfig(external_mode="real_time", command_silence=0.2)
+
+
+class Session:
+    """A driver, and ticks for it."""
+
+    def __init__(self, config: ExternalConfig) -> None:
+        self.counts: Counter[str] = Counter()
+        self.driver = ExternalDriver(config, PERIOD, self.counts)
+        self.state = np.zeros(1, EPISODE)
+        self.state["status"], self.state["frame"] = RUNNING, 5
+
+    def begin(self, number: int, *, running: bool = True) -> None:
+        self.driver.begin(Tick(number=number, state=self.state, policy_frame=np.zeros(1, bool)), running=running)
+
+    def braking(self) -> float:
+        actions, _ = self.driver.drive(self.state)
+        assert actions.vehicle is not None
+        return float(-actions.vehicle[0, 0])
+
+
+def test_in_lock_step_a_command_holds_for_its_tick_only() -> None:
+    session = Session(ExternalConfig())
+    session.begin(3)
+    assert not session.driver.answered
+    session.driver.accelerate((-2.0, 0.5), 3 * NANOSECONDS)
+    assert session.driver.answered
+    actions, events = session.driver.drive(session.state)
+    assert actions.vehicle is not None
+    assert actions.vehicle.tolist() == [[-2.0, 0.5]]
+    assert len(events) == 0
+    session.begin(4)
+    assert session.driver.drive(session.state)[0] is NO_ACTIONS
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 50.1])
+def test_a_command_that_nothing_can_follow_is_refused_and_counted(value: float) -> None:
+    session = Session(ExternalConfig())
+    session.begin(3)
+    with pytest.raises(InvalidInput, match="at tick 3: out of range or not finite"):
+        session.driver.accelerate((value, 0.0))
+    assert not session.driver.answered
+    assert session.counts == {"vehicle_commands_refused": 1}
+
+
+@pytest.mark.parametrize("values", [(1.01, 0.0, 0.0), (0.0, -0.1, 0.0), (0.0, 0.0, np.nan)])
+def test_controls_out_of_range_are_refused(values: tuple[float, float, float]) -> None:
+    session = Session(ExternalConfig())
+    session.begin(3)
+    with pytest.raises(InvalidInput, match="out of range"):
+        session.driver.control(values)
+
+
+def test_commands_for_other_ticks_are_refused_by_their_stamp_or_their_tick() -> None:
+    session = Session(ExternalConfig())
+    session.begin(3)
+    with pytest.raises(InvalidInput, match="an earlier tick"):
+        session.driver.accelerate((0.0, 0.0), 2 * NANOSECONDS)
+    with pytest.raises(InvalidInput, match="an earlier tick"):
+        session.driver.control((0.0, 0.0, 1.0), tick=2)
+    with pytest.raises(InvalidInput, match="a tick that has not been"):
+        session.driver.control((0.0, 0.0, 1.0), tick=4)
+    session.driver.control((0.0, 0.0, 1.0), stamp=1, tick=3)
+    session.driver.accelerate((0.0, 0.0))
+    assert session.counts == {"vehicle_commands_refused": 3, "vehicle_commands": 2, "vehicle_commands_surplus": 1}
+
+
+def test_an_answer_to_a_tick_without_an_episode_is_passed_over() -> None:
+    session = Session(ExternalConfig())
+    session.begin(3, running=False)
+    session.begin(4)
+    session.driver.accelerate((0.0, 0.0), 3 * NANOSECONDS)
+    assert not session.driver.answered
+    assert not session.counts["vehicle_commands_refused"]
+
+
+def test_who_was_waited_for_in_vain_and_has_left_is_not_waited_for_again() -> None:
+    session = Session(ExternalConfig())
+    session.begin(3)
+    session.begin(4)
+    assert not session.driver.answered
+    session.driver.present = lambda: False
+    assert session.driver.answered
+    session.driver.accelerate((0.0, 0.0))
+    session.begin(5)
+    assert not session.driver.answered
+
+
+def test_in_real_time_the_vehicle_rolls_until_the_first_command_and_the_last_one_holds() -> None:
+    session = Session(REAL_TIME)
+    session.begin(0)
+    assert session.driver.answered
+    assert session.braking() == 0.0
+    session.driver.accelerate((-1.5, 0.0))
+    for number in range(1, 5):  # up to 0.2 s
+        session.begin(number)
+        assert session.braking() == 1.5
+
+
+def test_a_safe_stop_brakes_ever_more_firmly_up_to_its_limit_and_is_told_of_once() -> None:
+    session = Session(ExternalConfig("real_time", 0.2, safe_stop_deceleration=2.0, safe_stop_jerk=10.0))
+    session.begin(0)
+    session.driver.accelerate((1.0, 0.0))
+    braking, kinds = [], []
+    for number in range(1, 12):
+        session.begin(number)
+        actions, events = session.driver.drive(session.state)
+        assert actions.vehicle is not None
+        braking.append(-float(actions.vehicle[0, 0]))
+        kinds += events["kind"].tolist()
+    assert braking == pytest.approx([-1.0] * 4 + [0.5, 1.0, 1.5] + [2.0] * 4)
+    assert kinds == [SAFE_STOP]
+    assert (session.counts["safe_stops"], session.counts["safe_stop_ticks"]) == (1, 7)
+
+
+def test_a_command_ends_a_safe_stop_and_silence_begins_another() -> None:
+    session = Session(REAL_TIME)
+    session.begin(0)
+    session.begin(10)
+    assert session.braking() > 0.0
+    session.driver.accelerate((2.0, 0.0))
+    assert session.braking() == -2.0
+    session.begin(20)
+    assert session.braking() > 0.0
+    assert session.counts["safe_stops"] == 2
+
+
+def test_in_real_time_a_command_of_long_ago_or_out_of_order_is_refused() -> None:
+    session = Session(REAL_TIME)
+    session.begin(10)
+    session.driver.accelerate((0.0, 0.0), 8 * NANOSECONDS)
+    for stamp in (5, 7):  # 0.25 s ago; before the last one
+        with pytest.raises(InvalidInput, match="an earlier tick"):
+            session.driver.accelerate((0.0, 0.0), stamp * NANOSECONDS)
+
+
+def test_a_stamp_by_a_clock_of_its_own_does_not_lock_later_commands_out() -> None:
+    session = Session(REAL_TIME)
+    session.begin(10)
+    session.driver.accelerate((-1.0, 0.0), 1_700_000_000 * 10**9)
+    session.driver.accelerate((-2.0, 0.0), 10 * NANOSECONDS)
+    assert session.braking() == 2.0

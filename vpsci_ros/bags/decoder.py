@@ -1,0 +1,60 @@
+"""Serialized messages to objects: by the definitions in the bag, or, where it has none, by those of this package."""
+
+from functools import cache
+from typing import Any
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from vpsci_ros.bags.raw import RawMessage
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.resources import messages_dir
+
+
+class Decoder:
+    """Turns serialized messages into objects whose numeric sequences are arrays."""
+
+    def __init__(self) -> None:
+        self._store = get_typestore(Stores.EMPTY)
+
+    def __call__(self, raw: RawMessage, where: object) -> Any:
+        """Return the message; `where` opens the error messages.
+
+        :raises InvalidInput: another encoding than CDR, or a definition or message that cannot be read.
+        """
+        if raw.encoding != "cdr":
+            raise InvalidInput(
+                f"{where}: {raw.topic} holds {raw.encoding} described by {raw.form or 'nothing'}; expected ROS 2's cdr"
+            )
+        try:
+            if raw.form != "ros2msg":
+                if raw.type not in known_types().fielddefs:
+                    raise InvalidInput(
+                        f"{where}: no definition of {raw.type} ({raw.topic}) in the bag, and none is known; record with"
+                        " --storage mcap, which stores definitions"
+                    )
+                return known_types().deserialize_cdr(raw.data, raw.type)
+            if raw.type not in self._store.fielddefs:
+                types = get_types_from_msg(raw.definition, raw.type)
+                self._store.register({key: kind for key, kind in types.items() if key not in self._store.fielddefs})
+            return self._store.deserialize_cdr(raw.data, raw.type)
+        except InvalidInput:
+            raise
+        except Exception as error:  # noqa: BLE001  rosbags raises whatever its parser meets
+            raise InvalidInput(
+                f"{where}: {raw.type} at {raw.time} ns on {raw.topic} is not readable: {error}"
+            ) from None
+
+
+@cache
+def known_types() -> Typestore:
+    """Return the types of ROS 2 Jazzy and of vpsci_msgs."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for path in sorted(messages_dir().glob("*.msg")):
+        store.register(get_types_from_msg(path.read_text(encoding="utf-8"), f"vpsci_msgs/msg/{path.stem}"))
+    return store
+
+
+def describe(kind: str) -> tuple[str, str]:
+    """Return the definition of a type such as "nav_msgs/msg/Odometry" with all that it needs, and its RIHS01 hash."""
+    return known_types().generate_msgdef(kind, ros_version=2)[0], known_types().hash_rihs01(kind)

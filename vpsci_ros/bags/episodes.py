@@ -1,0 +1,231 @@
+"""The episodes of a bag: a text record for each in the file, so that one is found and read without the rest.
+
+A record is written when its episode has ended. A bag without records, of another tool or an early one, gives its
+episodes from the events in it, or from the world's states or odometry themselves; that reads all of them.
+"""
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.bags import layout
+from vpsci_ros.bags.decoder import Decoder
+from vpsci_ros.bags.layout import EVENTS
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.tick import RecordedTick
+from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.state import ENDED, FINISHED, IDLE, OUTCOME_NAMES, STARTED
+
+RECORD = "vpsci_episode"  # name of the records
+LATE = 1_000_000_000  # [ns] by which other tools log an answer or a state later than the event that goes with it
+
+
+@dataclass(frozen=True)
+class BagEpisode:
+    """One episode of a bag.
+
+    :ivar scenario, episode: its number, and that within the scenario.
+    :ivar slot: its index in the arrays of the messages.
+    :ivar start_tick, end_tick, start_time, end_time: first and last tick, and their times in the bag [ns].
+    :ivar outcome: "collision", "goal" or "timeout"; "none" where the bag does not tell.
+    :ivar least_curvttc: [s].
+    :ivar first_file, file: where it begins and where it ends; empty where no record says so.
+    """
+
+    scenario: int
+    episode: int
+    slot: int
+    start_tick: int
+    end_tick: int
+    start_time: int
+    end_time: int
+    outcome: str
+    least_curvttc: float
+    first_file: str = ""
+    file: str = ""
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """Scenario and number."""
+        return self.scenario, self.episode
+
+    @property
+    def name(self) -> str:
+        """As commands take and print it: "6:12"."""
+        return f"{self.scenario}:{self.episode}"
+
+    def to_record(self) -> dict[str, str]:
+        """Return the values of the text record."""
+        return {field.name: str(getattr(self, field.name)) for field in fields(self)}
+
+    @classmethod
+    def from_record(cls, record: dict[str, str]) -> "BagEpisode":
+        """Read a text record.
+
+        :raises InvalidInput: it is not one.
+        """
+        try:
+            return cls(**{field.name: field.type(record[field.name]) for field in fields(cls)})  # type: ignore[operator]
+        except (KeyError, ValueError) as error:
+            raise InvalidInput(f"the bag's record of an episode is damaged: {error!r}") from None
+
+
+class EventRow(NamedTuple):
+    """What is used of an event of a message on `/episode/event`."""
+
+    kind: int  # as in vpsci_msgs/EpisodeEvent
+    slot: int
+    scenario: int
+    episode: int  # its number within the scenario
+    outcome: int
+    least_curvttc: float  # [s] so far
+
+
+class EpisodeLog:
+    """Makes episodes of events, message by message."""
+
+    def __init__(self) -> None:
+        self._open: dict[int, tuple[int, int, int, int, str]] = {}
+
+    @property
+    def unfinished(self) -> int:
+        """Episodes that have begun and not ended."""
+        return len(self._open)
+
+    def add(self, tick: int, time: int, events: Iterable[EventRow], file: str = "") -> list[BagEpisode]:
+        """Take the events of one message, at `tick` and `time` [ns], and return the episodes that ended with it.
+
+        An episode whose beginning was not seen is left out.
+        """
+        ended = []
+        for event in events:
+            if event.kind == STARTED:
+                self._open[event.slot] = (event.scenario, event.episode, tick, time, file)
+            elif event.kind == FINISHED and (begun := self._open.pop(event.slot, None)) is not None:
+                scenario, episode, start_tick, start_time, first_file = begun
+                ends = (start_tick, tick, start_time, time)
+                what = OUTCOME_NAMES[event.outcome], float(event.least_curvttc)
+                ended.append(BagEpisode(scenario, episode, event.slot, *ends, *what, first_file, file))
+        return ended
+
+
+def event_rows(message: Any) -> Iterator[EventRow]:
+    """Yield the events of a decoded message, of ROS or of `Decoder`."""
+    return itertools.starmap(EventRow, layout.events(message)[list(EventRow._fields)].tolist())
+
+
+def bag_episodes(bag: Bag, *, recover: bool = False) -> list[BagEpisode]:
+    """Return the episodes of a bag that ended in it, in the order of their ends.
+
+    :param recover: as the bag was opened.
+    :raises InvalidInput: the bag is not whole, or none of a vehicle and a pedestrian.
+    """
+    found = [BagEpisode.from_record(values) for name, values in bag.records() if name == RECORD]
+    if found:
+        return found
+    topics = bag.topics()
+    if EVENTS in topics and topics[EVENTS].messages:
+        return list(_from_events(bag))
+    return list(_from_ticks(bag, recover))
+
+
+def _from_events(bag: Bag) -> Iterator[BagEpisode]:
+    decode, log = Decoder(), EpisodeLog()
+    for raw in bag.messages([EVENTS]):
+        message = decode(raw, bag.path)
+        yield from log.add(int(message.tick), raw.time, event_rows(message))
+
+
+def _from_ticks(bag: Bag, recover: bool) -> Iterator[BagEpisode]:
+    begun: dict[int, tuple[tuple[int, int], int, int]] = {}
+    least: NDArray[np.float64] = np.zeros(0)
+    for tick in read_bag(bag.path, recover=recover):
+        if len(least) == 0:
+            least = np.full(len(tick.state), math.inf)
+        for slot in np.flatnonzero(tick.state["status"] != IDLE).tolist():
+            record = tick.state[slot]
+            key = int(record["scenario"]), int(record["episode"])
+            if slot not in begun or begun[slot][0] != key:
+                begun[slot] = key, tick.number, tick.time
+                least[slot] = math.inf
+            least[slot] = min(least[slot], np.nan_to_num(tick.curvttc[slot], nan=math.inf, posinf=math.inf))
+            if record["status"] == ENDED:
+                _, start_tick, start_time = begun.pop(slot)
+                ends = start_tick, tick.number, start_time, tick.time
+                yield BagEpisode(*key, slot, *ends, OUTCOME_NAMES[record["outcome"]], float(least[slot]))
+
+
+def chosen_episode(episodes: list[BagEpisode], text: str) -> BagEpisode:
+    """Return the episode that a person means by "12" or "6:12".
+
+    :raises InvalidInput: not of that form, none, or more than one with that number.
+    """
+    found = [episode for episode in episodes if _matches(episode, text)]
+    if not found:
+        raise InvalidInput(f"episode {text}: not in the bag; it has {_some(episodes)}")
+    if len({episode.key for episode in found}) > 1:
+        raise InvalidInput(f"episode {text}: there is one in several scenarios; name one of {_some(found)}")
+    return found[0]
+
+
+def choose(
+    episodes: list[BagEpisode], numbers: str = "", outcome: str = "", curvttc_below: float | None = None
+) -> list[BagEpisode]:
+    """Return the episodes that meet all conditions which are given.
+
+    :param numbers: "3,7-9", numbers in every scenario, or "6:12" in one.
+    :param outcome: "collision", "goal", "timeout" or "none".
+    :param curvttc_below: of the least CurvTTC [s].
+    :raises InvalidInput: a condition of another form, or that no episode meets; a number that the bag does not have.
+    """
+    if outcome and outcome not in OUTCOME_NAMES:
+        raise InvalidInput(f"outcome {outcome!r}: expected one of {', '.join(OUTCOME_NAMES)}")
+    ranges = [text.strip() for text in numbers.split(",") if text.strip()]
+    chosen = [
+        episode
+        for episode in episodes
+        if (not ranges or any(_matches(episode, text) for text in ranges))
+        and outcome in ("", episode.outcome)
+        and (curvttc_below is None or episode.least_curvttc < curvttc_below)
+    ]
+    if not chosen:
+        raise InvalidInput(f"no episode of the bag is as chosen; it has {_some(episodes)}")
+    for text in ranges:
+        if not any(_matches(episode, text) for episode in episodes):
+            raise InvalidInput(f"no episode {text} in the bag; it has {_some(episodes)}")
+    return chosen
+
+
+def _matches(episode: BagEpisode, text: str) -> bool:
+    scenario, colon, numbers = text.rpartition(":")
+    first, _, last = numbers.partition("-")
+    last = last or first
+    if not (first.isdigit() and last.isdigit() and (scenario.isdigit() or not colon)):
+        raise InvalidInput(f"episode {text!r}: expected a number, a range or SCENARIO:NUMBER, say 12, 7-9 or 6:12")
+    return int(first) <= episode.episode <= int(last) and (not colon or int(scenario) == episode.scenario)
+
+
+def _some(episodes: list[BagEpisode]) -> str:
+    names = [f"{episode.name} ({episode.outcome})" for episode in episodes]
+    return ", ".join(names[:8] + [f"... {len(names)} in all"] * (len(names) > 8)) or "no episode that ended in it"
+
+
+def episode_ticks(path: str | Path, episode: BagEpisode, *, recover: bool = False) -> Iterator[RecordedTick]:
+    """Yield the ticks of one episode, arrays cut to its slot (B = 1); of a whole bag little else is read.
+
+    :raises InvalidInput: see `vpsci_ros.bags.ticks.read_bag`.
+    """
+    for tick in read_bag(path, recover=recover, start=episode.start_time, stop=episode.end_time + LATE):
+        mine = (tick.state["scenario"] == episode.scenario) & (tick.state["episode"] == episode.episode)
+        mine &= tick.state["status"] != IDLE
+        if mine.any():
+            yield tick._replace(state=tick.state[mine], curvttc=tick.curvttc[mine], distance=tick.distance[mine])
+            if tick.state["status"][mine][0] == ENDED:
+                return

@@ -1,0 +1,157 @@
+"""From a bag to a dataset: the episodes that a graph recorded, filtered, as tables, with a summary and a picture."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from rich.console import Console
+
+from vpsci_ros.bags.episodes import LATE, BagEpisode, bag_episodes, choose
+from vpsci_ros.bags.odometry import SCENARIO
+from vpsci_ros.bags.reader import Bag, bag_files
+from vpsci_ros.bags.run_record import bag_run
+from vpsci_ros.bags.tick import RecordedTick
+from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.dataset_files import FORMATS
+from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.filters import FilterConfig
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.report.panels import typical_panels
+from vpsci_ros.report.summary import print_rejections, print_summary, summarise
+from vpsci_ros.report.trajectories import save_trajectories
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.world import Scenario
+from vpsci_ros.world.scenario import every_scenario
+
+PICTURE = "trajectories.png"
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which episodes of a bag are wanted: see `vpsci_ros.bags.episodes.choose`; as it stands, all."""
+
+    numbers: str = ""
+    outcome: str = ""
+    curvttc_below: float | None = None
+
+
+ALL = Selection()
+KEEP_ALL = FilterConfig(
+    critical_ttc=1e9, missing_frames=10**9, least_frames=1, vehicle_distance=-1.0, pedestrian_distance=-1.0
+)
+"""Filters that every episode passes which has a CurvTTC at all."""
+
+
+def export_bag(
+    bag: str | Path,
+    folder: str | Path,
+    *,
+    filters: FilterConfig | None = None,
+    formats: tuple[str, ...] = FORMATS,
+    selection: Selection = ALL,
+    keep_rejected: bool = False,
+    recover: bool = False,
+    console: Console | None = None,
+) -> dict[str, Any]:
+    """Write the episodes of a bag as a dataset with a picture, print what it holds, and return its description.
+
+    :param bag: rosbag2 folder; what it says of its making goes into the dataset's description.
+    :param folder: output folder; must be new or empty.
+    :param selection: only these episodes, and all of them: filters that are not given then let everything pass, and
+        those that never were critical go to `rejected/`.
+    :param recover: take what is whole of a bag that was not closed.
+    :raises InvalidInput: no bag of a graph, no episode that ended in it or is as chosen, or the folder is not empty.
+    """
+    console = console or Console()
+    scenarios = every_scenario(bag_run(Bag(bag, recover=recover)).own_scenarios, str(bag))
+    ticks = read_bag(bag, recover=recover)
+    if selection != ALL:
+        chosen = choose(bag_episodes(Bag(bag, recover=recover), recover=recover), *astuple(selection))
+        ticks = _of(chosen, bag, recover)
+        filters = filters or KEEP_ALL
+        keep_rejected |= any(not np.isfinite(episode.least_curvttc) for episode in chosen)
+    first = next(ticks)
+    frames = EpisodeFrames(len(first.state))
+    with DatasetWriter(
+        folder,
+        {SCENARIO: "odometry"} | {scenario.number: scenario.name for scenario in scenarios},
+        provenance_of(Path(bag), recover=recover),
+        period=first.period,
+        filters=filters,
+        formats=formats,
+        keep_rejected=keep_rejected,
+    ) as writer:
+        writer.add(frames.add(first.state, first.curvttc, first.distance))
+        for tick in ticks:
+            writer.add(frames.add(tick.state, tick.curvttc, tick.distance))
+        if not writer.counts:
+            raise InvalidInput(f"{bag}: not one of its {frames.unfinished} episodes ended while it was recorded")
+        description = writer.close(unfinished=frames.unfinished)
+    report(folder, scenarios, console)
+    return description
+
+
+def _of(chosen: list[BagEpisode], bag: str | Path, recover: bool) -> Iterator[RecordedTick]:
+    """Yield the ticks of these episodes, with every slot that holds another one idle; little else is read."""
+    wanted = np.array([_code(episode.scenario, episode.episode) for episode in chosen])
+    ranges: list[list[int]] = []
+    for episode in sorted(chosen, key=lambda episode: episode.start_time):
+        start, stop = episode.start_time, episode.end_time + LATE
+        if ranges and start <= ranges[-1][1]:
+            ranges[-1][1] = max(stop, ranges[-1][1])
+        else:
+            ranges.append([start, stop])
+    for start, stop in ranges:
+        for tick in read_bag(bag, recover=recover, start=start, stop=stop):
+            state = tick.state
+            state[~np.isin(_code(state["scenario"], state["episode"]), wanted)] = 0
+            yield tick
+
+
+def _code(scenario: Any, episode: Any) -> Any:
+    return np.uint64(scenario) * np.uint64(2**32) + np.uint64(episode)
+
+
+def report(folder: str | Path, scenarios: list[Scenario], console: Console) -> None:
+    """Print the summary of a dataset and draw its typical episodes into it."""
+    rows = summarise(folder)
+    print_summary(rows, console)
+    print_rejections(folder, console)
+    if any(row.kept for row in rows):
+        save_trajectories(typical_panels(folder), scenarios, Path(folder) / PICTURE)
+    else:
+        console.print("no episode was kept, so there is no picture")
+
+
+def provenance_of(bag: Path, *, recover: bool = False) -> dict[str, Any]:
+    """Return what is known of how a bag was made: its files' hashes, and the run's configuration.
+
+    That is in the bag; of an early one, and of another tool's, it is taken from the run's files beside it.
+
+    :raises InvalidInput: params.yaml or run.json of the run is not readable.
+    """
+    run = bag_run(Bag(bag, recover=recover))
+    found: dict[str, Any] = {
+        "bag": {path.name: sha256(path) for path in bag_files(bag)},
+        "configuration": run.parameters or None,
+        "seed": run.parameters.get("world_simulator", {}).get("seed"),
+        "weights": run.weights or None,
+    }
+    parameters, record = bag.resolve().parent / "params.yaml", bag.resolve().parent / "run.json"
+    if run.parameters:
+        return found
+    try:
+        if parameters.is_file():
+            sections = yaml.safe_load(parameters.read_text(encoding="utf-8"))
+            found["configuration"] = {name: section["ros__parameters"] for name, section in sections.items()}
+            found["seed"] = found["configuration"].get("world_simulator", {}).get("seed")
+        if record.is_file():
+            found["weights"] = json.loads(record.read_text(encoding="utf-8")).get("weights_sha256")
+    except (yaml.YAMLError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InvalidInput(f"{bag.parent}: params.yaml or run.json is not as a run writes it: {error!r}") from None
+    return found

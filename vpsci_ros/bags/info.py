@@ -1,0 +1,196 @@
+"""What is in a bag: topics, rates, episodes, outcomes, how it was made, and what is missing for which command."""
+
+import dataclasses
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from vpsci_ros.bags.decoder import Decoder
+from vpsci_ros.bags.episodes import RECORD, BagEpisode, bag_episodes
+from vpsci_ros.bags.layout import EVENTS, SAFETY, WORLD
+from vpsci_ros.bags.odometry import ODOMETRY
+from vpsci_ros.bags.raw import TopicInfo
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.run_record import BagRun, bag_run
+from vpsci_ros.errors import InvalidInput
+
+CLOCK = "/clock"
+SHOWN = 12  # episodes in the printed list
+
+
+def bag_info(path: str | Path) -> dict[str, Any]:
+    """Return what is in a bag, or in the readable part of it, as JSON values; times in seconds.
+
+    :raises InvalidInput: no bag, or nothing of it is readable.
+    """
+    damage: list[str] = []
+    bag, recover = Bag(path), False
+    try:
+        topics = bag.topics()
+    except InvalidInput as error:
+        bag, recover = Bag(path, recover=True), True
+        topics = bag.topics()
+        damage = list(dict.fromkeys(bag.damage)) or [str(error)]
+    if not any(topic.messages for topic in topics.values()):
+        raise InvalidInput(f"{path}: the bag holds no message" + (f" that is whole ({damage[0]})" if damage else ""))
+    try:
+        run = bag_run(bag)
+    except InvalidInput as error:
+        if not recover:
+            raise
+        damage.append(str(error).removeprefix(f"{path}: "))
+        run = BagRun()
+    simulated = bool(run.totals or run.software)
+    duration = (max(t.last for t in topics.values()) - min(t.first for t in topics.values() if t.messages)) * 1e-9
+    factor = 1.0 if simulated else _simulated_share(bag, topics)
+    episodes = _episodes(bag, topics, recover)
+    seen, written = run.count("seen"), run.count("written")
+    return {
+        "bag": str(path),
+        "files": [file.path.name for file in bag.files],
+        "bytes": sum(file.path.stat().st_size for file in bag.files),
+        "damage": damage,
+        "time": "simulated" if simulated or factor else "of receipt",
+        "duration": duration * (factor or 1.0),
+        "messages": sum(topic.messages for topic in topics.values()),
+        "messages_seen": sum(seen.values()) if seen else None,
+        "messages_written": sum(written.values()) if written else None,
+        "topics": [
+            {
+                "name": topic.name,
+                "type": topic.type,
+                "messages": topic.messages,
+                "rate": topic.rate / (factor or 1.0),
+                "seen": seen.get(topic.name),
+                "written": written.get(topic.name),
+            }
+            for topic in topics.values()
+        ],
+        "episodes": [_episode(episode) for episode in episodes],
+        "outcomes": dict(Counter(episode.outcome for episode in episodes)),
+        "episodes_unfinished": int(run.totals.get("episodes_unfinished", 0)),
+        "run": {name: value for name, value in dataclasses.asdict(run).items() if name != "totals"},
+        "missing": what_is_missing(topics, run, [name for name, _ in bag.records()]),
+    }
+
+
+def what_is_missing(topics: dict[str, TopicInfo], run: BagRun, records: list[str]) -> list[str]:
+    """Say what a bag lacks, and what cannot be done therefore."""
+    has = {name for name, topic in topics.items() if topic.messages}
+    missing = []
+    if WORLD not in has and set(ODOMETRY) <= has:
+        missing.append(f"{WORLD}: episodes and CurvTTC come from odometry, outcomes are unknown; no verify")
+    elif WORLD not in has:
+        missing.append(f"{WORLD}, and one of {' and '.join(ODOMETRY)}: no export, no plot, no verify")
+    elif SAFETY not in has:
+        missing.append(f"{SAFETY}: CurvTTC is unknown")
+    if WORLD in has and EVENTS not in has and RECORD not in records:
+        missing.append(f"{EVENTS}: episodes are found by reading all of the world's states")
+    if WORLD in has and "world_simulator" not in run.parameters:
+        missing.append("the nodes' parameters: no verify")
+    return missing
+
+
+def print_info(info: dict[str, Any], console: Console) -> None:
+    """Print what `bag_info` returned."""
+    size = f"{info['bytes'] / 1e6:.1f} MB" if info["bytes"] > 1e5 else f"{info['bytes'] / 1e3:.1f} kB"
+    counts = "seen and written not counted"
+    if info["messages_seen"] is not None:
+        counts = f"{info['messages_seen']:,} seen, {info['messages_written']:,} written"
+    files = f"{len(info['files'])} files" if len(info["files"]) > 1 else info["files"][0]
+    console.print(escape(f"{info['bag']}: {files}, {size}, {info['duration']:.2f} s ({info['time']} time)"))
+    console.print(f"{info['messages']:,} messages ({counts})")
+    for text in info["damage"]:
+        console.print(escape(f"damaged: {text}; this is what is readable; `vpsci bag repair` completes an MCAP bag"))
+    table = Table("topic", "type", box=None, header_style="bold")
+    for name in ("messages", "Hz"):
+        table.add_column(name, justify="right")
+    for topic in info["topics"]:
+        lost = (topic["seen"] or 0) - (topic["written"] or 0)
+        note = f" ({lost} not written)" if lost else ""
+        rate = f"{topic['rate']:.2f}" if topic["rate"] else ""
+        table.add_row(escape(topic["name"]), escape(topic["type"]), f"{topic['messages']:,}{note}", rate)
+    console.print(table)
+    _print_episodes(info, console)
+    _print_run(info["run"], console)
+    for text in info["missing"]:
+        console.print(escape(f"missing: {text}"))
+
+
+def _print_episodes(info: dict[str, Any], console: Console) -> None:
+    episodes = info["episodes"]
+    outcomes = ", ".join(f"{count} {name}" for name, count in sorted(info["outcomes"].items()))
+    unfinished = f", {info['episodes_unfinished']} unfinished" if info["episodes_unfinished"] else ""
+    console.print(
+        f"{len(episodes):,} episode{'s' * (len(episodes) != 1)}: {outcomes or 'none that ended in it'}{unfinished}"
+    )
+    least = [e["least_curvttc"] for e in episodes if e["least_curvttc"] is not None]
+    if least:
+        quartiles = ", ".join(f"{value:.2f}" for value in np.quantile(least, [0.25, 0.5, 0.75]))
+        console.print(f"least CurvTTC [s] of {len(least):,} with one: quartiles {quartiles}".replace("[s]", r"\[s]"))
+    table = Table("episode", "outcome", box=None, header_style="bold")
+    for name in (r"begins \[s]", r"lasts \[s]", r"least CurvTTC \[s]"):
+        table.add_column(name, justify="right")
+    for e in episodes[:SHOWN]:
+        ttc = "" if e["least_curvttc"] is None else f"{e['least_curvttc']:.2f}"
+        table.add_row(e["name"], e["outcome"], f"{e['start']:.2f}", f"{e['end'] - e['start']:.2f}", ttc)
+    if episodes:
+        console.print(table)
+    if len(episodes) > SHOWN:
+        console.print(f"... and {len(episodes) - SHOWN:,} more; --json lists all")
+
+
+def _print_run(run: dict[str, Any], console: Console) -> None:
+    world = run["parameters"].get("world_simulator", {})
+    if world:
+        drivers = f"vehicle {world.get('vehicle_driver')}, pedestrian {world.get('pedestrian_driver')}"
+        console.print(escape(f"seed {world.get('seed')}, batch {world.get('batch')}; {drivers}"))
+    for node, digest in sorted(run["weights"].items()):
+        name = run["parameters"].get(node, {}).get("weights", "")
+        console.print(escape(f"{node}: weights {name}, SHA-256 {digest or 'unknown'}"), soft_wrap=True)
+    for refresh in run["refreshes"]:
+        text = f"learner: weights of version {refresh['version']}, SHA-256 {refresh['sha256']}"
+        console.print(text, soft_wrap=True)
+    if run["software"]:
+        names = ("vpsci_ros", "python", "numpy", "ros-jazzy-rclpy")
+        versions = ", ".join(f"{name} {run['software'][name]}" for name in names if name in run["software"])
+        made = f"made with {versions} on {run['software'].get('cpu', 'an unknown CPU')}"
+        console.print(escape(made), soft_wrap=True)
+
+
+def _simulated_share(bag: Bag, topics: dict[str, TopicInfo]) -> float:
+    """Return how many simulated seconds one second of log time is, by the recorded clock; 0 where there is none."""
+    clock = topics.get(CLOCK)
+    if clock is None or clock.last <= clock.first:
+        return 0.0
+    decode = Decoder()
+    ends = [next(bag.messages([CLOCK], at, at)) for at in (clock.first, clock.last)]
+    times = [decode(raw, bag.path).clock for raw in ends]
+    return float(times[1].sec - times[0].sec + 1e-9 * (times[1].nanosec - times[0].nanosec)) / (
+        1e-9 * (clock.last - clock.first)
+    )
+
+
+def _episodes(bag: Bag, topics: dict[str, TopicInfo], recover: bool) -> list[BagEpisode]:
+    if not any(name in topics for name in (EVENTS, WORLD, *ODOMETRY)):
+        return []
+    try:
+        return bag_episodes(bag, recover=recover)
+    except InvalidInput:
+        if WORLD not in topics and not set(ODOMETRY) <= set(topics):
+            return []
+        raise
+
+
+def _episode(episode: BagEpisode) -> dict[str, Any]:
+    values = dataclasses.asdict(episode) | {"name": episode.name}
+    values["start"], values["end"] = values.pop("start_time") * 1e-9, values.pop("end_time") * 1e-9
+    if not math.isfinite(episode.least_curvttc):
+        values["least_curvttc"] = None
+    return values

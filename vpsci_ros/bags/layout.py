@@ -1,0 +1,230 @@
+"""The layout of the graph's messages, free of ROS: which arrays a message has, and which records they make.
+
+`msg_defs/` defines the messages. Fields of the same name in a message and in a structured array correspond. A message
+here is any object with those fields: one of rclpy, whose sequences are `array.array`s, or one of `Decoder`, whose
+sequences are numpy arrays. What writes a message takes its fields by name from here, and does with them what its kind
+of message needs.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from array import array
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.transitions import TRANSITION
+from vpsci_ros.resources import messages_dir
+from vpsci_ros.world.state import EPISODE, EVENT
+from vpsci_ros.world.tick import Assessment, Tick
+
+Array = NDArray[Any]
+MAP = "map"
+WORLD, SAFETY, EVENTS = "/world/state", "/safety/state", "/episode/event"
+TYPES = {
+    WORLD: "vpsci_msgs/msg/WorldState",
+    SAFETY: "vpsci_msgs/msg/SafetyState",
+    "/vehicle/action": "vpsci_msgs/msg/AgentAction",
+    "/pedestrian/action": "vpsci_msgs/msg/AgentAction",
+    "/vehicle/odometry": "nav_msgs/msg/Odometry",
+    "/pedestrian/odometry": "nav_msgs/msg/Odometry",
+}
+"""What has no need of ROS to be written; all topics stand in `vpsci_ros.nodes.topics`."""
+
+# A message that lacks one of these tells too little of the world; an older one may lack others.
+_NEEDED = (
+    *("scenario", "episode", "frame", "status", "outcome"),
+    *("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed"),
+    *("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"),
+)
+
+
+def _sequences(message: str, record: np.dtype[Any]) -> dict[str, tuple[int, ...]]:
+    """Return the sequences of a message that are also fields of a record, in the order of its definition: their shapes.
+
+    The shape is that of the field in one record.
+    """
+    lines = (messages_dir() / f"{message}.msg").read_text(encoding="utf-8").splitlines()
+    names = [line.split()[1] for line in lines if "[]" in line.partition("#")[0]]
+    return {name: record[name].shape for name in names if name in (record.names or ())}
+
+
+_STATE = _sequences("WorldState", EPISODE)
+_EVENT = _sequences("EpisodeEvent", EVENT)
+_TRANSITION = _sequences("Transition", TRANSITION)
+_DTYPES = {code: np.dtype(code) for code in "BIQfd"}
+_VERSIONS = ("vehicle_policy_version", "pedestrian_policy_version")
+
+
+# ---- what a message's fields hold
+
+
+def world_state_fields(state: Array, policy_frame: Array) -> dict[str, Array]:
+    """Return the sequences of a WorldState of EPISODE[B] records, asked where `policy_frame`, bool[B]."""
+    return {name: state[name] for name in _STATE} | {"policy_frame": policy_frame.astype(np.uint8)}
+
+
+def safety_fields(curvttc: Array, distance: Array, critical: Array) -> dict[str, Array]:
+    """Return the sequences of a SafetyState: CurvTTC [s], distance [m] (float64[B]) and critical (bool[B])."""
+    return {"curvttc": curvttc, "distance": distance, "critical": critical.astype(np.uint8)}
+
+
+def action_fields(action: Array) -> dict[str, Array]:
+    """Return the sequences of an AgentAction of accelerations [m/s2], [B, 2] as (longitudinal, lateral)."""
+    columns = action.astype(np.float64)
+    return {"longitudinal": columns[:, 0], "lateral": columns[:, 1]}
+
+
+def event_fields(events: Array) -> dict[str, Array]:
+    """Return the sequences of an EpisodeEvent of EVENT[n] records."""
+    return {name: events[name] for name in _EVENT}
+
+
+def transition_fields(rows: Array) -> dict[str, Any]:
+    """Return the fields of a Transition of TRANSITION[n] records, n > 0, numbered without gaps."""
+    versions = {name: int(rows[name][-1]) for name in _VERSIONS}
+    return {name: rows[name] for name in _TRANSITION} | versions | {"first_number": int(rows["number"][0])}
+
+
+class PlanarMotion(NamedTuple):
+    """An agent's odometry in the plane, as `nav_msgs/Odometry` has it: the twist is in the child frame (REP 105)."""
+
+    x: float  # [m]
+    y: float  # [m]
+    yaw: float  # [rad] of a pedestrian: of its velocity
+    speed: float  # [m/s]
+    yaw_rate: float  # [rad/s]
+
+    @property
+    def quaternion(self) -> tuple[float, float]:
+        """Z and w of the rotation by `yaw` about z."""
+        return float(np.sin(self.yaw / 2)), float(np.cos(self.yaw / 2))
+
+
+def motion_of(record: np.void, agent: str) -> PlanarMotion:
+    """Return the motion of "vehicle" or "pedestrian" in an EPISODE record."""
+    x, y = float(record[f"{agent}_x"]), float(record[f"{agent}_y"])
+    if agent == "vehicle":
+        speed = record["vehicle_speed"]
+        yaw, yaw_rate = float(record["vehicle_heading"]), float(speed * record["vehicle_curvature"])
+        return PlanarMotion(x, y, yaw, float(speed), yaw_rate)
+    vx, vy = float(record["pedestrian_vx"]), float(record["pedestrian_vy"])
+    return PlanarMotion(x, y, float(np.arctan2(vy, vx)), float(np.hypot(vx, vy)), 0.0)
+
+
+# ---- what a message says
+
+
+def stamp_of(topic: str, data: bytes) -> tuple[int, int]:
+    """Return seconds and nanoseconds of the stamp of a serialized message of any recorded topic.
+
+    Every recorded type begins with its stamp, after CDR's 4 bytes; in an array of markers its length comes first.
+    """
+    seconds, nanoseconds = struct.unpack_from("<iI", data, 8 if topic == "/markers" else 4)
+    return seconds, nanoseconds
+
+
+def values(field: array[Any] | Array) -> Array:
+    """Return a numeric field as an array that shares its memory."""
+    return field if isinstance(field, np.ndarray) else np.frombuffer(field, _DTYPES[field.typecode])
+
+
+def checked(field: array[Any] | Array, length: int, where: str, name: str) -> Array:
+    """Return a numeric field as an array.
+
+    :raises InvalidInput: it does not have `length` entries.
+    """
+    if len(field) != length:
+        raise InvalidInput(
+            f"{where}: expected {length} entries in {name}, got {len(field)}; are two graphs in one domain, or is the "
+            "bag damaged?"
+        )
+    return values(field)
+
+
+def world_state(message: Any, where: str = WORLD) -> Tick:
+    """Return the tick that a WorldState tells of; fields of EPISODE that it lacks are 0.
+
+    :raises InvalidInput: the arrays differ in length, or one that is needed is missing; `where` opens the message.
+    """
+    state = _records(message, _STATE, np.zeros(len(message.scenario), EPISODE), where, _NEEDED)
+    flags = getattr(message, "policy_frame", None)
+    frame = np.zeros(len(state), bool) if flags is None else checked(flags, len(state), where, "policy_frame") != 0
+    return Tick(number=int(message.tick), state=state, policy_frame=frame)
+
+
+def safety_state(message: Any, batch: int, where: str = SAFETY) -> tuple[Array, Array, Array]:
+    """Return CurvTTC [s] and distance [m], float64[B], and critical, uint8[B], of a SafetyState.
+
+    :raises InvalidInput: not one of each per episode.
+    """
+    curvttc, distance, critical = (
+        checked(getattr(message, name), batch, where, name) for name in ("curvttc", "distance", "critical")
+    )
+    return curvttc, distance, critical
+
+
+def assessment(message: Any, tick: Tick) -> Assessment:
+    """Return what a SafetyState says of a tick.
+
+    :raises InvalidInput: not one of each per episode, or a CurvTTC that is not a number.
+    """
+    return tick.assessed(*safety_state(message, len(tick.state)))
+
+
+def action(message: Any, batch: int, where: str) -> Array:
+    """Return the accelerations [m/s2] of an AgentAction as float64[B, 2].
+
+    :raises InvalidInput: not one pair of numbers per episode.
+    """
+    along = checked(message.longitudinal, batch, where, "longitudinal")
+    return np.stack([along, checked(message.lateral, batch, where, "lateral")], axis=1)
+
+
+def events(message: Any, where: str = EVENTS) -> Array:
+    """Return the EVENT[n] records of an EpisodeEvent; fields that it lacks are 0.
+
+    :raises InvalidInput: the arrays differ in length.
+    """
+    return _records(message, _EVENT, np.zeros(len(message.kind), EVENT), where)
+
+
+def transitions(message: Any, where: str = "/replay") -> Array:
+    """Return the TRANSITION[n] records of a Transition.
+
+    :raises InvalidInput: the arrays differ in length.
+    """
+    rows = _records(message, _TRANSITION, np.zeros(len(message.scenario), TRANSITION), where)
+    rows["number"] = message.first_number + np.arange(len(rows), dtype=np.uint64)
+    for name in _VERSIONS:
+        rows[name] = getattr(message, name)
+    return rows
+
+
+def motion(message: Any, agent: str) -> PlanarMotion:
+    """Return the motion of "vehicle" or "pedestrian" that an Odometry tells of."""
+    pose, twist, q = message.pose.pose, message.twist.twist, message.pose.pose.orientation
+    yaw = np.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    along, across = twist.linear.x, twist.linear.y
+    course = yaw + np.arctan2(across, along) if agent == "pedestrian" else yaw
+    return PlanarMotion(
+        *map(float, (pose.position.x, pose.position.y, course, np.hypot(along, across), twist.angular.z))
+    )
+
+
+def _records(
+    message: Any, fields: dict[str, tuple[int, ...]], into: Array, where: str, needed: tuple[str, ...] = ()
+) -> Array:
+    """Fill `fields` of records by those of a message, as far as it has them."""
+    for name, shape in fields.items():
+        field = getattr(message, name, None)
+        if field is not None:
+            array = checked(field, len(into) * math.prod(shape), where, name)
+            into[name] = array.reshape(-1, *shape) if shape else array
+        elif name in needed:
+            raise InvalidInput(f"{where} has no field {name}; it is of another version")
+    return into

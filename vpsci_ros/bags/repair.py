@@ -1,0 +1,104 @@
+"""Complete a bag whose recorder was killed: every whole message again, now with an index and metadata.yaml."""
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcap.writer import Writer
+
+from vpsci_ros import __version__
+from vpsci_ros.bags.mcap_file import McapFile
+from vpsci_ros.bags.reader import bag_files
+from vpsci_ros.bags.writer import RUN, TOTALS, BagFile, BagTopic, write_metadata
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.runs.files import written_whole
+
+
+@dataclass(frozen=True)
+class Repair:
+    """What a repair found.
+
+    :ivar messages: topic -> messages that the bag now holds.
+    :ivar damage: what was wrong, one sentence each; empty: the files were whole.
+    :ivar rewritten: whether anything had to be written.
+    """
+
+    messages: dict[str, int]
+    damage: tuple[str, ...]
+    rewritten: bool
+
+    def __str__(self) -> str:
+        total = sum(self.messages.values())
+        if not self.rewritten:
+            return f"the bag is complete: {total} messages; nothing was changed"
+        found = "; ".join(self.damage) or "metadata.yaml was missing"
+        return f"{found}; recovered {total} messages on {len(self.messages)} topics"
+
+
+def repair_bag(folder: str | Path) -> Repair:
+    """Rewrite the files of a bag that break off or are damaged, and write metadata.yaml if it is missing or stale.
+
+    Each file is written beside and renamed, metadata.yaml comes last: whenever this is interrupted, the bag is as it
+    was or can be repaired again.
+
+    :raises InvalidInput: no bag, or one without a single whole message.
+    """
+    folder = Path(folder)
+    topics: dict[str, BagTopic] = {}
+    counts: Counter[str] = Counter()
+    damage: list[str] = []
+    custom: dict[str, str] = {}
+    paths = bag_files(folder)
+    if paths[0].suffix != ".mcap":
+        raise InvalidInput(f"{folder}: only MCAP bags are repaired; what is whole of this one is read with --recover")
+    files = [BagFile(path.name) for path in paths]
+    for path, part in zip(paths, files, strict=True):
+        file = McapFile(path, strict=False)
+        for schema, channel, message in file.messages():
+            if channel.topic not in topics:
+                details = channel.metadata
+                latched = "transient_local" in details.get("offered_qos_profiles", "")
+                type_hash, text = details.get("topic_type_hash", ""), schema.data.decode(errors="replace")
+                topics[channel.topic] = BagTopic(channel.topic, schema.name, text, type_hash, latched)
+            counts[channel.topic] += 1
+            part.count(message.log_time)
+        damage += [f"{path.name}: {text}" for text in file.damage]
+        custom |= file.last_record(RUN)
+    if not counts:
+        raise InvalidInput(
+            f"{folder}: no whole message in {', '.join(path.name for path in paths)}; nothing to recover"
+        )
+    if not damage and (folder / "metadata.yaml").is_file():
+        return Repair(dict(counts), (), False)
+    for path in paths:
+        if any(text.startswith(f"{path.name}: ") for text in damage):
+            _rewrite(path)
+    for name, topic in topics.items():
+        topic.messages = counts[name]
+    if damage:  # what earlier files say of the numbers of messages is of an earlier time
+        custom = {name: text for name, text in custom.items() if name not in TOTALS}
+        custom["recovered"] = "; ".join(damage)
+    write_metadata(folder, files, list(topics.values()), custom)
+    return Repair(dict(counts), tuple(damage), True)
+
+
+def _rewrite(path: Path) -> None:
+    """Write the whole messages of a file to a complete one, and put that in its place."""
+    source = McapFile(path, strict=False)
+    with written_whole(path) as part, part.open("wb") as stream:
+        writer = Writer(stream, chunk_size=256 * 1024, enable_data_crcs=True)
+        writer.start(profile="ros2", library=f"vpsci_ros {__version__}")
+        schemas: dict[str, int] = {}
+        channels: dict[str, int] = {}
+        for schema, channel, message in source.messages():
+            if channel.topic not in channels:
+                if schema.name not in schemas:
+                    schemas[schema.name] = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(
+                    channel.topic, channel.message_encoding, schemas[schema.name], channel.metadata
+                )
+            number = channels[channel.topic]
+            writer.add_message(number, message.log_time, message.data, message.publish_time, message.sequence)
+        for name, values in source.records:
+            writer.add_metadata(name, values)
+        writer.finish()  # type: ignore[no-untyped-call]

@@ -1,0 +1,74 @@
+"""One sqlite3 file of a bag, as `ros2 bag record` wrote them by default before Jazzy."""
+
+import contextlib
+import sqlite3
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from vpsci_ros.bags.raw import RawMessage, TopicInfo
+from vpsci_ros.errors import InvalidInput
+
+_TOPICS = """SELECT t.name, t.type, COUNT(m.id), COALESCE(MIN(m.timestamp), 0), COALESCE(MAX(m.timestamp), 0),
+    t.offered_qos_profiles FROM topics t LEFT JOIN messages m ON m.topic_id = t.id GROUP BY t.id ORDER BY t.name"""
+_MESSAGES = "SELECT topic_id, timestamp, data FROM messages {} WHERE timestamp BETWEEN ? AND ? ORDER BY {}"
+
+
+class SqliteFile:
+    """The messages of one file in the order of their times; the same methods as `McapFile`.
+
+    :param strict: refuse a damaged file, instead of noting what is wrong with it.
+    :ivar damage: what was found wrong while reading, one sentence each.
+    """
+
+    def __init__(self, path: Path, *, strict: bool) -> None:
+        self.path = path
+        self.strict = strict
+        self.damage: list[str] = []
+
+    def topics(self) -> list[TopicInfo]:
+        """Return what topics the file has.
+
+        :raises InvalidInput: not such a file, or (strict) a damaged one.
+        """
+        return [
+            TopicInfo(
+                name, kind, count, first, last, any(text in str(qos) for text in ("durability: 1", "transient_local"))
+            )
+            for name, kind, count, first, last, qos in self._rows(_TOPICS)
+        ]
+
+    def named_records(self) -> list[tuple[str, dict[str, str]]]:
+        """Return the text records: this storage has none."""
+        return []
+
+    def select(
+        self, topics: Collection[str] | None = None, start: int = 0, stop: int = 2**63 - 1, *, ordered: bool = True
+    ) -> Iterator[RawMessage]:
+        """Yield the messages of these topics (None: all) with times from `start` to `stop` [ns], both included.
+
+        :raises InvalidInput: not such a file, or (strict) a damaged one.
+        """
+        definitions = {}
+        with contextlib.suppress(InvalidInput):  # older files have no such table
+            query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+            definitions = {kind: (text, form) for kind, form, text in self._rows(query, quiet=True)}
+        described = {row[0]: row[1:] for row in self._rows("SELECT id, name, type, serialization_format FROM topics")}
+        # A damaged file is read as far as it goes, which its index does not know.
+        order = ("", "timestamp, id") if self.strict else ("NOT INDEXED", "id")
+        for topic, time, data in self._rows(_MESSAGES.format(*order), (start, stop)):
+            name, kind, encoding = described[topic]
+            if topics is None or name in topics:
+                definition, form = definitions.get(kind, ("", ""))
+                yield RawMessage(name, kind, encoding, definition, form, time, bytes(data))
+
+    def _rows(self, query: str, values: tuple[int, ...] = (), *, quiet: bool = False) -> Iterator[tuple[Any, ...]]:
+        with contextlib.closing(sqlite3.connect(f"file:{quote(str(self.path))}?mode=ro", uri=True)) as connection:
+            try:
+                yield from connection.execute(query, values)
+            except sqlite3.Error as error:
+                text = f"{self.path}: not a whole sqlite3 bag file ({error})"
+                if quiet or self.strict or "no such table" in str(error) or "not a database" in str(error):
+                    raise InvalidInput(f"{text}; copy it anew, or read what is whole with --recover") from None
+                self.damage.append(f"it is damaged ({error})")

@@ -1,0 +1,105 @@
+"""Recorded graphs read back without ROS, tick by tick."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vpsci_ros.bags import layout
+from vpsci_ros.bags.decoder import Decoder
+from vpsci_ros.bags.layout import SAFETY, TYPES, WORLD
+from vpsci_ros.bags.odometry import ODOMETRY, odometry_ticks
+from vpsci_ros.bags.raw import TopicInfo
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.tick import RecordedTick
+from vpsci_ros.data.episode_frames import EpisodeBatch, EpisodeFrames
+from vpsci_ros.errors import InvalidInput
+
+_PATIENCE = 1000  # ticks for which the monitor's answer may come later in the file than the world's message
+
+
+def read_bag(
+    folder: str | Path, *, recover: bool = False, start: int = 0, stop: int = 2**63 - 1
+) -> Iterator[RecordedTick]:
+    """Yield every tick of a bag in order.
+
+    A bag without the world's states gives what its odometry tells: see `vpsci_ros.bags.odometry`.
+
+    :param recover: read what is whole of a bag that was not closed or is damaged, instead of refusing it.
+    :param start, stop: log times [ns] of the first and the last tick wanted.
+    :raises InvalidInput: no bag, a bag of something else, one without a tick, or (unless `recover`) one that breaks
+        off or is damaged.
+    """
+    bag = Bag(folder, recover=recover)
+    answers: dict[int, Any] = {}
+    waiting: dict[int, tuple[Any, int]] = {}
+    ticks = 0
+    for topic, message, time in _messages(bag, start, stop):
+        if topic == WORLD:
+            waiting[int(message.tick)] = message, time
+        else:
+            answers[int(message.tick)] = message
+        for tick in list(waiting):
+            if tick not in answers and len(waiting) <= _PATIENCE:
+                break
+            ticks += 1
+            yield _tick(folder, *waiting.pop(tick), answers.pop(tick, None))
+    for tick in list(waiting):
+        ticks += 1
+        yield _tick(folder, *waiting.pop(tick), answers.pop(tick, None))
+    if ticks == 0:
+        for found in odometry_ticks(bag):
+            ticks += 1
+            if start <= found.time <= stop:
+                yield found
+    if ticks == 0:
+        raise InvalidInput(f"{folder}: {what_is_missing(bag)}")
+
+
+def what_is_missing(bag: Bag) -> str:
+    """Say why a bag gives no ticks."""
+    topics = bag.topics()
+    if not topics:
+        return f"the bag holds no message of {WORLD}; nothing was recorded"
+    if topics.get(WORLD) is not None:
+        return f"the bag holds no message of {WORLD}" + ("; nothing was recorded" if not _count(topics) else "")
+    return (
+        f"no message of {WORLD}, so this is no bag of a vpsci graph, and without both {' and '.join(ODOMETRY)} it is "
+        f"none of a drive past a pedestrian either; it has {', '.join(topics)}"
+    )
+
+
+def _count(topics: dict[str, TopicInfo]) -> int:
+    return sum(topic.messages for topic in topics.values())
+
+
+def read_episodes(folder: str | Path, *, recover: bool = False) -> Iterator[EpisodeBatch]:
+    """Yield the episodes of a bag as they end, through the collector that the simulation uses.
+
+    :raises InvalidInput: see `read_bag`.
+    """
+    frames: EpisodeFrames | None = None
+    for tick in read_bag(folder, recover=recover):
+        frames = frames or EpisodeFrames(len(tick.state))
+        batch = frames.add(tick.state, tick.curvttc, tick.distance)
+        if len(batch):
+            yield batch
+
+
+def _messages(bag: Bag, start: int, stop: int) -> Iterator[tuple[str, Any, int]]:
+    decode = Decoder()
+    for raw in bag.messages((WORLD, SAFETY), start, stop):
+        if raw.type != TYPES[raw.topic]:
+            raise InvalidInput(f"{bag.path}: expected {TYPES[raw.topic]} on {raw.topic}, got {raw.type}")
+        yield raw.topic, decode(raw, bag.path), raw.time
+
+
+def _tick(folder: str | Path, world: Any, time: int, safety: Any | None) -> RecordedTick:
+    tick = layout.world_state(world, f"{folder}: {WORLD}")
+    curvttc = distance = np.full(len(tick.state), np.nan)
+    if safety is not None:
+        curvttc, distance, _ = layout.safety_state(safety, len(tick.state), f"{folder}: {SAFETY}")
+    return RecordedTick(
+        number=tick.number, period=float(world.dt), state=tick.state, curvttc=curvttc, distance=distance, time=time
+    )

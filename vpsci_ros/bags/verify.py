@@ -1,0 +1,260 @@
+"""Is a bag what its parameters say? The same episodes are simulated in this process and compared to the bit.
+
+Every message of the world, the safety monitor and the policies is compared, field by field. Answers that the world
+did without, because a node was late or away, are known from the events in the bag and left out here as well.
+"""
+
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.bags import layout
+from vpsci_ros.bags.decoder import Decoder
+from vpsci_ros.bags.layout import EVENTS, SAFETY, WORLD
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.recorded import recorded_from_bag
+from vpsci_ros.bags.run_record import BagRun, bag_run
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import pick
+from vpsci_ros.policy.agent import PolicyAgent
+from vpsci_ros.policy.agent_types import make_agent
+from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.resources import weights_path
+from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.provenance import cpu_name
+from vpsci_ros.runs.renamed import POLICY, renamed
+from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
+from vpsci_ros.world.config import of_record
+from vpsci_ros.world.lockstep import LockStepConfig
+from vpsci_ros.world.loop import Agent, Loop
+from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.scenario import scenario_from
+from vpsci_ros.world.state import PEDESTRIAN_ACTION_MISSING, RUNNING, SAFETY_MISSING, STARTED, VEHICLE_ACTION_MISSING
+
+_MISSING = {VEHICLE_ACTION_MISSING: "vehicle", PEDESTRIAN_ACTION_MISSING: "pedestrian", SAFETY_MISSING: "safety"}
+_LATE = 50  # ticks by which a message of an earlier tick may come later in the file
+Fields = Mapping[str, NDArray[Any] | None]
+
+
+@dataclass
+class VerifiedBag:
+    """What was compared.
+
+    :ivar ticks, episodes, values: how many ticks, episode starts and numbers were compared.
+    :ivar absent: ticks between the first and the last one that the bag does not hold.
+    :ivar difference: the first one, in words; empty: none.
+    :ivar notes: what else is worth knowing, one sentence each.
+    """
+
+    ticks: int = 0
+    episodes: int = 0
+    values: int = 0
+    absent: int = 0
+    difference: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def verify_bag(path: str | Path, *, weights: str = "", recover: bool = False) -> VerifiedBag:
+    """Simulate the episodes of a bag again and compare.
+
+    :param weights: a weights file, or a shipped name, to take in place of the one that the bag names.
+    :param recover: compare what is whole of a bag that was not closed or is damaged.
+    :raises InvalidInput: no bag, or one that cannot be simulated again: why is said.
+    """
+    bag = Bag(path, recover=recover)
+    simulation = _Simulation(bag, bag_run(bag), weights)
+    result = VerifiedBag()
+    expected = 0
+    for tick, messages, following in _with_next(_ticks(bag, result)):
+        if tick == 0 and expected == 0:
+            pass
+        elif expected == 0:
+            raise InvalidInput(f"{path} cannot be simulated again: its first tick is {tick}, the beginning is lost")
+        while expected < tick:  # what the bag lost is simulated on trust that no answer was missing
+            result.absent += 1
+            simulation.take_actions()
+            simulation.advance(set())
+            expected += 1
+        result.difference = simulation.compare(tick, messages, result)
+        if result.difference:
+            break
+        if simulation.interrupted(following):
+            result.notes += (f"the world was reset after tick {tick}: compared up to there",)
+            break
+        simulation.advance(_missing_answers(following))
+        expected += 1
+    if result.ticks == 0 and not result.difference:
+        raise InvalidInput(f"{path} cannot be simulated again: it holds no message of {WORLD}")
+    if result.difference and simulation.cpu not in ("", cpu_name()):
+        result.notes += (f"it was recorded on another kind of CPU, {simulation.cpu}; here is {cpu_name()}",)
+    return result
+
+
+class _Simulation:
+    """The world, monitor and policies that a bag names."""
+
+    def __init__(self, bag: Bag, run: BagRun, weights: str) -> None:
+        self._where = f"{bag.path} cannot be simulated again"
+        world = run.parameters.get("world_simulator")
+        if world is None:
+            raise InvalidInput(
+                f"{self._where}: it does not hold the parameters of the nodes, so no recorder of vpsci_ros wrote it"
+            )
+        config = pick(WorldConfig, of_record(world), "world_simulator")
+        self.cpu = run.software.get("cpu", "")
+        external = [agent for agent in AGENTS if getattr(config, f"{agent}_driver") == "external"]
+        if external:
+            raise InvalidInput(f"{self._where}: an external system drove the {' and the '.join(external)}")
+        settings = {name: value for name, value in world.items() if name != "queue"}
+        self._run = pick(RunConfig, settings, "world_simulator")
+        recorded = pick(LockStepConfig, settings, "world_simulator").recorded_bag
+        if recorded and not Path(recorded).exists():
+            raise InvalidInput(f"{self._where}: its agents replay the bag {recorded}, which is not here")
+        queue = [(scenario, number) for scenario, number in world["queue"]] if "queue" in world else self._run.queue()
+        simulated = World(
+            config,
+            self._scenarios(run),
+            queue,
+            self._run.batch,
+            self._run.seed,
+            recorded_from_bag(recorded) if recorded else None,
+        )
+        monitor = pick(MonitorConfig, run.parameters.get("safety_monitor", {}), "safety_monitor")
+        agents = [agent for agent in AGENTS if getattr(config, f"{agent}_driver") == "policy"]
+        self._loop = Loop(simulated, monitor, {agent: self._policy(agent, run, weights) for agent in agents})
+
+    def _scenarios(self, run: BagRun) -> list[Scenario]:
+        """Return the scenarios of the run: the package's, if they are still the same, and those in the bag."""
+        own = [scenario_from(document, f"{self._where}: {name}") for name, document in run.own_scenarios.items()]
+        scenarios = load_scenarios(self._run.scenarios, own)
+        for scenario in scenarios:
+            if scenario.sha256 and run.scenario_files.get(scenario.name, scenario.sha256) != scenario.sha256:
+                raise InvalidInput(
+                    f"{self._where}: scenario {scenario.name} is another one in this version of vpsci_ros"
+                )
+        return scenarios
+
+    def _policy(self, agent: str, run: BagRun, weights: str) -> Agent:
+        node = f"{agent}_policy"
+        if run.refreshes:
+            raise InvalidInput(f"{self._where}: a learner changed the weights while it was recorded")
+        if node not in run.parameters:
+            raise InvalidInput(f"{self._where}: it does not hold the parameters of {node}")
+        config = pick(PolicyConfig, renamed(run.parameters[node], POLICY), node)
+        policy = make_agent(agent, config)
+        if not isinstance(policy, PolicyAgent):
+            return policy
+        digest, remedy = run.weights.get(node, ""), "give that file by --weights"
+        try:
+            path = weights_path(weights or config.weights)
+        except InvalidInput as error:
+            raise InvalidInput(
+                f"{self._where}: {node} acted by weights of SHA-256 {digest}; {error}; {remedy}"
+            ) from None
+        if digest and sha256(path) != digest:
+            raise InvalidInput(
+                f"{self._where}: {node} acted by weights {config.weights} of SHA-256 {digest}, but {path} has "
+                f"{sha256(path)}; {remedy}"
+            )
+        policy.load(load_weights(path), version=1)
+        return policy
+
+    def take_actions(self) -> None:
+        """Have the policies act at the world's tick, which they do once."""
+        self._actions = self._loop.actions()
+
+    def compare(self, tick: int, messages: dict[str, Any], result: VerifiedBag) -> str:
+        """Compare all messages of the world's tick; return the first difference."""
+        if self._loop.world.done:
+            return f"tick {tick}: every episode has ended before it when simulated again, but the bag goes on"
+        self.take_actions()
+        _, state, frame, _ = self._loop.world.now
+        result.ticks += 1
+        result.episodes += int(np.count_nonzero((state["status"] != 0) & (state["frame"] == 0)))
+        found = _compare(WORLD, tick, messages.get(WORLD), layout.world_state_fields(state, frame), result)
+        found = found or _compare(SAFETY, tick, messages.get(SAFETY), self._loop.assessment._asdict(), result)
+        for agent in self._loop.agents:
+            action = self._actions.of(agent)
+            columns: Fields = {"longitudinal": None} if action is None else layout.action_fields(action)
+            found = found or _compare(f"/{agent}/action", tick, messages.get(f"/{agent}/action"), columns, result)
+        return found
+
+    def interrupted(self, following: dict[str, Any]) -> bool:
+        """Whether the recorded world began another episode in a slot whose episode had not ended: it was reset."""
+        if EVENTS not in following:
+            return False
+        begun = following[EVENTS]["slot"][following[EVENTS]["kind"] == STARTED]
+        return bool((self._loop.world.state["status"][begun] == RUNNING).any())
+
+    def advance(self, missing: set[str]) -> None:
+        """Move to the next tick, without the answers that the recorded world did without."""
+        loop = self._loop
+        if not loop.world.done:
+            assessment = loop.world.now.unassessed() if "safety" in missing else loop.assessment
+            loop.advance(assessment, replace(self._actions, **dict.fromkeys(missing - {"safety"})))
+
+
+def _compare(topic: str, tick: int, message: Any, simulated: Fields, result: VerifiedBag) -> str:
+    if message is None:
+        return ""  # an answer that never came
+    for name, values in simulated.items():
+        recorded = getattr(message, name, None)
+        if recorded is None:
+            continue  # a field of the state that the message does not carry
+        if values is None:
+            return f"tick {tick}, {topic}: the policy answered, though it is not asked when simulated again"
+        again = np.ascontiguousarray(values).astype(recorded.dtype)
+        result.values += len(again)
+        if len(again) != len(recorded):
+            return f"tick {tick}, {topic}.{name}: {len(recorded)} entries in the bag, {len(again)} simulated"
+        if again.tobytes() != recorded.tobytes():
+            width = recorded.dtype.itemsize
+            bits = [np.frombuffer(part.tobytes(), np.uint8).reshape(-1, width) for part in (recorded, again)]
+            slot = int(np.argmax((bits[0] != bits[1]).any(axis=1)))
+            return f"tick {tick}, {topic}.{name}[{slot}]: {recorded[slot]!s} in the bag, {again[slot]!s} simulated"
+    return ""
+
+
+def _ticks(bag: Bag, result: VerifiedBag) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Yield the ticks of the bag's first run with their messages by topic."""
+    topics = (WORLD, SAFETY, EVENTS, *(f"/{agent}/action" for agent in AGENTS))
+    decode = Decoder()
+    gathered: dict[int, dict[str, Any]] = {}
+    newest = -1
+    for raw in bag.messages(topics):
+        message = decode(raw, bag.path)
+        tick = int(message.tick)
+        if raw.topic == WORLD:
+            if tick <= newest:
+                result.notes += (f"the world ran again after tick {newest}: the first run was compared",)
+                break
+            newest = tick
+        gathered.setdefault(tick, {})[raw.topic] = layout.events(message) if raw.topic == EVENTS else message
+        while (oldest := min(gathered)) < newest - _LATE:
+            yield oldest, gathered.pop(oldest)
+    for tick in sorted(gathered):
+        if WORLD in gathered[tick]:  # what came before the state of a tick that was never reached is not compared
+            yield tick, gathered[tick]
+
+
+def _with_next(
+    ticks: Iterator[tuple[int, dict[str, Any]]],
+) -> Iterator[tuple[int, dict[str, Any], dict[str, Any]]]:
+    """Yield each tick with the messages of the following one."""
+    for (tick, messages), (_, following) in itertools.pairwise(itertools.chain(ticks, [(0, {})])):
+        yield tick, messages, following
+
+
+def _missing_answers(following: dict[str, Any]) -> set[str]:
+    """Return whose answers the world did without, by the events that it published with the following tick."""
+    if EVENTS not in following:
+        return set()
+    return {_MISSING[kind] for kind in following[EVENTS]["kind"].tolist() if kind in _MISSING}

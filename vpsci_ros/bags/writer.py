@@ -1,0 +1,207 @@
+"""Write a rosbag2 folder with MCAP storage from serialized messages: schemas embedded, chunks compressed with zstd.
+
+`mcap` writes the file; this module adds what makes it a bag (metadata.yaml, the QoS of each channel) and keeps the
+part that is already on disk whole: chunks are handed to the operating system as they fill, so that a writer that is
+killed leaves a file that is readable up to its last chunk (`vpsci_ros.bags.repair` then completes it).
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import yaml
+from mcap.writer import CompressionType, Writer
+
+from vpsci_ros import __version__
+from vpsci_ros.errors import VpsciError
+from vpsci_ros.runs.files import require_empty_folder, written_whole
+
+RUN = "vpsci_ros"  # name of the record with which every file ends
+TOTALS = ("messages_seen", "messages_written", "seen", "written")  # its keys about numbers of messages
+BAG_VERSION = 9  # of rosbag2's metadata.yaml, the one that ROS 2 Jazzy writes
+
+
+@dataclass
+class BagTopic:
+    """One topic of a bag: its type ("vpsci_msgs/msg/WorldState"), definition, hash, and QoS as rosbag2 writes it.
+
+    `seen` counts the messages that were handed to the writer, `messages` those that it wrote.
+    """
+
+    name: str
+    type: str
+    definition: str
+    type_hash: str
+    latched: bool = False
+    seen: int = 0
+    messages: int = 0
+    channel: int = field(default=-1, repr=False)
+
+    def qos(self) -> dict[str, object]:
+        """Return the offered QoS profile in the form of metadata.yaml."""
+        forever = {"sec": 9223372036, "nsec": 854775807}
+        return {
+            "history": "keep_last",
+            "depth": 1 if self.latched else 1000,
+            "reliability": "reliable",
+            "durability": "transient_local" if self.latched else "volatile",
+            "deadline": forever,
+            "lifespan": forever,
+            "liveliness": "automatic",
+            "liveliness_lease_duration": forever,
+            "avoid_ros_namespace_conventions": False,
+        }
+
+
+@dataclass
+class BagFile:
+    """One file of a bag: its name, and what `metadata.yaml` says of it; times are log times [ns]."""
+
+    name: str
+    first: int = 2**63 - 1
+    last: int = 0
+    messages: int = 0
+
+    def count(self, log_time: int) -> None:
+        """Take one message in."""
+        self.first, self.last = min(self.first, log_time), max(self.last, log_time)
+        self.messages += 1
+
+
+class BagWriter:
+    """A bag being written.
+
+    :param folder: made if need be; must be empty.
+    :param chunk_size: size of a chunk before compression [bytes].
+    :param split_size: begin another file when one has this size [bytes]; 0: never.
+    :raises InvalidInput: the folder is not empty.
+    """
+
+    def __init__(
+        self, folder: str | Path, topics: list[BagTopic], *, chunk_size: int = 256 * 1024, split_size: int = 0
+    ) -> None:
+        self.folder = require_empty_folder(folder)
+        self.topics = {topic.name: topic for topic in topics}
+        self.files: list[BagFile] = []
+        self._chunk_size = chunk_size
+        self._split_size = split_size
+        self._described: list[tuple[str, dict[str, str]]] = []
+        self._open()
+
+    @property
+    def path(self) -> Path:
+        """The file that is being written."""
+        return self.folder / self.files[-1].name
+
+    def write(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
+        """Append one serialized (CDR) message; times are in nanoseconds.
+
+        :raises VpsciError: the disk refuses it.
+        """
+        row = self.topics[topic]
+        try:
+            if self._split_size and self._file.tell() >= self._split_size and self.files[-1].messages:
+                self._finish()
+                self._open()
+            row.seen += 1
+            self._writer.add_message(row.channel, log_time, data, publish_time, row.messages)
+            self._file.flush()  # a chunk that has just filled goes to the operating system at once
+        except OSError as error:
+            raise VpsciError(f"{self.path}: cannot write ({error.strerror}); free some space, record again") from error
+        row.messages += 1
+        self.files[-1].count(log_time)
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Store a named record of text values in the file, found again without reading the messages."""
+        self._writer.add_metadata(name, dict(values))
+        self._file.flush()
+
+    def describe(self, name: str, values: Mapping[str, str]) -> None:
+        """Store a named record of text values in this file and in every one that follows."""
+        self._described.append((name, dict(values)))
+        self.add_metadata(name, values)
+
+    def close(self, custom_data: Mapping[str, str]) -> None:
+        """Write the file's index and metadata.yaml; `custom_data` goes into both, beside the numbers of messages."""
+        self._finish(custom_data)
+        write_metadata(self.folder, self.files, list(self.topics.values()), self._totals() | dict(custom_data))
+
+    def _open(self) -> None:
+        self.files.append(BagFile(f"{self.folder.name}_{len(self.files)}.mcap"))
+        self._file = open(self.path, "wb")  # noqa: SIM115 - closed by _finish()
+        self._writer = Writer(
+            self._file, chunk_size=self._chunk_size, compression=CompressionType.ZSTD, enable_data_crcs=True
+        )
+        self._writer.start(profile="ros2", library=f"vpsci_ros {__version__}")
+        schemas: dict[str, int] = {}
+        for topic in self.topics.values():
+            if topic.type not in schemas:
+                schemas[topic.type] = self._writer.register_schema(topic.type, "ros2msg", topic.definition.encode())
+            profile = yaml.safe_dump([topic.qos()], sort_keys=False)
+            details = {"offered_qos_profiles": profile, "topic_type_hash": topic.type_hash}
+            topic.channel = self._writer.register_channel(topic.name, "cdr", schemas[topic.type], details)
+        for name, values in self._described:
+            self._writer.add_metadata(name, values)
+
+    def _finish(self, custom_data: Mapping[str, str] | None = None) -> None:
+        self.add_metadata(RUN, self._totals() | dict(custom_data or {}))
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.close()
+
+    def _totals(self) -> dict[str, str]:
+        """Messages handed to the writer and written, over all files so far, together and by topic."""
+        rows = self.topics.values()
+        together = str(sum(topic.seen for topic in rows)), str(sum(topic.messages for topic in rows))
+        seen, written = {topic.name: topic.seen for topic in rows}, {topic.name: topic.messages for topic in rows}
+        return dict(zip(TOTALS, (*together, json.dumps(seen), json.dumps(written)), strict=True))
+
+
+def write_metadata(folder: Path, files: list[BagFile], topics: list[BagTopic], custom_data: Mapping[str, str]) -> None:
+    """Write a bag's metadata.yaml."""
+    whole = BagFile("")
+    whole.messages = sum(file.messages for file in files)
+    whole.first, whole.last = min(file.first for file in files), max(file.last for file in files)
+    information = {
+        "version": BAG_VERSION,
+        "storage_identifier": "mcap",
+        **_extent(whole),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": [topic.qos()],
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": topic.messages,
+            }
+            for topic in topics
+        ],
+        "compression_format": "",  # empty: chunks are compressed inside MCAP, which readers see to themselves
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [{"path": file.name, **_extent(file)} for file in files],
+        "custom_data": dict(custom_data) or None,
+        "ros_distro": "jazzy",
+    }
+    with written_whole(folder / "metadata.yaml") as path:
+        text = yaml.dump({"rosbag2_bagfile_information": information}, Dumper=_NoAliases, sort_keys=False)
+        path.write_text(text, encoding="utf-8")
+
+
+def _extent(file: BagFile) -> dict[str, object]:
+    count = file.messages
+    return {
+        "duration": {"nanoseconds": file.last - file.first if count else 0},
+        "starting_time": {"nanoseconds_since_epoch": file.first if count else 0},
+        "message_count": count,
+    }
+
+
+class _NoAliases(yaml.SafeDumper):  # type: ignore[misc]
+    """Readers of metadata.yaml in C++ get every value in place, not as a YAML alias."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True

@@ -1,0 +1,105 @@
+"""The commands about recorded bags: `vpsci bag` info, export, plot, verify, repair."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+bag_app = typer.Typer(no_args_is_help=True, help="Look into recorded bags, this package's or other ROS 2 tools'.")
+
+BagPath = Annotated[Path, typer.Argument(metavar="BAG", help="rosbag2 folder (MCAP or sqlite3), or one of its files.")]
+Recover = Annotated[bool, typer.Option("--recover", help="Read what is whole of a damaged bag.")]
+
+
+@bag_app.command()
+def info(
+    bag: BagPath,
+    as_json: Annotated[bool, typer.Option("--json", help="Everything, with all episodes, as JSON.")] = False,
+) -> None:
+    """Topics, types, rates, episodes, outcomes, how the bag was made; of a damaged bag what is readable."""
+    from rich.console import Console
+
+    from vpsci_ros.bags.info import bag_info, print_info
+
+    found = bag_info(bag)
+    if as_json:
+        print(json.dumps(found, indent=2))
+    else:
+        print_info(found, Console())
+
+
+@bag_app.command()
+def export(
+    bag: BagPath,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")],
+    episodes: Annotated[
+        str, typer.Option(metavar="3,7-9,6:12", help="These numbers only; 6:12 is number 12 of scenario 6.")
+    ] = "",
+    outcome: Annotated[str, typer.Option(metavar="OUTCOME", help="collision, goal, timeout or none.")] = "",
+    curvttc_below: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Only episodes whose least CurvTTC is below.")
+    ] = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Table 7 as CSV, too.")] = False,
+    keep_rejected: Annotated[bool, typer.Option(help="Write rejected episodes, too.")] = False,
+    recover: Recover = False,
+) -> None:
+    """Write a bag's episodes as a dataset (Tables 6 and 7), with a summary and a picture.
+
+    Without a selection the four filters of the paper decide what is kept. Episodes that are asked for by number,
+    outcome or CurvTTC are kept whatever the filters say.
+    """
+    from vpsci_ros.bags.export import Selection, export_bag
+
+    selection = Selection(episodes, outcome, curvttc_below)
+    formats = ("parquet", "csv") if csv else ("parquet",)
+    export_bag(bag, output, formats=formats, selection=selection, keep_rejected=keep_rejected, recover=recover)
+
+
+@bag_app.command()
+def plot(
+    bag: BagPath,
+    episode: Annotated[str, typer.Argument(metavar="EPISODE", help="Its number, or SCENARIO:NUMBER, as info prints.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="PNG to write.")],
+    recover: Recover = False,
+) -> None:
+    """Draw one episode: both trajectories with speed as colour, CurvTTC, speeds and distance over time."""
+    from vpsci_ros.bags.plot import save_episode
+
+    drawn = save_episode(bag, episode, output, recover=recover)
+    print(f"episode {drawn.name}, {drawn.outcome}; written: {output}")
+
+
+@bag_app.command()
+def verify(
+    bag: BagPath,
+    weights: Annotated[
+        str, typer.Option(metavar="FILE", help="Weights to simulate with, where those that the bag names are not here.")
+    ] = "",
+    recover: Recover = False,
+) -> None:
+    """Simulate a bag again from the parameters in it and compare, to the bit; exit status 1 where they differ."""
+    from vpsci_ros.bags.verify import verify_bag
+
+    result = verify_bag(bag, weights=weights, recover=recover)
+    for note in result.notes:
+        print(f"note: {note}")
+    if result.absent:
+        print(f"note: the bag lacks {result.absent} ticks, which were simulated and not compared")
+    if result.difference:
+        print(f"{bag}: differs at {result.difference}; {result.ticks - 1:,} ticks before it are the same")
+        raise typer.Exit(1)
+    print(
+        f"{bag}: {result.episodes:,} episode{'s' * (result.episodes != 1)} in {result.ticks:,} ticks simulated again, "
+        f"{result.values:,} values of state, safety and actions the same to the bit"
+    )
+
+
+@bag_app.command()
+def repair(
+    bag: Annotated[Path, typer.Argument(metavar="BAG", help="rosbag2 folder whose recorder was killed.")],
+) -> None:
+    """Complete a bag that was not closed: every whole message is kept, index and metadata are written anew."""
+    from vpsci_ros.bags.repair import repair_bag
+
+    print(repair_bag(bag))

@@ -1,0 +1,197 @@
+"""The commands about generated datasets: `vpsci generate`, `vpsci report`, and `vpsci dataset` info, verify, bag."""
+
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vpsci_ros.cli.options import Params, Resumable
+from vpsci_ros.errors import InvalidInput, VpsciError
+
+if TYPE_CHECKING:
+    from vpsci_ros.generate.job import Job
+    from vpsci_ros.generate.workers import Workers
+
+dataset_app = typer.Typer(no_args_is_help=True, help="Generated datasets: what is in them, and whether it is true.")
+
+Count = Annotated[
+    int | None, typer.Option("--workers", min=1, metavar="N", help="Processes; default: one for each usable core.")
+]
+Ray = Annotated[
+    str | None, typer.Option("--ray", metavar="ADDRESS", help="Use a Ray cluster: its address, auto or local.")
+]
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a dataset.")]
+
+
+def generate(
+    output: Resumable,
+    params: Params = Path("stage3_generate"),
+    scenarios: Annotated[
+        str | None, typer.Option(metavar="1,2,...", help="Scenarios; default: the parameter file's.")
+    ] = None,
+    episodes: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Kept episodes wanted in each scenario.")
+    ] = None,
+    table10: Annotated[bool, typer.Option("--table10", help="As many kept episodes as in Table 10: 198,157.")] = False,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="SECTION.PARAMETER=VALUE", help="Override one parameter; repeatable."),
+    ] = None,
+    workers: Count = None,
+    ray: Ray = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")] = False,
+) -> None:
+    """Stage 3: a dataset by the refined policies; the same command goes on with a run that was stopped."""
+    from vpsci_ros.cli.parameter_file import load
+    from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
+    from vpsci_ros.generate.config import DatasetConfig
+    from vpsci_ros.generate.job import job_from
+    from vpsci_ros.generate.progress import ProgressOfRun
+    from vpsci_ros.generate.run import generate as run
+    from vpsci_ros.runs.config import RunConfig
+
+    if table10 and episodes is not None:
+        raise InvalidInput("--table10 and --episodes both say how many episodes are wanted; give one of them")
+    if scenarios is not None and not all(part.strip().isdigit() for part in scenarios.split(",")):
+        raise InvalidInput(f"--scenarios {scenarios}: expected numbers with commas, say 1,6")
+    chosen = [] if scenarios is None else [f"world_simulator.scenarios=[{scenarios}]"]
+    sections = load(params, [*(settings or []), *chosen])
+    values = sections.get(DatasetConfig, "dataset")
+    job = job_from(sections)
+    wanted = episodes or (0 if table10 else values.kept)
+    if not wanted and (unknown := [s.name for s in job.scenarios if s.number not in TABLE_10]):
+        raise InvalidInput(f"scenario {unknown[0]} is not one of Table 10; say how many are wanted by --episodes N")
+    targets = {s.number: wanted or TABLE_10[s.number].kept for s in job.scenarios}
+    first = sections.get(RunConfig, "world_simulator").first_episode
+    try:
+        with ProgressOfRun({s.number: s.name for s in job.scenarios}, quiet=quiet) as progress:
+            done = run(
+                job,
+                targets,
+                output,
+                values,
+                lambda: _workers(ray, workers)(job, values.parallel),
+                first=first,
+                report=progress.show,
+            )
+    except KeyboardInterrupt:
+        print(f"stopped; what is done is in {output}: the same command goes on there", file=sys.stderr)
+        raise typer.Exit(130) from None
+    kept = sum(row["kept"] for row in done.description["scenarios"].values())
+    print(f"{kept:,} episodes kept; written: {output}, described in datasheet.md and dataset.json")
+    if done.computed:
+        simulating, writing = done.seconds
+        rate = kept / (simulating + writing) * 3600.0
+        times = f"{rate / KEPT_PER_HOUR:,.0f} times the paper's {KEPT_PER_HOUR:.0f}"
+        print(f"simulated in {simulating:.1f} s, written in {writing:.1f} s: {rate:,.0f} kept an hour, {times}")
+
+
+def report(
+    folder: Folder,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder to write into; default: DIR/report.")
+    ] = None,
+    near_misses: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Near-miss table of recorded people to compare with.")
+    ] = None,
+    beside: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Another dataset to compare with, say of the rule-based pair.")
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")] = False,
+) -> None:
+    """Draw a dataset's figures and statistics of the paper's section 4, as one HTML page.
+
+    How near the generated interactions come, how often they become conflicts
+    and who gives way, beside recorded people and another dataset, with
+    intervals, in the manner of Figures 7 to 9 and 11 to 13 and of Table 10.
+    Leaves report.html, which holds everything, report.json with all numbers,
+    and the pictures. Of the rule-based pair there is a dataset by
+
+      vpsci generate -o OUT
+        --set world_simulator.vehicle_driver=autopilot
+        --set world_simulator.pedestrian_driver=autopilot
+    """
+    from rich.console import Console
+
+    from vpsci_ros.report.page import PAGE, VIEW, sources_of_report, write_report
+    from vpsci_ros.view.page import write_view
+    from vpsci_ros.view.sources import read_source
+
+    folder_of_report = output or folder / "report"
+    with Console(stderr=True, quiet=quiet).status("reading") as status:
+        write_report(folder, folder_of_report, near_misses=near_misses, beside=beside, view=VIEW, tell=status.update)
+        status.update("gathering episodes")
+        inputs = sources_of_report(folder, near_misses, beside)
+        shown = [replace(read_source(path), key=key, title=title) for key, title, path in inputs]
+        write_view(folder_of_report / VIEW, shown, f"Episodes of {folder}")
+    print(f"written: {folder_of_report / PAGE} and {VIEW}, in which the episodes play; report.json and the pictures")
+
+
+@dataset_app.command()
+def info(folder: Folder) -> None:
+    """Table 10 beside the paper's numbers, rejections by reason, least CurvTTC with and without early collisions."""
+    from vpsci_ros.report.dataset_info import print_info
+
+    print_info(folder)
+
+
+@dataset_app.command()
+def verify(
+    folder: Folder,
+    sample: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Episodes of each scenario, drawn at random; default: all.")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=0.0, help="Allowed difference [m, m/s, s]; 0: to the bit, for the same kind of CPU.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the sample.")] = 0,
+    workers: Count = None,
+    ray: Ray = None,
+) -> None:
+    """Simulate a dataset's episodes again and compare; names each file that differs, with its first differing row."""
+    from vpsci_ros.generate.verify import verify as run
+
+    result = run(folder, lambda job: _workers(ray, workers)(job, 512), sample=sample, tolerance=tolerance, seed=seed)
+    for finding in result.findings:
+        print(f"{finding.file}: {finding.what}" + (" (its hash is wrong, too)" if finding.changed else ""))
+    if result.findings:
+        hint = "" if result.same_cpu or tolerance else "; it comes from another kind of CPU: try --tolerance 1e-3"
+        raise VpsciError(f"{folder}: {len(result.findings)} of its files are not as simulated{hint}")
+    how = f"within {tolerance:g}" if tolerance else "to the bit"
+    print(f"{folder}: {result.episodes:,} episodes simulated again, {result.rows:,} rows the same {how}, hashes right")
+
+
+@dataset_app.command()
+def bag(
+    folder: Folder,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Bag folder; must be new or empty.")],
+    episodes: Annotated[
+        list[str], typer.Option("--episode", metavar="SCENARIO:COUNT", help="An episode, say 6:12; repeatable.")
+    ],
+) -> None:
+    """Write chosen episodes as a rosbag2 folder (MCAP): world, safety, actions, odometry, as a graph records them."""
+    from vpsci_ros.generate.bag import record_episodes
+
+    chosen = []
+    for text in episodes:
+        scenario, _, number = text.partition(":")
+        if not (scenario.isdigit() and number.isdigit()):
+            raise InvalidInput(f"--episode {text}: expected SCENARIO:COUNT, two numbers, say 6:12")
+        chosen.append((int(scenario), int(number)))
+    ticks = record_episodes(folder, chosen, output)
+    print(f"{len(chosen)} episodes in {ticks:,} ticks; written: {output}")
+
+
+def _workers(ray: str | None, count: int | None) -> "Callable[[Job, int], Workers]":
+    """Return what starts the workers that the options ask for, given a job and a batch."""
+    if ray is not None:
+        from vpsci_ros.generate.ray_workers import RayWorkers
+
+        return lambda job, batch: RayWorkers(job, batch, ray, count)
+    from vpsci_ros.generate.run import local_workers
+
+    return lambda job, batch: local_workers(job, batch, count or len(os.sched_getaffinity(0)))

@@ -1,0 +1,170 @@
+"""The demonstration: near misses in, all three stages through the graph of nodes, small, a page that shows them out."""
+
+import shutil
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.resources import params_dir
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.view.episodes import Episode, Source
+from vpsci_ros.view.page import write_view
+
+PAGE = "demo.html"
+MARKER = ".vpsci_demo"  # in an output folder that a later demo may replace
+SMALL = {
+    "stage1_pretrain.yaml": {
+        "learner": {"episodes": 150, "evaluate_every": 50, "imitation.rollouts": 16, "replay.batch_size": 64}
+    },
+    "stage2_online.yaml": {
+        "world_simulator": {"episodes": 6, "batch": 16, "replay_window": 128},
+        "learner": {
+            "replay.batch_size": 64,
+            "updates.warm_up_steps": 128,
+            "updates.steps_per_update": 32,
+            "refresh.updates": 5,
+        },
+    },
+    "stage3_generate.yaml": {"world_simulator": {"episodes": 24, "batch": 32}},
+}
+
+
+WHERE_FROM = (
+    "no real recordings given, so a synthetic sample stands in. Real ones: dongfang-steven-yang/vci-dataset-dut and "
+    "vci-dataset-citr on GitHub (Yang et al., arXiv 1902.00487).\n"
+    "Put their *_filtered.csv into DIR/vci_dut and DIR/vci_citr and give VPSCI_DATA=DIR, or --data DIR; docs/data.md"
+)
+
+
+def run_demo(folder: Path, data: Path | None, *, force: bool = False) -> None:
+    """Run the demonstration into `folder`.
+
+    :param data: folder that holds vci_dut and vci_citr; None: the synthetic sample.
+    :param force: replace what an earlier demo left there.
+    :raises InvalidInput: the folder holds something else, or `data` does not hold recordings.
+    :raises VpsciError: a stage failed.
+    """
+    from vpsci_ros.bags.export import export_bag
+    from vpsci_ros.nodes.domain import own_domain
+    from vpsci_ros.nodes.graph import run_graph
+
+    console = Console()
+    _make_room(folder, force)
+    console.print("three small stages, then a page; on a fresh clone numba compiles first, which takes a minute or two")
+    begun = time.monotonic()
+    near_misses = _near_misses(folder, data, console)
+    with own_domain():
+        learned = ""
+        for stage, (name, small) in enumerate(SMALL.items(), start=1):
+            sections = load(params_dir() / name)
+            for node, values in small.items():
+                sections = sections.changed(node, values)
+            if stage < 3:
+                sections = sections.changed("learner", {"near_misses": [str(near_misses)]})
+            if stage == 2:
+                sections = sections.changed("learner", {"weights": learned})
+            if stage == 3:
+                for node in ("vehicle_policy", "pedestrian_policy"):
+                    sections = sections.changed(node, {"weights": learned})
+            title = ("learn from near misses", "learn on in simulation", "generate interactions")[stage - 1]
+            console.rule(f"stage {stage}: {title}", align="left")
+            result = run_graph(sections, folder / f"stage{stage}")
+            if result.error:
+                raise VpsciError(f"stage {stage}: {result.error}")
+            if stage < 3:
+                learned = str(result.folder / "learner" / ("pretrained.safetensors", "refined.safetensors")[stage - 1])
+            console.print(f"{_outcome(stage, result.progress)}done in {result.wall_time:.0f} s")
+    export_bag(folder / "stage3" / "bag", folder / "dataset", console=console)
+    console.rule("the same episodes by the shipped weights, which have learned for longer", align="left")
+    write_view(folder / PAGE, demo_sources(folder, sections, near_misses), "vpsci demo")
+    console.print(f"all in {time.monotonic() - begun:.0f} s; written:")
+    for name in ("near_misses.parquet", learned, "stage2/bag", "stage3/bag", "dataset"):
+        console.print(f"  {Path(name) if name == learned else folder / name}")
+    console.print(
+        f"\nnow open this in a browser: [bold]{(folder / PAGE).resolve()}[/]\n"
+        "episodes of the shipped weights beside the same ones by those that have just learned for a minute, and the "
+        "near misses",
+        soft_wrap=True,
+    )
+
+
+def demo_sources(folder: Path, sections: Sections, near_misses: Path) -> list[Source]:
+    """Return what the demo's page shows: shipped weights, those just trained on the same episodes, and near misses.
+
+    :param sections: of stage 3, with the weights that were just trained.
+    """
+    from vpsci_ros.policy.agent import policies
+    from vpsci_ros.policy.simulation import simulation_of
+    from vpsci_ros.policy.weights import load_weights
+    from vpsci_ros.resources import weights_path
+    from vpsci_ros.view.bag import bag_source, episodes_of
+    from vpsci_ros.view.recorded import near_miss_source
+    from vpsci_ros.view.sources import LIMIT
+    from vpsci_ros.world.loop import Loop
+
+    simulation = simulation_of(sections)
+    world = simulation.make_world()
+    agents = policies(load_weights(weights_path("refined")), world, simulation.policies)
+    steps = Loop(world, simulation.monitor, agents)
+    period = simulation.world.tick
+    own = sorted(episodes_of(((step.tick.state, step.assessment.curvttc) for step in steps), period), key=_number)
+    trained = bag_source(folder / "stage3" / "bag", LIMIT)
+    return [
+        Source("shipped", "shipped weights", period, own, len(own)),
+        replace(trained, key="trained", title="learned for a minute", episodes=sorted(trained.episodes, key=_number)),
+        replace(near_miss_source(near_misses, LIMIT), key="near_misses", title="near misses"),
+    ]
+
+
+def _number(episode: Episode) -> tuple[int, ...]:
+    return tuple(int(part) for part in episode.name.split(":"))
+
+
+def _outcome(stage: int, progress: dict[str, float]) -> str:
+    """Return what a stage of learning came to: errors on clips that it never learned from, beside the control's."""
+    seen = {name.removeprefix("learner."): value for name, value in progress.items()}
+    if stage == 1 and "closed_loop_ade" in seen:
+        return (
+            f"closed-loop error (ADE) on held-out clips: {seen['closed_loop_ade']:.3f} m, "
+            f"of the last velocity repeated: {seen['control_closed_loop_ade']:.3f} m\n"
+        )
+    if stage == 2 and "updates" in seen:
+        return (
+            f"{seen['transitions']:.0f} transitions ({seen['lost']:.0f} lost), {seen['updates']:.0f} updates; policies "
+            f"took up {seen['refreshes'] - seen['rollbacks']:.0f} refreshes, {seen['rollbacks']:.0f} were rolled back\n"
+        )
+    return ""
+
+
+def _make_room(folder: Path, force: bool) -> None:
+    if folder.is_dir() and any(folder.iterdir()):
+        if not (folder / MARKER).exists():
+            raise InvalidInput(f"{folder}: not empty, and not an earlier demo's; choose another folder with -o")
+        if not force:
+            raise InvalidInput(f"{folder}: holds an earlier demo; add --force to replace it, or choose another with -o")
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / MARKER).write_text("made by 'vpsci demo', which may replace this folder\n", encoding="utf-8")
+
+
+def _near_misses(folder: Path, data: Path | None, console: Console) -> Path:
+    from vpsci_ros.data.importers import import_folders, print_import_summary
+    from vpsci_ros.data.near_misses import write_near_misses
+    from vpsci_ros.data.synthetic import synthetic_near_misses
+
+    console.rule("near misses", align="left")
+    if data is None:
+        console.print(WHERE_FROM, soft_wrap=True)
+        result = synthetic_near_misses()
+    elif data.is_dir():
+        result = import_folders([data / "vci_dut", data / "vci_citr"], ["vci-dut", "vci-citr"])
+    else:
+        raise InvalidInput(f"{data}: no such folder; expected one that holds vci_dut and vci_citr")
+    path = folder / "near_misses.parquet"
+    write_near_misses(result.table, path, result.metadata)
+    print_import_summary(result, console)
+    return path

@@ -1,0 +1,42 @@
+"""The command that writes episodes for other people's tools: `vpsci export`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def export(
+    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="Folder of a dataset or of an exam, or a bag.")],
+    formats: Annotated[
+        str,
+        typer.Option(
+            "--to", metavar="FORMAT,...", help="openscenario, commonroad, osi, scenarionet, carla-csv, or an added one."
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")],
+    episodes: Annotated[
+        str, typer.Option(metavar="NUMBER,...", help="Only episodes of these numbers or names; default: all.")
+    ] = "",
+    vehicle: Annotated[
+        str,
+        typer.Option(
+            metavar="controllable|trajectory",
+            help="openscenario and commonroad: somebody else drives the vehicle, or it drives as it did.",
+        ),
+    ] = "controllable",
+    road: Annotated[
+        str,
+        typer.Option(
+            "--map", metavar="NAME", help="openscenario: a map of your own, say Town10HD; default: one of the lane."
+        ),
+    ] = "",
+) -> None:
+    """Write episodes in other people's formats, each in a folder of its own below the output folder."""
+    from vpsci_ros.export import Options
+    from vpsci_ros.export import export as run
+
+    names = [name.strip() for name in formats.split(",") if name.strip()]
+    counts = run(source, names, output, Options(vehicle, road), episodes)
+    for name, count in counts.items():
+        print(f"written: {output / name}, {count:,} file{'s' * (count != 1)}")

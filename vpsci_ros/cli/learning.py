@@ -1,0 +1,231 @@
+"""The commands about learning: `vpsci pretrain`, `refine`, `evaluate`, `study` samples, folds, models and weights."""
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vpsci_ros.cli.options import NearMisses, Params, Quiet, Resumable, Settings, read_sections
+from vpsci_ros.errors import InvalidInput
+
+study_app = typer.Typer(
+    no_args_is_help=True, help="Studies of learning: the paper's Tables 3, 5 and 9, and cross-validation."
+)
+
+SIZES, MODELS, WEIGHTINGS = (
+    "50,100,150,200,250,336",
+    "ma_sst,ma_transformer,ma_lstm,ma_feedforward,sst,transformer,lstm,feedforward",
+    "equal,safety,goal,speed,safety_goal,safety_speed,goal_speed,adaptive",
+)
+
+
+def pretrain(
+    output: Resumable,
+    params: Params = Path("stage1_pretrain"),
+    near_misses: NearMisses = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Stage 1 in this process: learn from real near misses.
+
+    Leaves pretrained.safetensors, log.csv, learning.png, params.yaml and
+    run.json. A run that is stopped (Ctrl-C) goes on when the same command is
+    given again, to the same result. `vpsci graph` runs the same stage through
+    a node.
+    """
+    from vpsci_ros.cli.stages import run_pretraining
+
+    with _stoppable(output):
+        run_pretraining(read_sections(params, settings, near_misses), output, quiet=quiet)
+
+
+def refine(
+    output: Resumable,
+    params: Params = Path("stage2_online"),
+    near_misses: NearMisses = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Stage 2 in this process: learn on in simulation.
+
+    Starts from the parameter learner.weights. Leaves refined.safetensors,
+    refine_log.csv, learning.png (Figure 6), params.yaml and run.json. A run
+    that is stopped (Ctrl-C) goes on from its last whole portion of episodes
+    when the same command is given again, to the same result. `vpsci graph`
+    runs the same stage through the nodes.
+    """
+    from vpsci_ros.cli.stages import run_refinement
+
+    with _stoppable(output):
+        run_refinement(read_sections(params, settings, near_misses), output, quiet=quiet)
+
+
+def evaluate(
+    data: Annotated[Path, typer.Option("--data", help="Near-miss table (Parquet), or a folder of recordings.")],
+    form: Annotated[
+        str, typer.Option("--format", help="near-misses, vci-dut, vci-citr or an added one.")
+    ] = "near-misses",
+    json_path: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers to this file.")
+    ] = None,
+    refined: Annotated[str, typer.Option(help="Weights after stage 2: a file or a shipped name.")] = "refined",
+    pretrained: Annotated[str, typer.Option(help="Weights after stage 1: a file or a shipped name.")] = "pretrained",
+    held_out: Annotated[
+        bool, typer.Option("--held-out", help="Only clips that neither has learned from, by their metadata.")
+    ] = False,
+) -> None:
+    """Errors of both stages' policies on near misses, beside naive controls: Table 9's columns, by two protocols.
+
+    Measures whatever interactions the data hold; for honest errors give
+    --held-out, or recordings that the weights have never seen.
+    """
+    from vpsci_ros.cli.stages import run_evaluation
+
+    run_evaluation(data, form, {"refined": refined, "pretrained": pretrained}, json_path, held_out=held_out)
+
+
+@study_app.command()
+def samples(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    sizes: Annotated[str, typer.Option(metavar="N,N,...", help="Interactions to learn from, one run each.")] = SIZES,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Table 3: stage 1 on 50 to 336 interactions, beside the paper's values.
+
+    Rewards and critic losses in training; rewards and errors on held-out
+    clips, the same for all sizes, beside the last velocity repeated. Leaves
+    table_3.csv, table_3.png, run.json and a folder for each size. A study
+    that is stopped (Ctrl-C) goes on when the same command is given again;
+    finished sizes are not trained again.
+
+    In full, with params/stage1_pretrain.yaml: about 25 minutes on one free
+    core. A trial of a minute: --sizes 50,100 --set learner.episodes=20
+    """
+    from vpsci_ros.studies.run import run_sample_study
+
+    if not all(part.strip().isdigit() for part in sizes.split(",")):
+        raise InvalidInput(f"--sizes {sizes}: expected whole numbers with commas, say 50,100")
+    with _stoppable(output):
+        chosen = [int(part) for part in sizes.split(",")]
+        run_sample_study(read_sections(params, settings, near_misses), output, chosen, quiet=quiet)
+
+
+@study_app.command()
+def folds(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    count: Annotated[int, typer.Option("--folds", min=2, metavar="N", help="Trainings.")] = 5,
+    refine_with: Annotated[
+        Path | None, typer.Option("--refine", metavar="FILE", help="Stage 2 as well, by this parameter file.")
+    ] = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Cross-validation: errors of stage 1, or of both, with every clip held out once, beside naive controls.
+
+    Trains once a fold, on the clips of the others, and measures each
+    interaction by the policies that have not learned from its clip: Table
+    9's columns, by two protocols. With --refine params/stage2_online.yaml
+    each fold goes on in simulation, too. Leaves cross_validation.json, run.json and
+    a folder for each fold. A study that is stopped (Ctrl-C) goes on when the
+    same command is given again; finished folds are not trained again.
+
+    In full, with params/stage1_pretrain.yaml: about 11 minutes on one free
+    core, and with stage 2 110. A trial of a minute, without it: --folds 2
+    --set learner.episodes=20
+    """
+    from vpsci_ros.studies.run import run_fold_study
+
+    with _stoppable(output):
+        stage_2 = None if refine_with is None else read_sections(refine_with, None, None)
+        run_fold_study(read_sections(params, settings, near_misses), output, count, stage_2=stage_2, quiet=quiet)
+
+
+@study_app.command()
+def models(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    chosen: Annotated[str, typer.Option("--models", metavar="NAME,...", help="Networks to compare.")] = MODELS,
+    count: Annotated[int, typer.Option("--folds", min=2, metavar="N", help="Trainings of each.")] = 5,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Table 9: the SST beside a Transformer, an LSTM and a feed-forward network.
+
+    All see the same, learn from the same near misses in the same number of
+    updates, and are measured as by `vpsci study folds`. ma_...: both agents
+    learn on their own predictions, through the kinematics; the others learn
+    the next velocity alone. Leaves models.json, models.png, run.json and a
+    folder for each fold. A study that is stopped (Ctrl-C) goes on when the
+    same command is given again; finished trainings are kept.
+
+    In full, with params/stage1_pretrain.yaml: about 40 minutes on one free
+    core. A trial of a minute: --models ma_sst,lstm --folds 2
+    --set learner.episodes=20
+    """
+    from vpsci_ros.studies.run import run_model_study
+
+    names = [name.strip() for name in chosen.split(",")]
+    with _stoppable(output):
+        run_model_study(read_sections(params, settings, near_misses), output, names, count, quiet=quiet)
+
+
+@study_app.command()
+def weights(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    weightings: Annotated[str, typer.Option(metavar="NAME,...", help="Weightings of Table 5.")] = WEIGHTINGS,
+    fresh_episodes: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Episodes in each scenario that rates are measured on.")
+    ] = 200,
+    fresh_seed: Annotated[int, typer.Option(min=0, help="Of those episodes; not the seed of training.")] = 1000,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Table 5: stage 2 under seven fixed weightings of its rewards and the adaptive one, beside the paper's values.
+
+    All start from learner.weights. Collision and goal rates, with 95%
+    intervals, are measured after training, on fresh episodes without
+    exploration; ADE and FDE by both protocols on held-out clips; controls:
+    the weights that all start from, and no acceleration at all. Leaves
+    table_5.csv, table_5.png, run.json and a folder for each weighting. A
+    study that is stopped (Ctrl-C) goes on when the same command is given
+    again; what is finished is not trained again.
+
+    In full, with params/stage2_online.yaml: about 80 minutes on one free
+    core. A trial of a minute: --weightings equal,adaptive --fresh-episodes 5
+    --set world_simulator.episodes=4 --set learner.updates.warm_up_steps=100
+    --set learner.refresh.updates=5
+    """
+    from vpsci_ros.studies.run import run_weight_study
+
+    with _stoppable(output):
+        run_weight_study(
+            read_sections(params, settings, near_misses),
+            output,
+            [name.strip() for name in weightings.split(",")],
+            fresh_episodes=fresh_episodes,
+            fresh_seed=fresh_seed,
+            quiet=quiet,
+        )
+
+
+@contextlib.contextmanager
+def _stoppable(folder: Path) -> Iterator[None]:
+    """Say after Ctrl-C or SIGTERM where what is done is, and how to go on."""
+    from vpsci_ros.errors import Stopped
+
+    try:
+        yield
+    except (KeyboardInterrupt, Stopped):
+        print(f"stopped; what is done is in {folder}: the same command goes on there", file=sys.stderr)
+        raise typer.Exit(130) from None

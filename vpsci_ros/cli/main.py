@@ -1,0 +1,152 @@
+"""The `vpsci` command. Each subcommand imports what it needs when it runs, so that `vpsci --help` is quick."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vpsci_ros import __version__
+from vpsci_ros.cli.bag import bag_app
+from vpsci_ros.cli.dataset import dataset_app, generate, report
+from vpsci_ros.cli.exam import ads_test
+from vpsci_ros.cli.export import export
+from vpsci_ros.cli.learning import evaluate, pretrain, refine, study_app
+from vpsci_ros.cli.options import Output, Params, Quiet, Settings, read_sections
+from vpsci_ros.cli.realism import realism
+from vpsci_ros.cli.view import turing_app, view
+from vpsci_ros.errors import VpsciError
+
+app = typer.Typer(
+    name="vpsci",
+    help="Safety-critical vehicle-pedestrian interactions: learned from near misses, simulated, recorded, replayed.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+safety_app = typer.Typer(no_args_is_help=True, help="CurvTTC and the measures beside it.")
+world_app = typer.Typer(no_args_is_help=True, help="Scenarios of the simulated world.")
+app.add_typer(bag_app, name="bag")
+app.add_typer(safety_app, name="safety")
+app.add_typer(world_app, name="world")
+app.add_typer(dataset_app, name="dataset")
+app.add_typer(study_app, name="study")
+app.add_typer(turing_app, name="turing")
+for command in (pretrain, refine, evaluate, realism, generate, report, ads_test, view, export):
+    app.command()(command)
+
+
+@app.callback(invoke_without_command=True)
+def _root(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
+    if version:
+        print(f"vpsci_ros {__version__}")
+        raise typer.Exit
+
+
+@app.command("import")
+def import_command(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of recordings as published.")],
+    formats: Annotated[
+        list[str],
+        typer.Option("--format", help="vci-dut, levelx, ...: docs/formats.md. For all folders, or one for each."),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Parquet file to write.")],
+) -> None:
+    """Real trajectories in, near misses out: every pair whose CurvTTC falls below 5 s, at steps of 0.1 s."""
+    from vpsci_ros.data.importers import import_folders, print_import_summary
+    from vpsci_ros.data.near_misses import write_near_misses
+
+    result = import_folders(folders, formats)
+    write_near_misses(result.table, output, result.metadata)
+    print_import_summary(result)
+    print(f"written: {output}")
+
+
+@app.command()
+def graph(
+    params: Params,
+    output: Output,
+    settings: Settings = None,
+    domain_id: Annotated[
+        int | None, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID; default: the environment's.")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run a whole graph of nodes as processes: start, watch, stop cleanly. The parameter file selects the stage."""
+    from vpsci_ros.nodes.graph import run_graph
+
+    sections = read_sections(params, settings)
+    if domain_id is not None:
+        os.environ["ROS_DOMAIN_ID"] = str(domain_id)
+    result = run_graph(sections, output, quiet=quiet)
+    if result.error:
+        raise VpsciError(f"{result.error}; what was written up to then is in {output}")
+    print(f"done in {result.wall_time:.1f} s; written: {output}")
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def node(
+    context: typer.Context, name: Annotated[str, typer.Argument(help="Executable, as for `ros2 run vpsci_ros`.")]
+) -> None:
+    """Run one node without a ROS 2 installation's own tools: vpsci node NAME --ros-args -p batch:=4 ..."""
+    import importlib
+
+    from vpsci_ros.errors import InvalidInput
+    from vpsci_ros.nodes.config import EXECUTABLES
+
+    if name not in EXECUTABLES:
+        raise InvalidInput(f"unknown node {name!r}; expected one of {', '.join(EXECUTABLES)}")
+    raise typer.Exit(importlib.import_module(f"vpsci_ros.nodes.{name}").main([name, *context.args]))
+
+
+@app.command()
+def demo(
+    output: Output = Path("out/demo"),
+    data: Annotated[
+        Path | None,
+        typer.Option(help="Folder with vci_dut and vci_citr; without it a synthetic sample.", envvar="VPSCI_DATA"),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace what an earlier demo left in the output folder.")
+    ] = False,
+) -> None:
+    """All three stages, small, through the graph of nodes: leaves bags, tables and a page in which episodes play."""
+    from vpsci_ros.cli.demo import run_demo
+
+    run_demo(output, data, force=force)
+
+
+@safety_app.command("compare")
+def safety_compare(near_misses: Annotated[Path, typer.Argument(help="Near-miss table (Parquet).")]) -> None:
+    """How often each safety measure sees the conflicts that the others see, and how much earlier."""
+    from vpsci_ros.evaluation.safety_compare import compare
+
+    compare(near_misses)
+
+
+@world_app.command("show")
+def world_show(
+    scenario: Annotated[str, typer.Argument(help="Number 1 to 8, name as in Table 6, or a YAML file of your own.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="PNG to write.")],
+    seed: Annotated[int, typer.Option(help="Seed of the spawns that are drawn.")] = 1,
+) -> None:
+    """Draw a scenario: lane, crosswalk, routes, goals and where agents are spawned."""
+    from vpsci_ros.report.world_figures import save_scenario
+    from vpsci_ros.world import load_scenario
+
+    save_scenario(load_scenario(int(scenario) if scenario.isdigit() else scenario), output, seed)
+    print(f"written: {output}")
+
+
+def main() -> None:
+    """Run the command line; an error of this package is one line on standard error and exit status 2."""
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # idle threads of torch wait without burning a core
+    try:
+        app()
+    except VpsciError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        sys.exit(130)

@@ -1,0 +1,39 @@
+"""Options that several commands share."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from vpsci_ros.runs.sections import Sections
+
+Params = Annotated[
+    Path, typer.Option("--params", metavar="FILE", help="Parameter file: a path, or the name of one of the package's.")
+]
+Output = Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")]
+Resumable = Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same run.")]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="NODE.PARAMETER=VALUE", help="Override one parameter; repeatable.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
+NearMisses = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--near-misses",
+        metavar="FILE",
+        help="Near-miss table (Parquet); repeatable. Default: the parameter file's, or a synthetic sample.",
+    ),
+]
+
+
+def read_sections(params: Path, settings: list[str] | None, near_misses: list[Path] | None = None) -> "Sections":
+    """Return a parameter file's sections with overrides applied.
+
+    :raises InvalidInput: the file or an override is refused.
+    """
+    from vpsci_ros.cli.parameter_file import load
+
+    sections = load(params, settings or [])
+    given = {"near_misses": [str(path) for path in near_misses]} if near_misses else {}
+    return sections.changed("learner", given)

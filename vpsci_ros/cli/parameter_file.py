@@ -1,0 +1,157 @@
+"""Parameter files: what each stage reads of one, and a refusal of all that nothing reads."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from vpsci_ros.data.filters import FilterConfig
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.generate.config import DatasetConfig
+from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
+from vpsci_ros.parameters import EVERY_NODE, check_sections, read_parameter_file, refuse_unknown, table
+from vpsci_ros.resources import params_path
+from vpsci_ros.runs import renamed
+from vpsci_ros.runs.sections import Sections
+
+POLICIES = ("vehicle_policy", "pedestrian_policy")
+SIMULATION = ("graph", "world_simulator", "safety_monitor", *POLICIES, "recorder")
+EXAM_SETS = ("graph.nodes", "world_simulator.batch", "world_simulator.recorded_bag", "world_simulator.vehicle_driver",
+             "world_simulator.pedestrian_driver")  # fmt: skip
+
+
+class Stage(NamedTuple):
+    """What reads a parameter file: a stage of learning, generation, or the exam.
+
+    :ivar sections: section -> the configuration classes that are read from it.
+    :ivar sets: parameters that it sets itself, whatever the file says.
+    :ivar learner: former name of a parameter of the learner -> today's.
+    """
+
+    name: str
+    sections: Mapping[str, tuple[type, ...]]
+    sets: Sequence[str] = ()
+    learner: Mapping[str, str] = {}
+
+    def reads(self, section: str) -> set[str]:
+        """Return the names of the parameters that are read from a section; `/**` is part of every one."""
+        parts = self.sections.values() if section == EVERY_NODE else [self.sections.get(section, ())]
+        return {row.name for kinds in parts for kind in kinds for row in table(kind)}
+
+
+def _sections(*names: str) -> dict[str, tuple[type, ...]]:
+    return {name: SECTIONS[name] for name in names}
+
+
+STAGES = {
+    "pretrain": Stage(
+        "stage 1 (learner.stage: pretrain)",
+        _sections("graph", "recorder") | {"learner": LEARNER["pretrain"]},
+        learner=renamed.PRETRAIN,
+    ),
+    "refine": Stage(
+        "stage 2 (learner.stage: refine)",
+        _sections(*SIMULATION) | {"learner": LEARNER["refine"]},
+        learner=renamed.REFINE | renamed.POLICY,
+    ),
+    "generate": Stage("stage 3", _sections(*SIMULATION) | {"dataset": (DatasetConfig, FilterConfig)}),
+    "exam": Stage("the exam", _sections(*SIMULATION) | {"ads_test": (ExamConfig,)}, sets=EXAM_SETS),
+}
+ELSEWHERE = (*STAGES.values(), Stage("the node replayer by itself", _sections("replayer")))
+
+
+def load(path: str | Path, settings: Sequence[str] = ()) -> Sections:
+    """Read a parameter file; what it holds says which stage it is for.
+
+    :param path: of a file, or the name of one of the package's ("stage3_generate").
+    :param settings: `section.parameter=value`, which override it; values are YAML.
+    :raises InvalidInput: see `read_parameter_file` and `check_sections`; a setting is not of that form; or nothing
+        reads a parameter in this stage, and then all of these are named, each with what reads it or its new name.
+    """
+    sections = read_parameter_file(params_path(path))
+    for text in settings:
+        section, name, value = _assignment(text)
+        sections[section] = sections.get(section, {}) | {name: value}
+    stage = stage_of(sections)
+    refused = [text for section, values in sections.items() for text in _unread(stage, section, values)]
+    if refused:
+        raise InvalidInput(f"{path}: {'; '.join(refused)}")
+    chosen = Sections(check_sections(sections, stage.sections, path))
+    _refuse_other_objective(path, chosen, sections.get("learner", {}))
+    return chosen
+
+
+def stage_of(sections: Mapping[str, Mapping[str, Any]]) -> Stage:
+    """Return the stage that these sections are for.
+
+    :raises InvalidInput: learner.stage is none.
+    """
+    if "ads_test" in sections:
+        return STAGES["exam"]
+    if "learner" not in sections:
+        return STAGES["generate"]
+    kinds = section_classes("learner", sections["learner"])
+    return STAGES["pretrain" if kinds == LEARNER["pretrain"] else "refine"]
+
+
+def _unread(stage: Stage, section: str, values: Mapping[str, Any]) -> list[str]:
+    """Return why parameters of a section are refused, one text each: nothing reads them, but something else would."""
+    texts = []
+    known = stage.reads(section)
+    for name in values:
+        full = f"{section}.{name}"
+        new = _new_name(stage, section, name)
+        readers = [other.name for other in ELSEWHERE if name in other.reads(section)]
+        if name not in known and new:
+            texts.append(f"{full} is now {new}")
+        elif full in stage.sets:
+            texts.append(f"{full}: {stage.name} sets it itself")
+        elif name not in known and readers:
+            texts.append(f"{full}: nothing reads it in {stage.name}, but in {' and '.join(readers)}")
+    return texts
+
+
+def _new_name(stage: Stage, section: str, name: str) -> str:
+    """Return where a parameter of an older file has its place now; empty: it has no other name."""
+    if name in renamed.POLICY and section in (*POLICIES, "learner"):
+        return f"{renamed.POLICY[name]} in the section {EVERY_NODE}, for both policies"
+    if section == "learner" and name in stage.learner:
+        return f"learner.{stage.learner[name]}"
+    others = [other for other in STAGES.values() if section == "learner" and name in other.learner]
+    return "".join(
+        f"learner.{other.learner[name]} of {other.name}, and nothing reads it in {stage.name}" for other in others
+    )
+
+
+def _refuse_other_objective(path: str | Path, sections: Sections, given: Mapping[str, Any]) -> None:
+    """Refuse parameters of a group that only another objective than the chosen one reads."""
+    if not given:
+        return
+    kind: Any = RefineConfig if given.get("stage") == "refine" else PretrainConfig
+    chosen = sections.get(kind, "learner").objective
+    for group, objectives in kind.READ_BY.items():
+        unread = [name for name in given if name.startswith(f"{group}.")]
+        if chosen not in objectives and unread:
+            others = " or ".join(objectives)
+            raise InvalidInput(
+                f"{path}: learner.{unread[0]}: nothing reads it with learner.objective {chosen}, but with {others}"
+            )
+
+
+def _assignment(text: str) -> tuple[str, str, Any]:
+    target, found, value = text.partition("=")
+    section, dot, name = target.partition(".")
+    if not found or not dot:
+        raise InvalidInput(f"--set {text}: expected NODE.PARAMETER=VALUE")
+    rows = {row.name: row for stage in ELSEWHERE for kind in stage.sections.get(section, ()) for row in table(kind)}
+    refuse_unknown({section: None}, {name: None for stage in ELSEWHERE for name in stage.sections}, f"--set {text}")
+    if not any(_new_name(stage, section, name) for stage in STAGES.values()):
+        refuse_unknown({name: None}, rows, f"--set {text}")
+    try:
+        chosen = yaml.safe_load(value)
+    except yaml.YAMLError:
+        raise InvalidInput(f"--set {text}: {value!r} is not readable as YAML") from None
+    return section, name, rows[name].check(chosen, f"--set {text}") if name in rows else chosen

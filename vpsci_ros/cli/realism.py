@@ -1,0 +1,76 @@
+"""`vpsci realism`: how like people the policies behave, by the three protocols, beside their controls."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vpsci_ros.cli.options import Quiet
+
+
+def realism(
+    data: Annotated[Path, typer.Option("--data", help="Near-miss table (Parquet) to be scored on.")],
+    library: Annotated[
+        Path | None,
+        typer.Option(help="Near-miss table whose residuals are lent. Default: other clips of --data."),
+    ] = None,
+    weights: Annotated[
+        list[str] | None,
+        typer.Option("--weights", metavar="[NAME=]FILE", help="Further weights: files or shipped names; repeatable."),
+    ] = None,
+    folds: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder of `vpsci study folds` on --data: each clip by who never saw it."),
+    ] = None,
+    dataset: Annotated[Path | None, typer.Option(help="Folder of generated episodes, for free simulation.")] = None,
+    conflicts: Annotated[
+        Path | None, typer.Option(help="datlong.csv of the right-turn study, for evidence from elsewhere.")
+    ] = None,
+    held_out: Annotated[
+        bool, typer.Option("--held-out", help="Only clips that no weights given have learned from, by their metadata.")
+    ] = False,
+    clean: Annotated[
+        bool, typer.Option("--clean", help="Without cars that stand and tracks that begin critical.")
+    ] = False,
+    temperature: Annotated[float, typer.Option(min=0.0, max=2.0, help="Of stochastic policies.")] = 1.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of all that is drawn.")] = 0,
+    episodes: Annotated[int, typer.Option(min=1, help="Of the dataset that are looked at, at most.")] = 2000,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers to this file.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for numbers, picture and record: new, empty, or of the same run."),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """How like people: energy score, likelihood, and whether a classifier tells simulated from recorded.
+
+    From the same recorded onsets: pretrained, refined and --weights beside
+    the recording itself, constant velocity, social force, and residuals of
+    other people. With --dataset and --conflicts free simulation and evidence
+    from elsewhere, too. Weights are measured as they are; for honest numbers
+    give --held-out, --folds, or recordings that they have never seen. With
+    -o a run that is stopped (Ctrl-C) goes on when the same command is given
+    again.
+
+    About 20 s of one core for each model; 2 minutes in all.
+    """
+    from vpsci_ros.cli.realism_run import run_realism
+
+    run_realism(
+        data,
+        library=library,
+        weights=weights or [],
+        folds=folds,
+        dataset=dataset,
+        conflicts=conflicts,
+        held_out=held_out,
+        clean=clean,
+        temperature=temperature,
+        seed=seed,
+        episodes=episodes,
+        json_path=json_path,
+        output=output,
+        quiet=quiet,
+    )

@@ -1,0 +1,175 @@
+"""What `vpsci realism` does: read, measure, write and print."""
+
+import json
+import sys
+from collections.abc import Mapping
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+from rich.console import Console
+
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.interactions import table_hash
+from vpsci_ros.data.near_misses import folds_by_clip, read_near_misses
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.realism.onsets import Onsets
+from vpsci_ros.evaluation.realism.run import RealismConfig, measure_realism
+from vpsci_ros.evaluation.realism.simulators import Simulator, policy
+from vpsci_ros.evaluation.realism.table import print_realism
+from vpsci_ros.policy.weights import Weights, load_weights
+from vpsci_ros.report.realism import save_realism
+from vpsci_ros.resources import weights_path
+from vpsci_ros.runs.files import sha256, write_json
+from vpsci_ros.runs.folder import RunFolder
+from vpsci_ros.runs.progress import Bars
+from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.studies.state import STATE
+
+SHIPPED = ("pretrained", "refined")
+RESULT, PICTURE = "realism.json", "realism.png"
+
+
+def run_realism(
+    data: Path,
+    *,
+    library: Path | None,
+    weights: list[str],
+    folds: Path | None,
+    dataset: Path | None,
+    conflicts: Path | None,
+    held_out: bool,
+    clean: bool,
+    temperature: float,
+    seed: int,
+    episodes: int,
+    json_path: Path | None,
+    output: Path | None,
+    quiet: bool,
+) -> None:
+    """Measure, write what was asked for, and print the tables; see `vpsci realism --help` for the parameters.
+
+    :raises InvalidInput: a file is refused, a name is there twice, or no clip of the data was held out.
+    """
+    everything = table = read_near_misses(data)
+    files = {name: weights_path(name) for name in SHIPPED} | _named(weights)
+    loaded = {name: load_weights(path) for name, path in files.items()}
+    if held_out:
+        table = _kept_out(table, loaded, data)
+    simulators = {name: policy(own, seed, temperature) for name, own in loaded.items()}
+    if folds is not None:
+        simulators |= _of_folds(folds, table, seed, temperature)
+    config = RealismConfig(clean=clean, seed=seed, episodes=episodes)
+    inputs = [data, *files.values(), *(path for path in (library, conflicts) if path is not None)]
+    resolved = {
+        "clean": clean,
+        "held_out": held_out,
+        "temperature": temperature,
+        "seed": seed,
+        "episodes": episodes,
+        "models": list(simulators),
+        "dataset": str(dataset or ""),
+        "folds": str(folds or ""),
+    }
+    run = None if output is None else RunFolder(output, Sections({"realism": resolved}), inputs)
+    if run is not None and run.done and (finished := json.loads((run_path(output) / RESULT).read_text())):
+        print_realism(finished, Console())
+        print(f"{output} holds this run, finished; nothing was measured again")
+        return
+    with run or nullcontext(), Bars(quiet=quiet) as bars:
+
+        def told(name: str, done: int, total: int) -> None:
+            bars.bar("realism", done, total, name)
+
+        result = measure_realism(
+            table,
+            simulators,
+            config,
+            library=everything if library is None else read_near_misses(library),
+            dataset=None if dataset is None else Dataset(dataset),
+            conflicts=conflicts,
+            parts=output,
+            told=told,
+        )
+        result |= {
+            "data": {"path": str(data), "sha256": table_hash(table)},
+            "weights_sha256": {name: sha256(path) for name, path in files.items()},
+            "parameters": resolved,
+            "software": software_versions(),
+        }
+        if output is not None:
+            write_json(output / RESULT, result)
+            save_realism(result, output / PICTURE)
+    if json_path is not None:
+        write_json(json_path, result)
+    print_realism(result, Console(width=None if sys.stdout.isatty() else 130))
+    for path in (json_path, output):
+        if path is not None:
+            print(f"written: {path}")
+
+
+def run_path(output: Path | None) -> Path:
+    """Return the folder of a run that has one."""
+    assert output is not None
+    return output
+
+
+def _named(weights: list[str]) -> dict[str, Path]:
+    """Return name -> file of weights given as NAME=FILE, or as a file or shipped name alone."""
+    out: dict[str, Path] = {}
+    for given in weights:
+        name, equals, path = given.rpartition("=")
+        name = name if equals else Path(path).stem
+        if name in out:
+            raise InvalidInput(f"--weights {given}: {name} is there twice; name them, NAME=FILE")
+        out[name] = weights_path(path)
+    return out
+
+
+def _kept_out(table: pl.DataFrame, weights: Mapping[str, Weights], data: Path) -> pl.DataFrame:
+    clips = set.intersection(*(set(own.facts.get("data", {}).get("held_out_clips", [])) for own in weights.values()))
+    kept = table.filter(pl.concat_str("source", "clip", separator="/").is_in(sorted(clips)))
+    if kept.is_empty():
+        raise InvalidInput(f"{data}: none of its clips was held out of all these weights' training, by their metadata")
+    return kept
+
+
+def _of_folds(study: Path, table: pl.DataFrame, seed: int, temperature: float) -> dict[str, Simulator]:
+    """Return simulators in which each onset is answered by the fold's weights that never saw its clip."""
+    folders = sorted(study.glob("fold_*"), key=lambda path: int(path.name.removeprefix("fold_")))
+    try:
+        of: dict[str, Any] = json.loads((folders[0] / STATE).read_text(encoding="utf-8"))["of"]
+    except (IndexError, OSError, ValueError, KeyError):
+        raise InvalidInput(f"{study}: expected the folder of a `vpsci study folds`") from None
+    if of["data"] != table_hash(table):
+        raise InvalidInput(f"{study}: its trainings are from other near misses; give --data the same table")
+    owner: dict[str, int] = {}
+    for number, (_, held) in enumerate(folds_by_clip(table, of["folds"], of["seed"]), 1):
+        owner |= dict.fromkeys(held.select(pl.concat_str("source", "clip", separator="/")).to_series(), number)
+    found: dict[str, dict[int, Path]] = {}
+    for number, folder in enumerate(folders, 1):
+        for path in (folder / "pretrained.safetensors", folder / "refined" / "refined.safetensors"):
+            if path.is_file():
+                found.setdefault(f"{path.stem}_folds", {})[number] = path
+    whole = {name: files for name, files in found.items() if len(files) == of["folds"]}
+    return {name: partial(_by_fold, files, owner, seed, temperature) for name, files in whole.items()}
+
+
+def _by_fold(
+    files: dict[int, Path], owner: dict[str, int], seed: int, temperature: float, onsets: Onsets
+) -> NDArray[np.float64]:
+    numbers = np.array([owner[clip] for clip in onsets.clip])
+    out: NDArray[np.float64] | None = None
+    for number, path in files.items():
+        rows = np.flatnonzero(numbers == number)
+        if rows.size:
+            positions = policy(load_weights(path), seed, temperature)(onsets.take(rows))
+            out = np.zeros((len(onsets), *positions.shape[1:])) if out is None else out
+            out[rows] = positions
+    assert out is not None
+    return out

@@ -1,0 +1,126 @@
+"""Stages 1 and 2 and the evaluation as commands in one process: parameters in, files and a summary out."""
+
+import sys
+from pathlib import Path
+
+import polars as pl
+from rich.console import Console
+
+from vpsci_ros.data.importers import IMPORTERS, import_trajectories
+from vpsci_ros.data.interactions import table_hash
+from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.error_table import print_errors
+from vpsci_ros.evaluation.errors import evaluate
+from vpsci_ros.learning.inputs import stage_1_inputs, stage_2_inputs
+from vpsci_ros.learning.online import LOG, refine
+from vpsci_ros.learning.pretrain import pretrain
+from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.report.learning import save_learning
+from vpsci_ros.resources import weights_path
+from vpsci_ros.runs.files import sha256, write_json
+from vpsci_ros.runs.folder import RunFolder
+from vpsci_ros.runs.progress import StageBar, stopped_between_updates
+from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.sections import Sections
+
+
+def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) -> None:
+    """Stage 1; goes on from a checkpoint that the same configuration left in `folder`.
+
+    :raises InvalidInput: a parameter or the near misses are refused, or another run lies in `folder`.
+    :raises Stopped: a signal asked for it; what is done is in `folder`.
+    """
+    learner, config, network, corpus, resolved = stage_1_inputs(sections)
+    run = RunFolder(folder, resolved, learner.near_misses)
+    if run.done:
+        print(f"{folder} holds this run, finished; nothing to do (delete the folder to train again)")
+        return
+    with run, StageBar("stage 1", quiet) as bar:
+
+        def report(values: dict[str, float]) -> None:
+            bar.show(values)
+            check()
+
+        try:
+            with stopped_between_updates() as check:
+                weights = pretrain(corpus, config, network, seed=learner.seed, out_dir=folder, report=report)
+            run.results |= weights.facts.get("held_out", {})
+        finally:
+            save_learning(folder)
+    print(f"written: {folder / 'pretrained.safetensors'}; log.csv, learning.png, run.json beside it")
+
+
+def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> None:
+    """Stage 2; goes on from the last whole portion of episodes that a stopped run left in `folder`.
+
+    :raises InvalidInput: as `run_pretraining`, or the weights to start from are refused.
+    """
+    learner, config, simulation, weights, corpus, files, resolved = stage_2_inputs(sections)
+    record = RunFolder(folder, resolved, files)
+    if record.done:
+        print(f"{folder} holds this run, finished; nothing to do (delete the folder to train again)")
+        return
+    with record, StageBar("stage 2", quiet) as bar:
+        try:
+            refined = refine(
+                corpus,
+                config,
+                weights,
+                simulation,
+                learner_seed=learner.seed,
+                out_dir=folder,
+                report=bar.show,
+            )
+            record.results |= {name: refined.facts[name] for name in ("held_out", "learned")}
+        finally:
+            save_learning(folder)
+    print(f"written: {folder / 'refined.safetensors'}; refine_log.csv, learning.png, run.json beside it")
+    if not pl.read_csv(folder / LOG)["refreshes"][-1]:
+        print(
+            "note: too few episodes for a refresh of the policies (learner.updates.warm_up_steps, "
+            "learner.updates.steps_per_update, learner.refresh.updates), so these are the weights that it began with",
+            file=sys.stderr,
+        )
+
+
+def run_evaluation(
+    data: Path, form: str, models: dict[str, str], json_path: Path | None, *, held_out: bool = False
+) -> None:
+    """Measure models and controls on near misses, print the table, write the JSON.
+
+    :param data: near-miss table, or a folder of recordings in one of the importers' formats.
+    :param held_out: measure only clips that the weights' metadata say were held out.
+    :raises InvalidInput: unknown format, unreadable data or weights, or no clip of the data was held out.
+    """
+    table = _near_misses(data, form)
+    paths = {name: weights_path(model) for name, model in models.items()}
+    weights = {name: load_weights(path) for name, path in paths.items()}
+    clips = set.intersection(*(set(w.facts.get("data", {}).get("held_out_clips", [])) for w in weights.values()))
+    kept_out = table.filter(pl.concat_str("source", "clip", separator="/").is_in(sorted(clips)))
+    if held_out and kept_out.is_empty():
+        raise InvalidInput(f"{data}: none of its clips was held out of the weights' training, by their metadata")
+    learned = table["interaction"].n_unique() - kept_out["interaction"].n_unique()
+    if held_out:
+        table = kept_out
+    elif kept_out.height and learned:
+        print(f"note: {learned} near misses here are of clips that weights have learned from; see --held-out")
+    result = evaluate(table, weights)
+    if json_path is not None:
+        made_from = {
+            "data": {"path": str(data), "sha256": table_hash(table)},
+            "weights_sha256": {name: sha256(path) for name, path in paths.items()},
+            "software": software_versions(),
+        }
+        write_json(json_path, result | made_from)
+    print_errors(result, Console())
+    if json_path is not None:
+        print(f"written: {json_path}")
+
+
+def _near_misses(data: Path, form: str) -> pl.DataFrame:
+    if form == "near-misses" and data.is_dir():
+        raise InvalidInput(f"{data}: for a folder of recordings give --format, one of {', '.join(IMPORTERS.names())}")
+    if form == "near-misses":
+        return read_near_misses(data)
+    return import_trajectories(data, form).table

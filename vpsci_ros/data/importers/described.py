@@ -1,0 +1,105 @@
+"""Recordings of any other layout: a short YAML beside the files says what their columns are.
+
+`layout.yaml` in the folder of recordings:
+
+    files: "*.csv"                 # CSV or Parquet, a clip each
+    columns: {id: track, frame: frame, class: kind, x: x, y: y, vx: vx, vy: vy, heading: yaw}  # length, width, time
+    vehicles: [car, bus]           # values of the column `class`
+    pedestrians: [person]
+    frame_rate: 25                 # with `frame`; or time_unit: 0.001 [s], with `time`
+    metres: 0.05                   # in one unit of positions, speeds and sizes; 1
+    degrees: true                  # headings; false
+    y_down: true                   # false
+    length: 4.5                    # [m] of vehicles whose tracks do not say
+    width: 1.8
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import yaml
+
+from vpsci_ros.data.importers.importer import Clip, Importer
+from vpsci_ros.data.importers.layout import Layout, clip_of, read_csv
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import refuse_unknown
+
+FILE = "layout.yaml"
+_COLUMNS = ("id", "frame", "time", "class", "x", "y", "vx", "vy", "heading", "length", "width")
+_KEYS: dict[str, Any] = {
+    "files": "*.csv",
+    "columns": {},
+    "vehicles": [],
+    "pedestrians": [],
+    "frame_rate": 0.0,
+    "time_unit": 1.0,
+    "metres": 1.0,
+    "degrees": False,
+    "y_down": False,
+    "length": 4.5,
+    "width": 1.8,
+}
+
+
+def described(folder: Path) -> Iterator[Clip]:
+    """Yield a clip for each file that the layout in the folder names.
+
+    :raises InvalidInput: no layout, or one with a key that is missing, unknown or wrong; or see `clip_of`.
+    """
+    path = folder / FILE
+    values = _values(path)
+    layout = _layout(values, path)
+    files = sorted(folder.glob(values["files"]))
+    if not files:
+        raise InvalidInput(f"{path}: files: {values['files']!r} names none in {folder}")
+    size = float(values["length"]), float(values["width"])
+    for file in files:
+        table = pl.read_parquet(file) if file.suffix == ".parquet" else read_csv(file)
+        clip = clip_of(file.stem, {file: (table, layout)})
+        yield clip.with_size(*size)
+
+
+def _values(path: Path) -> dict[str, Any]:
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: not readable: {error}; see vpsci_ros/data/importers/described.py") from None
+    if not isinstance(values, dict):
+        raise InvalidInput(f"{path}: expected a mapping with {', '.join(_KEYS)}, got {values!r}")
+    refuse_unknown(values, _KEYS, str(path))
+    return _KEYS | values
+
+
+def _layout(values: dict[str, Any], path: Path) -> Layout:
+    columns = values["columns"]
+    if not isinstance(columns, dict) or not set(columns) <= set(_COLUMNS) or not {"id", "x", "y"} <= set(columns):
+        raise InvalidInput(f"{path}: columns: expected id, x, y and others of {', '.join(_COLUMNS)}, got {columns!r}")
+    pairs = [("vx", "vy"), ("length", "width")]
+    for one, other in pairs:
+        if (one in columns) != (other in columns):
+            raise InvalidInput(f"{path}: columns: expected both {one} and {other}, or none of them")
+    if ("frame" in columns) == ("time" in columns):
+        raise InvalidInput(f"{path}: columns: expected either frame or time")
+    for key in ("frame_rate", "time_unit", "metres", "length", "width"):
+        value = values[key]
+        least = 0.0 if key == "frame_rate" and "time" in columns else 1e-9
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= least:
+            raise InvalidInput(f"{path}: {key}: expected a number above 0, got {value!r}")
+    for key in ("vehicles", "pedestrians"):
+        if not isinstance(values[key], list) or not values[key] or "class" not in columns:
+            raise InvalidInput(f"{path}: {key}: expected a list of values of the column `class`, got {values[key]!r}")
+    return Layout(
+        columns={str(name): str(column) for name, column in columns.items()},
+        vehicles=frozenset(map(str, values["vehicles"])),
+        pedestrians=frozenset(map(str, values["pedestrians"])),
+        frame_rate=float(values["frame_rate"]),
+        time_unit=float(values["time_unit"]),
+        metres=float(values["metres"]),
+        degrees=bool(values["degrees"]),
+        y_down=bool(values["y_down"]),
+    )
+
+
+DESCRIBED = Importer(described, length=4.5, width=1.8)

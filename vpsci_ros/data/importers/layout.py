@@ -1,0 +1,257 @@
+"""Tables of tracks, whatever their columns are called: one layout says what is where and in which unit, and it is done.
+
+What differs between most published recordings is names, units, axes and classes. A `Layout` holds these; `clip_of`
+takes a table by it, compares frame rate, units and headings with the motion itself, and gives tracks at 0.1 s.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from vpsci_ros.data.importers.importer import Clip
+from vpsci_ros.data.importers.tracks import Floats, Track, resample, slope
+from vpsci_ros.errors import InvalidInput
+
+REVERSING = -0.1  # [m/s] slower than this is driving backwards, not the noise of a standing car
+_MOVING = 1.0  # [m/s] above it the direction of motion says what the heading must be
+_WALKING = 0.5  # [m/s] above it speeds tell the frame rate and the units
+_RATE_TOLERANCE = 0.1  # by which way and speed may differ (median)
+_ASKEW = 0.5  # [rad] by which headings may differ from the motion (median)
+_STANDING = 0.3  # [m/s] below which a direction of motion is noise
+_TICKS = 1e6  # [1/s] resolution of times that are no frame numbers
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the columns of a table of tracks are.
+
+    :ivar columns: of `id`, `frame` or `time`, `class`, `x`, `y`, and where there are `vx`, `vy`, `heading`, `length`,
+        `width`: the name of the column.
+    :ivar vehicles, pedestrians: values of `class` that count as such; others are left out. Without a column `class`
+        every track is of the one kind for which this says anything.
+    :ivar frame_rate: frames a second, where there is `frame`.
+    :ivar time_unit: seconds in one unit of `time`.
+    :ivar metres: metres in one unit of positions, speeds (a second) and sizes.
+    :ivar degrees: headings are in degrees.
+    :ivar y_down: y points down or right of x, so it changes its sign, as headings do.
+    """
+
+    columns: Mapping[str, str]
+    vehicles: frozenset[str]
+    pedestrians: frozenset[str]
+    frame_rate: float = 0.0
+    time_unit: float = 1.0
+    metres: float = 1.0
+    degrees: bool = False
+    y_down: bool = False
+
+
+def read_csv(path: Path) -> pl.DataFrame:
+    """Return a CSV file as text.
+
+    :raises InvalidInput: it cannot be read, or is empty.
+    """
+    try:
+        text = pl.read_csv(path, infer_schema=False)
+    except (pl.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: not readable as CSV: {error}; take the file as published") from None
+    if text.is_empty():
+        raise InvalidInput(f"{path}: expected one row a frame and road user, got none; remove the file or restore it")
+    return text
+
+
+def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Clip:
+    """Return a clip made of one table or several, by file.
+
+    :raises InvalidInput: a column that is missing, a value that is no number, frames of a road user that come twice,
+        or frame rate, units or headings that contradict the motion.
+    """
+    vehicles: list[Track] = []
+    pedestrians: list[Track] = []
+    reversing, assumed = 0, []
+    for path, (table, layout) in parts.items():
+        _require(table, layout, path)
+        left_out = _left_out(table, layout)
+        assumed += [f"left out: {left_out}"] if left_out else []
+        if len(walkers := _canonical(table, layout, layout.pedestrians, path)):
+            pedestrians += [_pedestrian(track) for track in resample(walkers, _rate(layout))]
+        if len(cars := _canonical(table, layout, layout.vehicles, path)):
+            if "heading" in cars.columns:
+                _check_heading(cars, path)
+            forward, backwards = _forward(cars)
+            reversing += backwards
+            vehicles += [_vehicle(track) for track in resample(forward, _rate(layout), angle="heading")]
+            assumed += ["headings are directions of motion"] if "heading" not in cars.columns else []
+            assumed += ["sizes of vehicles are the format's"] if "length" not in cars.columns else []
+        assumed += ["velocities are slopes of positions over 0.4 s"] if "vx" not in layout.columns else []
+    return Clip(name, vehicles, pedestrians, reversing, tuple(dict.fromkeys(assumed)))
+
+
+def _rate(layout: Layout) -> float:
+    return layout.frame_rate if "frame" in layout.columns else _TICKS
+
+
+def _require(table: pl.DataFrame, layout: Layout, path: Path) -> None:
+    missing = [column for column in layout.columns.values() if column not in table.columns]
+    if missing:
+        raise InvalidInput(
+            f"{path}: expected columns {', '.join(layout.columns.values())}; {', '.join(missing)} is missing, the file "
+            f"has {', '.join(table.columns)}; take the file as published"
+        )
+
+
+def _classes(table: pl.DataFrame, layout: Layout) -> pl.Series:
+    if "class" not in layout.columns:
+        return pl.Series("class", [next(iter(layout.vehicles | layout.pedestrians))]).new_from_index(0, table.height)
+    return table[layout.columns["class"]].cast(pl.String).str.strip_chars()
+
+
+def _left_out(table: pl.DataFrame, layout: Layout) -> str:
+    """Say how many road users are of classes that are neither vehicles nor pedestrians; nothing where none is."""
+    known = list(layout.vehicles | layout.pedestrians)
+    rows = pl.DataFrame({"class": _classes(table, layout), "id": table[layout.columns["id"]]})
+    rows = rows.filter(~pl.col("class").is_in(known))
+    counts = rows.group_by("class").agg(pl.col("id").n_unique()).sort("class")
+    return ", ".join(f"{count} {name}" for name, count in counts.rows())
+
+
+def _canonical(table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path: Path) -> pl.DataFrame:
+    """Return the rows of some classes as id, frame, x, y [m], and of vx, vy, heading, length, width what there is."""
+    line = pl.Series("line", np.arange(2, table.height + 2))
+    mine = _classes(table, layout).is_in(list(kinds))
+    rows, line = table.filter(mine), line.filter(mine)
+    names = [name for name in layout.columns if name not in ("id", "class", "frame", "time")]
+    if kinds == layout.pedestrians:
+        names = [name for name in names if name in ("x", "y", "vx", "vy")]
+    found = {"id": _ids(rows[layout.columns["id"]])}
+    clock = "frame" if "frame" in layout.columns else "time"
+    ticks = _numbers(rows, line, layout.columns[clock], path)
+    if clock == "time":
+        ticks = (ticks * (layout.time_unit * _TICKS)).round()
+    found["frame"] = ticks.cast(pl.Int64)
+    for name in names:
+        found[name] = _numbers(rows, line, layout.columns[name], path) * (1.0 if name == "heading" else layout.metres)
+    if "heading" in found and layout.degrees:
+        found["heading"] = found["heading"].radians()
+    if layout.y_down:
+        found |= {name: -found[name] for name in ("y", "vy", "heading") if name in found}
+    tracks = pl.DataFrame(found).with_columns(line=line).sort("id", "frame", maintain_order=True)
+    twice = tracks.filter(pl.struct("id", "frame").is_duplicated())
+    if twice.height:
+        raise InvalidInput(f"{path}: line {twice['line'][0]}: this frame of this road user comes twice; keep one")
+    tracks = tracks.drop("line")
+    if "vx" in found:
+        _check_rate(tracks, _rate(layout), path)
+    return tracks
+
+
+def _ids(column: pl.Series) -> pl.Series:
+    """Return ids as whole numbers; where they are names, their places in alphabetical order."""
+    numbers = column.cast(pl.Int64, strict=False)
+    return numbers if numbers.null_count() == 0 else column.cast(pl.String).rank("dense").cast(pl.Int64)
+
+
+def _numbers(rows: pl.DataFrame, line: pl.Series, column: str, path: Path) -> pl.Series:
+    given = rows[column]
+    text = given.str.strip_chars() if given.dtype == pl.String else given
+    numbers = text.cast(pl.Float64, strict=False)
+    bad = ~numbers.is_finite().fill_null(False)
+    if bad.any():
+        row = int(bad.arg_max() or 0)
+        raise InvalidInput(
+            f"{path}: line {line[row]}, column {column}: expected a finite number, got {given[row]!r}; "
+            "correct the file or remove that road user's rows"
+        )
+    return numbers
+
+
+def _steps(tracks: pl.DataFrame, rate: float) -> pl.DataFrame:
+    """Return of each step between neighbouring rows of a road user: dx, dy [m], seconds, and all columns before it."""
+    ahead = {f"d{name}": pl.col(name).shift(-1).over("id") - pl.col(name) for name in ("x", "y")}
+    seconds = (pl.col("frame").shift(-1).over("id") - pl.col("frame")) / rate
+    return tracks.with_columns(**ahead, seconds=seconds).drop_nulls()
+
+
+def _check_rate(tracks: pl.DataFrame, rate: float, path: Path) -> None:
+    """Refuse times or units by which road users come further, or less far, than their speeds say."""
+    steps = _steps(tracks, rate).with_columns(speed=(pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt())
+    moving = steps.filter(pl.col("speed") > _WALKING)
+    if moving.is_empty():
+        return
+    came = (moving["dx"] ** 2 + moving["dy"] ** 2).sqrt() / moving["seconds"]
+    ratio = float(np.median((came / moving["speed"]).to_numpy()))
+    if abs(ratio - 1.0) > _RATE_TOLERANCE:
+        raise InvalidInput(
+            f"{path}: by positions and times road users move {ratio:.3g} times as fast as their speeds say (median); "
+            f"frame rate ({rate:g} a second here) or units are others"
+        )
+
+
+def _check_heading(cars: pl.DataFrame, path: Path) -> None:
+    """Refuse headings that are not radians counter-clockwise from x, by comparing them with the motion."""
+    steps = _steps(cars, 1.0)
+    speed = (steps["vx"] ** 2 + steps["vy"] ** 2).sqrt() if "vx" in steps.columns else None
+    steps = steps.filter(((pl.col("dx") ** 2 + pl.col("dy") ** 2).sqrt() > 0.05) if speed is None else speed > _MOVING)
+    if steps.is_empty():
+        return
+    direction = np.arctan2(steps["dy"].to_numpy(), steps["dx"].to_numpy())
+    heading = steps["heading"].to_numpy()
+    apart = _median_angle(direction - heading)
+    if apart <= _ASKEW:
+        return
+    guesses = {
+        "they look like degrees": np.radians(heading),
+        "y seems to point down": -heading,
+        "they seem to be measured from y, clockwise": 0.5 * np.pi - heading,
+    }
+    fits = [guess for guess, angles in guesses.items() if _median_angle(direction - angles) < _ASKEW]
+    raise InvalidInput(
+        f"{path}: headings differ from the direction of motion by {apart:.2f} rad (median); expected radians "
+        f"counter-clockwise from x; {fits[0] if fits else 'they are measured from another axis'}"
+    )
+
+
+def _median_angle(difference: Floats) -> float:
+    return float(np.median(np.abs(np.angle(np.exp(1j * difference)))))
+
+
+def _forward(cars: pl.DataFrame) -> tuple[pl.DataFrame, int]:
+    """Return the rows in which a car does not drive backwards, and how many the others are."""
+    if not {"vx", "heading"} <= set(cars.columns):
+        return cars, 0
+    along = pl.col("vx") * pl.col("heading").cos() + pl.col("vy") * pl.col("heading").sin()
+    forward = cars.filter(along >= REVERSING)
+    return forward, cars.height - forward.height
+
+
+def _velocity(own: Mapping[str, Floats]) -> tuple[Floats, Floats]:
+    return (own["vx"], own["vy"]) if "vx" in own else (slope(own["x"]), slope(own["y"]))
+
+
+def _pedestrian(track: Track) -> Track:
+    vx, vy = _velocity(track.values)
+    return Track(track.number, track.first, {"x": track.values["x"], "y": track.values["y"], "vx": vx, "vy": vy})
+
+
+def _vehicle(track: Track) -> Track:
+    own = track.values
+    vx, vy = _velocity(own)
+    heading = own["heading"] if "heading" in own else _courses(vx, vy)
+    speed = np.maximum(vx * np.cos(heading) + vy * np.sin(heading), 0.0)
+    size = None
+    if "length" in own and own["length"][0] > 0.0 and own["width"][0] > 0.0:
+        size = float(np.median(own["length"])), float(np.median(own["width"]))
+    values = {"x": own["x"], "y": own["y"], "heading": heading, "speed": speed}
+    return Track(track.number, track.first, values, size)
+
+
+def _courses(vx: Floats, vy: Floats) -> Floats:
+    """Return directions of motion, unwrapped; who stands keeps the last one, or has the first one that comes."""
+    moving = np.flatnonzero(np.hypot(vx, vy) > _STANDING)
+    if len(moving) == 0:
+        return np.zeros(len(vx))
+    last = np.maximum(np.searchsorted(moving, np.arange(len(vx)), side="right") - 1, 0)
+    return np.unwrap(np.arctan2(vy, vx)[moving[last]])

@@ -1,0 +1,125 @@
+"""Recorded near misses as padded arrays: what each agent observed, did and saw come of it, step by step."""
+
+import hashlib
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vpsci_ros.data.reference import around_critical
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.world.observation import AGENTS, STEP, observe_arrays
+
+_MOTION = ("veh_x", "veh_y", "veh_heading", "veh_vx", "veh_vy", "ped_x", "ped_y", "ped_vx", "ped_vy")
+
+
+@dataclass(frozen=True)
+class Interactions:
+    """N interactions of up to T steps of 0.1 s; entries at and past `length` are zero.
+
+    length int64[N]; first, last int64[N]: first and last step with CurvTTC < 5 s; clip object[N]: "source/clip".
+    motion float64[N, T, 9]: vehicle x, y, heading, vx, vy, pedestrian x, y, vx, vy [m, rad, m/s], map frame.
+    curvttc float64[N, T] [s]. Per agent: observation float32[N, T, 6] (6)-(7); action float32[N, T, 2], the recorded
+    acceleration (v(t+1) - v(t)) / 0.1 s [m/s2]; next_velocity float32[N, T, 2] [m/s]; both in the vehicle's heading
+    frame of step t, and zero at the last step, which has no next.
+    """
+
+    length: NDArray[np.int64]
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+    clip: NDArray[np.object_]
+    motion: NDArray[np.float64]
+    curvttc: NDArray[np.float64]
+    observation: dict[str, NDArray[np.float32]]
+    action: dict[str, NDArray[np.float32]]
+    next_velocity: dict[str, NDArray[np.float32]]
+
+    def __len__(self) -> int:
+        return len(self.length)
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """bool[N, T]: the step exists."""
+        return np.arange(self.motion.shape[1]) < self.length[:, None]
+
+    @property
+    def acted(self) -> NDArray[np.bool_]:
+        """bool[N, T]: the step has a next one, so its action is known."""
+        return np.arange(self.motion.shape[1]) < self.length[:, None] - 1
+
+    def samples(self) -> tuple[dict[str, NDArray[np.float32]], dict[str, NDArray[np.float32]]]:
+        """Return what each agent saw, float32[n, 6], and its next speeds, float32[n, 2] [m/s], of all steps.
+
+        Of these the networks take their normalisation and their reward statistics (`Networks.set_statistics`).
+        """
+        seen = {agent: self.observation[agent][self.present] for agent in AGENTS}
+        return seen, {agent: self.next_velocity[agent][self.acted] for agent in AGENTS}
+
+    def take(self, rows: NDArray[np.int64]) -> "Interactions":
+        """Return the interactions `rows`, in that order."""
+        parts: dict[str, Any] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            parts[field.name] = {k: v[rows] for k, v in value.items()} if isinstance(value, dict) else value[rows]
+        return Interactions(**parts)
+
+
+def from_table(table: pl.DataFrame, whole_tracks: bool = False) -> Interactions:
+    """Build `Interactions` from a near-miss table, of the rows that `vpsci_ros.data.reference.around_critical` takes.
+
+    :param whole_tracks: of all rows instead.
+    :raises InvalidInput: no interaction of at least two steps.
+    """
+    rows = table if whole_tracks else around_critical(table)
+    groups = [g for g in rows.partition_by("interaction", maintain_order=True) if g.height >= 2]
+    if not groups:
+        raise InvalidInput("near misses: expected an interaction of at least two steps, got none; import recordings")
+    return from_rows(groups)
+
+
+def from_rows(groups: list[pl.DataFrame], curvttc_column: str = "curvttc") -> Interactions:
+    """Build `Interactions` of these rows of a near-miss table, one part an interaction, each critical at some step.
+
+    :param curvttc_column: which CurvTTC they are to hold, and to be critical by.
+    """
+    length = np.array([g.height for g in groups])
+    steps = int(length.max())
+    motion, curvttc = np.zeros((len(groups), steps, len(_MOTION))), np.full((len(groups), steps), np.inf)
+    first, last = np.zeros(len(groups), np.int64), np.zeros(len(groups), np.int64)
+    clip = np.empty(len(groups), object)
+    for i, group in enumerate(groups):
+        motion[i, : length[i]] = group.select(_MOTION).to_numpy()
+        curvttc[i, : length[i]] = group[curvttc_column].to_numpy()
+        critical = np.flatnonzero(curvttc[i] < CRITICAL_TTC)
+        first[i], last[i] = critical[[0, -1]]
+        clip[i] = f"{group['source'][0]}/{group['clip'][0]}"
+    present = np.arange(steps) < length[:, None]
+    observations = dict(zip(AGENTS, observe_arrays(*np.moveaxis(motion, 2, 0)), strict=True))
+    velocities = {"vehicle": motion[..., 3:5], "pedestrian": motion[..., 7:9]}
+    actions, next_velocities = {}, {}
+    for agent in AGENTS:
+        observations[agent][~present] = 0.0
+        change = np.zeros_like(velocities[agent])
+        change[:, :-1] = np.diff(velocities[agent], axis=1)
+        change[~(np.arange(steps) < length[:, None] - 1)] = 0.0
+        change = _to_heading_frame(change, motion[..., 2])
+        actions[agent] = (change / STEP).astype(np.float32)
+        next_velocities[agent] = (change + observations[agent][..., :2]).astype(np.float32)
+    return Interactions(length, first, last, clip, motion, curvttc, observations, actions, next_velocities)
+
+
+def table_hash(table: pl.DataFrame) -> str:
+    """Return the SHA-256 of the rows and columns that learning reads, in hexadecimal: what a run was made from."""
+    table, digest = around_critical(table), hashlib.sha256()
+    for name in ("interaction", "source", "clip", *_MOTION, "curvttc"):
+        digest.update("\0".join(table[name].cast(pl.String)).encode())
+    return digest.hexdigest()
+
+
+def _to_heading_frame(vectors: NDArray[np.float64], heading: NDArray[np.float64]) -> NDArray[np.float64]:
+    c, s = np.cos(heading), np.sin(heading)
+    east, north = vectors[..., 0], vectors[..., 1]
+    return np.stack([c * east + s * north, c * north - s * east], axis=-1)

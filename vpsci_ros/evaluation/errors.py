@@ -1,0 +1,157 @@
+"""Table 9's columns for any models, under the two honest protocols of DESIGN.md, with confidence intervals."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vpsci_ros.data.interactions import Interactions, from_table
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
+from vpsci_ros.evaluation.protocols import (
+    ProtocolErrors,
+    closed_loop,
+    constant_velocity_reconstruction,
+    eligible,
+    reconstruct,
+)
+from vpsci_ros.evaluation.realism.onsets import find_onsets
+from vpsci_ros.evaluation.realism.score import energy_score
+from vpsci_ros.evaluation.realism.score import errors as roll_out_errors
+from vpsci_ros.evaluation.realism.simulators import policy, rolled_out
+from vpsci_ros.evaluation.statistics import cluster_counts, interval
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.weights import Weights
+
+CONTROLS = ("repeat_velocity", "constant_velocity", "constant_velocity_tracked")
+TRACKED_STEPS = NetworkConfig().tracked_steps
+
+
+Measured = dict[str, ProtocolErrors]  # by protocol
+Share = tuple[float, list[float]]  # and its interval
+
+
+def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor], seed: int = 0) -> dict[str, Any]:
+    """Measure models and controls on near misses, in the layout of `vpsci evaluate --json`.
+
+    {"interactions": N, "clips": C, "models": {NAME: {"reconstruction": ERRORS, "closed_loop": ERRORS}}}, where ERRORS
+    holds `ade`, `fde` [m], `rmse` by quantity [m/s, m], `ade_vehicle` and `ade_pedestrian` [m], the 95% intervals
+    `ade_interval` and `fde_interval` [m], and `ade_ratio` with `ade_ratio_interval`: the ADE as a share of
+    `repeat_velocity`'s. Intervals resample whole clips, since interactions of one clip share agents.
+
+    In closed loop the first two controls are the same: the last recorded velocity, kept. In reconstruction
+    `repeat_velocity` looks again at every step, and the others keep the velocity of the first critical step.
+    `constant_velocity_tracked` starts its closed loop as the policies do, from the vehicle's velocity by its last
+    observed positions (`scene.scene_at`): published speeds may lag behind, and this control tells how much of a
+    policy's gain is due to that.
+
+    Each model has `fixed_3s`, too, where tracks go on for 3 s after their onset: see there.
+
+    :param models: name -> weights of both agents, or any `Predictor`.
+    :raises InvalidInput: no interaction of a second or more, or a model has a control's name.
+    """
+    for name in CONTROLS:
+        if name in models:
+            raise InvalidInput(f"models: {name} is the name of a control; call the model something else")
+    interactions = eligible(from_table(near_misses))
+    predictors: dict[str, Predictor] = {
+        name: PolicyPredictor(model) if isinstance(model, Weights) else model for name, model in models.items()
+    }
+    result = compare({name: measure(model, interactions) for name, model in predictors.items()}, interactions, seed)
+    controls = {name: RepeatVelocity(TRACKED_STEPS if name.endswith("tracked") else 0) for name in CONTROLS}
+    of = fixed_3s(near_misses, dict(models) | controls, seed)
+    for name, own in of.pop("models").items():
+        result["models"][name]["fixed_3s"] = own
+    return result | {"fixed_3s": of}
+
+
+def fixed_3s(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor], seed: int) -> dict[str, Any]:
+    """Return errors and energy score [m] over the 3 s after each onset, whatever comes of it; see `realism.score`.
+
+    {"interactions": N, "clips": C, "models": {NAME: {"roll_outs": K, "ade": m, "fde": m, "energy_score": m,
+    "energy_score_interval": [m, m], "of_constant_velocity": share of the tracked control's energy score,
+    "of_constant_velocity_interval": [.., ..]}}}; N is 0, without models, where no track goes on for 3 s.
+    """
+    try:
+        onsets = find_onsets(near_misses)
+    except InvalidInput:
+        return {"interactions": 0, "clips": 0, "models": {}}
+    positions = {
+        name: policy(model, seed)(onsets) if isinstance(model, Weights) else rolled_out(model, onsets)
+        for name, model in models.items()
+    }
+    scores = {name: energy_score(own, onsets.recorded) for name, own in positions.items()}
+    draws, control = cluster_counts(onsets.clip.astype(str), seed), scores["constant_velocity_tracked"]
+    return {
+        "interactions": len(onsets),
+        "clips": len(set(onsets.clip)),
+        "models": {
+            name: {
+                "roll_outs": positions[name].shape[1],
+                "ade": float(roll_out_errors(positions[name], onsets.recorded).mean()),
+                "fde": float(roll_out_errors(positions[name][..., -1:, :], onsets.recorded[..., -1:, :]).mean()),
+                "energy_score": float(own.mean()),
+                "energy_score_interval": list(interval(draws @ own / draws.sum(axis=1))),
+                "of_constant_velocity": float(own.mean() / control.mean()),
+                "of_constant_velocity_interval": list(interval((draws @ own) / (draws @ control))),
+            }
+            for name, own in scores.items()
+        },
+    }
+
+
+def measure(model: Predictor, interactions: Interactions) -> Measured:
+    """Return a model's errors by protocol; `interactions` as `eligible` returns them."""
+    return {"reconstruction": reconstruct(model, interactions), "closed_loop": closed_loop(model, interactions)}
+
+
+def compare(errors: Mapping[str, Measured], interactions: Interactions, seed: int) -> dict[str, Any]:
+    """Add the controls to measured errors of the same interactions; return the layout of `evaluate`."""
+    errors = dict(errors) | {"repeat_velocity": measure(RepeatVelocity(), interactions)}
+    held = constant_velocity_reconstruction(interactions)
+    loop = errors["repeat_velocity"]["closed_loop"]
+    errors["constant_velocity"] = {"reconstruction": held, "closed_loop": loop}
+    loop = closed_loop(RepeatVelocity(TRACKED_STEPS), interactions)
+    errors["constant_velocity_tracked"] = {"reconstruction": held, "closed_loop": loop}
+    draws = cluster_counts(interactions.clip.astype(str), seed)
+    control = errors["repeat_velocity"]
+    return {
+        "interactions": len(interactions),
+        "clips": len(set(interactions.clip)),
+        "models": {
+            name: {protocol: _summary(result[protocol], control[protocol], draws) for protocol in result}
+            for name, result in errors.items()
+        },
+    }
+
+
+def share_of(errors: ProtocolErrors, reference: ProtocolErrors, clips: NDArray[np.object_], seed: int) -> Share:
+    """Return a model's ADE as a share of another's on the same interactions, with its 95% interval by clips.
+
+    :param clips: object[N], the clip of each interaction.
+    """
+    return _share(errors, reference, cluster_counts(clips.astype(str), seed))
+
+
+def _summary(errors: ProtocolErrors, control: ProtocolErrors, draws: NDArray[np.float64]) -> dict[str, Any]:
+    ade, fde = errors.ade.mean(axis=1), errors.fde.mean(axis=1)
+    size = draws.sum(axis=1)
+    ratio, ratio_interval = _share(errors, control, draws)
+    return {
+        "ade": float(ade.mean()),
+        "fde": float(fde.mean()),
+        "rmse": errors.rmse(),
+        "ade_vehicle": float(errors.ade[:, 0].mean()),
+        "ade_pedestrian": float(errors.ade[:, 1].mean()),
+        "ade_interval": list(interval(draws @ ade / size)),
+        "fde_interval": list(interval(draws @ fde / size)),
+        "ade_ratio": ratio,
+        "ade_ratio_interval": ratio_interval,
+    }
+
+
+def _share(errors: ProtocolErrors, reference: ProtocolErrors, draws: NDArray[np.float64]) -> Share:
+    ade, theirs = errors.ade.mean(axis=1), reference.ade.mean(axis=1)
+    return float(ade.mean() / theirs.mean()), list(interval((draws @ ade) / (draws @ theirs)))

@@ -1,0 +1,120 @@
+"""Models that predict the next step of a near miss, under one interface: the learned policies, and the controls."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.policy.chance import fresh, person
+from vpsci_ros.policy.streaming import Chance, StreamingActor
+from vpsci_ros.policy.weights import Weights
+from vpsci_ros.world.observation import AGENTS
+
+Actions = tuple[NDArray[np.float32], NDArray[np.float32]]
+
+
+class Predictor(Protocol):
+    """Anything that answers observations of N parallel interactions with both agents' accelerations.
+
+    `tracked_steps` is that of `scene.scene_at` from which its closed loop starts.
+    """
+
+    @property
+    def tracked_steps(self) -> int:
+        """Observed steps by which the vehicle's speed is known at the start; 0: as recorded."""
+
+    def begin(self, count: int) -> None:
+        """Prepare for `count` interactions with empty histories."""
+
+    def act(
+        self,
+        vehicle: NDArray[np.float32],
+        pedestrian: NDArray[np.float32],
+        curvttc: NDArray[np.float64],
+        active: NDArray[np.bool_],
+    ) -> Actions:
+        """Return both agents' accelerations, float32[N, 2] [m/s2], in the vehicle's heading frame of this step.
+
+        :param vehicle, pedestrian: observations float32[N, 6], (6) and (7); curvttc: float64[N] [s].
+        :param active: bool[N]; only these rows take a step, the others' answers do not matter.
+        """
+
+    def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
+        """Tell which accelerations were executed where `active`: these enter the histories."""
+
+
+class RepeatVelocity:
+    """The control: the last observed velocity repeated, that is, no acceleration.
+
+    :param tracked_steps: 0: the recorded velocity; otherwise the vehicle's by its last observed positions.
+    """
+
+    def __init__(self, tracked_steps: int = 0) -> None:
+        self.tracked_steps = tracked_steps
+
+    def begin(self, count: int) -> None:
+        """See `Predictor.begin`."""
+        self._none = np.zeros((count, 2), np.float32)
+
+    def act(
+        self,
+        vehicle: NDArray[np.float32],
+        pedestrian: NDArray[np.float32],
+        curvttc: NDArray[np.float64],
+        active: NDArray[np.bool_],
+    ) -> Actions:
+        """See `Predictor.act`."""
+        return self._none, self._none
+
+    def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
+        """See `Predictor.executed`; a velocity has no further history."""
+
+
+class PolicyPredictor:
+    """Both learned actors of a weights file, by the same streaming code that the nodes run.
+
+    :param temperature: of stochastic policies, see `PolicyAgent`; 0, the default: their deterministic middle.
+    :param seed: of what they draw; row i draws as episode i of scenario 0.
+    """
+
+    def __init__(self, weights: Weights, temperature: float = 0.0, seed: int = 0) -> None:
+        self._weights = weights
+        self._latent = weights.network.latent if temperature > 0.0 else 0
+        self._temperature, self._seed = np.float32(temperature), seed
+        self.tracked_steps = weights.network.tracked_steps
+
+    def begin(self, count: int) -> None:
+        """See `Predictor.begin`."""
+        self._actors = [StreamingActor(self._weights.actor(agent), count) for agent in AGENTS]
+        self._begun = np.zeros(count, bool)
+        self._steps = 0
+        rows = np.arange(count)
+        self._persons = [person(self._seed, 0, rows, agent, self._latent) for agent in range(len(AGENTS))]
+
+    def act(
+        self,
+        vehicle: NDArray[np.float32],
+        pedestrian: NDArray[np.float32],
+        curvttc: NDArray[np.float64],
+        active: NDArray[np.bool_],
+    ) -> Actions:
+        """See `Predictor.act`."""
+        reset = active & ~self._begun
+        self._begun |= active
+        first, second = (self._chance(agent) for agent in range(len(AGENTS)))
+        self._steps += 1
+        return (
+            self._actors[0].step(vehicle, curvttc, reset, active, first),
+            self._actors[1].step(pedestrian, curvttc, reset, active, second),
+        )
+
+    def _chance(self, agent: int) -> Chance | None:
+        if self._latent == 0:
+            return None
+        rows = np.arange(len(self._begun))
+        return Chance(self._persons[agent], fresh(self._seed, 0, rows, self._steps, agent), self._temperature)
+
+    def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
+        """See `Predictor.executed`."""
+        for actor, action in zip(self._actors, actions, strict=True):
+            actor.executed(action, active)

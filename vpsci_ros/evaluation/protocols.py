@@ -1,0 +1,183 @@
+"""The two honest protocols for error of DESIGN.md: reconstruction and closed loop, batched over interactions.
+
+Both begin at the first critical step (CurvTTC < 5 s) after up to ten observed steps, and take interactions that stay
+within 5 s for at least one second, from the first critical step to the last.
+
+- Reconstruction, the paper's: every next velocity is predicted from the *observed* history, up to the last critical
+  step. The trajectory is integrated from predicted speeds and compared with the one integrated from recorded speeds.
+- Closed loop: both agents run on their own predictions up to the last critical step, at most 3 s, and their positions
+  are compared with the recorded ones. Where the model says so (`tracked_steps`), the vehicle sets out with the velocity
+  of its last observed positions instead of the published one, see `scene.scene_at`.
+
+ADE (30) and FDE (31) are means over both agents. RMSE (29) pools all steps, in the vehicle's heading frame: of the
+recorded step in reconstruction, of the predicted step in closed loop.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from vpsci_ros.data.interactions import Interactions
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.predictors import Actions, Predictor
+from vpsci_ros.evaluation.scene import Scene, advance, observe, scene_at, time_to_collision
+from vpsci_ros.world.observation import STEP
+
+OBSERVED = 10  # steps observed before the first predicted one, at most
+LONGEST = 30  # steps of closed loop, 3 s
+SHORTEST = 10  # steps from the first critical one to the last, 1 s
+QUANTITIES = ("v_veh_long", "v_veh_lat", "v_ped_long", "v_ped_lat", "d_vp_long", "d_vp_lat", "d_pv_long", "d_pv_lat")
+
+
+@dataclass(frozen=True)
+class ProtocolErrors:
+    """Errors of one model under one protocol, by interaction.
+
+    ade, fde: float64[N, 2] [m], vehicle and pedestrian; squares, steps: float64[N, 8] and int64[N], summed squared
+    errors of `QUANTITIES` and the number of steps summed over.
+    """
+
+    ade: NDArray[np.float64]
+    fde: NDArray[np.float64]
+    squares: NDArray[np.float64]
+    steps: NDArray[np.int64]
+
+    def rmse(self) -> dict[str, float]:
+        """Return the root mean square error (29) of each of `QUANTITIES` [m/s or m]."""
+        values = np.sqrt(self.squares.sum(axis=0) / self.steps.sum())
+        return {name: float(value) for name, value in zip(QUANTITIES, values, strict=True)}
+
+
+def eligible(interactions: Interactions) -> Interactions:
+    """Return the interactions of at least one second that the protocols take.
+
+    :raises InvalidInput: there is none.
+    """
+    rows = np.flatnonzero(interactions.last - interactions.first >= SHORTEST)
+    if rows.size == 0:
+        raise InvalidInput(
+            f"near misses: expected one that stays below 5 s of CurvTTC for {SHORTEST * STEP:g} s, "
+            f"got none among {len(interactions)}"
+        )
+    return interactions.take(rows)
+
+
+def reconstruct(model: Predictor, interactions: Interactions) -> ProtocolErrors:
+    """Predict every step from observed history (the paper's protocol); `interactions` as `eligible` returns them."""
+    n = len(interactions)
+    model.begin(n)
+    start = np.maximum(interactions.first - OBSERVED, 0)
+    velocity_error = np.zeros((n, interactions.motion.shape[1], 4))
+    vehicle, pedestrian = interactions.observation["vehicle"], interactions.observation["pedestrian"]
+    rows = np.arange(n)
+    for step in range(int((interactions.last - start).max())):
+        at = np.minimum(start + step, interactions.last - 1)
+        active = start + step < interactions.last
+        answers = model.act(vehicle[rows, at], pedestrian[rows, at], interactions.curvttc[rows, at], active)
+        done = interactions.action["vehicle"][rows, at], interactions.action["pedestrian"][rows, at]
+        model.executed(done, active)
+        difference = np.concatenate([a - d for a, d in zip(answers, done, strict=True)], axis=1).astype(np.float64)
+        velocity_error[rows[active], at[active]] = difference[active] * STEP
+    return _reconstruction_errors(velocity_error, interactions)
+
+
+def constant_velocity_reconstruction(interactions: Interactions) -> ProtocolErrors:
+    """Return the errors of holding the velocity of the first critical step, in the reconstruction's terms."""
+    n, steps, _ = interactions.motion.shape
+    rows = np.arange(n)
+    motion = interactions.motion
+    error = np.zeros((n, steps, 4))
+    for columns, out in (((3, 4), (0, 1)), ((7, 8), (2, 3))):
+        held = motion[rows, interactions.first][:, None, columns] - np.roll(motion[..., columns], -1, axis=1)
+        c, s = np.cos(motion[..., 2]), np.sin(motion[..., 2])
+        error[..., out[0]] = c * held[..., 0] + s * held[..., 1]
+        error[..., out[1]] = c * held[..., 1] - s * held[..., 0]
+    return _reconstruction_errors(error, interactions)
+
+
+def closed_loop(model: Predictor, interactions: Interactions) -> ProtocolErrors:
+    """Let both agents run on their own predictions; `interactions` as `eligible` returns them."""
+    predicted = closed_loop_trajectories(model, interactions)
+    n, steps = predicted.shape[:2]
+    rows = np.arange(n)[:, None]
+    at = np.minimum(interactions.first[:, None] + 1 + np.arange(steps), interactions.length[:, None] - 1)
+    truth = interactions.motion[rows, at]
+    inside = np.arange(steps) < horizon(interactions)[:, None]
+    gap = predicted - truth
+    distance = np.stack([np.hypot(gap[..., 0], gap[..., 1]), np.hypot(gap[..., 5], gap[..., 6])], axis=2)
+    velocity = np.concatenate(
+        [_turn(gap[..., 3:5], predicted[..., 2]), _turn(gap[..., 7:9], predicted[..., 2])], axis=2
+    )
+    apart = _turn(gap[..., 0:2] - gap[..., 5:7], predicted[..., 2])
+    return _errors(distance, np.concatenate([velocity, apart, -apart], axis=2), inside)
+
+
+def horizon(interactions: Interactions) -> NDArray[np.int64]:
+    """Return the steps of closed loop, int64[N]: to the last critical step, at most 3 s."""
+    return np.minimum(interactions.last - interactions.first, LONGEST)
+
+
+@torch.no_grad()
+def closed_loop_trajectories(model: Predictor, interactions: Interactions) -> NDArray[np.float64]:
+    """Return the predicted rows, float64[N, H, 9] as in `Interactions.motion`, after the first critical step."""
+    n = len(interactions)
+    model.begin(n)
+    rows = np.arange(n)
+    for age in range(min(OBSERVED, int(interactions.first.max())), 0, -1):
+        at = np.maximum(interactions.first - age, 0)
+        active = interactions.first >= age
+        seen = interactions.observation["vehicle"][rows, at], interactions.observation["pedestrian"][rows, at]
+        model.act(*seen, interactions.curvttc[rows, at], active)
+        model.executed((interactions.action["vehicle"][rows, at], interactions.action["pedestrian"][rows, at]), active)
+    scene = scene_at(torch.from_numpy(interactions.motion), torch.from_numpy(interactions.first), model.tracked_steps)
+    curvttc = interactions.curvttc[rows, interactions.first]
+    steps = horizon(interactions)
+    out = np.zeros((n, int(steps.max()), interactions.motion.shape[2]))
+    for step in range(out.shape[1]):
+        active = step < steps
+        views = [view.numpy().astype(np.float32) for view in observe(scene)]
+        answers: Actions = model.act(views[0], views[1], curvttc, active)
+        model.executed(answers, active)
+        scene = advance(scene, *(torch.from_numpy(np.where(active[:, None], a, 0).astype(np.float64)) for a in answers))
+        curvttc = time_to_collision(scene).numpy()
+        out[:, step] = _row(scene)
+    return out
+
+
+def _row(scene: Scene) -> NDArray[np.float64]:
+    parts = (scene.vehicle, scene.heading[:, None], scene.vehicle_velocity, scene.pedestrian, scene.pedestrian_velocity)
+    row: NDArray[np.float64] = torch.cat(parts, dim=1).numpy()
+    return row
+
+
+def _reconstruction_errors(velocity_error: NDArray[np.float64], interactions: Interactions) -> ProtocolErrors:
+    """Turn errors of v(t+1), float64[N, T, 4], frame of step t, into errors of trajectories integrated from them."""
+    steps = np.arange(velocity_error.shape[1])
+    inside = (steps >= interactions.first[:, None]) & (steps < interactions.last[:, None])
+    velocity_error = np.where(inside[..., None], velocity_error, 0.0)
+    heading = interactions.motion[..., 2]
+    position = [np.cumsum(_turn(velocity_error[..., c], -heading), axis=1) * STEP for c in ([0, 1], [2, 3])]
+    distance = np.stack([np.hypot(p[..., 0], p[..., 1]) for p in position], axis=2)
+    apart = _turn(position[0] - position[1], heading)
+    return _errors(distance, np.concatenate([velocity_error, apart, -apart], axis=2), inside)
+
+
+def _errors(
+    distance: NDArray[np.float64], differences: NDArray[np.float64], inside: NDArray[np.bool_]
+) -> ProtocolErrors:
+    steps = inside.sum(axis=1)
+    final = inside.shape[1] - 1 - np.argmax(inside[:, ::-1], axis=1)
+    return ProtocolErrors(
+        (distance * inside[..., None]).sum(axis=1) / steps[:, None],
+        distance[np.arange(len(steps)), final],
+        (differences**2 * inside[..., None]).sum(axis=1),
+        steps,
+    )
+
+
+def _turn(vectors: NDArray[np.float64], heading: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (east, north) vectors in the frame of `heading`, as (forward, left)."""
+    c, s = np.cos(heading), np.sin(heading)
+    return np.stack([c * vectors[..., 0] + s * vectors[..., 1], c * vectors[..., 1] - s * vectors[..., 0]], axis=-1)

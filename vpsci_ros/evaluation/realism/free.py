@@ -1,0 +1,189 @@
+"""Protocol B: freely simulated critical episodes against recorded near misses, from the onset on.
+
+Both become the same table, at steps of 0.1 s, and go through the same lines. Episodes that the dataset's filters
+rejected belong to it, too: generate it with `dataset.keep_rejected=true`.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vpsci_ros.data.dataset_reader import Dataset, EpisodeArrays
+from vpsci_ros.evaluation.realism.features import features, lent
+from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets
+from vpsci_ros.evaluation.realism.two_sample import two_sample
+from vpsci_ros.evaluation.yields import headings, seen
+from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.world.observation import STEP
+
+Floats = NDArray[np.float64]
+STOOD, LEAPT = 0.3, 2.5  # [m/s] below it, and [m/s2] from it on
+_BEFORE = 20  # steps, 2 s
+_SLOWER = 0.8  # of the speed at the onset: slower by a fifth
+JUMP = 1.0  # [m/s2] of the vehicle's acceleration at the onset
+
+
+def free(table: pl.DataFrame, dataset: Dataset, episodes: int, seed: int) -> dict[str, Any]:
+    """Return Protocol B's part of `vpsci realism --json`: the table of REALISM.md and two tests by a classifier.
+
+    :param table: recorded near misses of whole tracks; episodes: at most so many of the dataset.
+    :raises InvalidInput: the dataset cannot be read, or has no critical episode with 3 s after its onset.
+    """
+    made = as_near_misses(dataset, episodes, seed)
+    sides = {"recorded": table, "generated": made}
+    onsets = {name: find_onsets(own) for name, own in sides.items()}
+    start = {name: _start_features(own) for name, own in onsets.items()}
+    clips = onsets["recorded"].clip, onsets["generated"].clip
+    simulated = onsets["generated"]
+    generated = features(lent(simulated.recorded[:, None], simulated, seed, onsets["recorded"]), simulated)
+    own = features(onsets["recorded"].recorded[:, None], onsets["recorded"])
+    tests = {
+        "onset": two_sample(start["recorded"], _column(start["generated"]), clips, seed, paired=False),
+        "after": two_sample({name: value[:, 0] for name, value in own.items()}, generated, clips, seed, paired=False),
+    }
+    return {
+        "interactions": {name: len(found) for name, found in onsets.items()},
+        "described": {name: described(side) for name, side in sides.items()},
+        "c2st_auc": {name: [test.auc, *test.auc_interval] for name, test in tests.items()},
+        "given_away_by": {name: test.importance for name, test in tests.items()},
+    }
+
+
+def as_near_misses(dataset: Dataset, episodes: int, seed: int) -> pl.DataFrame:
+    """Return episodes of a dataset in the columns of a near-miss table that measures of realism read.
+
+    A scenario is a clip. Rejected episodes come first, if the dataset has them, and then the first of those kept; those
+    that never become critical are left out.
+    """
+    share = max(1, episodes // max(1, len(dataset.scenarios)))
+    every = max(1, round(STEP / dataset.period))
+    parts, number = [], 0
+    for name in dataset.scenarios:
+        left = share
+        for part in (*dataset.rejected(name), *dataset.episodes(name)):
+            rng = np.random.default_rng([seed, number])
+            rows = np.sort(rng.permutation(len(part.lengths))[:left])
+            for row in rows:
+                if (one := _episode(part, int(row), every, number, name)) is not None:
+                    parts.append(one)
+                    number += 1
+            left -= len(rows)
+            if left <= 0:
+                break
+    return pl.concat(parts) if parts else pl.DataFrame(schema={"interaction": pl.Int64, "curvttc_causal": pl.Float64})
+
+
+def _episode(part: EpisodeArrays, row: int, every: int, number: int, name: str) -> pl.DataFrame | None:
+    length = part.lengths[row : row + 1]
+    column = {key: seen(part[key][row : row + 1], length)[0, : length[0] : every] for key in _COLUMNS}
+    ttc = np.nan_to_num(part["CurvTTC"][row, : length[0] : every].astype(np.float64), nan=np.inf, posinf=np.inf)
+    if not (ttc < CRITICAL_TTC).any():
+        return None
+    heading = headings(column["velocity_x_av"][None], column["velocity_y_av"][None])[0]
+    values = {short: column[key] for key, short in _COLUMNS.items()}
+    return pl.DataFrame(values).with_columns(
+        interaction=pl.lit(number, pl.Int64),
+        source=pl.lit("generated"),
+        clip=pl.lit(name),
+        veh_heading=pl.Series(np.unwrap(heading)),
+        veh_speed=(pl.col("veh_vx") ** 2 + pl.col("veh_vy") ** 2).sqrt(),
+        curvttc=pl.Series(ttc),
+        curvttc_causal=pl.Series(ttc),
+    )
+
+
+_COLUMNS = {
+    "position_x_av": "veh_x",
+    "position_y_av": "veh_y",
+    "velocity_x_av": "veh_vx",
+    "velocity_y_av": "veh_vy",
+    "position_x_ped": "ped_x",
+    "position_y_ped": "ped_y",
+    "velocity_x_ped": "ped_vx",
+    "velocity_y_ped": "ped_vy",
+}
+
+
+_MEASURED = ("onset_curvttc", "time_critical", "vehicle_acceleration", "vehicle_top_speed", "correlation")
+
+
+def described(table: pl.DataFrame) -> dict[str, float]:
+    """Return what REALISM.md's first table says of interactions, shares and quantiles by name."""
+    rows: dict[str, list[float]] = {}
+    for part in table.partition_by("interaction", maintain_order=True):
+        ttc = part["curvttc_causal"].to_numpy()
+        if not (ttc < CRITICAL_TTC).any():
+            continue
+        at = int((ttc < CRITICAL_TTC).argmax())
+        drive = part["veh_speed"].to_numpy()
+        walk = np.hypot(part["ped_vx"].to_numpy(), part["ped_vy"].to_numpy())
+        gain, pace = _gain(drive), _gain(walk)
+        before = slice(max(0, at - _BEFORE), at + 1)
+        after = slice(at, len(drive))
+        critical = ttc < CRITICAL_TTC
+        spells = int((np.diff(critical.astype(int)) == 1).sum() + critical[0])
+        moving = drive[at] > 0.5 and walk[at] > 0.5 and len(drive) - at > 5
+        values = {
+            "stood_then_leapt": float(walk[before].min() < STOOD and pace[before].max() >= LEAPT),
+            "pedestrian_over_2": float(walk[at] > 2.0),
+            "vehicle_over_3": float(drive[at] > 3.0),
+            "onset_curvttc": float(ttc[at]),
+            "time_critical": float(critical.sum() * STEP),
+            "vehicle_acceleration": float(gain[after].max()),
+            "vehicle_top_speed": float(drive[after].max()),
+            "correlation": float(np.corrcoef(gain[after], pace[after])[0, 1])
+            if moving and gain[after].std() > 0.0 and pace[after].std() > 0.0
+            else np.nan,
+            "jump": float(abs(gain[min(at + 1, len(gain) - 1)] - gain[max(at - 1, 0)]) > JUMP),
+            "pedestrian_nearly_stops": float(walk[at] > 0.5 and walk[after].min() < STOOD),
+            "second_spell": float(spells > 1),
+            "pedestrian_slows": float(walk[after].min() < _SLOWER * walk[at]),
+            "vehicle_slows": float(drive[after].min() < _SLOWER * drive[at]),
+        }
+        for name, value in values.items():
+            rows.setdefault(name, []).append(value)
+    out = {"interactions": float(len(rows["jump"]))}
+    for name, given in rows.items():
+        if name in _MEASURED:
+            known = np.array(given)[np.isfinite(given)]
+            for end, level in (("median", 0.5), ("95", 0.95)):
+                out[f"{name}_{end}"] = float(np.quantile(known, level)) if known.size else math.nan
+        else:
+            out[name] = float(np.mean(given))
+    return out
+
+
+def _gain(speed: Floats) -> Floats:
+    return np.gradient(speed) / STEP if len(speed) > 1 else speed * 0.0
+
+
+def _start_features(onsets: Onsets) -> dict[str, Floats]:
+    """Return what the onset and the second before it look like, float64[n] each."""
+    motion, first = onsets.interactions.motion, onsets.interactions.first
+    row = np.arange(len(onsets))
+    start = onsets.start
+    heading = np.stack([np.cos(start[:, 2]), np.sin(start[:, 2])], axis=1)
+    left = np.stack([-heading[:, 1], heading[:, 0]], axis=1)
+    apart, walk = start[:, 5:7] - start[:, 0:2], start[:, 7:9]
+    out = {
+        "vehicle_speed": np.hypot(start[:, 3], start[:, 4]),
+        "pedestrian_speed": np.hypot(walk[:, 0], walk[:, 1]),
+        "ahead": (apart * heading).sum(axis=1),
+        "beside": np.abs((apart * left).sum(axis=1)),
+        "walking_along": (walk * heading).sum(axis=1),
+        "walking_across": np.abs((walk * left).sum(axis=1)),
+        "curvttc": np.minimum(onsets.interactions.curvttc[row, first], CRITICAL_TTC),
+    }
+    for back in (5, 10):
+        earlier = motion[row, np.maximum(first - back, 0)]
+        known = np.maximum(np.minimum(first, back), 1) * STEP
+        out[f"vehicle_gain_{back}"] = (out["vehicle_speed"] - np.hypot(earlier[:, 3], earlier[:, 4])) / known
+        out[f"pedestrian_gain_{back}"] = (out["pedestrian_speed"] - np.hypot(earlier[:, 7], earlier[:, 8])) / known
+    return out
+
+
+def _column(values: dict[str, Floats]) -> dict[str, Floats]:
+    return {name: value[:, None] for name, value in values.items()}

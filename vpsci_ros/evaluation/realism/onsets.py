@@ -1,0 +1,83 @@
+"""Recorded onsets: the first step at which CurvTTC, as known then, is below 5 s, a second before and 3 s after."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vpsci_ros.data.interactions import Interactions, from_rows
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.measure_series import vehicle_size
+from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.world.observation import STEP
+
+Floats = NDArray[np.float64]
+STEPS = 30  # after the onset, 3 s
+HISTORY = 10  # before it, where there are so many
+
+
+@dataclass(frozen=True)
+class Onsets:
+    """N onsets, each with up to `HISTORY` steps before it and `STEPS` after it.
+
+    :ivar interactions: the rows from the first step of history to the last of 3 s; `first` is the onset, `last` is 30
+        steps later, and `curvttc` is causal.
+    :ivar number: int64[N], the interaction in the near-miss table.
+    :ivar size: float64[N, 2], length and width of the vehicle [m].
+    """
+
+    interactions: Interactions
+    number: NDArray[np.int64]
+    size: Floats
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+    @property
+    def clip(self) -> NDArray[np.object_]:
+        """object[N]: "source/clip" of each."""
+        return self.interactions.clip
+
+    @property
+    def start(self) -> Floats:
+        """float64[N, 9]: the step of the onset, as a row of `Interactions.motion`."""
+        return self.interactions.motion[np.arange(len(self)), self.interactions.first]
+
+    @property
+    def recorded(self) -> Floats:
+        """float64[N, 2, 30, 2] [m]: where vehicle and pedestrian went in the 3 s after the onset."""
+        steps = self.interactions.first[:, None] + 1 + np.arange(STEPS)
+        after = self.interactions.motion[np.arange(len(self))[:, None], steps]
+        return np.stack([after[..., 0:2], after[..., 5:7]], axis=1)
+
+    def take(self, rows: NDArray[np.int64]) -> "Onsets":
+        """Return the onsets `rows`, in that order."""
+        return Onsets(self.interactions.take(rows), self.number[rows], self.size[rows])
+
+
+def find_onsets(table: pl.DataFrame, *, history: int = 0) -> Onsets:
+    """Return the onsets of a near-miss table of whole tracks that have 3 s recorded after them.
+
+    :param table: see `vpsci_ros.data.near_misses`; `reference.clean` leaves out standing cars and the like.
+    :param history: steps that must be recorded before the onset, 0 to 10.
+    :raises InvalidInput: there is none.
+    """
+    groups, sizes = [], []
+    for group in table.partition_by("interaction", maintain_order=True):
+        ttc = group["curvttc_causal"].to_numpy()
+        below = ttc < CRITICAL_TTC
+        at = int(below.argmax())
+        if not below.any() or at < history or len(ttc) - 1 - at < STEPS:
+            continue
+        begin = max(0, at - HISTORY)
+        groups.append(group[begin : at + STEPS + 1])
+        sizes.append(vehicle_size(group["source"][0]))
+    if not groups:
+        raise InvalidInput(
+            f"near misses: expected an interaction with {STEPS * STEP:g} s of whole track after its onset, got none of "
+            f"{table['interaction'].n_unique()}; import the recordings again if the table is from before November 2026"
+        )
+    interactions = from_rows(groups, "curvttc_causal")
+    number = np.array([group["interaction"][0] for group in groups])
+    return Onsets(replace(interactions, last=interactions.first + STEPS), number, np.array(sizes))

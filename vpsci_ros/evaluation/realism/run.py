@@ -1,0 +1,91 @@
+"""`vpsci realism` without its command line: what is measured, part after part, each kept as soon as it is done."""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from vpsci_ros.data import reference
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.realism.elsewhere import elsewhere
+from vpsci_ros.evaluation.realism.free import free
+from vpsci_ros.evaluation.realism.onsets import find_onsets
+from vpsci_ros.evaluation.realism.same_start import CONTROLS, SameStart, same_start
+from vpsci_ros.evaluation.realism.simulators import Simulator
+from vpsci_ros.runs.files import write_json
+
+Told = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class RealismConfig:
+    """What is measured.
+
+    :ivar clean: only interactions whose vehicle drives and whose onset was seen (`vpsci_ros.data.reference.clean`).
+    :ivar seed: of everything that is drawn.
+    :ivar episodes: of a dataset that are looked at, the same number of each scenario.
+    """
+
+    clean: bool = False
+    seed: int = 0
+    episodes: int = 2000
+
+
+def measure_realism(
+    table: pl.DataFrame,
+    simulators: Mapping[str, Simulator],
+    config: RealismConfig,
+    *,
+    library: pl.DataFrame | None = None,
+    dataset: Dataset | None = None,
+    conflicts: Path | None = None,
+    parts: Path | None = None,
+    told: Told | None = None,
+) -> dict[str, Any]:
+    """Return the layout of `vpsci realism --json`: Protocols A (`same_start`), B (`free`) and C (`elsewhere`).
+
+    :param table: near misses to be scored on; library: those whose residuals the control lends, else `table`'s own.
+    :param simulators: name -> what answers onsets; the controls are added.
+    :param dataset: generated episodes, for B and C; conflicts: `datlong.csv` of the right-turn study, for C.
+    :param parts: folder that keeps each measured part, from which a stopped run goes on.
+    :param told: called with what is being measured, how many are done, and of how many.
+    :raises InvalidInput: no onset with 3 s after it, a simulator with a control's name, see also the parts.
+    """
+    if taken := sorted(set(simulators) & set(CONTROLS)):
+        raise InvalidInput(f"models: {taken[0]} is the name of a control; call the model something else")
+    chosen = [reference.clean(t) if config.clean else t for t in (table, library) if t is not None]
+    onsets = find_onsets(chosen[0])
+    measured = SameStart(onsets, find_onsets(chosen[1]) if len(chosen) > 1 else onsets, config.seed)
+    wanted = measured.controls() | dict(simulators)
+    total = len(wanted) + (dataset is not None) + (conflicts is not None)
+    models = {}
+    for done, (name, simulate) in enumerate(wanted.items()):
+        if told is not None:
+            told(name, done, total)
+        models[name] = _kept(parts, f"same_start_{name}", partial(_measured, measured, simulate))
+    result: dict[str, Any] = {"same_start": same_start(models, onsets)}
+    if dataset is not None:
+        result["free"] = _kept(parts, "free", lambda: free(chosen[0], dataset, config.episodes, config.seed))
+    if conflicts is not None:
+        result["elsewhere"] = _kept(parts, "elsewhere", lambda: elsewhere(conflicts, dataset, config.episodes))
+    return result
+
+
+def _measured(measured: SameStart, simulate: Simulator) -> dict[str, Any]:
+    return measured.measure(simulate(measured.onsets))
+
+
+def _kept(folder: Path | None, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Return what is in the folder under this name, or make it and leave it there."""
+    path = None if folder is None else folder / f"{name}.part.json"
+    if path is not None and path.is_file():
+        return dict(json.loads(path.read_text(encoding="utf-8")))
+    made = make()
+    if path is not None:
+        write_json(path, made)
+    return made

@@ -1,0 +1,104 @@
+"""Protocol A: simulators and recordings from the same recorded onsets, scored beside controls.
+
+Both agents set out from the first step at which CurvTTC, as known then, is below 5 s, with up to a second of history,
+and run for 3 s. `constant_velocity_tracked`, `social_force` and `residual_sampler` are the controls.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.evaluation.realism.features import features, lent
+from vpsci_ros.evaluation.realism.likelihood import likelihoods
+from vpsci_ros.evaluation.realism.motion import motion, with_onset
+from vpsci_ros.evaluation.realism.onsets import Onsets
+from vpsci_ros.evaluation.realism.samplers import residual_sampler
+from vpsci_ros.evaluation.realism.score import energy_score, errors, min_ade
+from vpsci_ros.evaluation.realism.simulators import Simulator, rule_based, tracked
+from vpsci_ros.evaluation.realism.two_sample import FAMILIES, family, two_sample
+from vpsci_ros.evaluation.statistics import cluster_counts, interval
+
+Floats = NDArray[np.float64]
+CONTROL = "constant_velocity_tracked"
+CONTROLS = ("recorded", CONTROL, "social_force", "residual_sampler")
+DRAWS = 2  # of the roll-outs of each onset that the classifier sees
+
+
+class SameStart:
+    """Measures simulators one by one on the same onsets.
+
+    :param onsets: those to be scored on; library: those whose residuals the sampler lends, of other clips.
+    :param seed: of the classifier, of what is lent, and of the resampling of clips.
+    """
+
+    def __init__(self, onsets: Onsets, library: Onsets, seed: int) -> None:
+        self.onsets, self._library, self._seed = onsets, library, seed
+        self._middle = tracked(onsets)
+        self._draws = cluster_counts(onsets.clip.astype(str), seed)
+        own = features(onsets.recorded[:, None], onsets)
+        self._real = {name: value[:, 0] for name, value in own.items()}
+        self._control = energy_score(self._middle, onsets.recorded)
+        self._ends = [likelihoods(p, onsets)["all"] for p in (self._middle, onsets.recorded[:, None])]
+
+    def controls(self) -> dict[str, Simulator]:
+        """Return the simulators that are always measured, by name; the recording itself is the first."""
+        return {
+            "recorded": lambda onsets: onsets.recorded[:, None],
+            CONTROL: lambda onsets: self._middle,
+            "social_force": rule_based,
+            "residual_sampler": self._residuals,
+        }
+
+    def _residuals(self, onsets: Onsets) -> Floats:
+        same = self._library is onsets
+        return residual_sampler(
+            onsets, self._library, self._middle, self._middle if same else tracked(self._library)
+        )  # fmt: skip
+
+    def measure(self, positions: Floats) -> dict[str, Any]:
+        """Return the measures of roll-outs, float64[n, K, 2, 30, 2] [m], as JSON values with 95% intervals by clips.
+
+        The recording itself, given as roll-outs, tells what the test by a classifier makes of the lending alone.
+        """
+        onsets = self.onsets
+        scores, likely = energy_score(positions, onsets.recorded), likelihoods(positions, onsets)
+        contact = motion(with_onset(positions, onsets.start), onsets.start, onsets.size).clearance <= 0.0
+        touched = contact.any(axis=-1).mean(axis=1)
+        seen = positions[:, np.arange(DRAWS) % positions.shape[1]]
+        made = features(lent(seen, onsets, self._seed, self._library), onsets)
+        tests = {
+            name: two_sample(family(self._real, name), family(made, name), (onsets.clip, onsets.clip), self._seed)
+            for name in FAMILIES
+        }
+        first = tests["all"]
+        low, high = (end.mean() for end in self._ends)
+        return {
+            "roll_outs": positions.shape[1],
+            "energy_score": float(scores.mean()),
+            "energy_score_interval": self._mean(scores),
+            "of_constant_velocity": float(scores.mean() / self._control.mean()),
+            "of_constant_velocity_interval": list(interval((self._draws @ scores) / (self._draws @ self._control))),
+            "ade": float(errors(positions, onsets.recorded).mean()),
+            "min_ade_6": float(min_ade(positions, onsets.recorded).mean()),
+            "likelihood": float(likely["all"].mean()),
+            "likelihood_interval": self._mean(likely["all"]),
+            "likelihood_way": float((likely["all"].mean() - low) / (high - low)),
+            "likelihood_of": {name: float(value.mean()) for name, value in likely.items() if name != "all"},
+            "c2st_auc": first.auc,
+            "c2st_auc_interval": list(first.auc_interval),
+            "picked": first.picked,
+            "c2st_auc_of": {name: [tests[name].auc, *tests[name].auc_interval] for name in FAMILIES[1:]},
+            "given_away_by": first.importance,
+            "collision_rate": float(touched.mean()),
+            "collision_rate_interval": self._mean(touched),
+        }
+
+    def _mean(self, values: Floats) -> list[float]:
+        return list(interval(self._draws @ values / self._draws.sum(axis=1)))
+
+
+def same_start(measured: Mapping[str, dict[str, Any]], onsets: Onsets) -> dict[str, Any]:
+    """Return Protocol A's part of `vpsci realism --json`."""
+    return {"interactions": len(onsets), "clips": len(set(onsets.clip)), "models": dict(measured)}

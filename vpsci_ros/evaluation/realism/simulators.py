@@ -1,0 +1,84 @@
+"""Simulators that answer onsets: learned policies, the rule-based pair, tracked constant velocity."""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
+from vpsci_ros.evaluation.protocols import closed_loop_trajectories
+from vpsci_ros.evaluation.realism.onsets import STEPS, Onsets
+from vpsci_ros.evaluation.scene import scene_at
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.weights import Weights
+from vpsci_ros.safety import PEDESTRIAN_RADIUS
+from vpsci_ros.world import WorldConfig
+from vpsci_ros.world.autopilot import too_near
+from vpsci_ros.world.kinematics import MAX_DECELERATION
+from vpsci_ros.world.observation import STEP
+from vpsci_ros.world.social_force import social_force
+
+Floats = NDArray[np.float64]
+Simulator = Callable[[Onsets], Floats]
+"""Onsets -> positions float64[n, K, 2, 30, 2] [m]."""
+
+ROLL_OUTS = 32  # of stochastic policies; one where there is no chance in them
+TRACKED_STEPS = NetworkConfig().tracked_steps
+_STRAIGHT_AHEAD = 0.25  # [m] beside the footprints in which the autopilot brakes, as in the world
+
+
+def rolled_out(model: Predictor, onsets: Onsets) -> Floats:
+    """Return where a model of both agents takes them, float64[n, 1, 2, 30, 2] [m]."""
+    motion = closed_loop_trajectories(model, onsets.interactions)
+    return np.stack([motion[..., 0:2], motion[..., 5:7]], axis=1)[:, None]
+
+
+def tracked(onsets: Onsets) -> Floats:
+    """Constant velocity, the vehicle's by its last positions (`scene.scene_at`), K = 1."""
+    return rolled_out(RepeatVelocity(TRACKED_STEPS), onsets)
+
+
+def policy(weights: Weights, seed: int, temperature: float = 1.0, roll_outs: int = ROLL_OUTS) -> Simulator:
+    """Return the policies of a weights file as a simulator; K = 1 where they are deterministic."""
+
+    def simulate(onsets: Onsets) -> Floats:
+        if weights.network.latent == 0 or temperature == 0.0:
+            return rolled_out(PolicyPredictor(weights), onsets)
+        again = onsets.take(np.repeat(np.arange(len(onsets)), roll_outs))
+        model = PolicyPredictor(weights, temperature=temperature, seed=seed)
+        return rolled_out(model, again).reshape(len(onsets), roll_outs, 2, STEPS, 2)
+
+    return simulate
+
+
+def rule_based(onsets: Onsets) -> Floats:
+    """Return where the social force pedestrian and the autopilot without a lane go, K = 1.
+
+    The pedestrian wants the velocity of the onset. The vehicle keeps its direction and tracked speed, and brakes fully
+    for a pedestrian near and straight ahead of its front.
+    """
+    scene = scene_at(
+        torch.from_numpy(onsets.interactions.motion), torch.from_numpy(onsets.interactions.first), TRACKED_STEPS
+    )
+    velocity = scene.vehicle_velocity.numpy()
+    config, out = WorldConfig(), np.zeros((len(onsets), 2, STEPS, 2))
+    for i, (start, size) in enumerate(zip(onsets.start, onsets.size, strict=True)):
+        x, y, px, py, vx, vy = (float(start[k]) for k in (0, 1, 5, 6, 7, 8))
+        wanted, half_length, half_width = (vx, vy), 0.5 * float(size[0]), 0.5 * float(size[1])
+        speed = float(np.hypot(*velocity[i]))
+        heading = float(np.arctan2(velocity[i, 1], velocity[i, 0])) if speed > 0.1 else float(start[2])
+        c, s = np.cos(heading), np.sin(heading)
+        reach = half_width + PEDESTRIAN_RADIUS + _STRAIGHT_AHEAD
+        for step in range(STEPS):
+            forward, left = c * (px - x) + s * (py - y), c * (py - y) - s * (px - x)
+            braking = too_near(forward, left, half_length, reach, config.proximity_distance)
+            ax, ay = social_force(
+                *wanted, vx, vy, px, py, x, y, heading, half_length, half_width, PEDESTRIAN_RADIUS
+            )  # fmt: skip
+            after = max(0.0, speed - MAX_DECELERATION * STEP) if braking else speed
+            x, y = x + 0.5 * (speed + after) * STEP * c, y + 0.5 * (speed + after) * STEP * s
+            px, py = px + (vx + 0.5 * ax * STEP) * STEP, py + (vy + 0.5 * ay * STEP) * STEP
+            speed, vx, vy = after, vx + ax * STEP, vy + ay * STEP
+            out[i, :, step] = (x, y), (px, py)
+    return out[:, None]

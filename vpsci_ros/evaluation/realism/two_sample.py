@@ -1,0 +1,106 @@
+"""The two-sample test by a classifier: how well gradient boosting tells simulations from recordings of unseen clips.
+
+The area under the curve (AUC) is 0.5 where nothing gives a simulation away, and 1 where everything does. See
+'Revisiting classifier two-sample tests' by Lopez-Paz and Oquab, ICLR 2017 (https://arxiv.org/abs/1610.06545).
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.statistics import cluster_counts, interval
+
+Floats = NDArray[np.float64]
+FOLDS = 5
+FAMILIES = ("all", "vehicle", "pedestrian", "joint")
+
+
+class TwoSample(NamedTuple):
+    """What the classifier comes to."""
+
+    auc: float  # area under the curve, each scored by a fold that has not seen its clip
+    auc_interval: tuple[float, float]  # 95%, clips resampled
+    picked: float  # two-alternative forced choice: how often the recording of a pair gets the higher score
+    importance: dict[str, float]  # AUC of single features without a classifier, the five farthest from 0.5
+
+
+def two_sample(
+    recorded: Mapping[str, Floats],
+    simulated: Mapping[str, Floats],
+    clips: tuple[NDArray[np.object_], NDArray[np.object_]],
+    seed: int,
+    *,
+    paired: bool = True,
+) -> TwoSample:
+    """Tell recordings from simulations, in folds by clip.
+
+    :param recorded: feature -> float64[n]; simulated: feature -> float64[m, K], K simulations that share a weight of 1.
+    :param clips: the clip (or what else is to be held out as a whole) of each recording and of each simulation.
+    :param paired: row i of both begins alike: a pair of the forced choice is such a row. Else all pairs count.
+    :raises InvalidInput: fewer than two clips, or scikit-learn is not installed.
+    """
+    names = list(recorded)
+    draws = simulated[names[0]].shape[1]
+    real = np.stack([recorded[name] for name in names], axis=1)
+    made = np.stack([simulated[name] for name in names], axis=2)
+    x = np.concatenate([real, made.reshape(-1, len(names))])
+    y = np.concatenate([np.ones(len(real)), np.zeros(made.shape[0] * draws)])
+    weight = np.where(y == 1.0, 1.0, 1.0 / draws)
+    owner = np.concatenate([clips[0], np.repeat(clips[1], draws)]).astype(str)
+    scores = _held_out_scores(x, y, weight, owner, seed)
+    of_real, of_made = scores[: len(real)], scores[len(real) :].reshape(-1, draws)
+    wins = _wins(of_real, of_made)
+    picked = float(wins[np.arange(len(real)), np.arange(len(real))].mean()) if paired else float(wins.mean())
+    single = {name: float(_wins(real[:, i], made[:, :, i]).mean()) for i, name in enumerate(names)}
+    farthest = sorted(single, key=lambda name: -abs(single[name] - 0.5))[:5]
+    return TwoSample(
+        float(wins.mean()), _interval(wins, clips, seed), picked, {name: single[name] for name in farthest}
+    )
+
+
+def family(features: Mapping[str, Floats], name: str) -> dict[str, Floats]:
+    """Return the features of one of `FAMILIES`; the start's are always among them."""
+    return {key: value for key, value in features.items() if name == "all" or key.startswith((f"{name}_", "start_"))}
+
+
+def _wins(real: Floats, made: Floats) -> Floats:
+    """Return [n, m]: the share of the draws of simulation j that score less than recording i, ties by half."""
+    less = made[None] < real[:, None, None]
+    equal = made[None] == real[:, None, None]
+    result: Floats = (less + 0.5 * equal).mean(axis=2)
+    return result
+
+
+def _held_out_scores(x: Floats, y: Floats, weight: Floats, owner: NDArray[np.str_], seed: int) -> Floats:
+    try:
+        from sklearn.ensemble import GradientBoostingClassifier
+        from sklearn.model_selection import StratifiedGroupKFold
+    except ImportError:
+        raise InvalidInput(
+            "the two-sample test needs scikit-learn, which is not installed: pip install 'vpsci_ros[realism]'"
+        ) from None
+    count = min(FOLDS, len(np.unique(owner[y == 1.0])))
+    if count < 2:
+        raise InvalidInput("two-sample test: expected recordings of two clips or more; give more recordings")
+    scores = np.zeros(len(y))
+    folds = StratifiedGroupKFold(count, shuffle=True, random_state=seed)
+    for training, held in folds.split(x, y, owner):
+        model = GradientBoostingClassifier(
+            n_estimators=150, max_depth=3, subsample=0.7, max_features=8, random_state=seed
+        )
+        model.fit(x[training], y[training], sample_weight=weight[training])
+        scores[held] = model.decision_function(x[held])
+    return scores
+
+
+def _interval(wins: Floats, clips: tuple[NDArray[np.object_], NDArray[np.object_]], seed: int) -> tuple[float, float]:
+    """Return the 95% interval of the mean of wins [n, m], clips of both sides resampled together."""
+    names, owner = np.unique(np.concatenate(clips).astype(str), return_inverse=True)
+    sides = [np.eye(len(names))[part] for part in (owner[: len(wins)], owner[len(wins) :])]
+    drawn = cluster_counts(np.arange(len(names)), seed)
+    sums = np.einsum("rc,cd,rd->r", drawn, sides[0].T @ wins @ sides[1], drawn)
+    pairs = (drawn @ sides[0].sum(axis=0)) * (drawn @ sides[1].sum(axis=0))
+    return interval(np.divide(sums, pairs, out=np.full(len(sums), np.nan), where=pairs > 0.0))

@@ -1,0 +1,137 @@
+"""Intervals and paired comparisons, wherever this package gives any.
+
+Shares get Wilson's interval, which holds near 0 and 1, where a good driving system should be. Differences of shares of
+the same units get Agresti and Min's, tested by McNemar's exact test. Everything else is bootstrapped: single units, or
+whole clusters of them where units of one cluster are alike. scipy's bootstrap refuses single units and has no clusters.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from statistics import NormalDist
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import binomtest
+
+LEVEL = 0.95
+RESAMPLES = 2000
+Floats = NDArray[np.float64]
+Statistic = Callable[[Floats], Floats]
+
+
+class Estimate(NamedTuple):
+    """A value with the bounds of its interval and the number of units that it rests on.
+
+    NaN where there is nothing to estimate from.
+    """
+
+    value: float
+    low: float
+    high: float
+    n: int
+
+
+NOTHING = Estimate(math.nan, math.nan, math.nan, 0)
+
+
+def share(hits: int, n: int, level: float = LEVEL) -> Estimate:
+    """Return hits / n with `wilson_interval`."""
+    return Estimate(hits / n, *wilson_interval(hits, n, level), n) if n else NOTHING
+
+
+def wilson_interval(hits: int, n: int, level: float = LEVEL) -> tuple[float, float]:
+    """Return the score interval of a rate of `hits` in `n` trials; (0, 1) where there were none.
+
+    See Wilson, "Probable inference, the law of succession, and statistical inference" (JASA 22, 1927).
+    """
+    if n == 0:
+        return 0.0, 1.0
+    bounds = binomtest(hits, n).proportion_ci(level, method="wilson")
+    return float(bounds.low), float(bounds.high)
+
+
+def share_difference(only_first: int, only_second: int, n: int, level: float = LEVEL) -> Estimate:
+    """Return the difference of two shares of the same n units, (only_first - only_second) / n.
+
+    Wald's interval for matched pairs after adding 0.5 to each of the four cells; see Agresti and Min, "Simple improved
+    confidence intervals for comparing matched proportions" (Statistics in Medicine 24, 2005).
+
+    :param only_first, only_second: units in which only the first, only the second of the two has happened.
+    """
+    if n == 0:
+        return NOTHING
+    b, c, m = only_first + 0.5, only_second + 0.5, n + 2.0
+    z = NormalDist().inv_cdf(0.5 * (1.0 + level))
+    centre, half = (b - c) / m, z * math.sqrt(b + c - (b - c) ** 2 / m) / m
+    return Estimate((only_first - only_second) / n, max(-1.0, centre - half), min(1.0, centre + half), n)
+
+
+def mcnemar(only_first: int, only_second: int) -> float:
+    """Return the exact two-sided p-value that both happen equally often in the same units.
+
+    See McNemar, "Note on the sampling error of the difference between correlated proportions" (Psychometrika 12, 1947).
+    """
+    n = only_first + only_second
+    return float(binomtest(only_first, n).pvalue) if n else 1.0
+
+
+def resampled(values: Floats, statistic: Statistic, seed: int = 0, level: float = LEVEL) -> Estimate:
+    """Return a statistic of float64[n] with its percentile bootstrap interval.
+
+    :param statistic: of float64[..., n] over the last axis.
+    """
+    if len(values) == 0:
+        return NOTHING
+    draws = statistic(values[np.stack(list(resamples(len(values), seed)))])
+    return Estimate(float(statistic(values)), *interval(draws, level), len(values))
+
+
+def resampled_difference(
+    first: Floats, second: Floats, statistic: Statistic, seed: int = 0, level: float = LEVEL
+) -> Estimate:
+    """Return statistic(first) - statistic(second), float64[n] of the same units, which are resampled as pairs."""
+    if len(first) == 0:
+        return NOTHING
+    rows = np.stack(list(resamples(len(first), seed)))
+    value = float(statistic(first) - statistic(second))
+    return Estimate(value, *interval(statistic(first[rows]) - statistic(second[rows]), level), len(first))
+
+
+def mean(values: Floats) -> Floats:
+    """Return the mean over the last axis."""
+    return np.asarray(values.mean(axis=-1))
+
+
+def quantile(q: float) -> Statistic:
+    """Return the statistic that is the `q` quantile over the last axis."""
+    return lambda values: np.asarray(np.quantile(values, q, axis=-1))
+
+
+def resamples(n: int, seed: int, count: int = RESAMPLES) -> Iterator[NDArray[np.int64]]:
+    """Yield `count` bootstrap resamples of n units: the number of each unit drawn, int64[n]."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        yield rng.integers(n, size=n)
+
+
+def cluster_counts(clusters: NDArray[Any], seed: int, count: int = RESAMPLES) -> Floats:
+    """Return how often each unit occurs in bootstrap resamples of whole clusters, float64[count, n].
+
+    :param clusters: of each unit [n], by any labels that can be sorted.
+    """
+    names, owner = np.unique(clusters, return_inverse=True)
+    drawn = np.random.default_rng(seed).multinomial(len(names), np.full(len(names), 1.0 / len(names)), count)
+    return drawn[:, owner].astype(np.float64)
+
+
+def interval(draws: ArrayLike, level: float = LEVEL) -> tuple[float, float]:
+    """Return the percentile interval of what a statistic came to in resamples; NaN where it never was finite.
+
+    :param draws: float64[count]; resamples in which the statistic is not finite do not count.
+    """
+    values = np.asarray(draws, np.float64)
+    if not (finite := values[np.isfinite(values)]).size:
+        return math.nan, math.nan
+    low, high = np.quantile(finite, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
+    return float(low), float(high)

@@ -1,0 +1,238 @@
+"""The runs of an exam: a driving system, or the autopilot, meets one pedestrian after the other on the same episodes.
+
+The driving system drives through the graph of nodes, in lock-step, one episode at a time; the autopilot in this
+process. What a run came to is read from its bag.
+"""
+
+import contextlib
+import dataclasses
+import shutil
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.bags import layout
+from vpsci_ros.bags.decoder import Decoder
+from vpsci_ros.bags.layout import EVENTS
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.ticks import read_episodes
+from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.errors import VpsciError
+from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pedestrians, title_of
+from vpsci_ros.exam.measures import Drive, Key, drives
+from vpsci_ros.exam.process import command_of, failure, running, silence
+from vpsci_ros.exam.report import Conduct
+from vpsci_ros.generate.recorded_people import Motion, nobody, recorded_people, spawns, write_motion
+from vpsci_ros.nodes.config import GraphConfig
+from vpsci_ros.policy.agent import PolicyAgent
+from vpsci_ros.policy.agent_types import make_agent
+from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.resources import weights_path
+from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.record import RECORD, read_record
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.world import Recorded, Scenario, World, WorldConfig, load_scenarios
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
+
+_BATCH = 64  # episodes side by side, of the autopilot
+_STOPPED = "stopped on request"
+NEVER_CAME = "the ADS never published /vehicle/cmd_accel or /vehicle/cmd_control, in {:g} s (graph.progress_timeout)"
+
+
+@dataclasses.dataclass(frozen=True)
+class Exam:
+    """What is examined, and on which episodes.
+
+    :ivar sections: the parameters that the graphs are started with.
+    """
+
+    sections: Sections
+    config: ExamConfig
+    run: RunConfig
+    world: WorldConfig
+
+    @property
+    def episodes(self) -> list[Key]:
+        """The episodes, the same ones with each pedestrian."""
+        return list(self.run.queue())
+
+    @property
+    def scenarios(self) -> list[Scenario]:
+        """Where they take place."""
+        return load_scenarios(self.run.scenarios, self.run.scenario_files)
+
+    @property
+    def weights(self) -> Path:
+        """Weights of the learned pedestrian."""
+        return weights_path(self.sections.get(PolicyConfig, "pedestrian_policy").weights)
+
+    def policy(self, pedestrian: str) -> PolicyConfig:
+        """Return the parameters of a pedestrian that acts from the hand-over on, learned or added."""
+        return dataclasses.replace(self.sections.get(PolicyConfig, "pedestrian_policy"), agent=pedestrian)
+
+    def with_pedestrian(self, pedestrian: str, vehicle: str) -> WorldConfig:
+        """Return the world's configuration with one of the pedestrians and this driver of the vehicle."""
+        driver = "policy" if pedestrian in added_pedestrians() else DRIVERS.get(pedestrian, "replay")
+        return dataclasses.replace(self.world, vehicle_driver=vehicle, pedestrian_driver=driver)
+
+    def motion(self, pedestrian: str) -> Motion:
+        """Return the motion of a pedestrian that is replayed: recorded people, or nobody."""
+        begins = self.spawns()
+        if pedestrian == ALONE:
+            return nobody(begins)
+        path = self.config.recorded
+        return recorded_people(read_near_misses(path), begins, self.scenarios, self.world, self.run.seed, path)
+
+    def spawns(self) -> NDArray[np.void]:
+        """Return the episodes as they begin, EPISODE[n]."""
+        return spawns(self.world, self.scenarios, self.episodes, self.run.seed)
+
+
+class Met(NamedTuple):
+    """What a run with one pedestrian came to: its episodes, ticks without a command of the ADS, and how it went."""
+
+    drives: list[Drive]
+    unanswered: dict[Key, int]
+    conduct: Conduct
+
+
+def hold(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, Met]:
+    """Have the ADS meet one pedestrian after the other, nobody at first; what is done in `folder` is not done again.
+
+    :raises VpsciError: a node has failed.
+    :raises KeyboardInterrupt: stopped on request.
+    """
+    from vpsci_ros.nodes.domain import own_domain
+
+    met: dict[str, Met] = {}
+    names = [ALONE, *exam.config.met]
+    for name in ("runs", "logs"):
+        (folder / name).mkdir(exist_ok=True)
+    with contextlib.nullcontext() if exam.config.ads == EXTERNAL else own_domain():
+        for n, name in enumerate(names, 1):
+            if _conduct(exam, folder, name).failure:
+                if not quiet:
+                    print(f"{n} of {len(names)}: {title_of(name)}, {len(exam.episodes)} episodes", file=sys.stderr)
+                shutil.rmtree(folder / "runs" / name, ignore_errors=True)
+                _meet(exam, name, folder, quiet)
+            met[name] = _read(folder / "runs" / name / "bag", _conduct(exam, folder, name), exam.config.silent_ticks)
+            if not met[name].drives:
+                break  # it does not drive at all: no need to have that said once for each pedestrian
+    return met
+
+
+def autopilot(exam: Exam, pedestrian: str) -> list[Drive]:
+    """Return the episodes as the rule-based autopilot drives them."""
+    frames = EpisodeFrames(min(_BATCH, len(exam.episodes)), exam.world.episode_ticks + 1)
+    return drives(
+        frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance)
+        for step in autopilot_loop(exam, pedestrian)
+    )
+
+
+def autopilot_loop(exam: Exam, pedestrian: str) -> Loop:
+    """Return the loop in which the rule-based autopilot drives the episodes, many side by side."""
+    config = exam.with_pedestrian(pedestrian, "autopilot")
+    recorded = None
+    if config.pedestrian_driver == "replay":
+        motion = exam.motion(pedestrian)
+        recorded = Recorded({key: (np.zeros((len(rows), 5)), rows) for key, rows in motion.items()})
+    agents = {}
+    if config.pedestrian_driver == "policy":
+        agents["pedestrian"] = agent = make_agent("pedestrian", exam.policy(pedestrian))
+        if isinstance(agent, PolicyAgent):
+            agent.load(load_weights(exam.weights), version=1)
+    episodes = exam.episodes
+    world = World(config, exam.scenarios, episodes, min(_BATCH, len(episodes)), exam.run.seed, recorded)
+    monitor = exam.sections.get(MonitorConfig, "safety_monitor")
+    return Loop(world, monitor, agents)
+
+
+def _meet(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
+    """Run the graph with one pedestrian; an ADS that fails is in the run's record."""
+    from vpsci_ros.nodes.graph import run_graph
+    from vpsci_ros.nodes.watch import Watch
+
+    silent = silence(exam.config.silent_ticks)
+    patience = exam.sections.get(GraphConfig, "graph").progress_timeout
+    reasons: list[str] = []
+    with contextlib.ExitStack() as stack:
+        ads = None
+        if exam.config.ads != EXTERNAL:
+            log = folder / "logs" / f"ads_{name}.log"
+            ads = stack.enter_context(running(command_of(exam.config.ads), log))
+
+        def failed(watch: Watch) -> str:
+            seen = watch.summary()
+            absent = seen.get("world_simulator.tick") == 0.0 and watch.idle_time() > patience
+            reasons.append(
+                (failure(ads) if ads else "") or (NEVER_CAME.format(patience) if ads and absent else silent(seen))
+            )
+            return reasons[-1]
+
+        result = run_graph(_graph(exam, name, folder), folder / "runs" / name, quiet=quiet, stop_when=failed)
+    if result.error == _STOPPED:
+        print(f"what is done is in {folder}: the same command goes on there", file=sys.stderr)
+        raise KeyboardInterrupt
+    if result.error and not any(reasons):
+        raise VpsciError(f"{title_of(name)}: {result.error}; does the ADS publish /vehicle/cmd_accel or cmd_control?")
+
+
+def _graph(exam: Exam, name: str, folder: Path) -> Sections:
+    """Return the sections of the graph in which the ADS meets one pedestrian."""
+    config = exam.with_pedestrian(name, "external")
+    drivers = {"vehicle_driver": "external", "pedestrian_driver": config.pedestrian_driver}
+    world: dict[str, Any] = drivers | {"batch": 1}
+    nodes = ["world_simulator", "safety_monitor", "recorder"]
+    if config.pedestrian_driver == "policy":
+        nodes.insert(2, "pedestrian_policy")
+    if config.pedestrian_driver == "replay":
+        bag = folder / "runs" / f"{name}_motion"
+        shutil.rmtree(bag, ignore_errors=True)
+        write_motion(exam.motion(name), exam.spawns(), config, bag)
+        world["recorded_bag"] = str(bag)
+    sections = exam.sections.changed("graph", {"nodes": nodes}).changed("world_simulator", world)
+    if "pedestrian_policy" in nodes:
+        sections = sections.changed("pedestrian_policy", {"agent": name})
+    return sections
+
+
+def _conduct(exam: Exam, folder: Path, name: str) -> Conduct:
+    """Return how a run went, by its record; one that has not been is a failure, too."""
+    wanted = len(exam.episodes)
+    record = read_record(folder / "runs" / name / RECORD)
+    if record is None:
+        return Conduct(wanted, failure=f"{title_of(name)}: has not been run")
+    keys = ("vehicle_commands_refused", "vehicle_commands_surplus", "safe_stops")
+    refused, surplus, stops = (int(record["results"]["progress"].get(f"world_simulator.{key}", 0)) for key in keys)
+    failure = f"{title_of(name)}: {record['error']}" if record["error"] else ""
+    return Conduct(wanted, refused, surplus, stops, failure)
+
+
+def _read(bag: Path, conduct: Conduct, silent_ticks: int) -> Met:
+    """Return what a bag holds: the episodes that ended, without those that were left to the autopilot."""
+    if conduct.failure and not bag.is_dir():
+        return Met([], {}, conduct)  # it failed before the recorder wrote anything
+    recording = Bag(bag, recover=bool(conduct.failure))
+    events = recording.topics().get(EVENTS)
+    if events is None or not events.messages:
+        return Met([], {}, conduct)  # no episode has begun
+    unanswered: Counter[Key] = Counter()
+    decode = Decoder()
+    for raw in recording.messages([EVENTS]):
+        for event in layout.events(decode(raw, bag)):
+            unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
+    found = drives(read_episodes(bag, recover=bool(conduct.failure)))
+    own = [drive for drive in found if unanswered[drive.key] < silent_ticks]
+    if len(own) < len(found) and not conduct.failure:
+        left = f"{len(found) - len(own)} episodes were left to the autopilot for {silent_ticks} ticks or more"
+        conduct = dataclasses.replace(conduct, failure=left)
+    return Met(own, dict(+unanswered), conduct)

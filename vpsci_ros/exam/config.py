@@ -1,0 +1,98 @@
+"""What an exam asks of a driving system, and with whom."""
+
+from dataclasses import dataclass
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import parameter
+from vpsci_ros.policy.agent_types import AGENT_TYPES
+from vpsci_ros.policy.config import LEARNED
+from vpsci_ros.safety import CONFLICT_TTC
+
+EXTERNAL = "external"  # an ADS that the user starts himself
+ALONE = "alone"  # the reference of the time lost: nobody there
+DRIVERS = {
+    LEARNED: "policy",
+    "recorded": "replay",
+    "walker": "autopilot",
+    "constant_velocity": "constant_velocity",
+    "social_force": "social_force",
+}
+"""Pedestrian -> the world's `pedestrian_driver`."""
+
+TITLES = {
+    LEARNED: "learned pedestrian",
+    "recorded": "recorded people",
+    "walker": "walker, does not react",
+    "constant_velocity": "constant velocity",
+    "social_force": "social force",
+    ALONE: "nobody there",
+}
+
+
+def added_pedestrians() -> tuple[str, ...]:
+    """Return the names of the agents that other distributions add."""
+    return tuple(name for name in AGENT_TYPES.names() if name != LEARNED)
+
+
+def title_of(pedestrian: str) -> str:
+    """Return what a report calls a pedestrian."""
+    return TITLES.get(pedestrian, pedestrian)
+
+
+@dataclass(frozen=True)
+class ExamConfig:
+    """The exam of a driving system: who is examined, against whom, and what counts."""
+
+    ads: str = parameter(
+        "example_ads", "command that starts the ADS; example_ads: the package's own; external: you start it yourself"
+    )
+    pedestrians: list[str] = parameter(
+        [name for name in DRIVERS if name != "recorded"],
+        f"pedestrians to meet: {', '.join(DRIVERS)}, and agents that other distributions add (docs/extending.md)",
+    )
+    recorded: str = parameter("", "recorded people to meet as well: a near-miss table (Parquet)")
+    baseline: bool = parameter(True, "put the rule-based autopilot to the same exam, for comparison")
+    silent_ticks: int = parameter(
+        20, "an ADS that gives no usable command for so many ticks in a row has failed", low=1, high=1_000_000
+    )
+    conflict: float = parameter(
+        CONFLICT_TTC, "an episode is a conflict where CurvTTC falls below (section 4.5)", unit="s", low=0.0, high=10.0
+    )
+    severe: float = parameter(1.0, "and a severe one where it falls below", unit="s", low=0.0, high=10.0)
+    hard_braking: float = parameter(
+        3.5,
+        "braking harder than this is hard: just above the 3.4 m/s2 that AASHTO's Policy on Geometric Design takes most "
+        "drivers to be comfortable with",
+        unit="m/s2",
+        low=0.1,
+        high=20.0,
+    )
+    moving: float = parameter(
+        0.5,
+        "a vehicle slower than this at the contact stood: the pedestrian walked into it",
+        unit="m/s",
+        low=0.0,
+        high=5.0,
+    )
+    fail_if: list[str] = parameter([], "criteria as for --fail-if, checked in addition")
+
+    def __post_init__(self) -> None:
+        if not self.ads.strip():
+            raise InvalidInput("ads is empty; give the command that starts the driving system, or 'external'")
+        known = (*DRIVERS, *added_pedestrians())
+        if unknown := [name for name in self.pedestrians if name not in known]:
+            raise InvalidInput(f"pedestrians: unknown {unknown[0]!r}; expected {', '.join(known)}")
+        if len(set(self.pedestrians)) < len(self.pedestrians):
+            raise InvalidInput(f"pedestrians must be named once each, got {self.pedestrians}")
+        if not self.pedestrians and not self.recorded:
+            raise InvalidInput("pedestrians is empty; name at least one")
+        if "recorded" in self.pedestrians and not self.recorded:
+            raise InvalidInput(
+                "pedestrians holds recorded, but no recordings are given; set 'recorded' to a near-miss table"
+            )
+
+    @property
+    def met(self) -> list[str]:
+        """The pedestrians to meet, recorded people after the learned one."""
+        names = {*self.pedestrians, *(["recorded"] if self.recorded else [])}
+        return [name for name in (*DRIVERS, *added_pedestrians()) if name in names]

@@ -1,0 +1,90 @@
+"""Criteria such as "collision_rate > 0.05 @learned": parsed without evaluating anything, judged on a report."""
+
+import difflib
+import math
+import operator
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.report import COUNTS, INCREASES, value_of
+from vpsci_ros.exam.scores import MEASURES
+from vpsci_ros.policy.config import LEARNED
+
+NAMES = (*MEASURES, *INCREASES, *COUNTS)
+OPERATORS: dict[str, Callable[[float, float], bool]] = {
+    ">": operator.gt,
+    ">=": operator.ge,
+    "<": operator.lt,
+    "<=": operator.le,
+}
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_FORM = re.compile(rf"\s*(\w+)\s*(>=|<=|>|<)\s*({_NUMBER})\s*(?:@\s*(\w+)\s*)?")
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """A reason to fail: a measure compared with a limit, with one pedestrian, or (None) with any of them."""
+
+    text: str
+    measure: str
+    operator: str
+    limit: float
+    pedestrian: str | None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a criterion came to with one pedestrian; a measure without a value (NaN) counts as a failure."""
+
+    criterion: Criterion
+    pedestrian: str
+    value: float
+
+    @property
+    def failed(self) -> bool:
+        """Whether the criterion for failing is met, or cannot be shown not to be."""
+        return math.isnan(self.value) or OPERATORS[self.criterion.operator](self.value, self.criterion.limit)
+
+    def sentence(self) -> str:
+        """Return the verdict in words."""
+        value = "not measured" if math.isnan(self.value) else f"{self.value:.4g}"
+        return f"{self.criterion.text}: {value} with {self.pedestrian}, {'failed' if self.failed else 'passed'}"
+
+
+def parse(text: str, met: Sequence[str]) -> Criterion:
+    """Return the criterion that `text` means.
+
+    :param met: pedestrians of the exam.
+    :raises InvalidInput: another form than MEASURE OPERATOR NUMBER [@PEDESTRIAN], or an unknown name in it.
+    """
+    where = f"--fail-if {text!r}"
+    found = _FORM.fullmatch(text)
+    if found is None:
+        raise InvalidInput(
+            f"{where}: expected MEASURE {{{','.join(OPERATORS)}}} NUMBER [@PEDESTRIAN], such as "
+            f"'collision_rate > 0.05 @learned'; measures: {', '.join(NAMES)}"
+        )
+    measure, sign, number, pedestrian = found.groups()
+    if measure not in NAMES:
+        near = difflib.get_close_matches(measure, NAMES, 1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise InvalidInput(f"{where}: unknown measure {measure!r}; {hint}measures: {', '.join(NAMES)}")
+    if pedestrian is not None and pedestrian not in met:
+        raise InvalidInput(f"{where}: no pedestrian {pedestrian!r} in this exam; it has {', '.join(met)}")
+    if measure in INCREASES and (LEARNED not in met or pedestrian == LEARNED or len(met) < 2):
+        raise InvalidInput(f"{where}: {measure} compares another pedestrian with the learned one; the exam needs both")
+    return Criterion(" ".join(text.split()), measure, sign, float(number), pedestrian)
+
+
+def judge(criteria: Sequence[Criterion], report: dict[str, Any], met: Sequence[str]) -> list[Verdict]:
+    """Return a verdict for each criterion and pedestrian that it speaks of."""
+    verdicts = []
+    for criterion in criteria:
+        among = [criterion.pedestrian] if criterion.pedestrian else list(met)
+        if criterion.measure in INCREASES:
+            among = [name for name in among if name != LEARNED]
+        verdicts += [Verdict(criterion, name, value_of(report, criterion.measure, name)) for name in among]
+    return verdicts

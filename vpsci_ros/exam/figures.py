@@ -1,0 +1,174 @@
+"""The pictures of an exam: measures with intervals, how near it came, how it ended, and one episode met by all."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from vpsci_ros.evaluation.yields import headings
+from vpsci_ros.exam.config import added_pedestrians, title_of
+from vpsci_ros.exam.measures import Drive
+from vpsci_ros.exam.report import ADS, BASELINE
+from vpsci_ros.policy.config import LEARNED
+from vpsci_ros.report.panels import Panel
+from vpsci_ros.report.trajectories import save_trajectories
+from vpsci_ros.runs.files import written_whole
+from vpsci_ros.safety import HORIZON
+from vpsci_ros.world import OUTCOME_NAMES, Scenario
+
+# Okabe and Ito's colours, which most people tell apart
+COLOURS = {
+    LEARNED: "#d55e00",
+    "recorded": "#cc79a7",
+    "walker": "#0072b2",
+    "constant_velocity": "#56b4e9",
+    "social_force": "#009e73",
+}
+_MORE = ("#8c564b", "#e377c2", "#7f7f7f", "#bcbd22")
+
+
+def _colour(pedestrian: str) -> str:
+    """Return a pedestrian's colour; those that other distributions add take what is left in turn."""
+    return COLOURS.get(pedestrian) or _MORE[added_pedestrians().index(pedestrian) % len(_MORE)]
+
+
+RATES = ("collision_rate", "moving_collision_rate", "conflict_rate", "hard_braking_rate")
+_ENDS = (
+    ("collision", "collision", "#7f1d1d"),
+    ("pedestrian", "only the pedestrian yielded", "#e69f00"),
+    ("both", "both yielded", "#f0e442"),
+    ("vehicle", "only the vehicle yielded", "#009e73"),
+    ("nobody", "nobody yielded", "#c8c8c8"),
+)
+
+
+def save_overview(report: Mapping[str, Any], table: pl.DataFrame, path: Path) -> None:
+    """Draw shares with intervals, the distribution of the least CurvTTC and how critical episodes ended, as a PNG."""
+    names = list(report["drivers"][ADS])
+    figure = Figure(figsize=(11.5, 2.9 + 0.62 * len(names)), layout="constrained")
+    FigureCanvasAgg(figure)
+    top, bottom = figure.subfigures(
+        2, 1, squeeze=False, height_ratios=[0.7 + 0.3 * len(names), 1.9 + 0.25 * len(names)]
+    ).flat
+    axes = top.subplots(1, len(RATES), sharey=True, squeeze=False)
+    for axis, measure in zip(axes.flat, RATES, strict=True):
+        _draw_rates(axis, report, measure, names)
+    left, right = bottom.subplots(1, 2, width_ratios=[1.0, 1.25])
+    _draw_least(left, table, names)
+    _draw_ends(right, table, names)
+    with written_whole(path) as part:
+        figure.savefig(part, format="png", dpi=130)
+
+
+def save_episode(
+    drives: Mapping[str, list[Drive]], scenarios: Iterable[Scenario], path: Path
+) -> tuple[int, int] | None:
+    """Draw the episode in which the ADS came nearest to the learned pedestrian, as each pedestrian met it, as a PNG.
+
+    :param drives: pedestrian -> episodes of the ADS.
+    :returns: its scenario and number; None where the learned pedestrian was not met.
+    """
+    if not drives.get(LEARNED):
+        return None
+    worst = min(drives[LEARNED], key=_nearness)
+    found = {name: next((d for d in each if d.key == worst.key), None) for name, each in drives.items()}
+    save_trajectories([_panel(name, drive) for name, drive in found.items() if drive], scenarios, path)
+    return worst.key
+
+
+def _draw_rates(axis: Axes, report: Mapping[str, Any], measure: str, names: list[str]) -> None:
+    greatest = 0.0
+    for driver, shift in ((ADS, -0.13), (BASELINE, 0.17)):
+        for row, name in enumerate(names):
+            found = report["drivers"].get(driver, {}).get(name, {}).get(measure)
+            if found is None or found["value"] is None:
+                continue
+            value, low, high = (100.0 * found[key] for key in ("value", "low", "high"))
+            colour = _colour(name) if driver == ADS else "#999999"
+            inside = colour if driver == ADS else "white"
+            bars = [[value - low], [high - value]]
+            axis.errorbar(
+                [value], [row + shift], xerr=bars, fmt="o", color=colour, mfc=inside, capsize=2.5, markersize=5
+            )
+            greatest = max(greatest, high)
+    axis.set_title(report["definitions"][measure]["title"], fontsize=9)
+    axis.set_yticks(range(len(names)), [title_of(name) for name in names], fontsize=8)
+    axis.set_ylim(len(names) - 0.5, -0.5)
+    axis.set_xlim(-2.0, min(100.0, 1.08 * greatest) + 2.0)
+    axis.set_xlabel("% of episodes", fontsize=8)
+    axis.tick_params(labelsize=8)
+    axis.grid(axis="x", color="#e5e5e5")
+    axis.set_axisbelow(True)
+
+
+def _draw_least(axis: Axes, table: pl.DataFrame, names: list[str]) -> None:
+    for name in names:
+        least = np.sort(_rows(table, ADS, name)["least_curvttc"].to_numpy())
+        share = 100.0 * np.arange(1, len(least) + 1) / len(least)
+        axis.step([0.0, *least], [0.0, *share], where="post", color=_colour(name), label=title_of(name), linewidth=1.6)
+    axis.set_xlim(0.0, HORIZON)
+    axis.set_ylim(0.0, 100.0)
+    axis.set_title("how near it came", fontsize=9)
+    axis.set_xlabel("least CurvTTC of the episode [s]", fontsize=8)
+    axis.set_ylabel("% of episodes at or below", fontsize=8)
+    axis.tick_params(labelsize=8)
+    axis.grid(color="#e5e5e5")
+    axis.legend(fontsize=7, loc="lower right", frameon=False)
+
+
+def _draw_ends(axis: Axes, table: pl.DataFrame, names: list[str]) -> None:
+    for row, name in enumerate(names):
+        critical = _rows(table, ADS, name).filter(pl.col("critical"))
+        ended = critical.select(
+            pl.when(pl.col("collision")).then(pl.lit("collision")).otherwise(pl.col("yielded")).alias("end")
+        )["end"].to_list()
+        begin = 0.0
+        for end, _, colour in _ENDS:
+            width = 100.0 * ended.count(end) / max(len(ended), 1)
+            axis.barh(row, width, left=begin, color=colour, height=0.62, edgecolor="white", linewidth=0.5)
+            if width > 6.0:
+                dark = end in ("collision", "vehicle")
+                axis.text(begin + 0.5 * width, row, f"{width:.0f}", ha="center", va="center", fontsize=7,
+                          color="white" if dark else "black")  # fmt: skip
+            begin += width
+    for _, label, colour in _ENDS:
+        axis.barh(0, 0, color=colour, label=label)
+    axis.set_yticks(range(len(names)), [title_of(name) for name in names], fontsize=8)
+    axis.set_ylim(len(names) - 0.5, -0.5)
+    axis.set_xlim(0.0, 100.0)
+    axis.set_title("how critical episodes ended, and who gave way", fontsize=9)
+    axis.set_xlabel("% of critical episodes (CurvTTC < 5 s)", fontsize=8)
+    axis.tick_params(labelsize=8)
+    axis.legend(fontsize=7, ncols=3, loc="upper center", bbox_to_anchor=(0.45, -0.2), frameon=False)
+
+
+def _rows(table: pl.DataFrame, driver: str, pedestrian: str) -> pl.DataFrame:
+    return table.filter((pl.col("driver") == driver) & (pl.col("pedestrian") == pedestrian))
+
+
+def _nearness(drive: Drive) -> tuple[float, float, tuple[int, int]]:
+    """Return what orders episodes by how near they came: a contact at speed before one at rest."""
+    least = float(np.nanmin(np.append(drive["CurvTTC"], HORIZON)))
+    collided = OUTCOME_NAMES[drive.outcome] == "collision"
+    return (-1.0 if collided else least), -float(drive.speed[-1]), drive.key
+
+
+def _panel(name: str, drive: Drive) -> Panel:
+    ttc = np.nan_to_num(drive["CurvTTC"], nan=np.inf)
+    least, outcome = float(ttc.min()), OUTCOME_NAMES[drive.outcome]
+    near = f"least CurvTTC {least:.1f} s" if np.isfinite(least) else "no contact predicted"
+    return Panel(
+        title=f"{title_of(name)}\n{outcome}, {near}",
+        scenario=drive.scenario,
+        vehicle=np.column_stack([drive["position_x_av"], drive["position_y_av"]]),
+        vehicle_speed=drive.speed,
+        heading=headings(drive["velocity_x_av"][None], drive["velocity_y_av"][None])[0],
+        pedestrian=np.column_stack([drive["position_x_ped"], drive["position_y_ped"]]),
+        pedestrian_speed=np.hypot(drive["velocity_x_ped"], drive["velocity_y_ped"]),
+        nearest=int(ttc.argmin()),
+    )

@@ -1,0 +1,95 @@
+"""The driving system under test as a process: started with a command line, watched, and stopped."""
+
+import contextlib
+import os
+import shlex
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.processes import ChildProcess, stop
+
+OWN = "example_ads"
+
+
+def command_of(text: str) -> list[str]:
+    """Return the command line that `text` means: no shell, `example_ads` is the package's own.
+
+    :raises InvalidInput: quotes that do not close, or a program that is not there.
+    """
+    if text.strip() == OWN:
+        return [sys.executable, "-m", f"vpsci_ros.nodes.{OWN}"]
+    try:
+        command = shlex.split(text)
+    except ValueError as error:
+        raise InvalidInput(f"--ads {text!r}: not a command line ({error})") from None
+    if not command or shutil.which(command[0]) is None:
+        raise InvalidInput(
+            f"--ads {text!r}: no program {command[0] if command else ''!r} on the path; give a command such as "
+            "'python my_ads.py' or 'ros2 run my_package my_ads', or 'external' to start it yourself"
+        )
+    return command
+
+
+def files_of(text: str) -> dict[str, str]:
+    """Return the files that a command line names, with their SHA-256: what was examined."""
+    words = [Path(__file__).parents[1] / "nodes" / f"{OWN}.py"] if text.strip() == OWN else map(Path, shlex.split(text))
+    return {word.name: sha256(word) for word in words if word.is_file()}
+
+
+@contextlib.contextmanager
+def running(command: list[str], log: Path) -> Iterator[ChildProcess]:
+    """Start the driving system, and stop it with all that it started when the `with` block is left.
+
+    :raises InvalidInput: the program cannot be started.
+    """
+    try:
+        process = ChildProcess(command, log, _environment())
+    except OSError as error:
+        raise InvalidInput(f"--ads {shlex.join(command)}: cannot be started ({error.strerror})") from None
+    try:
+        yield process
+    finally:
+        stop([process])
+        process.signal(signal.SIGKILL)  # for what it started and left behind
+
+
+def failure(process: ChildProcess) -> str:
+    """Return how the driving system ended, with the last line that it wrote; nothing while it runs."""
+    if not process.end:
+        return ""
+    said = process.said()
+    return f"the ADS {process.end}" + (f", having said {said!r}" if said else "") + f" (log: {process.log})"
+
+
+def silence(limit: int) -> Callable[[dict[str, float]], str]:
+    """Return what tells, from the world's diagnostics seen now and then, that the ADS has fallen silent.
+
+    It has where it left `limit` ticks unanswered while it answered fewer than that.
+    """
+    seen = {"ticks": 0.0, "missing": 0.0}
+
+    def check(numbers: dict[str, float]) -> str:
+        ticks = numbers.get("world_simulator.tick", 0.0)
+        missing = numbers.get("world_simulator.vehicle_answers_missing", 0.0)
+        if ticks < seen["ticks"] or missing - seen["missing"] < 0.5 * (ticks - seen["ticks"]):
+            seen.update(ticks=ticks, missing=missing)
+        if missing - seen["missing"] < limit:
+            return ""
+        return f"the ADS gave no usable command for {missing - seen['missing']:.0f} ticks in a row"
+
+    return check
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of the ADS: as this process was given it, before Python's ROS 2 wheels changed it."""
+    environment = dict(os.environ)
+    environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
+    libraries = environment.pop("LD_LIBRARY_PATH", "").split(os.pathsep)
+    if own := [path for path in libraries if path and not Path(path).is_relative_to(sys.prefix)]:
+        environment["LD_LIBRARY_PATH"] = os.pathsep.join(own)
+    return environment

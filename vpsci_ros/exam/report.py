@@ -1,0 +1,145 @@
+"""An exam's result as one dictionary, the content of report.json: nothing on the page is not in here."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import polars as pl
+
+from vpsci_ros.evaluation import statistics
+from vpsci_ros.evaluation.statistics import Estimate
+from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, difference, estimate
+from vpsci_ros.policy.config import LEARNED
+
+ADS, BASELINE = "ads", "autopilot"
+INCREASES = {"collision_increase": "collision_rate", "moving_collision_increase": "moving_collision_rate"}
+COUNTS = ("commands_refused", "commands_surplus", "ticks_unanswered", "safe_stops")
+
+
+@dataclass(frozen=True)
+class Conduct:
+    """How a run of the ADS went, apart from how it drove.
+
+    :ivar wanted: episodes that it was to drive.
+    :ivar refused: commands that the world refused: not finite, out of range, or late.
+    :ivar surplus: good commands beyond the first one at a tick.
+    :ivar safe_stops: in real time, how often the world braked because no command came.
+    :ivar failure: empty, or why it did not drive all of them.
+    """
+
+    wanted: int
+    refused: int = 0
+    surplus: int = 0
+    safe_stops: int = 0
+    failure: str = ""
+
+
+def make_report(table: pl.DataFrame, conduct: dict[str, Conduct], config: ExamConfig) -> dict[str, Any]:
+    """Return the scores of an exam.
+
+    :param table: a row an episode, `vpsci_ros.exam.measures.COLUMNS`.
+    :param conduct: pedestrian (and "alone") -> how the run of the ADS with it went.
+    """
+    drivers = {
+        driver: {name: _scores(_of(table, driver, name)) for name in config.met if _of(table, driver, name).height}
+        for driver in (ADS, BASELINE)
+        if _of(table, driver).height
+    }
+    learned = _of(table, ADS, LEARNED)
+    others = [name for name in config.met if name != LEARNED and learned.height]
+    return {
+        "drivers": drivers,
+        "differences": {name: _differences(_of(table, ADS, name), learned) for name in others},
+        "reliance": _reliance(table),
+        "conduct": {name: _conduct(_of(table, ADS, name), run) for name, run in conduct.items()},
+        "definitions": definitions(config),
+    }
+
+
+def definitions(config: ExamConfig) -> dict[str, dict[str, str]]:
+    """Return measure -> title, unit and definition, with the thresholds of `config` in it."""
+    limits = {"conflict": config.conflict, "severe": config.severe, "hard_braking": config.hard_braking}
+    return {
+        name: {"title": row.title, "unit": row.unit, "definition": row.definition.format(**limits)}
+        for name, row in MEASURES.items()
+    }
+
+
+def value_of(report: dict[str, Any], measure: str, pedestrian: str) -> float:
+    """Return one number of the ADS in a report; NaN where it could not be measured."""
+    if measure in INCREASES:
+        found = report["differences"].get(pedestrian, {}).get(INCREASES[measure], {}).get("value")
+    elif measure in COUNTS:
+        found = report["conduct"].get(pedestrian, {}).get(measure)
+    else:
+        found = report["drivers"].get(ADS, {}).get(pedestrian, {}).get(measure, {}).get("value")
+    return math.nan if found is None else float(found)
+
+
+def _of(table: pl.DataFrame, driver: str, pedestrian: str | None = None) -> pl.DataFrame:
+    rows = table.filter(pl.col("driver") == driver)
+    return rows if pedestrian is None else rows.filter(pl.col("pedestrian") == pedestrian)
+
+
+def _scores(rows: pl.DataFrame) -> dict[str, Any]:
+    return {"episodes": rows.height} | {name: _as_dict(estimate(rows, measure)) for name, measure in MEASURES.items()}
+
+
+def _differences(rows: pl.DataFrame, learned: pl.DataFrame) -> dict[str, Any]:
+    """Return measure -> what it is with this pedestrian less what it is with the learned one, on the same episodes."""
+    out = {}
+    for name in DIFFERENCES:
+        found, p = difference(rows, learned, MEASURES[name])
+        out[name] = _as_dict(found) | {"p": _number(p)}
+    return out
+
+
+def _reliance(table: pl.DataFrame) -> dict[str, Any]:
+    """Return how much each driver lives off the pedestrian's yielding.
+
+    `left_to_pedestrian`: of the critical episodes with the learned pedestrian that end without a contact, the share in
+    which only the pedestrian yielded. `of_those_collide`: of these very episodes, the share that ends in a contact with
+    a moving vehicle when the same pedestrian walks on. `moving_collision_increase`: by how much the share of such
+    contacts grows over all episodes when the pedestrian walks on.
+    """
+    out = {}
+    for driver in (ADS, BASELINE):
+        learned, walker = _of(table, driver, LEARNED), _of(table, driver, "walker")
+        if not learned.height or not walker.height:
+            continue
+        left = learned.filter(pl.col("critical") & ~pl.col("collision") & (pl.col("yielded") == "pedestrian"))
+        again = walker.join(left, on=["scenario", "episode"], how="semi")
+        more, p = difference(walker, learned, MEASURES["moving_collision_rate"])
+        out[driver] = {
+            "left_to_pedestrian": _as_dict(estimate(learned, MEASURES["pedestrian_yield_rate"])),
+            "of_those_collide": _as_dict(statistics.share(int(again["moving_collision"].sum()), again.height)),
+            "moving_collision_increase": _as_dict(more) | {"p": _number(p)},
+        }
+    return out
+
+
+def _conduct(rows: pl.DataFrame, run: Conduct) -> dict[str, Any]:
+    return {
+        "episodes_wanted": run.wanted,
+        "episodes_driven": rows.height,
+        "commands_refused": run.refused,
+        "commands_surplus": run.surplus,
+        "safe_stops": run.safe_stops,
+        "ticks_unanswered": int(rows["unanswered"].sum()),
+        "episodes_with_unanswered_ticks": int((rows["unanswered"] > 0).sum()),
+        "failure": run.failure,
+    }
+
+
+def _as_dict(found: Estimate) -> dict[str, Any]:
+    return {
+        "value": _number(found.value),
+        "low": _number(found.low),
+        "high": _number(found.high),
+        "n": found.n,
+    }
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else value

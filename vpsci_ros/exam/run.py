@@ -1,0 +1,214 @@
+"""The exam of a driving system: prepared, held, scored and reported.
+
+In the output folder: exam.json (what is examined: parameters, hashes, versions), runs/PEDESTRIAN (bag, logs and
+resolved parameters of each run), logs/, episodes.parquet, report.json, report.html, and view.html, in which the
+episodes play. The same command goes on with an exam that was stopped: pedestrians that are done are not met again.
+"""
+
+import dataclasses
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from vpsci_ros.data.parquet import read_parquet, write_parquet
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.conduct import Exam, autopilot, hold
+from vpsci_ros.exam.config import ALONE, EXTERNAL, ExamConfig, added_pedestrians, title_of
+from vpsci_ros.exam.criteria import Verdict, judge, parse
+from vpsci_ros.exam.measures import COLUMNS, episode_table
+from vpsci_ros.exam.page import write_page
+from vpsci_ros.exam.process import command_of, files_of
+from vpsci_ros.exam.report import ADS, BASELINE, make_report
+from vpsci_ros.exam.view import exam_sources
+from vpsci_ros.policy.agent_types import AGENT_TYPES
+from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.files import require_empty_folder, sha256, write_json, write_text
+from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.provenance import cpu_name, software_versions
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.view.episodes import Source
+from vpsci_ros.view.page import write_view
+from vpsci_ros.view.sources import LIMIT
+from vpsci_ros.world import WorldConfig
+
+IDENTITY, EPISODES, VIEW = "exam.json", "episodes.parquet", "view.html"
+_SHOWN = ("collision_rate", "moving_collision_rate", "conflict_rate", "evasion_success_rate", "hard_braking_rate",
+          "time_lost")  # fmt: skip
+
+
+def prepare(sections: Sections, ads: str | None = None) -> Exam:
+    """Check everything that can be checked before anything runs.
+
+    :param ads: the driving system, instead of the one that the parameters name.
+    :raises InvalidInput: a parameter, the command, weights or recordings are refused.
+    """
+    chosen = sections.changed("ads_test", {} if ads is None else {"ads": ads}).changed("world_simulator", {"batch": 1})
+    if "weights" not in chosen.values.get("pedestrian_policy", {}):
+        chosen = chosen.changed("pedestrian_policy", {"weights": "refined"})
+    config = chosen.get(ExamConfig, "ads_test")
+    run, world = chosen.get(RunConfig, "world_simulator"), chosen.get(WorldConfig, "world_simulator")
+    exam = Exam(chosen, config, run, world)
+    if config.ads != EXTERNAL:
+        command_of(config.ads)
+    if config.recorded and not Path(config.recorded).is_file():
+        raise InvalidInput(f"ads_test.recorded = {config.recorded}: no such file; expected a near-miss table (Parquet)")
+    _ = exam.weights, exam.scenarios
+    return exam
+
+
+def run_exam(exam: Exam, folder: Path, criteria: Sequence[str] = (), *, quiet: bool = False) -> list[str]:
+    """Hold the exam, write and print its report, and return the reasons to fail: none where it is passed.
+
+    :param criteria: as for --fail-if, in addition to those of the parameters.
+    :raises InvalidInput: a criterion is refused, or `folder` holds something else; nothing has been run then.
+    :raises VpsciError: a node has failed.
+    """
+    pedestrians = exam.config.met
+    parsed = [parse(text, pedestrians) for text in (*exam.config.fail_if, *criteria)]
+    identity = _identity(exam)
+    _take(folder, identity)
+    met = hold(exam, folder, quiet=quiet)
+    table = _ads_rows(exam, met)
+    if exam.config.baseline:
+        table = pl.concat([table, _autopilot_rows(exam)])
+    report = make_report(table, {name: each.conduct for name, each in met.items()}, exam.config)
+    verdicts = judge(parsed, report, pedestrians)
+    failures = [each.conduct.failure for each in met.values() if each.conduct.failure]
+    failures += [verdict.sentence() for verdict in verdicts if verdict.failed]
+    report = {"exam": identity, "failures": failures, "criteria": [_as_dict(verdict) for verdict in verdicts]} | report
+    write_parquet(table, folder / EPISODES, COLUMNS, content="episodes of an exam", exam=identity)
+    write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
+    drives = {name: each.drives for name, each in met.items()}
+    driven = bool(report["drivers"].get(ADS))
+    if driven:
+        write_view(folder / VIEW, exam_sources(folder, table, exam, LIMIT, _tell), f"Exam of {exam.config.ads}")
+    write_page(folder / "report.html", report, table, drives, exam.scenarios, VIEW if driven else "")
+    _print(report, folder)
+    return failures
+
+
+def is_exam(path: Path) -> bool:
+    """Say whether a path is the folder of an exam."""
+    return (path / IDENTITY).is_file()
+
+
+def read_exam(folder: Path, limit: int) -> list[Source]:
+    """Return the episodes of an exam that was held, see `exam_sources`.
+
+    :raises InvalidInput: the exam is not whole.
+    """
+    table = read_parquet(folder / EPISODES, "the episodes of an exam").select(list(COLUMNS))
+    try:
+        identity = json.loads((folder / IDENTITY).read_text(encoding="utf-8"))
+        exam = prepare(Sections(identity["parameters"]), ads=EXTERNAL)
+        if sha256(exam.weights) != identity["weights_sha256"]:
+            raise InvalidInput("the weights of its pedestrian are not those of the exam any more")
+    except (InvalidInput, ValueError, KeyError) as error:
+        _tell(f"the autopilot is left out: {error}")
+        return exam_sources(folder, table, None, limit, _tell)
+    return exam_sources(folder, table, exam, limit, _tell)
+
+
+def _tell(note: str) -> None:
+    print(f"note: {note}", file=sys.stderr)
+
+
+def _ads_rows(exam: Exam, met: dict[str, Any]) -> pl.DataFrame:
+    alone = met[ALONE].drives
+    parts = []
+    for name in (ALONE, *exam.config.met):
+        if name in met:
+            options = {"driver": ADS, "pedestrian": name, "unanswered": met[name].unanswered}
+            parts.append(episode_table(met[name].drives, alone, exam.config, exam.world.tick, **options))
+    return pl.concat(parts)
+
+
+def _autopilot_rows(exam: Exam) -> pl.DataFrame:
+    alone = autopilot(exam, ALONE)
+    parts = []
+    for name in exam.config.met:
+        found = autopilot(exam, name)
+        parts.append(episode_table(found, alone, exam.config, exam.world.tick, driver=BASELINE, pedestrian=name))
+    return pl.concat(parts)
+
+
+def _identity(exam: Exam) -> dict[str, Any]:
+    """Return what makes two exams the same: with equal ones, runs of the one serve the other."""
+    examined = {name: value for name, value in dataclasses.asdict(exam.config).items() if name != "fail_if"}
+    nodes = ("world_simulator", "safety_monitor", "pedestrian_policy")
+    return {
+        "ads": exam.config.ads,
+        "ads_files_sha256": {} if exam.config.ads == EXTERNAL else files_of(exam.config.ads),
+        "parameters": {name: dict(exam.sections.values.get(name, {})) for name in nodes} | {"ads_test": examined},
+        "world": dataclasses.asdict(exam.world),
+        "scenarios_sha256": {scenario.name: scenario.sha256 for scenario in exam.scenarios},
+        "weights_sha256": sha256(exam.weights),
+        "agents": {name: AGENT_TYPES.origin(name) for name in exam.config.met if name in added_pedestrians()},
+        "recorded_sha256": sha256(exam.config.recorded) if exam.config.recorded else "",
+        "software": software_versions(),
+        "cpu": cpu_name(),
+    }
+
+
+def _take(folder: Path, identity: dict[str, Any]) -> None:
+    """Make the folder this exam's, or go on in it."""
+    path = folder / IDENTITY
+    if not path.is_file():
+        require_empty_folder(folder)
+        write_json(path, identity)
+        return
+    try:
+        theirs = dict(json.loads(path.read_text(encoding="utf-8")))
+    except (ValueError, TypeError, OSError) as error:
+        raise InvalidInput(f"{path}: not what an exam writes ({error}); choose another output folder") from None
+    require_same(folder, theirs, identity, "holds an exam")
+
+
+def _as_dict(verdict: Verdict) -> dict[str, Any]:
+    value = None if verdict.value != verdict.value else verdict.value
+    return {
+        "criterion": verdict.criterion.text,
+        "pedestrian": verdict.pedestrian,
+        "value": value,
+        "failed": verdict.failed,
+    }
+
+
+def _print(report: dict[str, Any], folder: Path) -> None:
+    console = Console()
+    view = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    view.add_column("", no_wrap=True)
+    heads = (
+        "colli-\nsions",
+        "vehicle\nmoving",
+        "con-\nflicts",
+        "evasion\nsuccess",
+        "hard\nbraking",
+        "time lost\n\\[s]",
+    )
+    for head in heads:
+        view.add_column(head, justify="right")
+    for driver, scores in report["drivers"].items():
+        view.add_section()
+        view.add_row({ADS: "the ADS", BASELINE: "rule-based autopilot"}[driver], style="bold")
+        for name, row in scores.items():
+            view.add_row(f"  {title_of(name)}", *(_cell(row[measure]["value"], measure) for measure in _SHOWN))
+    console.print(view)
+    for text in report["failures"]:
+        console.print(f"FAILED  {text}", style="bold red", markup=False)
+    if not report["failures"]:
+        console.print("passed" if report["criteria"] else "no criterion was given (--fail-if)")
+    console.print(f"with intervals and differences: {folder / 'report.html'}", markup=False)
+
+
+def _cell(value: float | None, measure: str) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.2f}" if measure == "time_lost" else f"{100.0 * value:.1f}%"

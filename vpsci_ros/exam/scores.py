@@ -1,0 +1,114 @@
+"""What an exam measures: each measure with its definition, unit and estimator, in one table."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import polars as pl
+from numpy.typing import NDArray
+
+from vpsci_ros.evaluation import statistics
+from vpsci_ros.evaluation.statistics import NOTHING, Estimate
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One measure of a driver with one pedestrian.
+
+    :ivar column: of the table of episodes; bool for a share, a number otherwise.
+    :ivar among: which episodes count; None: all.
+    :ivar statistic: None: the share of episodes in which `column` holds.
+    :ivar good: "low", "high", or "" where neither is better.
+    """
+
+    name: str
+    title: str
+    unit: str
+    definition: str
+    column: pl.Expr
+    among: pl.Expr | None = None
+    statistic: statistics.Statistic | None = None
+    good: str = "low"
+
+
+_CRITICAL = pl.col("critical")
+_RESOLVED = pl.col("critical") & ~pl.col("collision")
+
+MEASURES = {
+    measure.name: measure
+    for measure in (
+        Measure("collision_rate", "collisions", "", "share of episodes in which the footprints touch, whoever moved",
+                pl.col("collision")),
+        Measure("moving_collision_rate", "collisions, vehicle moving", "",
+                "share of episodes in which they touch while the vehicle moves: the vehicle hits",
+                pl.col("moving_collision")),
+        Measure("impact_speed", "impact speed", "m/s", "mean speed of the vehicle at the contact, of collisions",
+                pl.col("impact_speed"), pl.col("collision"), statistics.mean),
+        Measure("critical_rate", "critical episodes", "", "share of episodes in which CurvTTC falls below 5 s",
+                pl.col("critical"), good=""),
+        Measure("conflict_rate", "conflicts", "", "share of episodes in which CurvTTC falls below {conflict:g} s",
+                pl.col("conflict")),
+        Measure("severe_conflict_rate", "severe conflicts", "",
+                "share of episodes in which CurvTTC falls below {severe:g} s", pl.col("severe_conflict")),
+        Measure("evasion_success_rate", "evasion success", "", "share of critical episodes that end without a contact",
+                ~pl.col("collision"), _CRITICAL, good="high"),
+        Measure("least_curvttc_q25", "least CurvTTC, lower quartile", "s",
+                "quartile of the episodes' least CurvTTC, each at most 10 s", pl.col("least_curvttc"), None,
+                statistics.quantile(0.25), good="high"),
+        Measure("least_curvttc_median", "least CurvTTC, median", "s",
+                "median of the episodes' least CurvTTC, each at most 10 s", pl.col("least_curvttc"), None,
+                statistics.quantile(0.5), good="high"),
+        Measure("hard_braking_rate", "hard braking", "",
+                "share of episodes with braking above {hard_braking:g} m/s2", pl.col("hard_braking")),
+        Measure("time_lost", "time lost", "s",
+                "mean, of episodes without a contact: how much later it is at the place that it reaches than the same "
+                "driver is there with nobody on the road", pl.col("time_lost"), pl.col("time_lost").is_not_nan(),
+                statistics.mean),
+        Measure("pedestrian_yield_rate", "only the pedestrian yielded", "",
+                "share of critical episodes without a contact in which the pedestrian gave way and the vehicle did not",
+                pl.col("yielded") == "pedestrian", _RESOLVED),
+        Measure("vehicle_yield_rate", "the vehicle yielded", "",
+                "share of critical episodes without a contact in which the vehicle gave way (alone or with the "
+                "pedestrian)", pl.col("yielded").is_in(["vehicle", "both"]), _RESOLVED, good="high"),
+    )
+}  # fmt: skip
+"""Measures of one driver with one pedestrian."""
+
+DIFFERENCES = ("collision_rate", "moving_collision_rate", "conflict_rate", "severe_conflict_rate",
+               "least_curvttc_median", "hard_braking_rate", "time_lost")  # fmt: skip
+"""Measures that are compared between pedestrians, on the same episodes."""
+
+
+def estimate(rows: pl.DataFrame, measure: Measure) -> Estimate:
+    """Return a measure of a table of episodes (of one driver with one pedestrian)."""
+    values = _values(rows if measure.among is None else rows.filter(measure.among), measure)
+    if measure.statistic is None:
+        return statistics.share(int(values.sum()), len(values))
+    return statistics.resampled(values, measure.statistic)
+
+
+def difference(first: pl.DataFrame, second: pl.DataFrame, measure: Measure) -> tuple[Estimate, float]:
+    """Return measure(first) - measure(second) on the episodes that both have, and McNemar's p-value (NaN: no share)."""
+    keys = ["scenario", "episode"]
+    parts = [
+        table.select(*keys, measure.column.alias("value"), _among(measure).alias("counts")) for table in (first, second)
+    ]
+    both = parts[0].join(parts[1], on=keys, how="inner", suffix="_second").sort(keys)
+    both = both.filter(pl.col("counts") & pl.col("counts_second"))
+    if both.is_empty():
+        return NOTHING, math.nan
+    one, other = both["value"].to_numpy(), both["value_second"].to_numpy()
+    if measure.statistic is None:
+        only_first, only_second = int((one & ~other).sum()), int((other & ~one).sum())
+        return statistics.share_difference(only_first, only_second, len(one)), statistics.mcnemar(
+            only_first, only_second
+        )
+    return statistics.resampled_difference(one, other, measure.statistic), math.nan
+
+
+def _among(measure: Measure) -> pl.Expr:
+    return pl.lit(True) if measure.among is None else measure.among
+
+
+def _values(rows: pl.DataFrame, measure: Measure) -> NDArray[Any]:
+    return rows.select(measure.column.alias("value"))["value"].to_numpy()

@@ -1,0 +1,91 @@
+"""An exam's episodes for the page in which they play: the driving system, and beside it the autopilot."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.conduct import Exam, autopilot_loop
+from vpsci_ros.exam.config import ALONE, title_of
+from vpsci_ros.exam.report import ADS, BASELINE
+from vpsci_ros.exam.scores import MEASURES, Measure
+from vpsci_ros.view.bag import bag_source, episodes_of
+from vpsci_ros.view.episodes import Episode, Source
+
+MARKS = {name.removesuffix("_rate"): measure for name, measure in MEASURES.items() if measure.statistic is None}
+"""Shares of episodes that the exam gives: the page filters by them, so that each number opens its episodes."""
+Rows = dict[str, dict[str, Any]]  # name -> row of the table of episodes
+
+
+def exam_sources(
+    folder: Path, table: pl.DataFrame, exam: Exam | None, limit: int, tell: Callable[[str], None]
+) -> list[Source]:
+    """Return the episodes of an exam: each pedestrian with the driving system, and with the autopilot beside it.
+
+    The driving system's are read from the bags. The autopilot's are simulated again, which gives the same ones to the
+    last bit; where they are not the same any more they are left out, and `tell` is called with the reason.
+
+    :param table: a row an episode, `vpsci_ros.exam.measures.COLUMNS`.
+    :param exam: what the autopilot is simulated by; None: it is left out.
+    :param limit: episodes at most with each pedestrian, those that came nearest where there are more.
+    :raises InvalidInput: not one episode was driven.
+    """
+    marked = table.with_columns(_holds(measure).alias(f"mark {name}") for name, measure in MARKS.items())
+    rows = marked.filter(pl.col("pedestrian") != ALONE)
+    found = []
+    for (pedestrian,), mine in rows.group_by("pedestrian", maintain_order=True):
+        own, beside = (mine.filter(pl.col("driver") == driver) for driver in (ADS, BASELINE))
+        if own.height:
+            chosen = _chosen(own, limit)
+            bag = bag_source(folder / "runs" / str(pedestrian) / "bag", limit, list(chosen), recover=True)
+            found.append(_source(ADS, str(pedestrian), bag.period, bag.episodes, chosen, own.height))
+        if beside.height and exam is not None:
+            found += _autopilot(exam, str(pedestrian), beside, limit, tell)
+    if not found:
+        raise InvalidInput(f"{folder}: not one episode of this exam was driven, so there is nothing to show")
+    return found
+
+
+def key_of(driver: str, pedestrian: str) -> str:
+    """Return the key by which addresses find a driver's episodes with a pedestrian."""
+    return f"{driver}-{pedestrian}"
+
+
+def _holds(measure: Measure) -> pl.Expr:
+    return measure.column if measure.among is None else measure.column & measure.among
+
+
+def _chosen(rows: pl.DataFrame, limit: int) -> Rows:
+    """Return the episodes to show: those that came nearest where there are too many."""
+    if rows.height > limit:
+        rows = rows.sort("least_curvttc", "scenario", "episode").head(limit).sort("scenario", "episode")
+    return {f"{row['scenario']}:{row['episode']}": row for row in rows.to_dicts()}
+
+
+def _source(driver: str, pedestrian: str, period: float, episodes: Any, chosen: Rows, total: int) -> Source:
+    """Return episodes with what the exam says of them: who yielded, and its shares as marks."""
+    who = {ADS: "the ADS", BASELINE: "autopilot"}[driver]
+    shown = [_marked(episode, chosen[episode.name]) for episode in episodes]
+    return Source(key_of(driver, pedestrian), f"{who}, {title_of(pedestrian)}", period, shown, total)
+
+
+def _marked(episode: Episode, row: dict[str, Any]) -> Episode:
+    marks = tuple(name for name in MARKS if row[f"mark {name}"])
+    return dataclasses.replace(episode, yielded=row["yielded"], marks=marks)
+
+
+def _autopilot(
+    exam: Exam, pedestrian: str, rows: pl.DataFrame, limit: int, tell: Callable[[str], None]
+) -> list[Source]:
+    chosen = _chosen(rows, limit)
+    wanted = {(row["scenario"], row["episode"]) for row in chosen.values()}
+    ticks = ((step.tick.state, step.assessment.curvttc) for step in autopilot_loop(exam, pedestrian))
+    episodes = list(episodes_of(ticks, exam.world.tick, wanted))
+    if any(episode.outcome != chosen[episode.name]["outcome"] for episode in episodes):
+        tell(f"the autopilot with {title_of(pedestrian)} is left out: simulated again, its episodes end otherwise, "
+             "since another version of this package made the exam")  # fmt: skip
+        return []
+    return [_source(BASELINE, pedestrian, exam.world.tick, episodes, chosen, rows.height)]

@@ -1,0 +1,107 @@
+"""The shipped objective: the actors follow gradients through the known, differentiable kinematics.
+
+Stage 1 takes them to the recorded trajectories (`imitation`), stage 2 to what both agents lose in the next simulated
+seconds (`foresight`) and, beside that, to a few recorded trajectories, so that people are not forgotten. The critics
+learn by the same temporal difference as elsewhere on the way, and what acts and is kept is the actors' running average:
+it predicts unseen clips better than their last state.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+import torch
+
+from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.learning.foresight import draw_moments, draw_scripted, foresee, moments_at, step_along
+from vpsci_ros.learning.imitation import Imitation, Rehearsal
+from vpsci_ros.learning.maddpg import Tensors, UpdateResult
+from vpsci_ros.learning.objectives import Learner
+from vpsci_ros.learning.replay import Batch
+from vpsci_ros.policy.config import PEDESTRIAN_GAIN
+from vpsci_ros.world.observation import AGENTS, STEP
+
+
+class Imitating:
+    """See `Stage`: the actors learn from recorded trajectories."""
+
+    def __init__(self, learner: Learner, config: PretrainConfig) -> None:
+        self._learner = learner
+        self._imitation = Imitation(learner.maddpg.networks, learner.real, config)
+        self.optimisers = (self._imitation.optimiser,)
+
+    def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
+        """See `Stage.update`."""
+        losses = self._imitation.update(rng, iteration)
+        with torch.no_grad():
+            actions = self._learner.maddpg.act(batch)
+        scored = self._learner.rewards.score(batch, actions, rng)
+        return replace(self._learner.maddpg.update(batch, scored, None), actions=actions, more=losses)
+
+
+class Foreseeing:
+    """See `Stage`: the actors learn from what they lose in the next simulated seconds."""
+
+    optimisers = ()
+
+    def __init__(self, learner: Learner, config: RefineConfig) -> None:
+        self._learner, self._config = learner, config
+        self._rehearsal = Rehearsal(learner, config.rehearsal.rollouts)
+
+    def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
+        """See `Stage.update`."""
+        actions = self._learner.maddpg.act(batch)
+        result = self._learner.maddpg.update(batch, self._learner.rewards.score(batch, actions, rng), None)
+        return replace(result, actions=actions, more=self._look_ahead(batch, actions, rng))
+
+    def _look_ahead(self, batch: Batch, actions: Tensors, rng: np.random.Generator) -> dict[str, float]:
+        """Improve the actors by what they lose, and return it by name."""
+        config, maddpg, simulated = self._config.foresight, self._learner.maddpg, self._learner.simulated()
+        if not simulated:
+            return {}
+        histories, at = draw_moments(simulated, config.rollouts, rng)
+        collision, goal = foresee(
+            maddpg.networks.actor,
+            moments_at(histories, at),
+            steps=config.steps,
+            margin=config.clearance_margin,
+            anticipation=config.clearance_ahead,
+            pace=config.pace_weights,
+            gain=PEDESTRIAN_GAIN,
+            haste=config.haste_weight,
+            scripted=draw_scripted(len(histories), config.braking_share, config.insisting_shares, rng),
+        )
+        rewards = [self._learner.rewards.speed(batch, actions[agent], agent) for agent in AGENTS]
+        speed_loss = -(torch.stack(rewards) * batch.present).sum() / (len(AGENTS) * batch.present.sum())
+        losses = {"collision": collision, "goal": goal, "speed": speed_loss}
+        weights = self._learner.weights() * config.scale
+        total = sum((float(w) * part for w, part in zip(weights, losses.values(), strict=True)), torch.zeros(()))
+        rehearsed = self._rehearsal.loss(rng)
+        optimiser, actors = maddpg.actor_optimiser, maddpg.networks.actor
+        weight, clip = self._config.rehearsal.weight, self._config.updates.gradient_clip
+        norm = step_along(optimiser, actors, total, rehearsed, weight, clip)
+        return {f"lost_{name}": float(part.detach()) for name, part in losses.items()} | {"gradient_norm": norm}
+
+
+class ClosedLoop:
+    """See `Objective`. The copy of the world takes for granted what transitions do not tell."""
+
+    acting = "target_actor"
+    whole_tracks = False
+    known_world: ClassVar[Mapping[str, float | bool]] = {
+        "pedestrian_gain": PEDESTRIAN_GAIN,
+        "lane_following": True,
+        "policy_period": STEP,
+    }
+
+    def pretrain(self, learner: Learner, config: PretrainConfig) -> Imitating:
+        """See `Objective.pretrain`."""
+        return Imitating(learner, config)
+
+    def refine(self, learner: Learner, config: RefineConfig) -> Foreseeing:
+        """See `Objective.refine`."""
+        return Foreseeing(learner, config)
+
+
+OBJECTIVE = ClosedLoop()

@@ -1,0 +1,300 @@
+"""The objective of stochastic actors: stage 1 learns what people do and not its mean, stage 2 stays near it.
+
+From a moment of a recorded near miss both actors run on together through the known kinematics (`scene`), several times
+with other persons and other chance, and their energy score against what happened is followed through all of it: of
+positions at every step and of velocities, and the texture of their accelerations (`likeness`). A deterministic actor
+that minimised a distance instead would learn the mean of what people do, which nobody does.
+"""
+
+import contextlib
+import copy
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vpsci_ros.data.interactions import Interactions
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.scene import Scene, advance, observe, scene_at, time_to_collision
+from vpsci_ros.learning import foresight
+from vpsci_ros.learning.config import ImitationConfig, PretrainConfig, RefineConfig
+from vpsci_ros.learning.foresight import step_along
+from vpsci_ros.learning.human_foresight import GAIN, foresee_people
+from vpsci_ros.learning.imitation import OBSERVED, RISE, RecordedSteps, Start, recorded
+from vpsci_ros.learning.likeness import REACH, direction, energy_score, lent, smoothed, texture_distance, velocities
+from vpsci_ros.learning.maddpg import UpdateResult
+from vpsci_ros.learning.networks import Actors, Networks
+from vpsci_ros.learning.objectives import Learner
+from vpsci_ros.learning.replay import Batch
+from vpsci_ros.policy.actor import previous
+from vpsci_ros.policy.sst import StepState, Window
+from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, STEP
+
+AT_ONSET = 0.5  # share of roll-outs that begin within two steps of the first critical one, as they are measured
+LENDERS = 200  # recorded moments beside the rolled-out ones, to compare textures with and to lend residuals
+VELOCITY_SHARE = 0.5  # [s] weight of the velocities' score against the positions'
+REHEARSED_STEPS = 30  # of the near misses rolled out again in stage 2
+NOISE_FACTOR = 10.0  # steps of the few numbers of the noise are larger by this
+_COLUMNS = {"vehicle": (slice(0, 2), slice(3, 5)), "pedestrian": (slice(5, 7), slice(7, 9))}
+
+
+class Sampled(NamedTuple):
+    """Roll-outs beside what happened, each moment's own step first.
+
+    :ivar motion: float32[M, K, T + 1, 9], rows as in `Interactions.motion`.
+    :ivar happened: float32[M, T + 1, 9].
+    """
+
+    motion: Tensor
+    happened: Tensor
+
+
+def draw_moments(interactions: Interactions, count: int, steps: int, mirror: bool, rng: np.random.Generator) -> Start:
+    """Draw moments with `steps` recorded steps after them, half of them near the onset, after up to ten observed steps.
+
+    :raises InvalidInput: no interaction is so long.
+    """
+    long = np.flatnonzero(interactions.length > steps)
+    if long.size == 0:
+        raise InvalidInput(
+            f"near misses: expected an interaction of more than {steps} steps for roll-outs of {steps}, got none among "
+            f"{len(interactions)}; set learner.imitation.rollout_steps lower, or import whole tracks"
+        )
+    row = rng.choice(long, count)
+    latest = interactions.length[row] - 1 - steps
+    near = np.clip(interactions.first[row] + rng.integers(-2, 3, count), 0, latest)
+    at = np.where(rng.random(count) < AT_ONSET, near, (rng.random(count) * (latest + 1)).astype(np.int64))
+    return Start(row, np.maximum(at - OBSERVED, 0), at, (rng.random(count) < 0.5) & mirror)
+
+
+def sample(
+    actors: Actors, data: RecordedSteps, lead: NDArray[np.int64], samples: int, steps: int, tracked: int
+) -> Sampled:
+    """Roll each moment out `samples` times, with persons and chance from torch's global generator.
+
+    :param data: as `recorded` cuts it out, with `steps` + 1 steps from the moment on.
+    :param lead: int64[M], steps observed before each moment.
+    """
+    rows = np.arange(len(lead))
+    scene = Scene(*(_again(part, samples) for part in scene_at(data.motion, torch.from_numpy(lead), tracked)))
+    memory, before, person, noise = {}, {}, {}, {}
+    for agent in AGENTS:
+        done = data.action[agent]
+        taken = torch.from_numpy(lead)
+        _, states = actors[agent].remember(data.observation[agent], previous(done), data.curvttc, taken)
+        memory[agent] = [_repeated(state, samples) for state in states]
+        last = done[rows, np.maximum(lead - 1, 0)] * torch.from_numpy((lead > 0).astype(np.float32))[:, None]
+        before[agent] = _again(last, samples)
+        person[agent] = torch.randn(len(lead) * samples, actors[agent].latent)
+        noise[agent] = torch.randn(len(lead) * samples, ACTION_SIZE)
+    out = [_row(scene)]
+    for step in range(steps):
+        views, curvttc = dict(zip(AGENTS, observe(scene), strict=True)), time_to_collision(scene).float()
+        for agent in AGENTS:
+            actor = actors[agent]
+            mean, scale = actor.distribution(views[agent], before[agent], curvttc, memory[agent], person[agent])
+            if step:
+                noise[agent] = actor.next_noise(noise[agent], torch.randn_like(noise[agent]))
+            before[agent] = (mean + scale * actor.burst(noise[agent])).clamp(-actor.limit, actor.limit)
+        scene = advance(scene, before["vehicle"], before["pedestrian"])
+        out.append(_row(scene))
+        if not all(bool(part.isfinite().all()) for part in scene):
+            break  # for the check of losses to find, before CurvTTC is asked of it
+    out += [torch.nan * out[-1]] * (steps + 1 - len(out))
+    at = lead[:, None] + np.arange(steps + 1)
+    return Sampled(torch.stack(out, dim=1).unflatten(0, (-1, samples)), data.motion[rows[:, None], at])
+
+
+def likeness_loss(sampled: Sampled, lenders: Tensor, texture_weight: float) -> dict[str, Tensor]:
+    """Return energy score of positions [m] and velocities [m/s] and texture distance, means of both agents, by name.
+
+    :param lenders: float32[n, T + 1, 9], recorded motion of other moments.
+    """
+    count, samples = sampled.motion.shape[:2]
+    lender = lenders[torch.randint(len(lenders), (count * samples,))]
+    parts = {"position_score": torch.zeros(()), "velocity_score": torch.zeros(()), "texture": torch.zeros(())}
+    for place, speed in _COLUMNS.values():
+        track, happened = sampled.motion[..., place], sampled.happened[..., place]
+        parts["position_score"] = parts["position_score"] + 0.5 * energy_score(track[:, :, 1:], happened[:, 1:])
+        start = sampled.motion[:, :, 0].flatten(0, 1)
+        ways = direction(start[:, speed], start[:, 2]), direction(lender[:, 0, speed], lender[:, 0, 2])
+        borrowed = smoothed(lent(track.flatten(0, 1), ways[0], lender[..., place], ways[1]))
+        velocity = velocities(borrowed).unflatten(0, (count, samples))
+        known = smoothed(happened)
+        parts["velocity_score"] = parts["velocity_score"] + 0.5 * energy_score(velocity, velocities(known))
+        if texture_weight > 0.0:
+            recordings = torch.cat([known, smoothed(lenders[..., place])])
+            parts["texture"] = parts["texture"] + 0.5 * texture_distance(borrowed, recordings)
+    return parts
+
+
+class Likeness:
+    """What is left of the distance to people, of a few moments drawn anew each time."""
+
+    def __init__(self, networks: Networks, interactions: Interactions, config: PretrainConfig) -> None:
+        if networks.config.latent == 0:
+            raise InvalidInput(
+                "network.latent = 0: the objective energy_score learns a distribution; expected 1 latent number or "
+                "more, e.g. --set learner.latent=8"
+            )
+        if (steps := config.imitation.rollout_steps) < REACH:
+            raise InvalidInput(
+                f"learner.imitation.rollout_steps = {steps}: the objective energy_score expects {REACH} or more, "
+                "since it averages positions over so many"
+            )
+        self._networks, self._interactions, self._config = networks, interactions, config
+
+    def loss(self, rng: np.random.Generator) -> tuple[Tensor, dict[str, float]]:
+        """Return a scalar with gradient, and its parts by name."""
+        config, steps = self._config.imitation, self._config.imitation.rollout_steps
+        texture_weight = self._config.energy_score.texture_weight
+        torch.manual_seed(int(rng.integers(2**62)))
+        start = draw_moments(self._interactions, config.rollouts, steps, config.mirror, rng)
+        others = draw_moments(self._interactions, LENDERS, steps, config.mirror, rng)
+        lead = start.at - start.begin
+        data = recorded(self._interactions, start, OBSERVED + steps + 1)
+        lenders = recorded(self._interactions, Start(others.row, others.at, others.at, others.mirror), steps + 1).motion
+        tracked = self._networks.config.tracked_steps
+        sampled = sample(self._networks.actor, data, lead, self._config.energy_score.samples, steps, tracked)
+        parts = likeness_loss(sampled, lenders, texture_weight)
+        total = parts["position_score"] + VELOCITY_SHARE * parts["velocity_score"]
+        total = total + texture_weight * parts["texture"]
+        return total, {name: float(part.detach()) for name, part in parts.items()}
+
+
+class Scoring:
+    """See `Stage`: the actors learn what people do."""
+
+    def __init__(self, learner: Learner, config: PretrainConfig) -> None:
+        self._learner, self._config = learner, config
+        self._actors = learner.maddpg.networks.actor
+        self._likeness = Likeness(learner.maddpg.networks, learner.real, config)
+        self._optimiser = torch.optim.AdamW(_groups(self._actors, config.imitation), lr=config.imitation.learning_rate)
+        self.optimisers = (self._optimiser,)
+
+    def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
+        """See `Stage.update`; the step size rises over the first iterations and falls along a cosine to the last."""
+        rise = min(1.0, (iteration + 1) / RISE) * 0.5 * (1.0 + math.cos(math.pi * iteration / self._config.episodes))
+        for group in self._optimiser.param_groups:
+            group["lr"] = self._config.imitation.learning_rate * group["factor"] * rise
+        with _dropout(self._actors, self._config.imitation.dropout):
+            loss, losses = self._likeness.loss(rng)
+        self._optimiser.zero_grad()
+        loss.backward()
+        norm = torch.nn.utils.clip_grad_norm_(self._actors.parameters(), self._config.updates.gradient_clip)
+        self._optimiser.step()
+        losses["likeness_gradient_norm"] = float(norm)
+        with torch.no_grad():
+            actions = self._learner.maddpg.act(batch)
+        scored = self._learner.rewards.score(batch, actions, rng)
+        return replace(self._learner.maddpg.update(batch, scored, None), actions=actions, more=losses)
+
+
+class Regularised:
+    """See `Stage`: the actors learn not to collide and to reach their goals, and stay near what people do."""
+
+    optimisers = ()
+
+    def __init__(self, learner: Learner, config: RefineConfig) -> None:
+        self._learner, self._config = learner, config
+        networks = learner.maddpg.networks
+        imitation = replace(
+            learner.stage_1.imitation, rollouts=config.rehearsal.rollouts, rollout_steps=REHEARSED_STEPS
+        )
+        self._likeness = Likeness(networks, learner.real, replace(learner.stage_1, imitation=imitation))
+        self._stage_1 = copy.deepcopy(networks.actor).requires_grad_(False)
+
+    def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
+        """See `Stage.update`."""
+        learner, maddpg = self._learner, self._learner.maddpg
+        with torch.no_grad():
+            actions = maddpg.act(batch)
+        result = maddpg.update(batch, learner.rewards.score(batch, actions, rng), None)
+        return replace(result, actions=actions, more=self._look_ahead(rng))
+
+    def _look_ahead(self, rng: np.random.Generator) -> dict[str, float]:
+        """Improve the actors by what they lose in the next simulated seconds, and return it by name."""
+        config, maddpg, simulated = self._config, self._learner.maddpg, self._learner.simulated()
+        if not simulated:
+            return {}
+        torch.manual_seed(int(rng.integers(2**62)))
+        histories, at = foresight.draw_moments(simulated, config.foresight.rollouts, rng)
+        actors = maddpg.networks.actor
+        lost = foresee_people(actors, self._stage_1, foresight.moments_at(histories, at), config.foresight)
+        weights = self._learner.weights() * config.foresight.scale
+        total = sum((float(w) * part for w, part in zip(weights, lost, strict=True)), torch.zeros(()))
+        likeness, _ = self._likeness.loss(rng)
+        norm = step_along(
+            maddpg.actor_optimiser, actors, total, likeness, config.rehearsal.weight, config.updates.gradient_clip
+        )
+        parts = {f"lost_{name}": float(part.detach()) for name, part in lost._asdict().items()}
+        return parts | {"likeness": float(likeness.detach()), "gradient_norm": norm}
+
+
+class EnergyScore:
+    """See `Objective`. The copy of the world takes for granted what transitions do not tell."""
+
+    acting = "target_actor"
+    whole_tracks = True
+    known_world: ClassVar[Mapping[str, float | bool]] = {
+        "pedestrian_gain": GAIN,
+        "lane_following": True,
+        "policy_period": STEP,
+    }
+
+    def pretrain(self, learner: Learner, config: PretrainConfig) -> Scoring:
+        """See `Objective.pretrain`."""
+        return Scoring(learner, config)
+
+    def refine(self, learner: Learner, config: RefineConfig) -> Regularised:
+        """See `Objective.refine`."""
+        return Regularised(learner, config)
+
+
+OBJECTIVE = EnergyScore()
+
+
+def _groups(actors: Actors, config: ImitationConfig) -> list[dict[str, object]]:
+    """Return the optimiser's groups: matrices decay, the numbers of the noise take larger steps."""
+    named = [(name, p) for agent in AGENTS for name, p in actors[agent].named_parameters()]
+    noise = [p for name, p in named if name in ("persistence_logit", "stillness")]
+    rest = [p for name, p in named if name not in ("persistence_logit", "stillness")]
+    return [
+        {"params": [p for p in rest if p.ndim == 2], "weight_decay": config.weight_decay, "factor": 1.0},
+        {"params": [p for p in rest if p.ndim != 2], "weight_decay": 0.0, "factor": 1.0},
+        {"params": noise, "weight_decay": 0.0, "factor": NOISE_FACTOR},
+    ]
+
+
+@contextlib.contextmanager
+def _dropout(actors: Actors, share: float) -> Iterator[None]:
+    for agent in AGENTS:
+        actors[agent].dropout = share
+    yield
+    for agent in AGENTS:
+        actors[agent].dropout = 0.0
+
+
+def _again(part: Tensor, samples: int) -> Tensor:
+    return part.repeat_interleave(samples, dim=0)
+
+
+def _repeated(state: StepState, samples: int) -> StepState:
+    """Return what a layer remembers, each row `samples` times."""
+    out = StepState()
+    out.window = None if state.window is None else Window(*(_again(part, samples) for part in state.window))
+    out.h = None if state.h is None else _again(state.h, samples)
+    out.keys, out.values, out.gates = (
+        [_again(part, samples) for part in parts] for parts in (state.keys, state.values, state.gates)
+    )
+    return out
+
+
+def _row(scene: Scene) -> Tensor:
+    parts = (scene.vehicle, scene.heading[:, None], scene.vehicle_velocity, scene.pedestrian, scene.pedestrian_velocity)
+    return torch.cat(parts, dim=1)

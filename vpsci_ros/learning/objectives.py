@@ -1,0 +1,89 @@
+"""What the actors follow while the critics learn by temporal difference: one object a name, for both stages.
+
+A later objective is a module of this room of the same name, which holds it as `OBJECTIVE`, and a line in `OBJECTIVES`.
+Configurations take their choices from this table, so nothing here imports them but for their types;
+nor torch, which whoever only reads a configuration does without.
+"""
+
+import importlib
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import torch
+
+    from vpsci_ros.data.interactions import Interactions
+    from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+    from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
+    from vpsci_ros.learning.replay import Batch, History
+    from vpsci_ros.learning.rewards import Rewards
+
+OBJECTIVES = {
+    "closed_loop": "through the known kinematics, in stage 1 to the recorded trajectories and in stage 2 by rewards "
+    "(25)-(27) made smooth, critics by TD",
+    "energy_score": "in stage 1 to the distribution of recorded trajectories, by a proper score of roll-outs of "
+    "stochastic actors",
+    "ddpg": "the critics' policy gradient, as Algorithm 1 of the paper",
+}
+DESCRIPTION = "what the actors follow: " + "; ".join(f"{name}: {what}" for name, what in OBJECTIVES.items())
+
+
+class Learner(NamedTuple):
+    """What an objective learns with.
+
+    :ivar maddpg: networks, critics and their optimisers. In stage 2 the actors take their steps by its
+        `actor_optimiser`, whose step size decays and whose memory a rollback clears.
+    :ivar rewards: which actions of a batch are scored, and by what.
+    :ivar real: the near misses to learn from.
+    :ivar stage_1: how stage 1 learns from them, or did.
+    :ivar weights: those of collision, goal and speed as they are now (27); empty in stage 1.
+    :ivar simulated: the simulated histories at hand as they are now; none in stage 1.
+    """
+
+    maddpg: "Maddpg"
+    rewards: "Rewards"
+    real: "Interactions"
+    stage_1: "PretrainConfig"
+    weights: Callable[[], np.ndarray] = lambda: np.zeros(0)
+    simulated: Callable[[], list["History"]] = list
+
+
+class Stage(Protocol):
+    """An objective at work in one stage."""
+
+    optimisers: Sequence["torch.optim.Optimizer"]
+    """Those beside the ones of `Learner.maddpg`, for checkpoints."""
+
+    def update(self, batch: "Batch", iteration: int, rng: np.random.Generator) -> "UpdateResult":
+        """Update critics, actors and targets once; `iteration` counts from 0."""
+        ...
+
+
+class Objective(Protocol):
+    """What the actors follow, in stage 1 and in stage 2.
+
+    :ivar acting: the networks that act, are measured and are kept: "actor", or "target_actor" for the actors' running
+        average.
+    :ivar whole_tracks: learns from whole joint tracks instead of the rows around the critical ones.
+    :ivar known_world: what this objective takes for granted in stage 2, by the names of `WorldConfig`.
+    """
+
+    acting: str
+    whole_tracks: bool
+    known_world: Mapping[str, float | bool]
+
+    def pretrain(self, learner: Learner, config: "PretrainConfig") -> Stage:
+        """Return what updates the networks in stage 1."""
+        ...
+
+    def refine(self, learner: Learner, config: "RefineConfig") -> Stage:
+        """Return what updates the networks in stage 2."""
+        ...
+
+
+def find_objective(name: str) -> Objective:
+    """Return the objective of this name, one of `OBJECTIVES`."""
+    found: Objective = importlib.import_module(f"vpsci_ros.learning.{name}").OBJECTIVE
+    return found

@@ -1,0 +1,106 @@
+"""Parameters that only nodes have, and which configuration classes each node is made of."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
+from vpsci_ros.parameters import build, parameter
+from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
+from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.world.config import WorldConfig
+from vpsci_ros.world.lockstep import LockStepConfig
+from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.safe_stop import ExternalConfig
+
+NODES = ("world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "learner", "recorder")
+EXECUTABLES = (*NODES, "replayer", "example_ads")  # of `ros2 run vpsci_ros` and `vpsci node`
+
+
+@dataclass(frozen=True)
+class GraphConfig:
+    """A run as a whole: which nodes it has."""
+
+    nodes: list[str] = parameter([*NODES[:4], "recorder"], "nodes that make up the graph", choices=NODES)
+    progress_timeout: float = parameter(
+        60.0, "without progress for so long, the run is stopped with an error", unit="s", low=1.0, high=86400.0
+    )
+    restarts: int = parameter(
+        0, "times that a policy that dies is started again, the world standing still meanwhile", low=0, high=1000
+    )
+    namespace: str = parameter("", "namespace of all nodes, such as /left; empty: none")
+
+    def __post_init__(self) -> None:
+        parts = self.namespace.split("/")
+        if self.namespace and (parts[0] or not all(part.isidentifier() for part in parts[1:])):
+            raise InvalidInput(f"namespace = {self.namespace!r}: expected names after slashes, such as /left")
+
+
+@dataclass(frozen=True)
+class PeerConfig:
+    """What every node has: the peers it waits for before it speaks, and what runs its callbacks."""
+
+    peers: list[str] = parameter([], "nodes of this graph; empty: only those without which this node cannot work")
+    peer_timeout: float = parameter(
+        60.0, "wait so long for peers to appear before giving up", unit="s", low=0.1, high=86400.0
+    )
+    executor: str = parameter(
+        "events", "rclpy's executor: events, or the slower single-threaded one", choices=("events", "single")
+    )
+
+
+@dataclass(frozen=True)
+class RecorderConfig:
+    """The bag: where it goes and what it holds."""
+
+    bag: str = parameter("out/bag", "folder of the bag; must not exist or be empty")
+    chunk_size: int = parameter(
+        256, "messages are compressed and written in chunks of this size", unit="KiB", low=1, high=65536
+    )
+    split_size: int = parameter(
+        2**30, "begin another file when one has this size; 0: one file, however large", unit="B", low=0, high=10**12
+    )
+
+
+@dataclass(frozen=True)
+class ReplayerConfig:
+    """Which bag is published, from where on, how fast, and what of it."""
+
+    bag: str = parameter("out/bag", "bag to publish: a rosbag2 folder, MCAP or sqlite3, or one of its files")
+    rate: float = parameter(
+        1.0, "recorded over wall time; 0: as fast as the readers take it", low=0.0, high=1000.0, read_only=False
+    )
+    first_episode: str = parameter("", "begin with this one, its number or SCENARIO:NUMBER; empty: at the beginning")
+    topics: list[str] = parameter([], "publish these only; empty: all that the bag holds")
+    leave_out: list[str] = parameter([], "topics that are not published")
+    paused: bool = parameter(False, "begin paused, to be stepped or resumed by the services")
+
+
+SECTIONS: dict[str, tuple[type, ...]] = {
+    "graph": (GraphConfig,),
+    "world_simulator": (PeerConfig, RunConfig, LockStepConfig, ExternalConfig, WorldConfig),
+    "safety_monitor": (PeerConfig, MonitorConfig),
+    "vehicle_policy": (PeerConfig, PolicyConfig),
+    "pedestrian_policy": (PeerConfig, PolicyConfig),
+    "recorder": (PeerConfig, RecorderConfig),
+    "replayer": (PeerConfig, ReplayerConfig),
+}
+"""Section of a parameter file, the name of a node or `graph` for a run of nodes -> what it may hold."""
+
+LEARNER: dict[str, tuple[type, ...]] = {
+    "pretrain": (PeerConfig, LearnerConfig, NetworkConfig, PretrainConfig),
+    "refine": (PeerConfig, LearnerConfig, StartConfig, RefineConfig),
+}
+"""Stage -> what the section `learner` may hold."""
+
+
+def section_classes(section: str, values: Mapping[str, Any]) -> tuple[type, ...]:
+    """Return what a section may hold; that of the learner depends on the `stage` among its values.
+
+    :raises InvalidInput: there is no such stage.
+    """
+    if section != "learner":
+        return SECTIONS[section]
+    stage = {name: value for name, value in values.items() if name == "stage"}
+    return LEARNER[build(LearnerConfig, stage, section).stage]

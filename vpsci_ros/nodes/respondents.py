@@ -1,0 +1,101 @@
+"""Those who answer the world's ticks: their messages, handed in to the lock-step; and who of them is not there yet."""
+
+from collections.abc import Callable
+from functools import partial
+
+from geometry_msgs.msg import AccelStamped
+from rclpy.time import Time
+
+from vpsci_msgs.msg import AgentAction, SafetyState, VehicleControl
+from vpsci_ros.bags import layout
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.world.lockstep import LockStep
+
+WORLD_STATE = "/world/state"
+
+
+class Respondents:
+    """`/safety/state`, the agents' actions and an external driving system's commands.
+
+    :param answered: called when an answer has come.
+    """
+
+    def __init__(self, node: GraphNode, lock_step: LockStep, answered: Callable[[], None]) -> None:
+        self._node = node
+        self._lock_step = lock_step
+        self._answered = answered
+        self._inputs = {"safety_monitor": node.input("/safety/state", self._on_safety)}
+        for agent in lock_step.policies:
+            self._inputs[f"{agent}_policy"] = node.input(f"/{agent}/action", partial(self._on_action, agent))
+        for agent in lock_step.walkers:
+            self._inputs[f"an external {agent}"] = node.input(f"/{agent}/action", partial(self._on_action, agent))
+        self._commands = []
+        if lock_step.external:
+            self._commands = [
+                node.input("/vehicle/cmd_accel", self._on_acceleration),
+                node.input("/vehicle/cmd_control", self._on_control),
+            ]
+            lock_step.external.present = self.commanded
+
+    def commanded(self) -> bool:
+        """Return whether anybody offers commands to the vehicle."""
+        return any(given.get_publisher_count() for given in self._commands)
+
+    def absent(self) -> set[str]:
+        """Return whom the world cannot do without and who does not speak yet."""
+        absent = {name for name, given in self._inputs.items() if not given.get_publisher_count()}
+        return absent | ({"an external driving system"} if self._commands and not self.commanded() else set())
+
+    def deaf(self) -> set[str]:
+        """Return the nodes that answer but are not yet known to read the world's state."""
+        readers = self._node.get_subscriptions_info_by_topic(self._node.resolve_topic_name("world/state"))
+        known = {(reader.node_namespace, reader.node_name) for reader in readers}
+        found = set()
+        for given in self._inputs.values():
+            for writer in self._node.get_publishers_info_by_topic(given.topic_name):
+                if (writer.node_namespace, writer.node_name) not in known:
+                    found.add(f"{writer.node_name} to subscribe to {WORLD_STATE}")
+        return found
+
+    def _on_safety(self, message: SafetyState) -> None:
+        def take() -> None:
+            self._lock_step.take_assessment(message.tick, lambda tick: layout.assessment(message, tick))
+
+        self._hand_in("/safety/state", take)
+
+    def _on_action(self, agent: str, message: AgentAction) -> None:
+        topic = f"/{agent}/action"
+
+        def take() -> None:
+            self._lock_step.take_action(
+                message.tick,
+                agent,
+                message.policy_version,
+                lambda tick: layout.action(message, len(tick.state), topic),
+            )
+
+        self._hand_in(topic, take)
+
+    def _on_acceleration(self, message: AccelStamped) -> None:
+        assert self._lock_step.external is not None
+        values = message.accel.linear.x, message.accel.linear.y
+        take = partial(self._lock_step.external.accelerate, values, _nanoseconds(message))
+        self._hand_in("/vehicle/cmd_accel (linear.x, linear.y)", take)
+
+    def _on_control(self, message: VehicleControl) -> None:
+        assert self._lock_step.external is not None
+        values = message.steer, message.throttle, message.brake
+        take = partial(self._lock_step.external.control, values, _nanoseconds(message), message.tick)
+        self._hand_in("/vehicle/cmd_control (steer, throttle, brake)", take)
+
+    def _hand_in(self, topic: str, take: Callable[[], None]) -> None:
+        try:
+            take()
+        except InvalidInput as error:
+            self._node.get_logger().warning(f"refused {topic}: {error}", throttle_duration_sec=5.0)
+        self._answered()
+
+
+def _nanoseconds(message: AccelStamped | VehicleControl) -> int:
+    return int(Time.from_msg(message.header.stamp).nanoseconds)

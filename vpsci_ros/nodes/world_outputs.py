@@ -1,0 +1,72 @@
+"""What the world says: its state and time, its events and transitions, and views of one episode for existing tools."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from rosgraph_msgs.msg import Clock
+
+from vpsci_msgs.msg import WorldState
+from vpsci_ros.nodes import convert
+from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.markers import scene_markers
+from vpsci_ros.world import IDLE, Scenario
+from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.tick import Tick
+
+
+class WorldOutputs:
+    """`/clock`, `/world/state`, `/episode/event`, `/replay`, and with one episode at a time odometry and markers.
+
+    :param period: of a tick [s].
+    :param transitions: offer `/replay`.
+    """
+
+    def __init__(
+        self, node: GraphNode, period: float, batch: int, scenarios: Mapping[int, Scenario], *, transitions: bool
+    ) -> None:
+        self._node = node
+        self._period = period
+        self._scenarios = scenarios
+        self._time = node.output("/clock")
+        self._state = node.output("/world/state")
+        self._event = node.output("/episode/event")
+        self._replay = [node.output("/replay")] if transitions else []
+        self._odometry = [node.output(f"/{agent}/odometry") for agent in AGENTS] if batch == 1 else []
+        self._markers = [node.output("/markers")] if batch == 1 else []
+        self.all = [self._time, self._state, self._event, *self._odometry, *self._replay, *self._markers]
+        self._message = WorldState()  # filled anew for every tick
+
+    def absent(self) -> set[str]:
+        """Return the nodes that are expected to read something and do not yet."""
+        return {name for output in self.all if not output.matched for name in output.expected}
+
+    def unread(self) -> set[str]:
+        """Return readers that are only believed to be on their way."""
+        return {f"a reader of {output.topic}" for output in self.all if not output.complete}
+
+    def tick(self, tick: Tick) -> None:
+        """Publish a tick."""
+        self._node.simulated_time = convert.stamp(tick.number, self._period)
+        self._time.publish(Clock(clock=self._node.simulated_time))
+        message = convert.world_state_message(
+            tick.state, tick.policy_frame, tick.number, self._period, into=self._message
+        )
+        self._state.publish(message)
+        record = tick.state[0]
+        if record["status"] != IDLE and any(output.has_readers for output in self._odometry):
+            pair = convert.odometry_messages(record, message.header)
+            for output, odometry in zip(self._odometry, pair, strict=True):
+                output.publish(odometry)
+        for output in self._markers:
+            if output.has_readers:
+                output.publish(scene_markers(record, self._scenarios, message.header))
+
+    def events(self, events: NDArray[np.void], number: int) -> None:
+        """Publish what happened up to the tick of this number, EVENT[n], n > 0."""
+        self._event.publish(convert.event_message(events, number, self._period))
+
+    def transitions(self, rows: NDArray[np.void], number: int) -> None:
+        """Publish the transitions that the tick of this number completed, TRANSITION[n]."""
+        for output in self._replay if len(rows) else []:
+            output.publish(convert.transition_message(rows, number, self._period))

@@ -1,0 +1,126 @@
+"""One agent at work: what a policy does between a world state and an action, in process and in its node alike."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.policy.chance import fresh, person
+from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
+from vpsci_ros.policy.exploration import exploration_noise
+from vpsci_ros.policy.streaming import Chance, StreamingActor
+from vpsci_ros.policy.weights import ActorWeights, Weights
+from vpsci_ros.world import World, observation
+from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
+from vpsci_ros.world.tick import Assessment, Tick
+
+
+class PolicyAgent:
+    """The actor of one agent over a batch of parallel episodes, each with its own history since the hand-over.
+
+    Call `load` before `act`.
+
+    :param agent: "vehicle" or "pedestrian".
+    :param seed: of the exploration noise and of what a stochastic policy draws.
+    :param explore: add the noise of equation (16), a function of (seed, scenario, episode, step) only.
+    :param noise: how much; None: the defaults.
+    :param temperature: factor on what a stochastic policy draws (`vpsci_ros.policy.chance`); 1: as learned, 0: the
+        deterministic middle. A policy without latent numbers draws nothing.
+    """
+
+    def __init__(
+        self,
+        agent: str,
+        seed: int,
+        explore: bool,
+        noise: NoiseConfig | None = None,
+        temperature: float = 1.0,
+    ) -> None:
+        self._index = AGENTS.index(agent)
+        self._seed: int | NDArray[np.int64] = seed
+        self._explore = explore
+        self._noise = noise or NoiseConfig()
+        self._temperature = temperature
+        self._weights: ActorWeights | None = None
+        self._actor: StreamingActor | None = None
+        self._step = np.zeros(0, np.int64)
+        self._person = np.zeros((0, 0), np.float32)
+        self.version = 0
+
+    def load(self, weights: Weights, version: int) -> None:
+        """Act with `weights` from the next step on; histories are kept.
+
+        The first call takes seconds where the kernels are not compiled yet, so that no step has to.
+        """
+        first = self._weights is None
+        self._weights = weights.actor(AGENTS[self._index])
+        self.version = version
+        if first:
+            none, once = np.zeros((1, 6), np.float32), np.ones(1, bool)
+            StreamingActor(self._weights, 1).step(none, np.full(1, np.inf), once, once)
+        if self._actor is not None:
+            self._actor.load(self._weights)
+
+    def set_exploration(self, explore: bool, noise: NoiseConfig) -> None:
+        """Explore, or no longer, by this noise from the next step on."""
+        self._explore, self._noise = explore, noise
+
+    def set_seeds(self, seeds: NDArray[np.int64]) -> None:
+        """Draw by a seed of its own in each slot, int64[B], from the next step on."""
+        self._seed = seeds
+
+    def set_temperature(self, temperature: float) -> None:
+        """Draw by this temperature from the next step on."""
+        self._temperature = temperature
+
+    def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.float32]:
+        """Return accelerations [m/s2], float32[B, 2] as (longitudinal, lateral); 0 where the policy does not act."""
+        assert self._weights is not None, "act() before load()"
+        state, active = tick.state, assessment.acting
+        if self._actor is None or len(self._step) != len(state):
+            self._actor = StreamingActor(self._weights, len(state))
+            self._step = np.zeros(len(state), np.int64)
+            self._person = np.zeros((len(state), self._weights.network.latent), np.float32)
+        if not active.any():
+            return np.zeros((len(state), 2), np.float32)
+        reset = active & (state["controlled"] == 0)
+        self._step = np.where(reset, 0, self._step + active)
+        chance = self._chance(state, reset, active)
+        seen = observation.observe(state)[self._index]
+        action = self._actor.step(seen, assessment.curvttc, reset, active, chance)
+        if self._explore:
+            which = state["scenario"], state["episode"], self._step
+            limit = self._weights.network.action_limit
+            noise = exploration_noise(self._seed, *which, self._index, self._noise, limit)
+            action = np.where(active[:, None], np.clip(action + noise, -limit, limit), 0).astype(np.float32)
+            self._actor.executed(action, active)
+        return action
+
+    def _chance(self, state: NDArray[np.void], reset: NDArray[np.bool_], active: NDArray[np.bool_]) -> Chance | None:
+        """Return what the active episodes draw for this step, or None where nothing is drawn."""
+        latent = self._person.shape[1]
+        if latent == 0:
+            return None
+        seed = np.broadcast_to(self._seed, len(state))
+        if reset.any():
+            new = state[reset]
+            self._person[reset] = person(seed[reset], new["scenario"], new["episode"], self._index, latent)
+        noise, now = np.zeros((len(state), ACTION_SIZE), np.float32), state[active]
+        noise[active] = fresh(seed[active], now["scenario"], now["episode"], now["frame"], self._index)
+        return Chance(self._person, noise, np.float32(self._temperature))
+
+
+def policies(
+    weights: Weights, world: World, configs: Mapping[str, PolicyConfig] | None = None
+) -> dict[str, PolicyAgent]:
+    """Return the learned policies of those agents that the world's configuration hands to one.
+
+    :param configs: agent -> how it explores and draws; without one it does not explore, and draws by the world's seed.
+    """
+    agents = {}
+    for agent in AGENTS:
+        if getattr(world.config, f"{agent}_driver") == "policy":
+            config = (configs or {}).get(agent, PolicyConfig(seed=world.seed))
+            agents[agent] = PolicyAgent(agent, config.seed, config.explore, config.noise, config.temperature)
+            agents[agent].load(weights, version=1)
+    return agents

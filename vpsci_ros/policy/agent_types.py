@@ -1,0 +1,41 @@
+"""Who may act for the vehicle or the pedestrian: the learned policy, and agents that other distributions add."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.agent import PolicyAgent
+from vpsci_ros.policy.config import LEARNED, PolicyConfig
+from vpsci_ros.runs.plugins import PluginGroup
+from vpsci_ros.world.loop import Agent
+from vpsci_ros.world.observation import AGENTS
+
+
+@dataclass(frozen=True)
+class AgentType:
+    """A kind of agent, see docs/extending.md.
+
+    :ivar make: returns what acts, given "vehicle" or "pedestrian" and the parameters of that agent's node.
+    :ivar agents: which of the two it can be.
+    """
+
+    make: Callable[[str, PolicyConfig], Agent]
+    agents: tuple[str, ...] = AGENTS
+
+
+def _learned(agent: str, config: PolicyConfig) -> PolicyAgent:
+    return PolicyAgent(agent, config.seed, config.explore, config.noise, config.temperature)
+
+
+AGENT_TYPES = PluginGroup("vpsci_ros.agents", "agent", AgentType, {LEARNED: AgentType(_learned)})
+
+
+def make_agent(agent: str, config: PolicyConfig) -> Agent:
+    """Return what acts for "vehicle" or "pedestrian"; a learned one has no weights yet, see `PolicyAgent.load`.
+
+    :raises InvalidInput: no agent has this name, its distribution is broken, or it cannot be this one.
+    """
+    kind = AGENT_TYPES.find(config.agent)
+    if agent not in kind.agents:
+        raise InvalidInput(f"{agent}_policy.agent = {config.agent}: this one can only be {' or '.join(kind.agents)}")
+    return kind.make(agent, config)

@@ -1,0 +1,94 @@
+"""Parameters of policies: the shape of their networks, and how they explore.
+
+Where the paper's Table 8 gives a value, it is the default.
+"""
+
+from dataclasses import dataclass
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import parameter
+from vpsci_ros.world.config import WorldConfig
+
+PEDESTRIAN_GAIN = WorldConfig().pedestrian_gain  # that the differentiable copy of the world has, (21)-(24)
+LEARNED = "learned"  # the agent that acts by weights
+LOG_SCALE = (-4.0, 1.2)  # least and greatest logarithm of the scale of a policy's noise [m/s2]
+
+
+@dataclass(frozen=True)
+class NetworkConfig:
+    """Shape of the SST actors and critics (Table 8)."""
+
+    hidden: int = parameter(256, "width of the SST state", low=8, high=1024)
+    layers: int = parameter(2, "SST layers", low=1, high=8)
+    heads: int = parameter(8, "attention heads", low=1, high=64)
+    key_dimension: int = parameter(32, "keys and queries of one head; heads * key_dimension = hidden", low=1, high=256)
+    attention_window: int = parameter(10, "steps that attention looks back over, this one included", low=1, high=64)
+    carry_state: bool = parameter(
+        True, "carry the SST state over the whole history; false: start it anew in each attention window"
+    )
+    risk_input: bool = parameter(
+        True, "CurvTTC's risk enters the networks with the observation, and does not only gate their attention"
+    )
+    tracked_steps: int = parameter(
+        2,
+        "closed loop of recorded near misses: starts from the velocity of the vehicle by its positions over so many "
+        "observed steps, for published speeds lag behind; 0: from the recorded one",
+        low=0,
+        high=10,
+    )
+    latent: int = parameter(
+        0,
+        "latent numbers an episode and agent, what kind of person acts; who has any adds autocorrelated noise to the "
+        "actions, too; 0: a deterministic policy, as the paper",
+        low=0,
+        high=64,
+    )
+    actor_hidden: list[int] = parameter([64, 64], "two hidden layers of the actor", low=1, high=1024)
+    critic_state: int = parameter(16, "critic: layer on the encoded history", low=1, high=1024)
+    critic_action: int = parameter(16, "critic: layer on the joint action", low=1, high=1024)
+    critic_hidden: list[int] = parameter([64, 64], "critic: two hidden layers after both are joined", low=1, high=1024)
+    action_limit: float = parameter(
+        5.0, "accelerations are clipped to plus and minus this, in training, too", unit="m/s2", low=0.1, high=50.0
+    )
+
+    def __post_init__(self) -> None:
+        if self.heads * self.key_dimension != self.hidden:
+            raise InvalidInput(
+                f"heads * key_dimension must equal hidden (values are the state's slices), "
+                f"got {self.heads} * {self.key_dimension} and {self.hidden}"
+            )
+        for name in ("actor_hidden", "critic_hidden"):
+            if len(getattr(self, name)) != 2:
+                raise InvalidInput(f"{name} must give two widths, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class NoiseConfig:
+    """The exploration noise N(t) = N_0 exp(-beta t) + N_min (16)."""
+
+    start: float = parameter(0.3, "N_0 of (16)", unit="of the action limit", low=0.0, high=2.0, read_only=False)
+    decay: float = parameter(0.001, "beta of (16), per training episode", low=0.0, high=1.0, read_only=False)
+    floor: float = parameter(0.05, "N_min of (16)", unit="of the action limit", low=0.0, high=2.0, read_only=False)
+
+
+@dataclass(frozen=True)
+class PolicyConfig:
+    """One agent's learned policy."""
+
+    agent: str = parameter(
+        LEARNED, "who acts: learned, by the weights; or an agent that another distribution adds (docs/extending.md)"
+    )
+    weights: str = parameter("", "safetensors file; empty: wait for /policy/weights")
+    explore: bool = parameter(False, "add the exploration noise of equation (16)", read_only=False)
+    seed: int = parameter(
+        1, "seed of the exploration noise and of what a stochastic policy draws", low=0, high=2**63 - 1
+    )
+    temperature: float = parameter(
+        1.0,
+        "of a stochastic policy: factor on what it draws, who acts and what happens to them; 1: as learned, 0: the "
+        "deterministic middle; a deterministic policy draws nothing",
+        low=0.0,
+        high=10.0,
+        read_only=False,
+    )
+    noise: NoiseConfig = NoiseConfig()

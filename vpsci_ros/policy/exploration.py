@@ -1,0 +1,57 @@
+"""Exploration noise (16), a pure function of (seed, scenario, episode, step, agent): a run explores the same again.
+
+The paper gives N(t) = N_0 exp(-beta t) + N_min and no unit, no t and no distribution. Here:
+
+- N is a share of the largest acceleration, so that N_0 = 0.3 begins at 1.75 m/s2: the critics must see what braking
+  does before they can ask for it. (Measured: with 0.3 m/s2 collisions in simulation stop falling at about 55%.)
+- t counts training episodes. Eight scenarios run in turn, so it is eight times the number of the episode, and the
+  noise has faded after the 3,000 episodes of Table 8. Noise is a function of the episode alone, so it does not know
+  how many scenarios a run has: with n of them, give `noise.decay` times n / 8.
+- The noise is normal, and its value is the scaled sum of the last ten steps' independent draws: an agent must lean one
+  way for a second to get anywhere, as with the Ornstein-Uhlenbeck noise of the authors' earlier work.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vpsci_ros.policy.config import NoiseConfig
+from vpsci_ros.world.counter_rng import STREAM_EXPLORATION, normals
+from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
+
+MEMORY = 10  # steps whose draws add up
+SCENARIOS = 8  # that run in turn
+_DEFAULT = NoiseConfig()
+
+
+def amplitude(episode: ArrayLike, config: NoiseConfig = _DEFAULT) -> NDArray[np.float64]:
+    """Return N(t) of (16), a share of the largest acceleration, for the number of an episode within its scenario."""
+    t = SCENARIOS * np.asarray(episode, np.float64)
+    share: NDArray[np.float64] = config.start * np.exp(-config.decay * t) + config.floor
+    return share
+
+
+def exploration_noise(
+    seed: ArrayLike,
+    scenario: ArrayLike,
+    episode: ArrayLike,
+    step: ArrayLike,
+    agent: int,
+    config: NoiseConfig = _DEFAULT,
+    limit: float = 5.0,
+) -> NDArray[np.float32]:
+    """Return noise to add to an action, float32[B, 2] [m/s2]: normal, with deviation `limit * amplitude(episode)`.
+
+    :param seed: whole number, one for all or [B].
+    :param scenario, episode, step: whole numbers [B]; step counts policy steps since the hand-over.
+    :param agent: index in `vpsci_ros.world.observation.AGENTS`; the two agents' noises are independent.
+    :param limit: the largest acceleration, `NetworkConfig.action_limit` [m/s2].
+    """
+    step = np.asarray(step, np.int64)
+    past = step[..., None] - np.arange(MEMORY)
+    real = past >= 0
+    stream = STREAM_EXPLORATION + (np.maximum(past, 0) << 8)
+    keys = (np.asarray(scenario)[..., None], np.asarray(episode)[..., None])
+    draws = normals(np.asarray(seed)[..., None], *keys, stream, ACTION_SIZE * len(AGENTS))
+    own = draws[..., ACTION_SIZE * agent : ACTION_SIZE * (agent + 1)] * real[..., None]
+    unit = own.sum(axis=-2) / np.sqrt(real.sum(axis=-1))[..., None]
+    return (limit * amplitude(episode, config)[..., None] * unit).astype(np.float32)

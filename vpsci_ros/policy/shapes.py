@@ -1,0 +1,62 @@
+"""The tensors that a configuration calls for: name -> shape, known without building a network or importing torch."""
+
+import itertools
+
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE
+
+Shapes = dict[str, tuple[int, ...]]
+
+
+def encoder_shapes(config: NetworkConfig) -> Shapes:
+    """Return the tensors of one SST encoder."""
+    width = config.hidden
+    shapes: Shapes = {
+        "observation_mean": (OBSERVATION_SIZE,),
+        "observation_scale": (OBSERVATION_SIZE,),
+        "observation.weight": (width, OBSERVATION_SIZE),
+        "observation.bias": (width,),
+        "action.weight": (width, ACTION_SIZE),
+    }
+    if config.risk_input:
+        shapes["risk.weight"] = (width, 1)
+    for i in range(config.layers):
+        layer: Shapes = dict.fromkeys(("decay_logit", "skip", "norm.weight", "norm.bias"), (width,))
+        layer |= {f"{name}.weight": (width, width) for name in ("input", "query", "key", "attended", "readout")}
+        layer["risk_gain"] = (config.heads,)
+        shapes |= {f"layers.{i}.{name}": shape for name, shape in layer.items()}
+    return shapes
+
+
+def actor_shapes(config: NetworkConfig) -> Shapes:
+    """Return the tensors of one actor."""
+    shapes = {f"encoder.{name}": shape for name, shape in encoder_shapes(config).items()}
+    if config.latent == 0:
+        return shapes | _dense("head", [config.hidden, *config.actor_hidden, ACTION_SIZE])
+    shapes |= {"persistence_logit": (1,), "stillness": (ACTION_SIZE,)}
+    return shapes | _dense("head", [config.hidden + config.latent, *config.actor_hidden, 2 * ACTION_SIZE])
+
+
+def critic_shapes(config: NetworkConfig) -> Shapes:
+    """Return the tensors of one critic."""
+    shapes = {f"encoder.{name}": shape for name, shape in encoder_shapes(config).items()}
+    shapes |= {"state.weight": (config.critic_state, config.hidden), "state.bias": (config.critic_state,)}
+    shapes |= {"action.weight": (config.critic_action, 2 * ACTION_SIZE), "action.bias": (config.critic_action,)}
+    return shapes | _dense("head", [config.critic_state + config.critic_action, *config.critic_hidden, 1])
+
+
+def weight_shapes(config: NetworkConfig) -> Shapes:
+    """Return every tensor of a weights file: both actors, both critics, and the statistics of the speed rewards."""
+    shapes: Shapes = {}
+    for agent in AGENTS:
+        shapes |= {f"{agent}_actor.{name}": shape for name, shape in actor_shapes(config).items()}
+        shapes |= {f"{agent}_critic.{name}": shape for name, shape in critic_shapes(config).items()}
+        shapes |= {f"{agent}_speed.mean": (2,), f"{agent}_speed.deviation": (2,)}
+    return shapes
+
+
+def _dense(name: str, widths: list[int]) -> Shapes:
+    shapes: Shapes = {}
+    for i, (before, after) in enumerate(itertools.pairwise(widths)):
+        shapes |= {f"{name}.{2 * i}.weight": (after, before), f"{name}.{2 * i}.bias": (after,)}
+    return shapes

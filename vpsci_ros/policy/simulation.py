@@ -1,0 +1,68 @@
+"""A simulation as one value: which episodes, in which world, and how the policies in it explore."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from vpsci_ros.parameters import values_of
+from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
+from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.observation import AGENTS
+
+
+@dataclass(frozen=True)
+class SimulationConfig:
+    """What is simulated, whatever the weights.
+
+    :ivar episodes: (scenario number, episode number) pairs, in order.
+    :ivar batch: episodes side by side.
+    :ivar seed: of the world.
+    :ivar policies: agent -> how it explores and draws, see `vpsci_ros.policy.agent.policies`.
+    """
+
+    scenarios: Sequence[Scenario]
+    episodes: Sequence[tuple[int, int]]
+    batch: int
+    seed: int
+    world: WorldConfig = field(default_factory=WorldConfig)
+    monitor: MonitorConfig = field(default_factory=MonitorConfig)
+    policies: Mapping[str, PolicyConfig] = field(default_factory=dict)
+
+    def make_world(self, episodes: Sequence[tuple[int, int]] | None = None) -> World:
+        """Return a world with these episodes in its queue, all of them unless some are given."""
+        queue = self.episodes if episodes is None else episodes
+        return World(self.world, self.scenarios, queue, min(self.batch, len(queue)), self.seed)
+
+    def identity(self) -> dict[str, Any]:
+        """Return, as JSON values, everything that the episodes depend on besides weights."""
+        digest = hashlib.sha256(repr([tuple(pair) for pair in self.episodes]).encode()).hexdigest()
+        return {
+            "scenarios": [[scenario.number, scenario.name] for scenario in self.scenarios],
+            "episodes": f"{len(self.episodes)}, sha256 {digest}",
+            "batch": self.batch,
+            "seed": self.seed,
+            "world": values_of(self.world),
+            "monitor": values_of(self.monitor),
+            "policies": {agent: values_of(config) for agent, config in self.policies.items()},
+        }
+
+
+def simulation_of(sections: Sections) -> SimulationConfig:
+    """Return the simulation that the sections of the world, the monitor and the policies describe.
+
+    :raises InvalidInput: a parameter or a scenario is refused.
+    """
+    run = sections.get(RunConfig, "world_simulator")
+    return SimulationConfig(
+        load_scenarios(run.scenarios, run.scenario_files),
+        list(run.queue()),
+        run.batch,
+        run.seed,
+        sections.get(WorldConfig, "world_simulator"),
+        sections.get(MonitorConfig, "safety_monitor"),
+        {agent: sections.get(PolicyConfig, f"{agent}_policy") for agent in AGENTS},
+    )

@@ -1,0 +1,198 @@
+"""Weights of all networks in one safetensors file, checked tensor by tensor against the configuration it carries.
+
+A file holds both actors and both critics in float32, the normalisation of observations, and the speed statistics of
+rewards (14)-(15). Target networks are not stored: training on from a weights file starts them equal to the networks,
+as Algorithm 1 does. Its metadata are text: `format`, `tensors_sha256` (`Weights.digest`, against damage), `stage`,
+`configuration` (JSON of every resolved parameter), `software`, `data` and `held_out` (JSON). Nothing here needs torch,
+and no pickle is ever read.
+"""
+
+import dataclasses
+import hashlib
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import build, values_of
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.shapes import weight_shapes
+from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.world.observation import AGENTS
+
+FORMAT, CHECKSUM = "vpsci-ma-sst-ddpg 1", "tensors_sha256"
+Tensors = dict[str, NDArray[np.float32]]
+
+
+@dataclass(frozen=True)
+class ActorWeights:
+    """The tensors of one agent's actor, named as in `vpsci_ros.policy.shapes.actor_shapes`."""
+
+    network: NetworkConfig
+    tensors: Tensors
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Everything that a weights file holds.
+
+    :ivar network: shape of the networks.
+    :ivar tensors: float32 arrays, named as in `vpsci_ros.policy.shapes.weight_shapes`.
+    :ivar configuration: every resolved parameter of the run that made them, by configuration class.
+    :ivar facts: what else is worth knowing: `stage`, `data`, `held_out`, `software`; JSON values.
+    """
+
+    network: NetworkConfig
+    tensors: Tensors
+    configuration: dict[str, dict[str, Any]] = dataclasses.field(default_factory=dict)
+    facts: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    def part(self, name: str) -> Tensors:
+        """Return the tensors of one part ("vehicle_actor", "pedestrian_critic", ...) without its name in front."""
+        prefix = f"{name}."
+        return {key.removeprefix(prefix): value for key, value in self.tensors.items() if key.startswith(prefix)}
+
+    def actor(self, agent: str) -> ActorWeights:
+        """Return the actor of "vehicle" or "pedestrian".
+
+        :raises InvalidInput: another name.
+        """
+        if agent not in AGENTS:
+            raise InvalidInput(f"agent: expected one of {', '.join(AGENTS)}, got {agent!r}")
+        return ActorWeights(self.network, self.part(f"{agent}_actor"))
+
+    def digest(self) -> str:
+        """Return the SHA-256 of names and values of all tensors, as hexadecimal digits; facts do not enter."""
+        digest = hashlib.sha256()
+        for name in sorted(self.tensors):
+            digest.update(name.encode() + self.tensors[name].tobytes())
+        return digest.hexdigest()
+
+
+def weights_to_bytes(weights: Weights) -> bytes:
+    """Return the bytes of a safetensors file, as for a `PolicyWeights` message; equal weights give equal bytes.
+
+    :raises InvalidInput: a tensor is missing, unknown, of the wrong shape or type, or not finite.
+    """
+    _check(weights.tensors, weights.network, "weights")
+    facts = {"software": software_versions()} | weights.facts
+    configuration = weights.configuration | {"NetworkConfig": dataclasses.asdict(weights.network)}
+    metadata = {
+        "format": FORMAT,
+        "configuration": json.dumps(configuration, sort_keys=True),
+        CHECKSUM: weights.digest(),
+    }
+    metadata |= {name: json.dumps(value, sort_keys=True) for name, value in facts.items()}
+    tensors = {name: np.ascontiguousarray(weights.tensors[name]) for name in sorted(weights.tensors)}
+    return _in_order(save(tensors, metadata))
+
+
+def _in_order(data: bytes) -> bytes:
+    """Return a safetensors file with its metadata in alphabetical order; the library writes it in a random one."""
+    length = int.from_bytes(data[:8], "little")
+    header = json.loads(data[8 : 8 + length])
+    header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
+    text = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
+    text += b" " * (-len(text) % 8)  # tensors are aligned to eight bytes
+    return len(text).to_bytes(8, "little") + text + data[8 + length :]
+
+
+def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
+    """Read the bytes of a safetensors file; `where` opens the error messages.
+
+    :raises InvalidInput: not a safetensors file of this format, or its tensors do not fit its own configuration.
+    """
+    metadata = _metadata(data, where)
+    if metadata.get("format") != FORMAT:
+        raise InvalidInput(
+            f"{where}: expected format {FORMAT!r} in the metadata, got {metadata.get('format')!r}; "
+            "give a file that `vpsci pretrain` or `vpsci refine` wrote"
+        )
+    try:
+        tensors = load(data)
+        texts = {name: json.loads(text) for name, text in metadata.items() if name not in ("format", CHECKSUM)}
+        configuration = texts.pop("configuration")
+        older = {"risk_input": False, "tracked_steps": 0, "latent": 0}  # what files had before these parameters
+        values = older | configuration["NetworkConfig"]
+    except (SafetensorError, ValueError, KeyError, TypeError) as error:
+        raise InvalidInput(f"{where}: damaged weights file: {error!r}; copy or train it anew") from None
+    network = build(NetworkConfig, values, f"{where}, configuration")
+    _check(tensors, network, where)
+    weights = Weights(network, tensors, configuration, texts)
+    if CHECKSUM in metadata and metadata[CHECKSUM] != weights.digest():  # files of earlier versions have none
+        raise InvalidInput(
+            f"{where}: damaged weights file: its tensors are not those it was written with; copy it anew"
+        )
+    return weights
+
+
+def save_weights(path: str | Path, weights: Weights) -> None:
+    """Write a weights file, whole or not at all.
+
+    :raises InvalidInput: as `weights_to_bytes`, or the folder does not exist.
+    """
+    data = weights_to_bytes(weights)
+    with written_whole(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def load_weights(path: str | Path) -> Weights:
+    """Read a weights file.
+
+    :raises InvalidInput: no such file, or as `weights_from_bytes`.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InvalidInput(
+            f"{path}: cannot read weights ({error.strerror}); train them with `vpsci pretrain` or take the shipped ones"
+        ) from None
+    return weights_from_bytes(data, str(path))
+
+
+def resolved(*configs: Any) -> dict[str, dict[str, Any]]:
+    """Return configuration objects as plain values for `Weights.configuration`."""
+    return {type(c).__name__: values_of(c) for c in configs}
+
+
+def _metadata(data: bytes, where: str) -> dict[str, str]:
+    """Return the metadata in the header of a safetensors file: 8 bytes of length, then JSON."""
+    try:
+        (length,) = struct.unpack_from("<Q", data)
+        if length > len(data) - 8:
+            raise ValueError(f"header of {length} bytes in a file of {len(data)}")
+        metadata = json.loads(data[8 : 8 + length]).get("__metadata__", {})
+        if not isinstance(metadata, dict):
+            raise ValueError("metadata are not a mapping")
+    except (struct.error, ValueError, AttributeError) as error:
+        raise InvalidInput(
+            f"{where}: expected a safetensors file, got {len(data)} bytes of something else ({error})"
+        ) from None
+    return metadata
+
+
+def _check(tensors: Mapping[str, NDArray[Any]], network: NetworkConfig, where: str) -> None:
+    expected = weight_shapes(network)
+    for name, shape in expected.items():
+        if name not in tensors:
+            raise InvalidInput(f"{where}: tensor {name} is missing; expected float32{list(shape)}")
+        tensor = tensors[name]
+        if tensor.dtype != np.float32 or tensor.shape != shape:
+            raise InvalidInput(
+                f"{where}: tensor {name}: expected float32{list(shape)}, got {tensor.dtype}{list(tensor.shape)}"
+            )
+        if not np.isfinite(tensor).all():
+            raise InvalidInput(f"{where}: tensor {name} holds values that are not finite; train again")
+    for name in tensors:
+        if name not in expected:
+            raise InvalidInput(f"{where}: unknown tensor {name}; the configuration in the metadata does not have it")

@@ -1,0 +1,137 @@
+"""The pictures of a report: how near they came (Figure 8), conflicts by speed (11), who gave way when (9, 12, 13)."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import polars as pl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.mlab import GaussianKDE
+from numpy.typing import NDArray
+
+from vpsci_ros.runs.files import written_whole
+from vpsci_ros.safety import CRITICAL_TTC
+
+Floats = NDArray[np.float64]
+LEAST_IN_BIN = 10  # interactions; a share of fewer says nothing and is not drawn
+SHARES = Normalize(0.0, 100.0)
+COLOURS = "viridis"
+_BAND = 0.25  # [s] of the histogram
+
+
+class Axis(NamedTuple):
+    """A column of encounters, its name in a picture, and its bins: first, last and width."""
+
+    column: str
+    label: str
+    first: float
+    last: float
+    width: float
+
+    @property
+    def edges(self) -> Floats:
+        """Bounds of the bins."""
+        return np.arange(self.first, self.last + 0.5 * self.width, self.width)
+
+
+VEHICLE_SPEED = Axis("vehicle_speed", "vehicle speed [m/s]", 0.0, 5.0, 0.5)
+PEDESTRIAN_SPEED = Axis("pedestrian_speed", "pedestrian speed [m/s]", 0.0, 4.0, 0.5)
+DISTANCE = Axis("distance", "distance [m]", 0.0, 27.0, 3.0)
+SIDES = (
+    VEHICLE_SPEED,
+    Axis("vehicle_acceleration", "vehicle acceleration [m/s²]", -2.5, 2.5, 0.5),
+    PEDESTRIAN_SPEED,
+    Axis("pedestrian_acceleration", "pedestrian acceleration [m/s²]", -2.5, 3.0, 0.5),
+)
+
+
+def save_nearness(sources: Mapping[str, pl.DataFrame], path: Path) -> None:
+    """Draw the distribution of the least CurvTTC of each source, in the manner of Figure 8, as a PNG.
+
+    :param sources: title -> encounters, at least one row each.
+    """
+    figure = Figure(figsize=(3.7 * len(sources), 3.9), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, len(sources), sharey=True, squeeze=False)
+    for axis, (title, table) in zip(axes.flat, sources.items(), strict=True):
+        _draw_nearness(axis, table["least_curvttc"].to_numpy(), title)
+    axes[0, 0].set_ylabel("least CurvTTC [s]", fontsize=8)
+    _save(figure, path)
+
+
+def save_conflicts(sources: Mapping[str, pl.DataFrame], path: Path) -> None:
+    """Draw the share of conflicts by the speeds at the onset, in the manner of Figure 11, as a PNG."""
+    figure = Figure(figsize=(3.7 * len(sources) + 0.8, 3.7), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, len(sources), squeeze=False)
+    for axis, (title, table) in zip(axes.flat, sources.items(), strict=True):
+        _draw_shares(axis, table, VEHICLE_SPEED, PEDESTRIAN_SPEED, "conflict")
+        axis.set_title(f"{title}, n = {table.height:,}", fontsize=9)
+    _add_bar(figure, axes, "conflicts (CurvTTC < 2 s) [%]")
+    _save(figure, path)
+
+
+def save_yielding(sources: Mapping[str, pl.DataFrame], agent: str, path: Path) -> None:
+    """Draw how often `agent` yields by distance and by what both do at the onset (Figures 9, 12, 13), as a PNG."""
+    figure = Figure(figsize=(12.2, 2.75 * len(sources) + 0.3), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(sources), len(SIDES), squeeze=False)
+    for row, (title, table) in zip(axes, sources.items(), strict=True):
+        for axis, side in zip(row, SIDES, strict=True):
+            _draw_shares(axis, table, DISTANCE, side, f"{agent}_yields")
+        row[0].set_title(f"{title}, n = {table.height:,}", fontsize=9, loc="left")
+    _add_bar(figure, axes, f"{agent} yields [%]")
+    _save(figure, path)
+
+
+def shares(table: pl.DataFrame, across: Axis, up: Axis, flag: str) -> Floats:
+    """Return the share of `flag` in each bin, float64[bins of across, bins of up]; NaN below `LEAST_IN_BIN`."""
+    x, y = (table[axis.column].to_numpy() for axis in (across, up))
+    bins = (across.edges, up.edges)
+    count, _, _ = np.histogram2d(x, y, bins=bins)
+    hits, _, _ = np.histogram2d(x, y, bins=bins, weights=table[flag].to_numpy().astype(np.float64))
+    return np.where(count >= LEAST_IN_BIN, hits / np.maximum(count, 1.0), np.nan)
+
+
+def _draw_nearness(axis: Axes, least: Floats, title: str) -> None:
+    """Draw a density curve to the left of 0 and a histogram to the right; lines are quartiles."""
+    if np.ptp(least) > 0.0:
+        at = np.linspace(0.0, CRITICAL_TTC, 200)
+        density = GaussianKDE(least)(at)
+        axis.fill_betweenx(at, -density, 0.0, color="#9ecae1", linewidth=0.0)
+    bins = np.arange(0.0, CRITICAL_TTC + _BAND, _BAND)
+    height, _ = np.histogram(least, bins=bins, density=True)
+    axis.barh(bins[:-1], height, height=0.9 * _BAND, align="edge", color="#3182bd")
+    low, median, high = np.quantile(least, (0.25, 0.5, 0.75))
+    for value, colour in ((low, "#222222"), (median, "#c00000"), (high, "#222222")):
+        axis.axhline(value, color=colour, linewidth=1.2)
+    axis.set_title(f"{title}, n = {len(least):,}\n{low:.2f}, {median:.2f}, {high:.2f} s", fontsize=9)
+    axis.set_ylim(0.0, CRITICAL_TTC)
+    axis.set_xlabel("density [1/s]", fontsize=8)
+    axis.xaxis.set_major_formatter(lambda value, _: f"{abs(value):g}")
+    axis.tick_params(labelsize=7)
+
+
+def _draw_shares(axis: Axes, table: pl.DataFrame, across: Axis, up: Axis, flag: str) -> None:
+    axis.set_facecolor("#ececea")
+    share = 100.0 * shares(table, across, up, flag)
+    axis.pcolormesh(across.edges, up.edges, share.T, norm=SHARES, cmap=COLOURS)
+    axis.set_xlabel(across.label, fontsize=8)
+    axis.set_ylabel(up.label, fontsize=8)
+    axis.tick_params(labelsize=7)
+
+
+def _add_bar(figure: Figure, axes: NDArray[np.object_], label: str) -> None:
+    bar = figure.colorbar(ScalarMappable(SHARES, COLOURS), ax=axes, shrink=0.8, pad=0.01)
+    bar.set_label(label, fontsize=8)
+    bar.ax.tick_params(labelsize=7)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    with written_whole(path) as part:
+        figure.savefig(part, format="png", dpi=130)

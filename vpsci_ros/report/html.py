@@ -1,0 +1,30 @@
+"""One HTML page that needs nothing beside it, made from a template: its style, its words, its pictures.
+
+A template lies in `templates/` of the room whose page it is, and extends `base.html` of this room, which has the style;
+`parts.html` has what several pages show alike. Values are escaped unless a template says otherwise.
+"""
+
+import base64
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from vpsci_ros.runs.files import write_text
+
+_SHARED = Path(__file__).resolve().parent / "templates"
+
+
+def write_page(path: Path, template: Path, **values: Any) -> None:
+    """Write a page whole or not at all.
+
+    :param template: the template's file; a value that it names and that is not given is an error.
+    :param values: what the template names; a `Path` to a PNG becomes a picture by its macro `picture`.
+    """
+    loader = FileSystemLoader([template.parent, _SHARED])
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["base64"] = lambda picture: base64.b64encode(picture.read_bytes()).decode()
+    page = environment.get_template(template.name).render(values)
+    write_text(path, page)

@@ -1,0 +1,139 @@
+"""The report of a dataset: numbers as JSON, pictures as PNG, and one HTML page that holds all of it."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.published import LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
+from vpsci_ros.data.reference import clean
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.encounters import generated_encounters, recorded_encounters
+from vpsci_ros.report import html
+from vpsci_ros.report.comparison import SHARES, between_halves, describe, distance_between
+from vpsci_ros.report.figures import save_conflicts, save_nearness, save_yielding
+from vpsci_ros.report.panels import typical_panels
+from vpsci_ros.report.trajectories import save_trajectories
+from vpsci_ros.runs.files import sha256, write_text
+from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.world.scenario import every_scenario
+
+PAGE, NUMBERS, VIEW = "report.html", "report.json", "view.html"
+GENERATED, RECORDED, CLEAN, BESIDE = "generated", "recorded", "recorded_clean", "beside"
+TITLES = {
+    GENERATED: "generated",
+    BESIDE: "the other dataset",
+    RECORDED: "recorded people",
+    CLEAN: "of them, with an onset and a car that drives",
+}
+
+
+def write_report(
+    folder: Path,
+    output: Path,
+    *,
+    near_misses: Path | None = None,
+    beside: Path | None = None,
+    view: str = "",
+    tell: Callable[[str], None] = lambda _: None,
+) -> dict[str, Any]:
+    """Write the report of a dataset into `output` and return its numbers, those of `report.json`.
+
+    :param near_misses: near-miss table of recorded people to compare with.
+    :param beside: another dataset to compare with, say of the rule-based pair.
+    :param view: the page beside it in which the episodes play; empty: there is none, and so no link.
+    :param tell: called with what is being done.
+    :raises InvalidInput: an input cannot be read or holds nothing.
+    """
+    data = Dataset(folder)
+    tell("reading")
+    sources = {GENERATED: generated_encounters(data)}
+    if beside is not None:
+        sources[BESIDE] = generated_encounters(Dataset(beside))
+    if near_misses is not None:
+        recorded = read_near_misses(near_misses)
+        sources[RECORDED] = recorded_encounters(recorded)
+        if (cleaned := clean(recorded)).height:
+            sources[CLEAN] = recorded_encounters(cleaned)
+    for name, table in sources.items():
+        if not table.height:
+            raise InvalidInput(f"{TITLES[name]}: no interaction with CurvTTC of 5 s or less; nothing to report")
+    output.mkdir(parents=True, exist_ok=True)
+    tell("resampling")
+    report = _numbers(data, sources)
+    report["inputs"] = _inputs(folder, near_misses, beside)
+    tell("drawing")
+    pictures = _draw(data, sources, output)
+    write_text(output / NUMBERS, json.dumps(report, indent=1) + "\n")
+    html.write_page(
+        output / PAGE,
+        Path(__file__).resolve().parent / "templates" / "report.html",
+        title=f"Report on {folder}",
+        folder=folder,
+        report=report,
+        pictures=pictures,
+        titles=TITLES,
+        shares=SHARES,
+        published=LEAST_CURVTTC,
+        published_real=REAL_LEAST_CURVTTC,
+        table_10=TABLE_10,
+        numbers=NUMBERS,
+        view=view,
+    )
+    return report
+
+
+def sources_of_report(folder: Path, near_misses: Path | None, beside: Path | None) -> list[tuple[str, str, Path]]:
+    """Return key, title and path of everything that a report compares; by the keys its links find the episodes."""
+    given = {GENERATED: folder, BESIDE: beside, RECORDED: near_misses}
+    return [(key, TITLES[key], path) for key, path in given.items() if path is not None]
+
+
+def _numbers(data: Dataset, sources: Mapping[str, pl.DataFrame]) -> dict[str, Any]:
+    report: dict[str, Any] = {
+        "scenarios": {name: {key: row[key] for key in _COUNTS} for name, row in data.scenarios.items()},
+        "sources": {name: describe(table, clustered=name in (RECORDED, CLEAN)) for name, table in sources.items()},
+        "distance": {},
+    }
+    if RECORDED in sources:
+        recorded = sources[RECORDED]
+        others = {name: table for name, table in sources.items() if name not in (RECORDED, CLEAN)}
+        report["distance"] = {name: distance_between(recorded, table) for name, table in others.items()}
+        report["distance"]["between_halves_of_recorded"] = between_halves(recorded)
+        if CLEAN in sources:
+            cleaned = {name: distance_between(sources[CLEAN], table) for name, table in others.items()}
+            report["distance_to_clean"] = cleaned | {"between_halves_of_recorded": between_halves(sources[CLEAN])}
+    return report
+
+
+_COUNTS = ("number", "simulated", "kept", "vehicle_km", "pedestrian_km")
+
+
+def _inputs(folder: Path, near_misses: Path | None, beside: Path | None) -> dict[str, Any]:
+    files = {"dataset": folder / "dataset.json"}
+    if beside is not None:
+        files["beside"] = beside / "dataset.json"
+    if near_misses is not None:
+        files["near_misses"] = near_misses
+    return {
+        "files": {name: {"path": str(path), "sha256": sha256(path)} for name, path in files.items()},
+        "software": software_versions(),
+    }
+
+
+def _draw(data: Dataset, sources: Mapping[str, pl.DataFrame], output: Path) -> dict[str, Path]:
+    titled = {TITLES[name]: table for name, table in sources.items()}
+    names = ("trajectories", "nearness", "conflicts", "pedestrian_yields", "vehicle_yields")
+    paths = {name: output / f"{name}.png" for name in names}
+    own = data.description.get("own_scenarios")
+    grounds = [scenario for scenario in every_scenario(own, str(data.folder)) if scenario.name in data.scenarios]
+    save_trajectories(typical_panels(data.folder), grounds, paths["trajectories"])
+    save_nearness(titled, paths["nearness"])
+    save_conflicts(titled, paths["conflicts"])
+    for agent in ("pedestrian", "vehicle"):
+        save_yielding(titled, agent, paths[f"{agent}_yields"])
+    return paths

@@ -1,0 +1,103 @@
+"""A picture of a scenario: lane and crosswalk, where both agents are spawned, where they go and where that ends.
+
+What is drawn of the spawns are spawns: the first episodes of the scenario, not the intervals of its file.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from numpy.typing import NDArray
+
+from vpsci_ros.runs.files import written_whole
+from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.world import Scenario, World, WorldConfig
+from vpsci_ros.world.paths import Path as Line
+
+Floats = NDArray[np.float64]
+GROUND, ROAD, VEHICLE, PEDESTRIAN, GOAL = "#f1f1ee", "#d5d5d2", "#08519c", "#a50f15", "#2ca02c"
+SPAWNS = 200  # episodes whose spawns are drawn
+_CORNERS = 0.5 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * [VEHICLE_LENGTH, VEHICLE_WIDTH]
+
+
+def save_scenario(scenario: Scenario, path: str | Path, seed: int = 1) -> None:
+    """Draw a scenario and write it as a PNG, whole or not at all.
+
+    :param seed: of the spawns that are drawn, those of episodes 0 to 199.
+    :raises InvalidInput: the folder of `path` does not exist.
+    """
+    figure = Figure(figsize=(8.0, 8.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axis = figure.subplots()
+    axis.set_facecolor(GROUND)
+    axis.set_aspect("equal")
+    axis.set_title(f"{scenario.number}  {scenario.name}\n{scenario.description}", fontsize=10)
+    axis.set_xlabel("x, east [m]")
+    axis.set_ylabel("y, north [m]")
+    _draw_ground(axis, scenario)
+    _draw_spawns(axis, scenario, seed)
+    _draw_line(axis, scenario.vehicle.path, scenario.vehicle.goal, scenario.vehicle.lane_width, VEHICLE, "vehicle")
+    _draw_line(axis, scenario.pedestrian.path, scenario.pedestrian.goal, 2.0, PEDESTRIAN, "pedestrian")
+    axis.plot(*scenario.pedestrian.path.at(scenario.pedestrian.conflict), "*", color="black", markersize=11)
+    axis.plot([], [], "*", color="black", markersize=11, label="conflict point")
+    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=4, fontsize=8, frameon=False)
+    _frame(axis, np.concatenate([scenario.vehicle.path.points, scenario.pedestrian.path.points, scenario.crosswalk]))
+    with written_whole(path) as part:
+        figure.savefig(part, format="png", dpi=120)
+
+
+def _draw_ground(axis: Axes, scenario: Scenario) -> None:
+    lane = scenario.vehicle.path.band(scenario.vehicle.lane_width)
+    axis.add_patch(Polygon(lane, facecolor=ROAD, edgecolor="none", zorder=0))
+    if len(scenario.crosswalk):
+        look: dict[str, Any] = {"facecolor": "none", "edgecolor": "#a9a9a4", "hatch": "////", "linewidth": 0.8}
+        axis.add_patch(Polygon(scenario.crosswalk, zorder=0.5, **look))
+
+
+def _draw_spawns(axis: Axes, scenario: Scenario, seed: int) -> None:
+    config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot")
+    state = World(config, [scenario], [(scenario.number, e) for e in range(SPAWNS)], SPAWNS, seed).state
+    for record in state[:40]:
+        c, s = np.cos(record["vehicle_heading"]), np.sin(record["vehicle_heading"])
+        outline = _CORNERS @ np.array([[c, s], [-s, c]]) + [record["vehicle_x"], record["vehicle_y"]]
+        axis.add_patch(Polygon(outline, facecolor="none", edgecolor=VEHICLE, linewidth=0.5, alpha=0.35, zorder=2))
+    waiting = state["start_delay"] > 0.0
+    for which, filled, name in ((~waiting, PEDESTRIAN, "on its way"), (waiting, "none", "waiting")):
+        axis.scatter(
+            state["pedestrian_x"][which],
+            state["pedestrian_y"][which],
+            s=14,
+            facecolors=filled,
+            edgecolors=PEDESTRIAN,
+            linewidths=0.7,
+            alpha=0.7,
+            zorder=3,
+            label=f"pedestrian spawned {name}",
+        )
+    axis.plot([], [], "s", markerfacecolor="none", markeredgecolor=VEHICLE, label="vehicle spawned")
+
+
+def _draw_line(axis: Axes, line: Line, goal: float, width: float, colour: str, name: str) -> None:
+    """Draw a path with its direction, its arc length every 10 m and its goal across it."""
+    axis.plot(*line.points.T, color=colour, linewidth=1.2, zorder=4, label=f"{name}'s route, arc length [m]")
+    for s in np.arange(0.0, line.length + 1e-9, 10.0):
+        axis.plot(*line.at(s), ".", color=colour, markersize=5, zorder=5)
+        axis.annotate(f"{s:.0f}", line.beside(s, 0.5 * width + 0.5), fontsize=7, color=colour, ha="center", va="center")
+    ends = np.array([line.beside(goal, side * 0.5 * width) for side in (1, -1)])
+    axis.plot(*ends.T, color=GOAL, linewidth=3.0, zorder=6)
+    axis.annotate(
+        "", line.at(line.length), line.at(line.length - 2.0), arrowprops={"arrowstyle": "-|>", "color": colour}
+    )
+    if name == "vehicle":
+        axis.plot([], [], color=GOAL, linewidth=3.0, label="goals")
+
+
+def _frame(axis: Axes, points: Floats, margin: float = 3.0) -> None:
+    low, high = points.min(axis=0), points.max(axis=0)
+    half, centre = 0.5 * float((high - low).max()) + margin, 0.5 * (low + high)
+    axis.set_xlim(centre[0] - half, centre[0] + half)
+    axis.set_ylim(centre[1] - half, centre[1] + half)

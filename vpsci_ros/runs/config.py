@@ -1,0 +1,35 @@
+"""Parameters of a run in simulation: which episodes, and how many at once."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import parameter
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Which episodes a run simulates, how many at once, and how fast."""
+
+    seed: int = parameter(1, "seed of every random draw of the run", low=0, high=2**63 - 1)
+    scenarios: list[int] = parameter(
+        [1, 2, 3, 4, 5, 6, 7, 8], "scenarios to run: 1 to 8 (Table 6), and those of scenario_files", low=1, high=255
+    )
+    scenario_files: list[str] = parameter([], "YAML files of scenarios of your own, with numbers from 9 to 255")
+    episodes: int = parameter(8, "episodes to simulate in each scenario", low=1, high=4_000_000_000)
+    first_episode: int = parameter(0, "number of the first episode of each scenario", low=0, high=4_000_000_000)
+    batch: int = parameter(16, "episodes simulated in parallel, one message for all", low=1, high=65536)
+
+    def __post_init__(self) -> None:
+        if not self.scenarios or len(set(self.scenarios)) < len(self.scenarios):
+            raise InvalidInput(f"scenarios must name at least one scenario, each once, got {self.scenarios}")
+        if self.first_episode + self.episodes > 2**32:
+            raise InvalidInput(
+                f"first_episode + episodes = {self.first_episode + self.episodes} exceeds 2^32, the largest number"
+            )
+
+    def queue(self) -> Iterator[tuple[int, int]]:
+        """Yield (scenario, episode number), scenarios in turn, so that every scenario grows at the same pace."""
+        for episode in range(self.first_episode, self.first_episode + self.episodes):
+            for scenario in self.scenarios:
+                yield scenario, episode

@@ -1,0 +1,82 @@
+"""Files that appear whole or not at all, output folders that are nobody else's, and the hash of a file."""
+
+import contextlib
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from vpsci_ros.errors import InvalidInput
+
+
+def sha256(path: str | Path) -> str:
+    """Return the SHA-256 of a file's content as hexadecimal digits."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+@contextlib.contextmanager
+def written_whole(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; rename it to `path` on success, remove it on any error.
+
+    Content and name are on the disk when this returns, so that neither a crash nor a power cut leaves less.
+
+    :raises InvalidInput: the parent folder does not exist, or `path` is a folder.
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise InvalidInput(f"{path}: folder {path.parent} does not exist; make it or choose another output path")
+    if path.is_dir():
+        raise InvalidInput(f"{path}: expected a file to write, found a folder; give the name of a file")
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        umask = os.umask(0)
+        os.umask(umask)
+        temporary.chmod(0o666 & ~umask)
+        _to_disk(temporary)
+        temporary.replace(path)
+        _to_disk(path.parent)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _to_disk(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write `text` as `path`, whole or not at all; errors as `written_whole`."""
+    with written_whole(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def write_json(path: str | Path, values: Any) -> None:
+    """Write JSON values, numbers finite or not, as `path`, whole or not at all; errors as `written_whole`."""
+    write_text(path, json.dumps(values, indent=2) + "\n")
+
+
+def require_empty_folder(path: str | Path) -> Path:
+    """Create folder `path` if need be and return it.
+
+    :raises InvalidInput: it exists and holds anything, or is not a folder.
+    """
+    path = Path(path)
+    if path.exists() and not path.is_dir():
+        raise InvalidInput(f"{path}: expected a folder for the output, found a file; choose another path")
+    if path.is_dir() and any(path.iterdir()):
+        raise InvalidInput(f"{path}: the output folder is not empty; choose another one or empty it first")
+    path.mkdir(parents=True, exist_ok=True)
+    return path

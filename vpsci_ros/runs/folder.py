@@ -1,0 +1,99 @@
+"""The folder of a run in this process: which parameters it has, and what they, its inputs and its outputs were.
+
+`params.yaml` is there from the start, resolved, in the layout of a parameter file, so that the same command reproduces
+the run from it. `run.json` (`record`) is there from the moment that it ends or is stopped. `vpsci graph` leaves files
+of the same names.
+"""
+
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import yaml
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import as_ros_parameters, flat
+from vpsci_ros.runs.files import require_empty_folder, sha256, write_text
+from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.record import RECORD, read_record, write_record
+from vpsci_ros.runs.sections import Sections
+
+PARAMETERS = "params.yaml"
+_GOES_ON = "checkpoint.safetensors"  # how the files end that a stopped run goes on from
+
+
+class RunFolder:
+    """The output folder of one run; use it in a `with` block, which writes the record however the run ends.
+
+    :param folder: new, empty, of the same run, or holding a checkpoint that a graph of nodes left.
+    :param sections: resolved parameters.
+    :param inputs: files that the run reads; their hashes go into the record.
+    :param facts: further JSON values for the record.
+    :raises InvalidInput: the folder holds something else, or the same run with other parameters.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        sections: Sections,
+        inputs: Iterable[str | Path] = (),
+        facts: dict[str, Any] | None = None,
+    ) -> None:
+        self._folder = folder
+        self._begun = time.monotonic()
+        self._facts = facts or {}
+        self.results: dict[str, Any] = {}
+        """What the run came to, JSON values; goes into the record."""
+        parameters = folder / PARAMETERS
+        text = yaml.safe_dump(as_ros_parameters(sections.values), sort_keys=False)
+        if parameters.exists():
+            found = _values(parameters)
+            require_same(parameters, found, dict.fromkeys(found) | _flat(yaml.safe_load(text)))
+        elif not any(folder.glob(f"*{_GOES_ON}")):
+            require_empty_folder(folder)
+        self._inputs = {str(path): sha256(path) for path in inputs}
+        self.done = self._finished()
+        """Whether the folder holds this run, finished, from the same inputs, with all that it left."""
+        write_text(parameters, text)
+
+    def __enter__(self) -> "RunFolder":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        write_record(
+            self._folder / RECORD,
+            begun=self._begun,
+            error="" if kind is None else str(error) or "stopped on request",
+            results=self.results,
+            inputs=self._inputs,
+            outputs={str(path.relative_to(self._folder)): sha256(path) for path in sorted(self._outputs())},
+            facts=self._facts,
+        )
+
+    def _finished(self) -> bool:
+        record = read_record(self._folder / RECORD)
+        if record is None or record["error"] or record["inputs_sha256"] != self._inputs:
+            return False
+        return all((self._folder / name).is_file() for name in record.get("outputs_sha256", ()))
+
+    def _outputs(self) -> Iterable[Path]:
+        for path in self._folder.rglob("*"):
+            if path.is_file() and path.name != RECORD and not path.name.endswith((_GOES_ON, ".part")):
+                yield path
+
+
+def _values(path: Path) -> dict[str, dict[str, Any]]:
+    """Return the sections of a run's parameters.
+
+    :raises InvalidInput: `path` holds something else.
+    """
+    try:
+        return _flat(yaml.safe_load(path.read_text(encoding="utf-8")))
+    except (yaml.YAMLError, OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InvalidInput(f"{path}: not the parameters of a run: {error}; choose another output folder") from None
+
+
+def _flat(layout: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    return {name: flat(section["ros__parameters"]) for name, section in layout.items()}

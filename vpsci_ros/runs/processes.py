@@ -1,0 +1,81 @@
+"""Child processes: each with a log and a session of its own, watched, asked to stop, and gone in the end."""
+
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # asked, and given so long [s]
+
+
+class ChildProcess:
+    """A process that was started, with all that it starts itself; its output goes on where its log has stopped.
+
+    Ctrl-C does not reach it, so that whoever started it stops it in order. Should that be killed, it is asked to end.
+
+    :param environment: all of its variables, but for those that every child gets where nobody has set them.
+    :raises OSError: the program cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str], log: Path, environment: Mapping[str, str]) -> None:
+        self.log = log
+        with open(log, "ab") as output:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONUNBUFFERED": "1"} | dict(environment),
+                start_new_session=True,
+                preexec_fn=_end_with_parent,  # noqa: PLW1509 - one call of the C library, no Python lock
+            )
+        self.pid = self._process.pid
+
+    @property
+    def status(self) -> int | None:
+        """Exit status, negative for the signal that killed it; None while it runs."""
+        return self._process.poll()
+
+    @property
+    def end(self) -> str:
+        """How it ended, in words; nothing while it runs."""
+        status = self.status
+        if status is None:
+            return ""
+        return f"was killed by {signal.Signals(-status).name}" if status < 0 else f"ended with exit status {status}"
+
+    def said(self, what: str = "") -> str:
+        """Return the last line of its log that has `what` in it, in whatever case; nothing if there is none."""
+        lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        return next((line.strip() for line in reversed(lines) if what in line.lower()), "")
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal to it and to all that it started."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.pid, number)
+
+    def wait(self, seconds: float) -> None:
+        """Wait for its end, so long at most."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(seconds)
+
+
+def stop(processes: Collection[ChildProcess], steps: Sequence[tuple[signal.Signals, float]] = STEPS) -> None:
+    """Ask processes to stop, by one signal after the other as long as they run."""
+    for number, patience in steps:
+        running = [process for process in processes if process.status is None]
+        for process in running:
+            process.signal(number)
+        deadline = time.monotonic() + patience
+        for process in running:
+            process.wait(max(0.0, deadline - time.monotonic()))
+
+
+def _end_with_parent() -> None:
+    """In the child: have the kernel stop it should this process be killed (Linux)."""
+    pr_set_pdeathsig = 1
+    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGTERM)

@@ -1,0 +1,113 @@
+"""What is seen of a run on standard error while it runs, and where a stage of learning may be interrupted."""
+
+import contextlib
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from vpsci_ros.errors import Stopped
+
+LINE_EVERY = 10.0  # [s] between lines where there is no terminal
+_WORTH = ("closed_loop_ade", "held_out_closed_loop_ade", "collision_rate", "goal_rate", "rollbacks")
+_STAGE_1, _STAGE_2 = ("episode", "episodes"), ("simulated", "episodes_wanted")  # names of done and total
+
+
+class Bars:
+    """Progress bars; without a terminal a line now and then. Use it in a `with` block.
+
+    :param quiet: show nothing.
+    :param interval: seconds between lines.
+    """
+
+    def __init__(self, *, quiet: bool = False, interval: float = LINE_EVERY) -> None:
+        console = Console(stderr=True)
+        self._lines, self._interval = not console.is_terminal and not quiet, interval
+        self._begun = self._said = time.monotonic()
+        self._tasks: dict[str, TaskID] = {}
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=16),
+            TextColumn("{task.completed:,.0f}/{task.fields[wanted]}"),
+            TimeRemainingColumn(compact=True, elapsed_when_finished=True),
+            TextColumn("{task.fields[note]}"),
+            console=console,
+            disable=not console.is_terminal or quiet,
+        )
+
+    def __enter__(self) -> "Bars":
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def bar(self, name: str, done: float, total: float | None, note: str = "") -> None:
+        """Bring a bar up to date; the first call of a name adds it. None: the total is not known."""
+        fields: dict[str, Any] = {"wanted": "?" if total is None else f"{total:,.0f}", "note": note}
+        if name not in self._tasks:
+            self._tasks[name] = self._progress.add_task(name, total=total, **fields)
+        self._progress.update(self._tasks[name], completed=done, total=total, **fields)
+
+    def clear(self) -> None:
+        """Take all bars away."""
+        while self._tasks:
+            self._progress.remove_task(self._tasks.popitem()[1])
+
+    def line(self, text: str, *, now: bool = False) -> None:
+        """Where there is no terminal, say this if the last line is `interval` ago, or `now`."""
+        if self._lines and (now or time.monotonic() - self._said >= self._interval):
+            self._said = time.monotonic()
+            print(f"  {text}", file=sys.stderr, flush=True)
+
+
+class StageBar(Bars):
+    """The progress of a stage of learning."""
+
+    def __init__(self, title: str, quiet: bool) -> None:
+        super().__init__(quiet=quiet)
+        self._title = title
+        self._latest: dict[str, float] = {}
+
+    def __enter__(self) -> "StageBar":
+        super().__enter__()
+        return self
+
+    def show(self, report: dict[str, float], title: str = "") -> None:
+        """Take the latest numbers of `pretrain` or `refine` in; another `title` than before begins anew."""
+        if title and title != self._title:
+            self._title, self._latest = title, {}
+            self.clear()
+        self._latest |= report
+        done, total = (report[name] for name in (_STAGE_2 if _STAGE_2[0] in report else _STAGE_1))
+        known = (name for name in _WORTH if name in self._latest)
+        note = ", ".join(f"{name.replace('_', ' ')} {self._latest[name]:.3g}" for name in known)
+        self.bar(self._title, done, total, note)
+        self.line(f"{self._title}: {done:.0f} of {total:.0f}" + (f"; {note}" if note else ""), now=done >= total)
+
+
+@contextlib.contextmanager
+def stopped_between_updates() -> Iterator[Callable[[], None]]:
+    """Hold Ctrl-C and SIGTERM back, and yield what raises `Stopped` once one came: call it between two updates.
+
+    A run that is torn out of an update could not go on to the same result.
+    """
+    stop_requested = threading.Event()
+    before = {
+        number: signal.signal(number, lambda *_: stop_requested.set()) for number in (signal.SIGINT, signal.SIGTERM)
+    }
+
+    def check() -> None:
+        if stop_requested.is_set():
+            raise Stopped
+
+    try:
+        yield check
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

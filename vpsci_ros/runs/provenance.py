@@ -1,0 +1,29 @@
+"""What a result depends on besides its inputs: versions of software, and the kind of CPU."""
+
+import contextlib
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from vpsci_ros import __version__
+
+_PACKAGES = ("numpy", "numba", "torch", "polars", "safetensors", "mcap", "rosbags", "ros-jazzy-rclpy")
+
+
+def software_versions() -> dict[str, str]:
+    """Return the versions of Python, this package and the packages its results depend on (absent ones left out)."""
+    versions = {"python": platform.python_version(), "machine": platform.machine(), "vpsci_ros": __version__}
+    for name in _PACKAGES:
+        with contextlib.suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    return versions
+
+
+def cpu_name() -> str:
+    """Return the kind of CPU, as far as it is known: results are the same to the bit on the same kind."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() == "model name":
+                return value.strip()
+    return platform.processor() or platform.machine()

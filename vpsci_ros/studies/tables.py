@@ -1,0 +1,240 @@
+"""Tables 3, 5 and 9 beside the paper's values, as text and as pictures."""
+
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from vpsci_ros.data.published import TABLE_3, TABLE_5, TABLE_9
+from vpsci_ros.runs.files import written_whole
+from vpsci_ros.world.observation import AGENTS
+
+VEHICLE, PEDESTRIAN, PAPER, GREEN, ORANGE = "#08519c", "#cb181d", "#8c8c8c", "#2ca02c", "#e6550d"
+_COLOURS = dict(zip(AGENTS, (VEHICLE, PEDESTRIAN), strict=True))
+
+Row = dict[str, Any]
+
+
+def print_table_3(table: pl.DataFrame, console: Console) -> None:
+    """Print what `sample_size_study` returned, in 80 columns; the paper's values in brackets."""
+    learned = _table("in training, mean of the run's last tenth [paper's]", "inter-\nactions")
+    for name in ("vehicle\nreward", "", "pedestrian\nreward", "", "critics:\nvehicle", "loss of\npedestrian", ""):
+        learned.add_column(name, justify="right", no_wrap=True)
+    errors = _table("on held-out clips: ADE, FDE in metres", "interactions")
+    for name in ("recon-\nstr. ADE", "\nFDE", "closed\nloop ADE", "\nFDE", "vehicle\nreward", "pedestrian\nreward"):
+        errors.add_column(_text(name), justify="right")
+    for row in table.iter_rows(named=True):
+        paper = TABLE_3.get(_size(row))
+        if row.get("vehicle_reward") is not None:
+            published = [_text(f"[{value:.3g}]") for value in paper] if paper else [""] * 3
+            rewards = [f"{row[f'{agent}_reward']:.1f}" for agent in AGENTS]
+            losses = [f"{row[f'{agent}_critic_loss']:.3g}" for agent in AGENTS]
+            learned.add_row(
+                row["interactions"], rewards[0], published[0], rewards[1], published[1], *losses, published[2]
+            )
+        names = [f"{protocol}_{error}" for protocol in ("reconstruction", "closed_loop") for error in ("ade", "fde")]
+        cells = [_number(row.get(name), ".4f" if name.startswith("r") else ".3f") for name in names]
+        errors.add_row(row["interactions"], *cells, *(_number(row.get(f"{a}_held_out_reward"), ".1f") for a in AGENTS))
+    console.print(learned, errors)
+    console.print(
+        "Rewards and losses depend on the data, so the paper's show a trend only. Rewards in training are measured "
+        "against the subset's own deviations, those on held-out clips against the whole table's. '-': all clips are "
+        "needed to learn from, so none is held out. repeat_velocity is the control.",
+        highlight=False,
+    )
+
+
+def print_table_5(table: pl.DataFrame, console: Console) -> None:
+    """Print what `reward_weight_study` returned, in 80 columns; the paper's values in brackets."""
+    count = int(table["critical_episodes"].max() or 0)  # type: ignore[arg-type]
+    rates = _table("fresh episodes, no exploration: share of the critical ones in % [paper's]", "weights")
+    for name in ("collisions\n(95%)", "", "goals\n(95%)", "", "n", "CurvTTC\n[s]"):
+        rates.add_column(_text(name), justify="right", no_wrap=True)
+    errors = _table("held-out clips: ADE, FDE in metres [paper's, on its own data]", "weights")
+    heads = ("recon-\nstruct.\nADE", "\n\nFDE", "", "", "closed\nloop\nADE", "\n\nFDE", "final w\nin %")
+    for name in heads:
+        errors.add_column(_text(name), justify="right", no_wrap=True)
+    for row in table.iter_rows(named=True):
+        paper = TABLE_5.get(row["weights"])
+        cells = []
+        for name in ("collision", "goal"):
+            low, rate, high = (100.0 * row[f"{name}_{part}"] for part in ("low", "rate", "high"))
+            published = f"[{100.0 * getattr(paper, f'{name}_rate'):.1f}]" if paper else ""
+            cells += [f"{rate:.1f} ({low:.0f}-{high:.0f})", _text(published)]
+        rates.add_row(
+            row["weights"], *cells, f"{row['critical_episodes']:.0f}", _number(row["least_curvttc_50"], ".2f")
+        )
+        own = [f"{row[f'reconstruction_{e}']:.4f}" for e in ("ade", "fde")]
+        published_errors = [_text(f"[{value:.3f}]") for value in (paper.ade, paper.fde)] if paper else ["", ""]
+        loop = [f"{row[f'closed_loop_{e}']:.3f}" for e in ("ade", "fde")]
+        learned = [row.get(f"w_{name}") for name in ("collision", "goal", "speed")]
+        weights = " ".join("-" if value is None else f"{100.0 * value:.0f}" for value in learned)
+        errors.add_row(row["weights"], *own, *published_errors, *loop, weights)
+    console.print(rates, errors)
+    console.print(
+        "Controls: pretrained is what all start from; constant_velocity accelerates nobody. "
+        "CurvTTC: median of the episodes' least. w: collision, goal, speed. The intervals are "
+        f"those of {count} episodes after one training each: the luck of a training's seed is not in them.",
+        highlight=False,
+    )
+
+
+def print_table_9(result: dict[str, Any], console: Console) -> None:
+    """Print what `model_comparison.compare_models` returned, in 80 columns; the paper's values in brackets."""
+    extent = f"{result['interactions']} interactions of {result['clips']} clips, each held out once; metres"
+    once = _table(f"reconstruction, {extent}", "model")
+    loop = _table("closed loop", "model")
+    for view, beside in ((once, "paper's\n[ADE]"), (loop, "FDE")):
+        view.show_edge = False
+        for name in ("ADE", beside, "its share of\nthe control's", "of ma_sst's"):
+            view.add_column(_text(name), justify="right", no_wrap=True)
+    for name, errors in result["models"].items():
+        if name == "constant_velocity":
+            continue  # in closed loop the same as repeat_velocity, in reconstruction as the tracked one
+        paper = TABLE_9.get(name)
+        published = _text(f"[{paper.ade:.3f}]") if paper else ""
+        fde = f"{errors['closed_loop']['fde']:.3f}"
+        for view, of, beside in ((once, errors["reconstruction"], published), (loop, errors["closed_loop"], fde)):
+            shares = [_share(of["ade_ratio"], of["ade_ratio_interval"])]
+            shares.append(_share(*of["share_of_ma_sst"]) if "share_of_ma_sst" in of else "")
+            view.add_row(name, f"{of['ade']:.{4 if view is once else 3}f}", beside, *shares)
+    console.print(once, "", loop)
+    console.print(
+        "ma_: both agents learn on their own predictions; the others learn the next velocity alone. The control is "
+        "repeat_velocity; constant_velocity_tracked starts its closed loop as the models do. Intervals: 95%, clips "
+        "resampled, one training a fold. The paper's ADE is of its own data.",
+        highlight=False,
+    )
+
+
+def _share(value: float, interval: list[float]) -> str:
+    digits = 2 if value < 10.0 else 1
+    return f"{value:.{digits}f} ({interval[0]:.{digits}f}-{interval[1]:.{digits}f})"
+
+
+def save_table_9(result: dict[str, Any], path: Path) -> None:
+    """Draw both protocols' errors, as shares of the control's with 95% intervals, by model, as a PNG."""
+    figure, axes = _figure(2)
+    for axis, protocol, colour in zip(axes, ("reconstruction", "closed_loop"), (GREEN, ORANGE), strict=True):
+        left_out = {"constant_velocity"} | ({"constant_velocity_tracked"} if protocol == "reconstruction" else set())
+        rows = [(name, errors[protocol]) for name, errors in result["models"].items() if name not in left_out][::-1]
+        places, share = list(range(len(rows))), [of["ade_ratio"] for _, of in rows]
+        ends = list(zip(*(of["ade_ratio_interval"] for _, of in rows), strict=True))
+        spread = [[abs(end - s) for end, s in zip(side, share, strict=True)] for side in ends]
+        axis.barh(places, share, xerr=spread, color=colour, alpha=0.75, ecolor="#404040", capsize=2)
+        axis.axvline(1.0, color=PAPER, linestyle="--")
+        axis.set_xlim(left=0.0)
+        axis.set_yticks(places, [name for name, _ in rows])
+        axis.set_xlabel("ADE as a share of repeat_velocity's; 95%", fontsize=9)
+        _finish(axis, protocol.replace("_", " "), "")
+    _save(figure, path)
+
+
+def save_table_3(table: pl.DataFrame, path: Path) -> None:
+    """Draw rewards, critic losses and held-out errors over the number of interactions, as a PNG."""
+    figure, (rewards, losses, errors) = _figure(3)
+    rows = [row for row in table.iter_rows(named=True) if row.get("vehicle_reward") is not None]
+    sizes = [_size(row) for row in rows]
+    for agent in AGENTS:
+        look: Row = {"color": _COLOURS[agent], "marker": "o", "markersize": 4}
+        held_out = [row.get(f"{agent}_held_out_reward") for row in rows]
+        rewards.plot(sizes, [row[f"{agent}_reward"] for row in rows], label=f"{agent}, in training", **look)
+        if any(value is not None for value in held_out):
+            rewards.plot(sizes, _gaps(held_out), linestyle=":", label=f"{agent}, held-out clips", **look)
+        losses.plot(sizes, [row[f"{agent}_critic_loss"] for row in rows], label=f"{agent}'s critic", **look)
+    losses.plot(list(TABLE_3), [p.critic_loss for p in TABLE_3.values()], color=PAPER, linestyle="--", label="paper's")
+    losses.set_yscale("log")
+    for agent, column in zip(AGENTS, ("vehicle_reward", "pedestrian_reward"), strict=True):
+        paper = [getattr(row, column) for row in TABLE_3.values()]
+        line: Row = {"linestyle": "--", "linewidth": 0.9, "color": _COLOURS[agent], "alpha": 0.6}
+        rewards.plot(list(TABLE_3), paper, label=f"{agent}, paper's", **line)
+    control = table.row(-1, named=True)
+    for protocol, colour in (("closed_loop", ORANGE), ("reconstruction", GREEN)):
+        values = [row.get(f"{protocol}_ade") for row in rows]
+        if any(value is not None for value in values):
+            of = control[f"{protocol}_ade"]
+            label = f"{protocol.replace('_', ' ')}, of {of:.3g} m"
+            errors.plot(sizes, [v / of for v in _gaps(values)], color=colour, marker="o", markersize=4, label=label)
+    errors.axhline(1.0, color=PAPER, linestyle="--", label="last velocity repeated")
+    errors.set_ylim(bottom=0.0)
+    _finish(rewards, "reward of an interaction", "reward")
+    _finish(losses, "critic loss", "loss")
+    _finish(errors, "ADE on held-out clips", "share of the control's")
+    for axis in (rewards, losses, errors):
+        axis.set_xlabel("interactions learned from", fontsize=9)
+    _save(figure, path)
+
+
+def save_table_5(table: pl.DataFrame, path: Path) -> None:
+    """Draw rates with their intervals and held-out errors by weighting, with the paper's values, as a PNG."""
+    figure, (collisions, goals, errors) = _figure(3)
+    rows = list(table.iter_rows(named=True))[::-1]
+    places = list(range(len(rows)))
+    for axis, name, colour in ((collisions, "collision", ORANGE), (goals, "goal", GREEN)):
+        rate, low, high = ([100.0 * row[f"{name}_{part}"] for row in rows] for part in ("rate", "low", "high"))
+        spread = [[r - a for r, a in zip(rate, low, strict=True)], [b - r for r, b in zip(rate, high, strict=True)]]
+        axis.barh(places, rate, xerr=spread, color=colour, alpha=0.75, ecolor="#404040", capsize=2, label="here")
+        known = [(i, TABLE_5[row["weights"]]) for i, row in enumerate(rows) if row["weights"] in TABLE_5]
+        paper = [100.0 * getattr(published, f"{name}_rate") for _, published in known]
+        axis.plot(paper, [i for i, _ in known], "D", color="black", markersize=5, label="paper's")
+        axis.set_xlim(0.0, 100.0)
+        axis.set_xlabel("share of critical episodes [%], 95% interval", fontsize=9)
+    for shift, protocol, colour in ((0.2, "closed_loop", ORANGE), (-0.2, "reconstruction", GREEN)):
+        values = [row[f"{protocol}_ade"] / rows[0][f"{protocol}_ade"] for row in rows]
+        errors.barh([i + shift for i in places], values, 0.38, color=colour, label=protocol.replace("_", " "))
+    errors.set_xlabel("share of the control's", fontsize=9)
+    errors.set_xlim(0.0, 1.5 * errors.get_xlim()[1])  # the legend's place
+    for axis, title in ((collisions, "collisions"), (goals, "goals"), (errors, "ADE on held-out clips")):
+        axis.set_yticks(places, [row["weights"] for row in rows])
+        _finish(axis, title, "")
+    _save(figure, path)
+
+
+def _size(row: Row) -> int:
+    return int(row["interactions"]) if row["interactions"].isdigit() else 0
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else f"{value:{form}}"
+
+
+def _gaps(values: list[float | None]) -> list[float]:
+    return [float("nan") if value is None else value for value in values]
+
+
+def _text(text: str) -> str:
+    """Return `text` so that rich takes no bracket in it for a style."""
+    return text.replace("[", r"\[")
+
+
+def _table(title: str, first: str) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, title=_text(title), title_justify="left", padding=(0, 1, 0, 0))
+    table.add_column(first, no_wrap=True)
+    return table
+
+
+def _figure(columns: int) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(4.6 * columns, 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, list(figure.subplots(1, columns))
+
+
+def _finish(axis: Axes, title: str, beside: str) -> None:
+    axis.set_title(title, fontsize=10)
+    axis.set_ylabel(beside, fontsize=9)
+    axis.tick_params(labelsize=8)
+    axis.grid(color="#e4e4e4", linewidth=0.7)
+    axis.set_axisbelow(True)
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(fontsize=7, frameon=False)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    with written_whole(path) as part:
+        figure.savefig(part, format="png", dpi=110)

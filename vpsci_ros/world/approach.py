@@ -1,0 +1,69 @@
+"""How the drawn people of an episode drive and walk where the rule-based pair does: towards the meeting, and on.
+
+Until the meeting a driver has its speed by the clock, as a walker has, slowing for the bend; beyond, it drives on a
+little faster. Neither reacts to the other, but for the fixed distance at which the autopilot brakes.
+"""
+
+import math
+
+from vpsci_ros.world import people
+from vpsci_ros.world.autopilot import SPEED_TIME, look_ahead
+from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.people import car_speed, limited, sway, walking_pace
+
+BRAKING = 2.5  # [m/s2] of a driver that nothing threatens
+FIRMEST = 8.0  # [m/s2]
+ROOM = 1.0  # [m] at which a car stops before somebody
+
+
+@kernel
+def line_offset(episode, row, s):  # type: ignore[no-untyped-def]
+    """Return how far to the left of its route [m] a walker walks at arc length `s` [m]."""
+    oblique = episode.walk_slope * min(people.STRAIGHTENS, max(-people.OBLIQUE_FROM, s - row.conflict))
+    return episode.pedestrian_offset + oblique + sway(episode.walk_sine, episode.walk_cosine, people.WALK_WAVE, s)
+
+
+@kernel
+def bend_speed(episode, row, tables, s):  # type: ignore[no-untyped-def]
+    """Return the speed [m/s] at which this driver takes the lane at arc length `s` [m], or brakes into its bend."""
+    sample = min(max(int(s / row.lane_step), 0), row.lane_count - 1)
+    return math.sqrt(episode.lateral_comfort) * tables.turning_speed[episode.table, sample]
+
+
+@kernel
+def walker_speed(episode, time):  # type: ignore[no-untyped-def]
+    """Return the speed [m/s] at which this walker walks, `time` [s] after the spawn."""
+    moving = time - episode.start_delay if episode.start_delay > 0.0 else math.inf
+    return walking_pace(episode.walking_speed, episode.walking_acceleration, episode.walking_phase, time, moving)
+
+
+@kernel
+def lane_sway(episode):  # type: ignore[no-untyped-def]
+    """Return how far to the left of the lane's centre [m] the place lies that this driver steers to."""
+    ahead = look_ahead(episode.route_s, episode.vehicle_speed)
+    return sway(episode.lane_sine, episode.lane_cosine, people.CAR_WAVE, ahead)
+
+
+@kernel
+def drivers_acceleration(episode, row, tables, gap, period):  # type: ignore[no-untyped-def]
+    """Return the acceleration along the heading [m/s2] of a driver with somebody `gap` [m] before its front."""
+    speed = episode.vehicle_speed
+    cruise = episode.cruise_throttle * row.full_throttle_speed
+    if episode.route_s < episode.meeting_s:
+        wanted = car_speed(cruise, episode.approach_acceleration, episode.approach_phase, episode.frame * period)
+    else:
+        wanted = min(people.GREATEST_CAR, cruise + people.DRIVE_ON)
+    wanted = min(wanted, bend_speed(episode, row, tables, episode.route_s))
+    along = min(people.DRIVE_ON_ACCELERATION, max(-BRAKING, (wanted - speed) / SPEED_TIME))
+    if gap < math.inf:
+        along = -min(FIRMEST, max(people.DRIVE_ON_ACCELERATION, 0.5 * speed * speed / max(0.2, gap - ROOM)))
+    return limited(along, episode.vehicle_acceleration, period)
+
+
+@kernel
+def step_towards(episode, ax, ay, period):  # type: ignore[no-untyped-def]
+    """Return the walker's acceleration (ax, ay) [m/s2] that is nearest to this one within `people.JERK`."""
+    dx, dy = ax - episode.pedestrian_ax, ay - episode.pedestrian_ay
+    change, most = math.sqrt(dx * dx + dy * dy), people.JERK * period
+    share = 1.0 if change <= most else most / change
+    return episode.pedestrian_ax + share * dx, episode.pedestrian_ay + share * dy

@@ -1,0 +1,193 @@
+"""Lock-step: the answers that came to the present tick, and whether the world may move on to the next one."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import parameter
+from vpsci_ros.world.config import WorldConfig
+from vpsci_ros.world.events import NO_EVENTS
+from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.safe_stop import ExternalDriver
+from vpsci_ros.world.state import RUNNING
+from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Floats, Tick
+
+T = TypeVar("T")
+SAFETY = "safety"  # the monitor among those who answer
+
+
+@dataclass(frozen=True)
+class LockStepConfig:
+    """How the world simulator keeps step with its peers."""
+
+    action_timeout: float = parameter(
+        2.0,
+        "without an answer for so long, the rule-based driver acts for the tick",
+        unit="s",
+        low=0.01,
+        high=3600.0,
+        read_only=False,
+    )
+    real_time_factor: float = parameter(
+        0.0, "simulated over wall time; 0: as fast as possible", low=0.0, high=1000.0, read_only=False
+    )
+    recorded_bag: str = parameter("", "bag whose agents the replay drivers drive again: same scenarios and numbers")
+    publish_transitions: bool = parameter(False, "publish /replay for a learner")
+    replay_window: int = parameter(
+        4096,
+        "wait when the learner is so many transitions behind; 0: never wait",
+        low=0,
+        high=10_000_000,
+        read_only=False,
+    )
+
+
+class LockStep:
+    """Gathers the answers to a tick; answers to other ticks are passed over, and bad ones count as missing.
+
+    The world moves on when everybody has answered, or has been waited for in vain (`action_timeout`); not while it is
+    paused, unless a step was asked for; not before the wall clock says so, where it sets the pace; and not while the
+    learner is too far behind. `now` is a time of the wall clock [s], from whatever beginning.
+
+    :param counts: where refused answers and late ticks are counted.
+    :param external: who drives the vehicle where no driver of the world does.
+    :ivar policies: agents that policies drive.
+    :ivar tick: the present one.
+    :ivar assessment, actions: what monitor and agents have answered to it.
+    :ivar versions: agent -> version of the policy that answered.
+    :ivar unread: transitions that the learner has not taken in yet.
+    """
+
+    def __init__(
+        self,
+        config: LockStepConfig,
+        world: WorldConfig,
+        counts: Counter[str],
+        external: ExternalDriver | None = None,
+    ) -> None:
+        self.config = config
+        self.external = external
+        self.policies = [agent for agent in AGENTS if getattr(world, f"{agent}_driver") == "policy"]
+        self.walkers = ["pedestrian"] if world.pedestrian_driver == "external" else []
+        self._counts = counts
+        self.tick: Tick | None = None
+        self.assessment: Assessment | None = None
+        self.actions = NO_ACTIONS
+        self.versions: dict[str, int] = {}
+        self.unread = 0
+        self.paused = False
+        self._running = False  # some episode is
+        self._wanted: set[str] = set()
+        self._answered: set[str] = set()
+        self._over = False
+        self._step = False  # one is to be taken while paused
+        self._paced = False
+        self._due = True  # false: by the wall clock, the next tick is still to come
+        self._since = 0.0  # [s] when the tick began
+
+    # ---- a tick and its answers
+
+    def begin(self, tick: Tick, now: float) -> None:
+        """Forget the last tick's answers and take those to `tick`."""
+        self.tick, self._since = tick, now
+        self.assessment, self.actions = None, NO_ACTIONS
+        self._running = bool((tick.state["status"] == RUNNING).any())
+        policies = self.policies if tick.policy_frame.any() else []
+        self._wanted = {SAFETY, *policies, *(self.walkers if self._running else ())}
+        self._answered.clear()
+        self.versions.clear()
+        self._step, self._due = False, not self._paced
+        if self.external:
+            self.external.begin(tick, running=self._running)
+
+    def end(self) -> None:
+        """Take no more answers: the last tick has been."""
+        self._over = True
+
+    @property
+    def running(self) -> bool:
+        """Whether there is a tick to be answered."""
+        return self.tick is not None and not self._over
+
+    def take_assessment(self, number: int, read: Callable[[Tick], Assessment]) -> None:
+        """Take the monitor's answer to the tick of this number.
+
+        :raises InvalidInput: `read` does, and the answer is refused.
+        """
+        assessment = self._read(SAFETY, number, read)
+        if assessment is not None:
+            self.assessment = assessment
+
+    def take_action(self, number: int, agent: str, version: int, read: Callable[[Tick], Floats]) -> None:
+        """Take an agent's answer, accelerations float64[B, 2] [m/s2], to the tick of this number.
+
+        :raises InvalidInput: `read` does, or they are not finite, and the answer is refused.
+        """
+        actions = self._read(agent, number, lambda tick: replace(self.actions, **{agent: read(tick)}))
+        if actions is not None:
+            self.actions, self.versions[agent] = actions, version
+
+    def answers(self) -> tuple[Assessment, Actions, NDArray[np.void]]:
+        """Return the answers to the present tick as they are now, and the events of the external driver, EVENT[n]."""
+        assert self.tick is not None, "answers() before begin()"
+        assessment = self.tick.unassessed() if self.assessment is None else self.assessment
+        if self.external is None:
+            return assessment, self.actions, NO_EVENTS
+        command, events = self.external.drive(self.tick.state)
+        return assessment, replace(command, pedestrian=self.actions.pedestrian), events
+
+    def _read(self, sender: str, number: int, read: Callable[[Tick], T]) -> T | None:
+        if self.tick is None or self.tick.number != number or self._over:
+            return None
+        self._answered.add(sender)
+        try:
+            return read(self.tick)
+        except InvalidInput:
+            self._counts[f"{sender}_answers_refused"] += 1
+            raise
+
+    # ---- may it go on?
+
+    def may_advance(self, now: float | None = None) -> bool:
+        """Return whether the world may move on; without `now` it waits on for those who have not answered."""
+        if not self.running or not self._due or (self.paused and not self._step) or self.behind:
+            return False
+        overdue = now is not None and now - self._since > self.config.action_timeout
+        return overdue or self.complete
+
+    @property
+    def complete(self) -> bool:
+        """Whether everybody has answered."""
+        if self.external and self._running and not self.external.answered:
+            return False
+        return self._wanted <= self._answered
+
+    @property
+    def behind(self) -> bool:
+        """Whether the learner has to catch up first."""
+        return 0 < self.config.replay_window <= self.unread
+
+    def pause(self, paused: bool, now: float) -> None:
+        """Stand still, or go on; nobody is late for having been paused."""
+        self.paused, self._step, self._since = paused, False, now
+
+    def step(self, now: float) -> bool:
+        """Go on by one tick while paused; return whether that is possible."""
+        if self.paused and self.running:
+            self._step, self._due, self._since = True, True, now
+        return self._step
+
+    def pace(self, paced: bool) -> None:
+        """Go on only at each `beat`, or as soon as may be."""
+        self._paced, self._due = paced, True
+
+    def beat(self) -> None:
+        """Take note that by the wall clock the next tick is due."""
+        if self.running and not self.paused:
+            self._counts["late_ticks"] += self._due  # the last one is not over yet
+            self._due = True

@@ -1,0 +1,90 @@
+"""The loop over ticks: the world shows one, monitor and agents answer, and the world moves on to the next one.
+
+It has two drivers. In process the loop asks monitor and agents itself (`step`, or iteration over all ticks); in the
+graph the world's node hands in the answers that came as messages (`advance`).
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.state import RUNNING
+from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Step, Tick
+from vpsci_ros.world.world import World
+
+
+class Agent(Protocol):
+    """Whoever acts for the vehicle or the pedestrian, as `vpsci_ros.policy.agent.PolicyAgent` does."""
+
+    def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.floating[Any]]:
+        """Return accelerations [m/s2], float[B, 2], (longitudinal, lateral); they count where `assessment.acting`."""
+
+
+class Loop:
+    """A world and those who answer it.
+
+    :param monitor: None: the defaults.
+    :param agents: by "vehicle" and "pedestrian"; asked at policy frames.
+    :param always_critical: every running episode counts as critical, so that policy drivers act from its first frame.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        monitor: MonitorConfig | None = None,
+        agents: Mapping[str, Agent] | None = None,
+        *,
+        always_critical: bool = False,
+    ) -> None:
+        self.world = world
+        self.agents = agents or {}
+        self._monitor = monitor or MonitorConfig()
+        self._always_critical = always_critical
+        self._assessed: tuple[Tick, Assessment] | None = None
+
+    def __iter__(self) -> Iterator[Step]:
+        """Run the world until its queue of episodes is done, yielding every tick."""
+        while not self.world.done:
+            yield self.step()
+
+    @property
+    def assessment(self) -> Assessment:
+        """What the monitor says of the present tick."""
+        tick = self.world.now
+        if self._assessed is None or self._assessed[0] is not tick:
+            curvttc, distance, critical = assess(tick.state, self._monitor)
+            if self._always_critical:
+                critical = tick.state["status"] == RUNNING
+            self._assessed = tick, tick.assessed(curvttc, distance, critical)
+        return self._assessed[1]
+
+    def actions(self, given: Actions = NO_ACTIONS) -> Actions:
+        """Return what the agents do at the present tick, beside what is `given` for the others."""
+        tick = self.world.now
+        if not self.agents or not tick.policy_frame.any():
+            return given
+        acted = {name: agent.act(tick, self.assessment) for name, agent in self.agents.items()}
+        return replace(given, **{name: action.astype(np.float64) for name, action in acted.items()})
+
+    def step(self, given: Actions = NO_ACTIONS) -> Step:
+        """Ask monitor and agents, and move on by one tick."""
+        return self.advance(self.assessment, self.actions(given))
+
+    def advance(self, assessment: Assessment, actions: Actions) -> Step:
+        """Move on with these answers to the present tick, see `World.advance`; the tick returned is a copy."""
+        tick = self.world.now
+        state = tick.state.view(np.uint8).copy().view(tick.state.dtype)  # whole, sixty times as fast as by fields
+        events = self.world.advance(assessment, actions)
+        return Step(tick=tick._replace(state=state), assessment=assessment, actions=actions, events=events)
+
+    def restart(self, make_world: Callable[[int], World]) -> None:
+        """Go on with another world from the next policy tick on, so that nobody sees time run backwards.
+
+        :param make_world: makes it from the number of its first tick.
+        """
+        every = self.world.config.policy_ticks
+        self.world = make_world((self.world.now.number // every + 1) * every)

@@ -1,0 +1,77 @@
+"""How people come to a meeting: speeds, accelerations and lines of drivers and walkers, as recorded at onsets.
+
+Quantile tables hold what was measured at the onset, the first step of 0.1 s with CurvTTC below 5 s, in 158 near misses
+of 31 clips of VCI-DUT and VCI-CITR (Yang et al., IV 2019, arXiv 1902.00487) whose car moves and which do not begin
+critical. They are inverted at a uniform number, so that a draw has the recorded distribution without a formula for it.
+`python test/benchmarks/onsets.py` fits them again and compares; docs/world.md has n, intervals and sources.
+"""
+
+import math
+
+import numpy as np
+
+from vpsci_ros.world.compiled import kernel
+
+SHARES = np.array([0.0, 0.05, 0.10, 0.25, 0.50, 0.75, 0.90, 0.95, 1.0])  # of the people, for the tables below
+CAR_SPEED = np.array([0.42, 0.69, 0.87, 1.39, 1.92, 2.68, 4.41, 5.16, 5.60])  # [m/s]
+CAR_ACCELERATION = np.array([-0.82, -0.42, -0.28, -0.05, 0.01, 0.12, 0.28, 0.49, 0.92])  # [m/s2] of the second before
+WALKING_SPEED = np.array([0.60, 0.89, 0.96, 1.10, 1.23, 1.34, 1.43, 1.54, 1.80])  # [m/s]
+WALKING_ACCELERATION = np.array([-0.69, -0.44, -0.24, -0.09, -0.02, 0.05, 0.21, 0.46, 0.80])  # [m/s2] likewise
+# [rad] of a walker's line, from straight across and along with the car
+OBLIQUE = np.radians([-30.0, -16.0, -12.0, -5.0, 2.0, 11.0, 27.0, 30.0, 30.0])
+BESIDE = np.array([0.0, 0.12, 0.20, 0.50, 0.82, 0.98, 1.10, 1.20, 1.40])  # their miss: 1, they graze
+
+CAR_PERIOD, WALK_PERIOD = 8.0, 4.0  # [s] in which a car's and a walker's speed goes up and down
+LEAST_CAR, GREATEST_CAR = 0.4, 5.6  # [m/s]
+LEAST_WALK, GREATEST_WALK = 0.4, 1.9  # [m/s]
+OBLIQUE_FROM, STRAIGHTENS = 12.0, 3.0  # [m] before and beyond the crossing, between which a line is oblique
+START_ACCELERATION = 0.9  # [m/s2] of somebody who sets off from the kerb
+LATERAL_COMFORT, LATERAL_SPREAD = 1.9, 0.35  # [m/s2] mean and standard deviation sideways in the bend
+TURNING_DECELERATION = 0.6  # into the bend, as a share of what a driver accepts sideways
+DRIVE_ON_ACCELERATION = 0.8  # [m/s2] beyond the crossing
+DRIVE_ON = 2.0  # [m/s] faster than at the onset
+CAR_WAVE, CAR_WANDER = 20.0, 0.09  # [m] wavelength and size (each of sine and cosine) of a car's sway in its lane
+WALK_WAVE, WALK_WANDER = 8.0, 0.20  # [m] likewise of a walker's
+STRIDE_ACCELERATION = 1.0  # [m/s2] of a walker that nothing threatens
+JERK = 10.0  # [m/s3] with which an agent's acceleration can change
+
+
+@kernel
+def quantile(values, share: float) -> float:  # type: ignore[no-untyped-def]
+    """Return the value that `share` of the people stay below, by a table of `SHARES`."""
+    i = 0
+    while i < SHARES.size - 2 and share >= SHARES[i + 1]:
+        i += 1
+    return values[i] + (share - SHARES[i]) / (SHARES[i + 1] - SHARES[i]) * (values[i + 1] - values[i])
+
+
+@kernel
+def wavering(speed: float, acceleration: float, phase: float, period: float, time: float) -> float:
+    """Return the speed [m/s] at a `time` [s] of somebody who keeps `speed` within an `acceleration` [m/s2]."""
+    return speed + acceleration * period / (2.0 * math.pi) * math.sin(2.0 * math.pi * (time / period + phase))
+
+
+@kernel
+def car_speed(speed: float, acceleration: float, phase: float, time: float) -> float:
+    """Return the speed [m/s] at which a driver approaches."""
+    return min(GREATEST_CAR, max(LEAST_CAR, wavering(speed, acceleration, phase, CAR_PERIOD, time)))
+
+
+@kernel
+def walking_pace(speed: float, acceleration: float, phase: float, time: float, moving: float) -> float:
+    """Return the speed [m/s] of a walker who has been `moving` for so long [s] since waiting at the kerb."""
+    pace = min(GREATEST_WALK, max(LEAST_WALK, wavering(speed, acceleration, phase, WALK_PERIOD, time)))
+    return min(pace, START_ACCELERATION * max(0.0, moving))
+
+
+@kernel
+def sway(sine: float, cosine: float, wave: float, s: float) -> float:
+    """Return how far to the left [m] somebody is of their line at arc length `s` [m]."""
+    angle = 2.0 * math.pi * s / wave
+    return sine * math.sin(angle) + cosine * math.cos(angle)
+
+
+@kernel
+def limited(wanted: float, before: float, period: float) -> float:
+    """Return an acceleration [m/s2] near the wanted one that is reached from the one `before` within `JERK`."""
+    return min(before + JERK * period, max(before - JERK * period, wanted))

@@ -1,0 +1,168 @@
+"""An external driving system at the wheel: its commands checked and held; a safe stop where it falls silent."""
+
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import parameter
+from vpsci_ros.world.events import NO_EVENTS
+from vpsci_ros.world.state import EPISODE, EVENT, RUNNING, SAFE_STOP
+from vpsci_ros.world.tick import NO_ACTIONS, Actions, Tick
+
+LARGEST_ACCELERATION = 50.0  # [m/s2] beyond any vehicle's: a sign of wrong units
+
+
+@dataclass(frozen=True)
+class ExternalConfig:
+    """How an external driving system drives the vehicle (`vehicle_driver: external`)."""
+
+    external_mode: str = parameter(
+        "lock_step",
+        "lock_step: wait for a command at every tick, action_timeout at most; real_time: go on at real_time_factor "
+        "(1 where that is 0), the last command holds",
+        choices=("lock_step", "real_time"),
+    )
+    command_silence: float = parameter(
+        0.5,
+        "real time: without a command for so long, in simulated time, the vehicle brakes until commands come again",
+        unit="s",
+        low=0.05,
+        high=60.0,
+        read_only=False,
+    )
+    safe_stop_deceleration: float = parameter(
+        5.0, "real time: a safe stop brakes so firmly at last", unit="m/s2", low=0.5, high=8.88, read_only=False
+    )
+    safe_stop_jerk: float = parameter(
+        5.0, "real time: and gets there at this rate, from nothing", unit="m/s3", low=0.5, high=1000.0, read_only=False
+    )
+
+
+class ExternalDriver:
+    """The command for the present tick of one episode.
+
+    In lock-step the command has to answer the present tick, and the world waits for it. In real time the last good
+    command holds; when it is older than `command_silence`, the vehicle brakes, more and more firmly, until commands
+    come again.
+
+    A command is refused and counted when it is not finite, out of range, for a tick that has not been, or too old:
+    stamped before the present tick (lock-step), or longer than `command_silence` ago or before the last one (real
+    time). A stamp of zero means the present. Stamps are nanoseconds of simulated time.
+
+    :param period: of a tick [s].
+    :param counts: where commands and safe stops are counted.
+    :ivar present: tells whether anybody offers commands.
+    """
+
+    def __init__(self, config: ExternalConfig, period: float, counts: Counter[str]) -> None:
+        self.config = config
+        self.present: Callable[[], bool] = lambda: True
+        self._counts = counts
+        self._tick_time = round(period * 1e9)  # [ns]
+        self._now = 0  # [ns] of the present tick
+        self._stamp = 0  # [ns] of the latest command, where it is simulated time
+        self._commanded: int | None = None  # [ns] when the latest command came
+        self._command = NO_ACTIONS
+        self._idle_ticks: deque[int] = deque(maxlen=8)  # [ns], the last ticks without an episode
+        self._fresh = False
+        self._given_up = False
+        self._stopping = False
+
+    @property
+    def real_time(self) -> bool:
+        """Whether the world goes on at its own pace."""
+        return self.config.external_mode == "real_time"
+
+    @property
+    def answered(self) -> bool:
+        """Whether the world need not wait at this tick; having waited in vain, it waits for nobody who is not there."""
+        return self.real_time or self._fresh or (self._given_up and not self.present())
+
+    def begin(self, tick: Tick, *, running: bool = True) -> None:
+        """Begin a tick; in lock-step, the last one's command is forgotten.
+
+        :param running: whether an episode runs; an answer to a tick without one is neither used nor counted.
+        """
+        self._now = tick.number * self._tick_time
+        if not running:
+            self._idle_ticks.append(self._now)
+        if not self.real_time:
+            self._given_up = not self._fresh and running
+            self._command = NO_ACTIONS
+        elif self._commanded is None:
+            self._commanded, self._command = self._now, Actions(np.zeros((1, 2)))  # rolls until it hears otherwise
+        self._fresh = False
+
+    def drive(self, state: NDArray[np.void]) -> tuple[Actions, NDArray[np.void]]:
+        """Return the command to execute at the present tick, and the events to tell of, EVENT[n].
+
+        :param state: EPISODE[1].
+        """
+        if not self.real_time or self._commanded is None or state["status"][0] != RUNNING:
+            return self._command, NO_EVENTS
+        silence = (self._now - self._commanded) / 1e9 - self.config.command_silence
+        if silence <= 0.0:
+            self._stopping = False
+            return self._command, NO_EVENTS
+        self._counts["safe_stop_ticks"] += 1
+        braking = min(self.config.safe_stop_deceleration, self.config.safe_stop_jerk * silence)
+        begins = not self._stopping or state["frame"][0] == 0
+        self._stopping = True
+        return Actions(np.array([[-braking, 0.0]])), self._safe_stop(state) if begins else NO_EVENTS
+
+    def accelerate(self, values: Sequence[float], stamp: int = 0) -> None:
+        """Take a command (longitudinal, lateral) [m/s2].
+
+        :raises InvalidInput: it is refused, see above.
+        """
+        command = self._checked("vehicle", values, [-LARGEST_ACCELERATION] * 2, [LARGEST_ACCELERATION] * 2)
+        self._take(command, values, stamp)
+
+    def control(self, values: Sequence[float], stamp: int = 0, tick: int = 0) -> None:
+        """Take a command (steer, throttle, brake); `tick`, where it is not 0, says what it answers, not the stamp.
+
+        :raises InvalidInput: it is refused, see above.
+        """
+        command = self._checked("vehicle_control", values, [-1.0, 0.0, 0.0], [1.0, 1.0, 1.0])
+        answered = tick * self._tick_time
+        self._take(command, values, answered or stamp, early=answered > self._now)
+
+    def _checked(self, name: str, values: Sequence[float], low: list[float], high: list[float]) -> Actions | None:
+        row = np.array([values])
+        inside = (row >= low) & (row <= high)
+        return replace(NO_ACTIONS, **{name: row}) if inside.all() else None
+
+    def _take(self, command: Actions | None, values: Sequence[float], stamp: int, *, early: bool = False) -> None:
+        if stamp in self._idle_ticks:
+            return
+        oldest = self._now
+        if self.real_time:
+            oldest = max(self._stamp, self._now - round(self.config.command_silence * 1e9))
+        if early:
+            self._refuse(values, "it answers a tick that has not been")
+        if 0 < stamp < oldest:
+            self._refuse(values, "it answers an earlier tick")
+        if command is None:
+            self._refuse(values, "out of range or not finite")
+        else:
+            self._counts["vehicle_commands"] += 1
+            self._counts["vehicle_commands_surplus"] += self._fresh  # a second one at this tick
+            self._command, self._commanded = command, self._now
+            self._stamp = stamp if stamp <= self._now else 0  # a clock of its own says nothing of ticks
+            self._fresh, self._given_up = True, False
+
+    def _refuse(self, values: Sequence[float], reason: str) -> None:
+        self._counts["vehicle_commands_refused"] += 1
+        raise InvalidInput(f"{list(values)} at tick {self._now // self._tick_time}: {reason}")
+
+    def _safe_stop(self, state: NDArray[np.void]) -> NDArray[np.void]:
+        self._counts["safe_stops"] += 1
+        event = np.zeros(1, EVENT)
+        for name in set(EVENT.names or ()) & set(EPISODE.names or ()):
+            event[name] = state[name]
+        event["kind"] = SAFE_STOP
+        return event

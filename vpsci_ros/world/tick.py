@@ -1,0 +1,123 @@
+"""What goes round the loop at each tick: the world's `Tick`, the monitor's `Assessment` of it, the agents' `Actions`.
+
+Who acts and whether an answer can be used is found out once, where the value is made; whoever takes it relies on it.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world import handover
+
+Floats = NDArray[np.float64]
+
+
+class Assessment(NamedTuple):
+    """What the safety monitor says of a tick, and who acts by it; made by `Tick.assessed` and `Tick.unassessed`."""
+
+    curvttc: Floats  # [B] [s], infinity where there is none
+    distance: Floats  # [B] [m] between the two centres, NaN where it is not known
+    critical: NDArray[np.bool_]  # [B]
+    acting: NDArray[np.bool_]  # [B] the policies act now, see `handover.acting`
+    answered: bool  # false: the monitor did not answer, so nothing counts as critical
+
+
+class Tick(NamedTuple):
+    """The world at one tick, as it is published."""
+
+    number: int  # counted from the beginning of the run
+    state: NDArray[np.void]  # EPISODE[B]
+    policy_frame: NDArray[np.bool_]  # [B] policies would be asked, see `handover.policy_frame`
+    by_policies: bool = True  # policies drive an agent, or both
+
+    def assessed(self, curvttc: ArrayLike, distance: ArrayLike, critical: ArrayLike) -> Assessment:
+        """Return the monitor's answer to this tick as a value.
+
+        :param curvttc: float[B] [s]; distance: float[B] [m]; critical: bool[B] or uint8[B].
+        :raises InvalidInput: another shape, or a CurvTTC that is not a number.
+        """
+        batch = len(self.state)
+        ttc = _floats("curvttc", curvttc, (batch,))
+        if np.isnan(ttc).any():
+            raise InvalidInput(f"curvttc of slot {int(np.argmax(np.isnan(ttc)))} is not a number")
+        alarms = np.asarray(critical)
+        if alarms.shape != (batch,):
+            raise InvalidInput(f"critical: expected shape ({batch},), got {alarms.shape}")
+        alarms = np.ascontiguousarray(alarms, np.bool_)
+        return Assessment(
+            curvttc=ttc,
+            distance=_floats("distance", distance, (batch,)),
+            critical=alarms,
+            acting=self._acting(alarms),
+            answered=True,
+        )
+
+    def unassessed(self) -> Assessment:
+        """Return what holds at this tick where the monitor did not answer."""
+        batch = len(self.state)
+        calm = np.zeros(batch, np.bool_)
+        return Assessment(
+            curvttc=np.full(batch, np.inf),
+            distance=np.full(batch, np.nan),
+            critical=calm,
+            acting=self._acting(calm),
+            answered=False,
+        )
+
+    def _acting(self, critical: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        if self.by_policies and self.policy_frame.any():
+            return handover.acting(self.state, self.policy_frame, critical)
+        return np.zeros(len(self.state), np.bool_)
+
+
+@dataclass(frozen=True)
+class Actions:
+    """What the agents do at a tick, in the heading frame of the vehicle; None where nobody was asked or answered.
+
+    :raises InvalidInput: another shape, or numbers that are not finite.
+    """
+
+    vehicle: Floats | None = None  # [B, 2] (longitudinal, lateral) [m/s2]
+    pedestrian: Floats | None = None  # [B, 2] likewise
+    vehicle_control: Floats | None = None  # [B, 3] (steer -1..1 to the left, throttle 0..1, brake 0..1)
+
+    def __post_init__(self) -> None:
+        for name, columns in (("vehicle", 2), ("pedestrian", 2), ("vehicle_control", 3)):
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(self, name, _finite(name, values, columns))
+
+    def of(self, agent: str) -> Floats | None:
+        """Return the accelerations of "vehicle" or "pedestrian", see above."""
+        return self.vehicle if agent == "vehicle" else self.pedestrian
+
+
+NO_ACTIONS = Actions()
+
+
+class Step(NamedTuple):
+    """All that happened at one tick: what was published, what was answered, and what came of it."""
+
+    tick: Tick
+    assessment: Assessment
+    actions: Actions
+    events: NDArray[np.void]  # EVENT[n] of the move to the next tick
+
+
+def _floats(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Floats:
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise InvalidInput(f"{name}: expected shape {shape}, got {array.shape}")
+    return array
+
+
+def _finite(name: str, values: ArrayLike, columns: int) -> Floats:
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.shape != (len(array), columns):
+        raise InvalidInput(f"actions.{name}: expected shape ({len(array)}, {columns}), got {array.shape}")
+    if not np.isfinite(array).all():
+        slot = int(np.argwhere(~np.isfinite(array))[0, 0])
+        raise InvalidInput(f"actions.{name} of slot {slot}: expected finite numbers, got {array[slot]}")
+    return array
