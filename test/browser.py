@@ -1,0 +1,46 @@
+"""A real browser for tests of pages: Debian's Chromium, or whichever CHROMIUM names, driven by Playwright."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+
+def start() -> Iterator[Any]:
+    """Yield a running browser; skips the test where there is none."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright; pip install -e '.[test]'")
+    found = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
+    found = found or shutil.which("google-chrome")
+    if not found:
+        pytest.skip("no Chromium; apt-get install chromium, or set CHROMIUM to one")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=found, args=["--no-sandbox", "--disable-gpu"])
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def opened(browser: Any, path: Path, address: str = "", **context: Any) -> Iterator[Any]:
+    """Open a file from disk, without a network, until the block ends; a word on its console fails the test."""
+    said: list[str] = []
+    tab = browser.new_context(**{"offline": True, "viewport": {"width": 1300, "height": 850}} | context)
+    page = tab.new_page()
+    page.set_default_timeout(10_000)
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("request", lambda request: request.url.startswith(("file:", "blob:", "data:")) or said.append(request.url))
+    page.goto(path.as_uri() + address)
+    page.wait_for_selector("body[data-ready]")
+    yield page
+    tab.close()
+    assert said == []
+
+
+def cpu_time(browser: Any) -> float:
+    """Return the processor time of all processes of the browser [s], which does not mind what else the machine does."""
+    rows = browser.new_browser_cdp_session().send("SystemInfo.getProcessInfo")["processInfo"]
+    return sum(row["cpuTime"] for row in rows)

@@ -1,0 +1,71 @@
+"""What is packed is unpacked again within the step of each quantity, whatever its size; nothing known is lost."""
+
+import base64
+
+import numpy as np
+import pytest
+
+from vpsci_ros.view.episodes import FIELDS, Episode, Source
+from vpsci_ros.view.pack import FINEST, INFINITE, UNKNOWN, grounds, packed
+
+
+def source(values: np.ndarray, scenario: int = 1) -> Source:
+    return Source("key", "title", 0.1, [Episode("1:0", "place", scenario, "goal", "both", values, marks=("m",))], 1)
+
+
+def unpacked(row: dict) -> tuple[np.ndarray, np.ndarray]:
+    """Return codes and values as the page reads them."""
+    codes = np.frombuffer(base64.b64decode(row["frames"]), "<i2").reshape(-1, len(FIELDS))
+    return codes, codes * np.array(row["steps"])
+
+
+def motion(n: int = 50) -> np.ndarray:
+    rng = np.random.default_rng(5)
+    values = rng.normal(0.0, 3.0, (n, len(FIELDS)))
+    values[:, 4] *= 0.03
+    values[:, 9] = np.abs(values[:, 9])
+    values[:, 10] = np.arange(n) % 2
+    return values
+
+
+def test_every_quantity_comes_back_within_half_its_step() -> None:
+    values = motion()
+    values[:, (0, 5)] += 4_000_000.0  # a map far from its origin
+    row = packed(source(values))
+    _, back = unpacked(row)
+    middle = row["episodes"][0]["middle"]
+    back[:, (0, 5)] += middle[0]
+    back[:, (1, 6)] += middle[1]
+    turns = 2.0 * np.pi * np.round(values[0, 2] / (2.0 * np.pi))
+    back[:, 2] += turns
+    assert (np.abs(back - values).max(axis=0) <= 0.5001 * np.array(row["steps"])).all()
+    assert row["steps"] == [FINEST[name] for name in FIELDS]
+
+
+def test_numbers_too_large_for_the_finest_step_get_a_coarser_one() -> None:
+    values = motion()
+    values[:, 0] = np.linspace(-5000.0, 5000.0, len(values))
+    row = packed(source(values))
+    assert row["steps"][0] == pytest.approx(5000.0 / 32766, rel=0.01)
+
+
+def test_infinite_and_unknown_times_stay_what_they_are() -> None:
+    values = motion()
+    values[3:5, 9] = np.inf, np.nan
+    codes, _ = unpacked(packed(source(values)))
+    assert codes[3:5, 9].tolist() == [INFINITE, UNKNOWN]
+
+
+def test_an_episode_keeps_its_least_time_its_onset_and_its_marks() -> None:
+    values = motion()
+    values[:, 9] = np.r_[np.full(20, np.inf), np.full(29, 4.5), 1.25]
+    row = packed(source(values))
+    (episode,) = row["episodes"]
+    assert (episode["least"], episode["onset"], row["marks"], episode["marks"]) == (1.25, 20, ["m"], [0])
+
+
+def test_the_ground_of_a_scenario_of_the_package_is_there_and_of_others_none() -> None:
+    found = grounds([source(motion(), 1), source(motion(), 200), source(motion(), 0)])
+    assert set(found) == {1}
+    assert len(found[1]["crosswalk"]) >= 4
+    assert found[1]["lane_width"] > 2.0

@@ -1,0 +1,35 @@
+"""The page as one HTML file: template, style, script and episodes, and nothing from elsewhere."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from vpsci_ros.report import html
+from vpsci_ros.view.episodes import Source
+from vpsci_ros.view.pack import grounds, packed
+from vpsci_ros.view.sources import told_apart
+
+TEMPLATES = Path(__file__).resolve().parent / "templates"
+SCENE = ("data.js", "scene.js")
+"""Scripts that draw an episode, for other pages too."""
+
+
+def write_view(path: Path, sources: Sequence[Source], title: str) -> int:
+    """Write the page, whole or not at all, and return its size in bytes.
+
+    :param sources: at least one, each with an episode; their order is that of the page's choice.
+    """
+    html.write_page(
+        path,
+        TEMPLATES / "view.html",
+        title=title,
+        sources=[packed(source) for source in told_apart(sources)],
+        grounds=grounds(sources),
+        style=inlined("view.css"),
+        script=inlined(*SCENE, "charts.js", "list.js", "view.js", "controls.js"),
+    )
+    return path.stat().st_size
+
+
+def inlined(*names: str) -> str:
+    """Return files of `templates` one after the other, to stand in a page as they are."""
+    return "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in names)
