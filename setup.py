@@ -98,6 +98,7 @@ EXTRAS = {
         "mypy>=1.13,<3",
         "playwright>=1.45,<2",  # with Debian's chromium: the pages in a real browser
         "pytest-timeout>=2.3,<3",
+        "pytest-xdist>=3.6,<4",
         "pytest>=8,<10",
         "ruff>=0.8,<1",
         "stable-baselines3>=2.4,<3",

@@ -6,7 +6,8 @@ import os
 import signal
 import subprocess
 import sys
-from multiprocessing import popen_spawn_posix
+import time
+from multiprocessing import get_context, popen_spawn_posix
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from generate.small import CONFIG, TARGETS
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.generate.job import Unit
 from vpsci_ros.generate.journal import FOLDER, Journal, journal_of
 from vpsci_ros.generate.run import RECORD, generate
 from vpsci_ros.generate.workers import Processes, Serial
@@ -104,6 +106,17 @@ def test_a_worker_killed_while_it_is_being_started_costs_nothing_but_time(job, m
     generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Processes(job, 8, 2))
     assert victims == []
     assert hashes(tmp_path / "d") == hashes(made)
+
+
+def test_a_pool_that_breaks_leaves_no_process_that_it_was_just_starting(job) -> None:
+    workers = Processes(job, 8, 2)
+    straggler = get_context("spawn").Process(target=time.sleep, args=(600.0,), daemon=True)
+    straggler.start()
+    workers.submit(Unit(1, (0,)))
+    workers._pool._processes[straggler.pid] = straggler  # as one that `submit` starts while its pool breaks
+    workers._revive([])
+    assert not straggler.is_alive()
+    workers.close()
 
 
 def test_a_finished_dataset_is_not_computed_again(make, made, tmp_path) -> None:

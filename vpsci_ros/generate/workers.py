@@ -115,6 +115,19 @@ class Processes:
             if found:
                 return found
 
+    def _end(self) -> None:
+        """End the pool and its processes.
+
+        A broken pool ends them itself, but for one that it is starting just then; for that it waits, and this process
+        with it when it wants to end (CPython 3.11, `terminate_broken`).
+        """
+        processes = list(self._pool._processes.values()) if self._pool._processes else []
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.kill()
+        for process in processes:
+            process.join()
+
     def _revive(self, lost: list[Unit]) -> None:
         self._deaths += 1
         if self._deaths >= _MOST_DEATHS:
@@ -125,19 +138,14 @@ class Processes:
             )
         lost = [*lost, *self._running.values()]
         self._running.clear()
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._end()
         self._pool = self._start()
         for unit in lost:
             self.submit(unit)
 
     def close(self) -> None:
         """End the processes, also in the middle of a unit."""
-        processes = list(self._pool._processes.values()) if self._pool._processes else []
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.join()
+        self._end()
         self._job.close()
         self._job.unlink()
 
