@@ -13,7 +13,7 @@ from vpsci_ros.data.episode_frames import EpisodeBatch
 from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.elsewhere import elsewhere, reactions
-from vpsci_ros.evaluation.realism.free import as_near_misses, described
+from vpsci_ros.evaluation.realism.free import AFTER, as_near_misses, described
 from vpsci_ros.evaluation.realism.onsets import Onsets
 from vpsci_ros.evaluation.realism.run import RealismConfig, measure_realism
 from vpsci_ros.world import GOAL
@@ -71,18 +71,20 @@ def test_a_model_must_not_have_a_controls_name() -> None:
 
 
 def test_reactions_elsewhere_are_counted_by_encroachment_time(conflicts: Path) -> None:
-    shares = elsewhere(conflicts, None, 0)
-    near = shares["within_3_s"]["recorded"]
+    table = synthetic_near_misses(interactions=24, seed=3).table
+    shares = elsewhere(conflicts, table, None, 0)
+    near = shares["within_3_s"]["video"]
     assert near["conflicts"] == 2  # 3 s before counts as 3 s after
     assert near["driver"] == {"none": 0.5, "slows": 0.5, "stops": 0.0, "speeds up": 0.0, "swerves": 0.0}
     assert near["pedestrian"]["hurries or runs"] == 0.5
-    assert shares["within_5_s"]["recorded"]["pedestrian_first"] == pytest.approx(2 / 3)
+    assert shares["within_5_s"]["video"]["pedestrian_first"] == pytest.approx(2 / 3)
+    assert 0 < shares["within_5_s"]["near_misses"]["conflicts"] <= 24
 
 
 def test_an_unknown_reaction_is_refused(conflicts: Path) -> None:
     conflicts.write_text(CONFLICTS.replace("Driver sped up", "Driver waved"))
     with pytest.raises(InvalidInput, match="expected one of No obvious reaction, .*got 'Driver waved'"):
-        elsewhere(conflicts, None, 0)
+        elsewhere(conflicts, synthetic_near_misses(interactions=4, seed=3).table, None, 0)
 
 
 def test_who_stops_stops_and_who_walks_on_does_not_react(dataset: Path) -> None:
@@ -100,6 +102,15 @@ def test_generated_episodes_are_described_by_the_same_lines_as_recordings(datase
     assert made.keys() == recorded.keys()
     assert made["vehicle_over_3"] == 1.0
     assert made["onset_curvttc_median"] < 5.0
+
+
+def test_what_comes_5_s_after_the_onset_is_not_looked_at(dataset: Path) -> None:
+    table = as_near_misses(Dataset(dataset), 100, 0)
+    row = pl.int_range(pl.len()).over("interaction")
+    onset = (pl.col("curvttc_causal") < 5.0).arg_max().over("interaction")
+    late = pl.when(row > onset + AFTER).then(99.0).otherwise(pl.col("veh_speed"))
+    assert table.select((row > onset + AFTER).any()).item()
+    assert described(table.with_columns(veh_speed=late)) == pytest.approx(described(table), nan_ok=True)
 
 
 def test_rejected_critical_episodes_belong_to_free_simulation(tmp_path: Path) -> None:

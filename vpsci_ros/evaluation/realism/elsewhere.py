@@ -2,8 +2,10 @@
 
 Singleton et al., "Safety impacts of right turns on pedestrians", UDOT-20.312, 2023, data doi 10.5281/zenodo.15710869
 (CC BY 4.0): each conflict of a pedestrian with a right-turning vehicle has an encroachment time in whole seconds, one
-reaction of the driver and one of the pedestrian. Reactions of generated episodes are read off speeds by the thresholds
-below, and their encroachment time is the PET, so the two columns are near each other in meaning and not the same.
+reaction of the driver and one of the pedestrian. Reactions in near misses and in generated episodes are read off
+speeds by the thresholds below, and their encroachment time is the PET. What a person says of a video and what a
+threshold says of a speed are not the same; so the column to compare with is that of recorded near misses, judged by the
+same thresholds.
 """
 
 from pathlib import Path
@@ -42,14 +44,13 @@ _TIME, _DRIVER, _PEDESTRIAN = "Encroachment_Time", "Reaction.to.conflict", "Ped.
 _FIRST = "Encroachment.Car.After.Ped"
 
 
-def elsewhere(conflicts: Path, dataset: Dataset | None, episodes: int) -> dict[str, Any]:
-    """Return Protocol C's part of `vpsci realism --json`: shares of reactions, recorded and generated.
+def elsewhere(conflicts: Path, table: pl.DataFrame, dataset: Dataset | None, episodes: int) -> dict[str, Any]:
+    """Return Protocol C's part of `vpsci realism --json`: shares of reactions, `video`, `near_misses` and `generated`.
 
-    :param conflicts: `datlong.csv` of the study; episodes: at most so many of the dataset.
+    :param conflicts: `datlong.csv` of the study; table: recorded near misses; episodes: at most so many of the dataset.
     :raises InvalidInput: the file does not hold the study's columns or reactions.
     """
-    judged = read_conflicts(conflicts)
-    sides = {"recorded": judged}
+    sides = {"video": read_conflicts(conflicts), "near_misses": reactions(table)}
     if dataset is not None:
         sides["generated"] = reactions(as_near_misses(dataset, episodes, 0))
     return {f"within_{limit}_s": {name: _shares(own, limit) for name, own in sides.items()} for limit in WITHIN}

@@ -22,6 +22,7 @@ from vpsci_ros.world.observation import STEP
 Floats = NDArray[np.float64]
 STOOD, LEAPT = 0.3, 2.5  # [m/s] below it, and [m/s2] from it on
 _BEFORE = 20  # steps, 2 s
+AFTER = 50  # steps after the onset, 5 s, that are looked at: recorded tracks end soon, simulated episodes at the goal
 _SLOWER = 0.8  # of the speed at the onset: slower by a fifth
 JUMP = 1.0  # [m/s2] of the vehicle's acceleration at the onset
 
@@ -111,13 +112,17 @@ _MEASURED = ("onset_curvttc", "time_critical", "vehicle_acceleration", "vehicle_
 
 
 def described(table: pl.DataFrame) -> dict[str, float]:
-    """Return what REALISM.md's first table says of interactions, shares and quantiles by name."""
+    """Return what interactions are like from the onset on, for `AFTER` steps at most: shares and quantiles by name.
+
+    Over whole tracks the two sides could not be compared: who is watched for 20 s slows down, or hurries, some time.
+    """
     rows: dict[str, list[float]] = {}
-    for part in table.partition_by("interaction", maintain_order=True):
-        ttc = part["curvttc_causal"].to_numpy()
+    for whole in table.partition_by("interaction", maintain_order=True):
+        ttc = whole["curvttc_causal"].to_numpy()
         if not (ttc < CRITICAL_TTC).any():
             continue
         at = int((ttc < CRITICAL_TTC).argmax())
+        part, ttc = whole[: at + AFTER + 1], ttc[: at + AFTER + 1]
         drive = part["veh_speed"].to_numpy()
         walk = np.hypot(part["ped_vx"].to_numpy(), part["ped_vy"].to_numpy())
         gain, pace = _gain(drive), _gain(walk)

@@ -72,7 +72,8 @@ def measure_realism(
     if dataset is not None:
         result["free"] = _kept(parts, "free", lambda: free(chosen[0], dataset, config.episodes, config.seed))
     if conflicts is not None:
-        result["elsewhere"] = _kept(parts, "elsewhere", lambda: elsewhere(conflicts, dataset, config.episodes))
+        evidence = partial(elsewhere, conflicts, chosen[0], dataset, config.episodes)
+        result["elsewhere"] = _kept(parts, "elsewhere", evidence)
     return result
 
 

@@ -74,7 +74,7 @@ def _elsewhere(part: dict[str, Any], console: Console) -> None:
         title = f"Right turns elsewhere, {limit.replace('_', ' ')} of encroachment time"
         view = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left")
         view.add_column("")
-        known = {name: own for name, own in sides.items() if own["conflicts"]}
+        known = {name.replace("_", " "): own for name, own in sides.items() if own["conflicts"]}
         for name, own in known.items():
             view.add_column(f"{name}\nn={own['conflicts']}", justify="right")
         for agent in ("driver", "pedestrian"):
