@@ -42,7 +42,7 @@ def test_help_loads_neither_torch_nor_ros() -> None:
         (["demo", "-o", "vpsci_ros"], "not empty, and not an earlier demo's"),
         (["world", "show", "9", "-o", "x.png"], "9"),
         (
-            ["study", "samples", "--params", "params/stage1_pretrain.yaml", "-o", "x", "--sizes", "5,few"],
+            ["study", "samples", "--params", "params/deterministic_stage1.yaml", "-o", "x", "--sizes", "5,few"],
             "--sizes 5,few: expected whole numbers",
         ),
         (["pretrain", "--params", "params/stage2_online.yaml", "-o", "x"], "learner.stage = refine: expected pretrain"),
@@ -77,7 +77,9 @@ def test_pretraining_writes_weights_that_evaluation_reads(tmp_path: Path) -> Non
         f"learner.{name}" for name in ("episodes=2", "imitation.rollouts=4", "replay.batch_size=16", "evaluate_every=2")
     ]
     settings = [argument for text in small for argument in ("--set", text)]
-    run = vpsci("pretrain", "--params", str(PARAMS / "stage1_pretrain.yaml"), "-o", str(tmp_path / "run"), *settings)
+    run = vpsci(
+        "pretrain", "--params", str(PARAMS / "deterministic_stage1.yaml"), "-o", str(tmp_path / "run"), *settings
+    )
     assert run.returncode == 0, run.stderr
     weights = str(tmp_path / "run" / "pretrained.safetensors")
 
@@ -102,7 +104,9 @@ def test_pretraining_writes_weights_that_evaluation_reads(tmp_path: Path) -> Non
     assert made_from["refined"] == record["outputs_sha256"]["pretrained.safetensors"]
     assert "synthetic sample, good for trials only" in run.stderr
     before = (tmp_path / "run" / "log.csv").stat().st_mtime_ns
-    same = vpsci("pretrain", "--params", str(PARAMS / "stage1_pretrain.yaml"), "-o", str(tmp_path / "run"), *settings)
+    same = vpsci(
+        "pretrain", "--params", str(PARAMS / "deterministic_stage1.yaml"), "-o", str(tmp_path / "run"), *settings
+    )
     assert (same.returncode, "holds this run, finished" in same.stdout) == (0, True)
     assert (tmp_path / "run" / "log.csv").stat().st_mtime_ns == before
 
@@ -118,7 +122,7 @@ def test_pretraining_writes_weights_that_evaluation_reads(tmp_path: Path) -> Non
         assert ("see --held-out" in own.stdout) == (not options)
         found.append(json.loads((tmp_path / "own.json").read_text())["interactions"])
     assert 0 < found[1] < found[0]
-    again = vpsci("pretrain", "--params", str(PARAMS / "stage1_pretrain.yaml"), "-o", str(tmp_path / "run"))
+    again = vpsci("pretrain", "--params", str(PARAMS / "deterministic_stage1.yaml"), "-o", str(tmp_path / "run"))
     assert again.returncode == 2
     assert "holds a run with learner.episodes = 2, and this one has 300" in again.stderr
 

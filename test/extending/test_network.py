@@ -18,7 +18,7 @@ SMALL = ("episodes=2", "imitation.rollouts=2", "imitation.rollout_steps=2", "hid
 
 def test_the_network_of_the_page_is_a_row_of_table_9(install: Install, tmp_path: Path) -> None:
     install(GATED)
-    params = Path(__file__).parents[2] / "params" / "stage1_pretrain.yaml"
+    params = Path(__file__).parents[2] / "params" / "deterministic_stage1.yaml"
     words = ["study", "models", "--params", str(params), "--models", "ma_sst,ma_gru", "--folds", "2", "--quiet"]
     for value in SMALL:
         words += ["--set", f"learner.{value}"]

@@ -18,6 +18,7 @@ from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import FINISHED, HANDED_OVER
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+HALVED = WorldConfig(pedestrian_gain=0.5)  # as the objective closed_loop takes for granted
 QUICK = build(
     RefineConfig,
     {
@@ -193,7 +194,7 @@ def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, 
     start = networks(gain=1.0).weights({}, {})
     exploring = dict.fromkeys(AGENTS, PolicyConfig(explore=True, seed=3))
     episodes = [(s, e) for e in range(8) for s in (1, 6)]
-    simulation = SimulationConfig(load_scenarios([1, 6]), episodes, batch=2, seed=3, policies=exploring)
+    simulation = SimulationConfig(load_scenarios([1, 6]), episodes, batch=2, seed=3, world=HALVED, policies=exploring)
 
     def run(folder, report=None):
         return refine(near_misses, QUICK, start, simulation, out_dir=tmp_path / folder, report=report)
@@ -230,7 +231,7 @@ def test_stage_2_in_process_refuses_a_world_that_it_does_not_know(tmp_path, netw
 )
 def test_a_world_that_the_copy_of_it_does_not_match_is_refused(world, message):
     with pytest.raises(InvalidInput, match=message):
-        RefineConfig(objective="closed_loop").require_known_world(WorldConfig(**world))
+        RefineConfig(objective="closed_loop").require_known_world(dataclasses.replace(HALVED, **world))
     if "vehicle_driver" not in world:
         RefineConfig(objective="ddpg").require_known_world(WorldConfig(**world))
 
@@ -241,7 +242,7 @@ def test_a_checkpoint_of_another_simulation_is_refused(tmp_path, networks, near_
     def stop(values):
         raise Stopped
 
-    simulation = SimulationConfig(load_scenarios([1]), [(1, e) for e in range(16)], batch=2, seed=3)
+    simulation = SimulationConfig(load_scenarios([1]), [(1, e) for e in range(16)], batch=2, seed=3, world=HALVED)
     with pytest.raises(Stopped):
         refine(near_misses, QUICK, start, simulation, out_dir=tmp_path, report=stop)
     before = (tmp_path / "refine_checkpoint.safetensors").read_bytes()

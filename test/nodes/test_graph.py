@@ -204,7 +204,7 @@ def test_a_world_that_the_learner_does_not_know_is_refused(tmp_path: Path) -> No
     assert resolve(graph.changed("learner", {"stage": "refine", "objective": "ddpg"}), tmp_path)
 
 
-@pytest.mark.parametrize("name", ["stage2_online.yaml", "paper_stage2.yaml"])
+@pytest.mark.parametrize("name", ["deterministic_stage2.yaml", "paper_stage2.yaml"])
 def test_seed_and_noise_stand_once_in_a_file_and_reach_every_node_that_has_them(tmp_path: Path, name: str) -> None:
     text = (params_dir() / name).read_text()
     assert text.count("seed:") == text.count("noise:") == 1
@@ -212,7 +212,9 @@ def test_seed_and_noise_stand_once_in_a_file_and_reach_every_node_that_has_them(
     for node in ("world_simulator", "vehicle_policy", "pedestrian_policy", "learner"):
         assert resolved.values[node]["seed"] == 2
     noises = {resolved.get(PolicyConfig, f"{agent}_policy").noise for agent in AGENTS}
-    assert noises == {NoiseConfig(0.1, 0.001, 0.02) if name == "stage2_online.yaml" else NoiseConfig(0.3, 0.001, 0.05)}
+    assert noises == {
+        NoiseConfig(0.1, 0.001, 0.02) if name == "deterministic_stage2.yaml" else NoiseConfig(0.3, 0.001, 0.05)
+    }
 
 
 def test_a_graph_without_a_leading_node_is_refused(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.studies.cross_validation import Refinement, cross_validate
-from vpsci_ros.world import load_scenarios
+from vpsci_ros.world import WorldConfig, load_scenarios
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -86,7 +86,9 @@ def test_with_a_refinement_every_fold_goes_on_in_simulation_from_its_own_weights
         rehearsal=RehearsalConfig(rollouts=2),
         refresh=RefreshConfig(updates=2),
     )
-    simulation = SimulationConfig(load_scenarios([1]), [(1, e) for e in range(6)], batch=4, seed=3)
+    simulation = SimulationConfig(
+        load_scenarios([1]), [(1, e) for e in range(6)], batch=4, seed=3, world=WorldConfig(pedestrian_gain=0.5)
+    )
     refinement = Refinement(config, simulation, learner_seed=4)
     result = cross_validate(table, CONFIG, SMALL, folds=2, seed=1, out_dir=tmp_path, refinement=refinement)
     assert set(result["models"]) == {"pretrained", "refined", *CONTROLS}

@@ -18,7 +18,7 @@ from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.studies.learning import WEIGHTINGS, FreshEpisodes, reward_weight_study, sample_size_study
-from vpsci_ros.world import load_scenarios
+from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.observation import AGENTS
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
@@ -91,7 +91,14 @@ def weight_study(near_misses, networks):
             near_misses,
             STAGE_2,
             start,
-            SimulationConfig(load_scenarios([1]), [(1, e) for e in range(4)], 4, 4, policies=EXPLORING),
+            SimulationConfig(
+                load_scenarios([1]),
+                [(1, e) for e in range(4)],
+                4,
+                4,
+                WorldConfig(pedestrian_gain=0.5),
+                policies=EXPLORING,
+            ),
             fresh=FreshEpisodes([(1, e) for e in range(6)], fresh_seed),
             out_dir=folder,
             weightings=weightings,

@@ -104,7 +104,7 @@ def samples(
     that is stopped (Ctrl-C) goes on when the same command is given again;
     finished sizes are not trained again.
 
-    In full, with params/stage1_pretrain.yaml: about 25 minutes on one free
+    In full, with params/deterministic_stage1.yaml: about 25 minutes on one free
     core. A trial of a minute: --sizes 50,100 --set learner.episodes=20
     """
     from vpsci_ros.studies.run import run_sample_study
@@ -132,12 +132,12 @@ def folds(
 
     Trains once a fold, on the clips of the others, and measures each
     interaction by the policies that have not learned from its clip: Table
-    9's columns, by two protocols. With --refine params/stage2_online.yaml
+    9's columns, by two protocols. With --refine params/deterministic_stage2.yaml
     each fold goes on in simulation, too. Leaves cross_validation.json, run.json and
     a folder for each fold. A study that is stopped (Ctrl-C) goes on when the
     same command is given again; finished folds are not trained again.
 
-    In full, with params/stage1_pretrain.yaml: about 11 minutes on one free
+    In full, with params/deterministic_stage1.yaml: about 11 minutes on one free
     core, and with stage 2 110. A trial of a minute, without it: --folds 2
     --set learner.episodes=20
     """
@@ -167,7 +167,7 @@ def models(
     folder for each fold. A study that is stopped (Ctrl-C) goes on when the
     same command is given again; finished trainings are kept.
 
-    In full, with params/stage1_pretrain.yaml: about 40 minutes on one free
+    In full, with params/deterministic_stage1.yaml: about 40 minutes on one free
     core. A trial of a minute: --models ma_sst,lstm --folds 2
     --set learner.episodes=20
     """
@@ -201,7 +201,7 @@ def weights(
     study that is stopped (Ctrl-C) goes on when the same command is given
     again; what is finished is not trained again.
 
-    In full, with params/stage2_online.yaml: about 80 minutes on one free
+    In full, with params/deterministic_stage2.yaml: about 80 minutes on one free
     core. A trial of a minute: --weightings equal,adaptive --fresh-episodes 5
     --set world_simulator.episodes=4 --set learner.updates.warm_up_steps=100
     --set learner.refresh.updates=5

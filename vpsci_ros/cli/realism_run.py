@@ -31,7 +31,7 @@ from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.studies.state import STATE
 
-SHIPPED = ("pretrained", "refined")
+SHIPPED = ("pretrained", "refined", "pretrained_deterministic", "refined_deterministic")
 RESULT, PICTURE = "realism.json", "realism.png"
 
 

@@ -1,4 +1,4 @@
-"""The shipped objective: the actors follow gradients through the known, differentiable kinematics.
+"""The objective of deterministic actors: they follow gradients through the known, differentiable kinematics.
 
 Stage 1 takes them to the recorded trajectories (`imitation`), stage 2 to what both agents lose in the next simulated
 seconds (`foresight`) and, beside that, to a few recorded trajectories, so that people are not forgotten. The critics
@@ -19,8 +19,9 @@ from vpsci_ros.learning.imitation import Imitation, Rehearsal
 from vpsci_ros.learning.maddpg import Tensors, UpdateResult
 from vpsci_ros.learning.objectives import Learner
 from vpsci_ros.learning.replay import Batch
-from vpsci_ros.policy.config import PEDESTRIAN_GAIN
 from vpsci_ros.world.observation import AGENTS, STEP
+
+GAIN = 0.5  # `pedestrian_gain` of the world that is foreseen, (21)-(24)
 
 
 class Imitating:
@@ -68,7 +69,7 @@ class Foreseeing:
             margin=config.clearance_margin,
             anticipation=config.clearance_ahead,
             pace=config.pace_weights,
-            gain=PEDESTRIAN_GAIN,
+            gain=GAIN,
             haste=config.haste_weight,
             scripted=draw_scripted(len(histories), config.braking_share, config.insisting_shares, rng),
         )
@@ -90,7 +91,7 @@ class ClosedLoop:
     acting = "target_actor"
     whole_tracks = False
     known_world: ClassVar[Mapping[str, float | bool]] = {
-        "pedestrian_gain": PEDESTRIAN_GAIN,
+        "pedestrian_gain": GAIN,
         "lane_following": True,
         "policy_period": STEP,
     }

@@ -358,7 +358,7 @@ class RefineConfig:
         for name, expected in known.items():
             if (got := getattr(world, name)) != expected:
                 hint = (
-                    "" if name.endswith("_driver") else ", since transitions do not tell it; leave it, or choose ddpg"
+                    "" if name.endswith("_driver") else ", since transitions do not tell it; set it so, or choose ddpg"
                 )
                 raise InvalidInput(
                     f"world_simulator.{name} = {_text(got)}: stage 2 with learner.objective {self.objective} "

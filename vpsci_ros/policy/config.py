@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
-from vpsci_ros.world.config import WorldConfig
 
-PEDESTRIAN_GAIN = WorldConfig().pedestrian_gain  # that the differentiable copy of the world has, (21)-(24)
 LEARNED = "learned"  # the agent that acts by weights
 LOG_SCALE = (-4.0, 1.2)  # least and greatest logarithm of the scale of a policy's noise [m/s2]
 

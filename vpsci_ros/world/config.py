@@ -26,10 +26,10 @@ class WorldConfig:
         0.1, "the policies act at this period and their actions hold in between", unit="s", low=0.005, high=2.0
     )
     episode_time: float = parameter(
-        15.0, "an episode ends after this time; 10 s in the paper, whose walkers run", unit="s", low=0.1, high=3276.0
+        30.0, "an episode ends after this time; 10 s in the paper, whose walkers run", unit="s", low=0.1, high=3276.0
     )
     release_time: float = parameter(
-        5.0, "the policies give the agents back after this time without a critical tick", unit="s", low=0.0, high=60.0
+        3.0, "the policies give the agents back after this time without a critical tick", unit="s", low=0.0, high=60.0
     )
     spawn: str = parameter(
         "human",
@@ -44,7 +44,7 @@ class WorldConfig:
         "policy", "policy: the walker until it is critical, then the policy", choices=PEDESTRIAN_DRIVERS
     )
     pedestrian_gain: float = parameter(
-        0.5, "share of the pedestrian's acceleration that becomes motion: the 0.5 of (21)-(24)", low=0.0, high=1.0
+        1.0, "share of the pedestrian's acceleration that becomes motion; 0.5 in (21)-(24)", low=0.0, high=1.0
     )
     pedestrian_top_speed: float = parameter(
         5.0, "a pedestrian under a policy or an external driver runs no faster", unit="m/s", low=0.5, high=12.0
