@@ -18,14 +18,16 @@ PAGE = "demo.html"
 MARKER = ".vpsci_demo"  # in an output folder that a later demo may replace
 SMALL = {
     "stage1_pretrain.yaml": {
-        "learner": {"episodes": 150, "evaluate_every": 50, "imitation.rollouts": 16, "replay.batch_size": 64}
+        "learner": {"episodes": 100, "evaluate_every": 50, "imitation.rollouts": 16, "replay.batch_size": 64}
     },
     "stage2_online.yaml": {
         "world_simulator": {"episodes": 6, "batch": 16, "replay_window": 128},
         "learner": {
             "replay.batch_size": 64,
             "updates.warm_up_steps": 128,
-            "updates.steps_per_update": 32,
+            "updates.steps_per_update": 64,
+            "foresight.rollouts": 24,
+            "foresight.steps": 40,
             "refresh.updates": 5,
         },
     },
