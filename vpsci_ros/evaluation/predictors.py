@@ -5,8 +5,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.policy.chance import fresh, person
-from vpsci_ros.policy.streaming import Chance, StreamingActor
+from vpsci_ros.policy.draws import draw_innovation, draw_latent
+from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import AGENTS
 
@@ -79,7 +79,7 @@ class PolicyPredictor:
 
     def __init__(self, weights: Weights, temperature: float = 0.0, seed: int = 0) -> None:
         self._weights = weights
-        self._latent = weights.network.latent if temperature > 0.0 else 0
+        self._latent_size = weights.network.latent if temperature > 0.0 else 0
         self._temperature, self._seed = np.float32(temperature), seed
         self.tracked_steps = weights.network.tracked_steps
 
@@ -89,7 +89,7 @@ class PolicyPredictor:
         self._begun = np.zeros(count, bool)
         self._steps = 0
         rows = np.arange(count)
-        self._persons = [person(self._seed, 0, rows, agent, self._latent) for agent in range(len(AGENTS))]
+        self._latents = [draw_latent(self._seed, 0, rows, agent, self._latent_size) for agent in range(len(AGENTS))]
 
     def act(
         self,
@@ -101,18 +101,19 @@ class PolicyPredictor:
         """See `Predictor.act`."""
         reset = active & ~self._begun
         self._begun |= active
-        first, second = (self._chance(agent) for agent in range(len(AGENTS)))
+        first, second = (self._draws(agent) for agent in range(len(AGENTS)))
         self._steps += 1
         return (
             self._actors[0].step(vehicle, curvttc, reset, active, first),
             self._actors[1].step(pedestrian, curvttc, reset, active, second),
         )
 
-    def _chance(self, agent: int) -> Chance | None:
-        if self._latent == 0:
+    def _draws(self, agent: int) -> Draws | None:
+        if self._latent_size == 0:
             return None
         rows = np.arange(len(self._begun))
-        return Chance(self._persons[agent], fresh(self._seed, 0, rows, self._steps, agent), self._temperature)
+        innovation = draw_innovation(self._seed, 0, rows, self._steps, agent)
+        return Draws(self._latents[agent], innovation, self._temperature)
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
         """See `Predictor.executed`."""

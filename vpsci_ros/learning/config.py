@@ -116,7 +116,7 @@ class ImitationConfig:
 class EnergyScoreConfig:
     """Objective energy_score in stage 1: the distribution of recorded trajectories."""
 
-    samples: int = parameter(6, "roll-outs of each near miss, with other persons and other chance", low=2, high=256)
+    samples: int = parameter(6, "roll-outs of each near miss, with other latent numbers and noise", low=2, high=256)
     texture_weight: float = parameter(
         1.0,
         "weight of the distance of the accelerations' texture to people's against the score",

@@ -1,7 +1,7 @@
 """The objective of stochastic actors: stage 1 learns what people do and not its mean, stage 2 stays near it.
 
 From a moment of a recorded near miss both actors run on together through the known kinematics (`scene`), several times
-with other persons and other chance, and their energy score against what happened is followed through all of it: of
+with other latent numbers and noise, and their energy score against what happened is followed through all of it: of
 positions at every step and of velocities, and the texture of their accelerations (`likeness`). A deterministic actor
 that minimised a distance instead would learn the mean of what people do, which nobody does.
 """
@@ -75,14 +75,14 @@ def draw_moments(interactions: Interactions, count: int, steps: int, mirror: boo
 def sample(
     actors: Actors, data: RecordedSteps, lead: NDArray[np.int64], samples: int, steps: int, tracked: int
 ) -> Sampled:
-    """Roll each moment out `samples` times, with persons and chance from torch's global generator.
+    """Roll each moment out `samples` times, with latent numbers and noise from torch's global generator.
 
     :param data: as `recorded` cuts it out, with `steps` + 1 steps from the moment on.
     :param lead: int64[M], steps observed before each moment.
     """
     rows = np.arange(len(lead))
     scene = Scene(*(_again(part, samples) for part in scene_at(data.motion, torch.from_numpy(lead), tracked)))
-    memory, before, person, noise = {}, {}, {}, {}
+    memory, before, latent, noise = {}, {}, {}, {}
     for agent in AGENTS:
         done = data.action[agent]
         taken = torch.from_numpy(lead)
@@ -90,14 +90,14 @@ def sample(
         memory[agent] = [_repeated(state, samples) for state in states]
         last = done[rows, np.maximum(lead - 1, 0)] * torch.from_numpy((lead > 0).astype(np.float32))[:, None]
         before[agent] = _again(last, samples)
-        person[agent] = torch.randn(len(lead) * samples, actors[agent].latent)
+        latent[agent] = torch.randn(len(lead) * samples, actors[agent].latent)
         noise[agent] = torch.randn(len(lead) * samples, ACTION_SIZE)
     out = [_row(scene)]
     for step in range(steps):
         views, curvttc = dict(zip(AGENTS, observe(scene), strict=True)), time_to_collision(scene).float()
         for agent in AGENTS:
             actor = actors[agent]
-            mean, scale = actor.distribution(views[agent], before[agent], curvttc, memory[agent], person[agent])
+            mean, scale = actor.distribution(views[agent], before[agent], curvttc, memory[agent], latent[agent])
             if step:
                 noise[agent] = actor.next_noise(noise[agent], torch.randn_like(noise[agent]))
             before[agent] = (mean + scale * actor.burst(noise[agent])).clamp(-actor.limit, actor.limit)

@@ -1,6 +1,6 @@
 """Stage 2 for stochastic actors: no collision and on to the goal, without leaving what stage 1 learned of people.
 
-Moments of simulated experience are rolled out through the known kinematics with persons and chance drawn anew, and
+Moments of simulated experience are rolled out through the known kinematics with other latent numbers and noise, and
 three losses are followed through them: the smooth stand-ins of (25) and (26), see `rewards`, and the departure from
 people. The last is the divergence of each action's distribution from that of the frozen stage-1 actor at the same step,
 for the same person and after the same history, as in 'Human-compatible driving partners through data-regularized
@@ -45,7 +45,7 @@ def foresee_people(actors: Actors, stage_1: Actors, start: Moments, config: Fore
     count = len(start.speed)
     memory, reference = remembered(actors, start), remembered(stage_1, start)
     before, now = start.before, set_out(start)
-    person = {agent: torch.randn(count, actors[agent].latent) for agent in AGENTS}
+    latent = {agent: torch.randn(count, actors[agent].latent) for agent in AGENTS}
     noise = {agent: torch.randn(count, ACTION_SIZE) for agent in AGENTS}
     losses = Losses(*(torch.zeros(()) for _ in Losses._fields))
     for step in range(config.steps):
@@ -54,9 +54,9 @@ def foresee_people(actors: Actors, stage_1: Actors, start: Moments, config: Fore
         departure, done = torch.zeros(()), {}
         for agent in AGENTS:
             actor, seen, did = actors[agent], views[agent], before[agent]
-            will = actor.distribution(seen, did, curvttc, memory[agent], person[agent])
+            will = actor.distribution(seen, did, curvttc, memory[agent], latent[agent])
             with torch.no_grad():
-                was = stage_1[agent].distribution(seen, did, curvttc, reference[agent], person[agent])
+                was = stage_1[agent].distribution(seen, did, curvttc, reference[agent], latent[agent])
             departure = departure + divergence(will, was).mean()
             if step:
                 noise[agent] = actor.next_noise(noise[agent], torch.randn(count, ACTION_SIZE))

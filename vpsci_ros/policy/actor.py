@@ -26,7 +26,7 @@ LOG_SCALE_INIT = -1.0  # logarithm of the scale of the noise [m/s2]
 
 
 class Distribution(NamedTuple):
-    """What an actor does next, given who it is.
+    """What an actor does next, given its latent numbers.
 
     :ivar mean: float32[..., 2] [m/s2], not clipped.
     :ivar scale: float32[..., 2] [m/s2], of the noise.
@@ -82,16 +82,16 @@ class Actor(nn.Module):
         return self._middle(self.encoder.step(observation, action_before, curvttc, states))
 
     def distribution(
-        self, observation: Tensor, action_before: Tensor, curvttc: Tensor, states: list[StepState], person: Tensor
+        self, observation: Tensor, action_before: Tensor, curvttc: Tensor, states: list[StepState], latent: Tensor
     ) -> Distribution:
-        """Return what a stochastic actor does at one more step, as `step`, given who it is, float32[B, latent]."""
-        both = self._head(self.encoder.step(observation, action_before, curvttc, states), person)
+        """Return what a stochastic actor does at one more step, as `step`; `latent` numbers are float32[B, latent]."""
+        both = self._head(self.encoder.step(observation, action_before, curvttc, states), latent)
         return Distribution(both[..., :ACTION_SIZE], both[..., ACTION_SIZE:].clamp(*LOG_SCALE).exp())
 
-    def next_noise(self, noise: Tensor, fresh: Tensor) -> Tensor:
+    def next_noise(self, noise: Tensor, innovation: Tensor) -> Tensor:
         """Return the noise of the next step, of deviation 1, from that of the last one and independent normals."""
-        kept = torch.sigmoid(self.persistence_logit)
-        return kept * noise + torch.sqrt(1.0 - kept * kept) * fresh
+        persistence = torch.sigmoid(self.persistence_logit)
+        return persistence * noise + torch.sqrt(1.0 - persistence * persistence) * innovation
 
     def burst(self, noise: Tensor) -> Tensor:
         """Return e^3 / (e^2 + c^2) of noise e, what a distribution's scale is multiplied by."""
@@ -99,13 +99,13 @@ class Actor(nn.Module):
         return noise * square / (square + self.stillness * self.stillness)
 
     def _middle(self, encoded: Tensor) -> Tensor:
-        person = encoded.new_zeros(*encoded.shape[:-1], self.latent)
-        return self._head(encoded, person)[..., :ACTION_SIZE].clamp(-self.limit, self.limit)
+        latent = encoded.new_zeros(*encoded.shape[:-1], self.latent)
+        return self._head(encoded, latent)[..., :ACTION_SIZE].clamp(-self.limit, self.limit)
 
-    def _head(self, encoded: Tensor, person: Tensor) -> Tensor:
+    def _head(self, encoded: Tensor, latent: Tensor) -> Tensor:
         first, bent, second, bent_again, last = self.head
         known = self._thinned(encoded)
-        x = bent(first(torch.cat([known, person], dim=-1) if self.latent else known))
+        x = bent(first(torch.cat([known, latent], dim=-1) if self.latent else known))
         out: Tensor = last(bent_again(second(self._thinned(x))))
         return out
 

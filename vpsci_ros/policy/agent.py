@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.policy.chance import fresh, person
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
+from vpsci_ros.policy.draws import draw_innovation, draw_latent
 from vpsci_ros.policy.exploration import exploration_noise
-from vpsci_ros.policy.streaming import Chance, StreamingActor
+from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import ActorWeights, Weights
 from vpsci_ros.world import World, observation
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
@@ -24,7 +24,7 @@ class PolicyAgent:
     :param seed: of the exploration noise and of what a stochastic policy draws.
     :param explore: add the noise of equation (16), a function of (seed, scenario, episode, step) only.
     :param noise: how much; None: the defaults.
-    :param temperature: factor on what a stochastic policy draws (`vpsci_ros.policy.chance`); 1: as learned, 0: the
+    :param temperature: factor on what a stochastic policy draws (`vpsci_ros.policy.draws`); 1: as learned, 0: the
         deterministic middle. A policy without latent numbers draws nothing.
     """
 
@@ -44,7 +44,7 @@ class PolicyAgent:
         self._weights: ActorWeights | None = None
         self._actor: StreamingActor | None = None
         self._step = np.zeros(0, np.int64)
-        self._person = np.zeros((0, 0), np.float32)
+        self._latent = np.zeros((0, 0), np.float32)
         self.version = 0
 
     def load(self, weights: Weights, version: int) -> None:
@@ -80,14 +80,14 @@ class PolicyAgent:
         if self._actor is None or len(self._step) != len(state):
             self._actor = StreamingActor(self._weights, len(state))
             self._step = np.zeros(len(state), np.int64)
-            self._person = np.zeros((len(state), self._weights.network.latent), np.float32)
+            self._latent = np.zeros((len(state), self._weights.network.latent), np.float32)
         if not active.any():
             return np.zeros((len(state), 2), np.float32)
         reset = active & (state["controlled"] == 0)
         self._step = np.where(reset, 0, self._step + active)
-        chance = self._chance(state, reset, active)
+        draws = self._draws(state, reset, active)
         seen = observation.observe(state)[self._index]
-        action = self._actor.step(seen, assessment.curvttc, reset, active, chance)
+        action = self._actor.step(seen, assessment.curvttc, reset, active, draws)
         if self._explore:
             which = state["scenario"], state["episode"], self._step
             limit = self._weights.network.action_limit
@@ -96,18 +96,18 @@ class PolicyAgent:
             self._actor.executed(action, active)
         return action
 
-    def _chance(self, state: NDArray[np.void], reset: NDArray[np.bool_], active: NDArray[np.bool_]) -> Chance | None:
+    def _draws(self, state: NDArray[np.void], reset: NDArray[np.bool_], active: NDArray[np.bool_]) -> Draws | None:
         """Return what the active episodes draw for this step, or None where nothing is drawn."""
-        latent = self._person.shape[1]
-        if latent == 0:
+        size = self._latent.shape[1]
+        if size == 0:
             return None
         seed = np.broadcast_to(self._seed, len(state))
         if reset.any():
             new = state[reset]
-            self._person[reset] = person(seed[reset], new["scenario"], new["episode"], self._index, latent)
-        noise, now = np.zeros((len(state), ACTION_SIZE), np.float32), state[active]
-        noise[active] = fresh(seed[active], now["scenario"], now["episode"], now["frame"], self._index)
-        return Chance(self._person, noise, np.float32(self._temperature))
+            self._latent[reset] = draw_latent(seed[reset], new["scenario"], new["episode"], self._index, size)
+        innovation, now = np.zeros((len(state), ACTION_SIZE), np.float32), state[active]
+        innovation[active] = draw_innovation(seed[active], now["scenario"], now["episode"], now["frame"], self._index)
+        return Draws(self._latent, innovation, np.float32(self._temperature))
 
 
 def policies(

@@ -22,16 +22,16 @@ ROWS = 64  # rows worked together, layer by layer, so that a layer's weights are
 NORMALISED_LIMIT = 6.0  # as in `vpsci_ros.policy.sst`
 
 
-class Chance(NamedTuple):
+class Draws(NamedTuple):
     """What a stochastic actor draws for a step of its B slots; only active rows are read.
 
-    :ivar person: float32[B, latent], standard normal numbers that stay the same all episode.
-    :ivar fresh: float32[B, 2], standard normal numbers that are new at every step.
+    :ivar latent: float32[B, latent], standard normal numbers that stay the same all episode.
+    :ivar innovation: float32[B, 2], standard normal numbers that are new at every step.
     :ivar temperature: factor on both; 1: as learned, 0: the deterministic middle.
     """
 
-    person: NDArray[np.float32]
-    fresh: NDArray[np.float32]
+    latent: NDArray[np.float32]
+    innovation: NDArray[np.float32]
     temperature: np.float32
 
 
@@ -60,7 +60,7 @@ class StreamingActor:
         self._risks = np.zeros((capacity, self._window), np.float32)
         self._counts = np.zeros(capacity, np.int64)
         self._action = np.zeros((capacity, ACTION_SIZE), np.float32)
-        self._person = np.zeros((capacity, network.latent), np.float32)
+        self._latent = np.zeros((capacity, network.latent), np.float32)
         self._noise, self._burst = (np.zeros((capacity, ACTION_SIZE), np.float32) for _ in range(2))
         # The inputs of the last steps, for networks whose state starts anew in every window.
         memory = 0 if network.carry_state else self._window
@@ -94,7 +94,7 @@ class StreamingActor:
         curvttc: NDArray[np.float64],
         reset: NDArray[np.bool_],
         active: NDArray[np.bool_],
-        chance: Chance | None = None,
+        draws: Draws | None = None,
     ) -> NDArray[np.float32]:
         """Return the actions [m/s2], float32[B, 2], clipped to the action limit; zero where not active.
 
@@ -102,28 +102,27 @@ class StreamingActor:
         :param curvttc: float64[B] [s]; infinity for none.
         :param reset: bool[B]: the history begins with this step; read where active.
         :param active: bool[B]: rows that take a step; all others keep their history untouched.
-        :param chance: who acts and what happens to them, for a network with latent numbers; None: the deterministic
-            middle.
+        :param draws: of a network with latent numbers; None: the deterministic middle.
         :raises InvalidInput: wrong shapes, or an active observation or CurvTTC that is not a number.
         """
         rows = self._rows(observation, curvttc, reset, active)
         actions = np.zeros((self.capacity, ACTION_SIZE), np.float32)
         if rows.size == 0:
             return actions
-        fresh = rows[reset[rows]]
-        self._begin(fresh)
-        self._action[fresh] = 0.0
-        self._taken[fresh] = 0
+        begun = rows[reset[rows]]
+        self._begin(begun)
+        self._action[begun] = 0.0
+        self._taken[begun] = 0
         scaled = (np.asarray(observation, np.float32)[rows] - self._mean) / self._scale
         risks = np.clip(np.float32(1.0) - np.asarray(curvttc, np.float32)[rows] / np.float32(CRITICAL_TTC), 0.0, 1.0)
         parts = [np.clip(scaled, -NORMALISED_LIMIT, NORMALISED_LIMIT), self._action[rows]]
         if self._network.risk_input:
             parts.append(risks[:, None].astype(np.float32))
         inputs = np.concatenate(parts, axis=1)
-        if chance is not None and self._network.latent:
-            self._happen(chance, rows, reset)
+        if draws is not None and self._network.latent:
+            self._take_draws(draws, rows, reset)
         else:
-            self._person[rows] = self._burst[rows] = 0.0
+            self._latent[rows] = self._burst[rows] = 0.0
         if self._network.carry_state:
             actions[rows] = self._advance(rows, inputs, risks.astype(np.float32))
         else:
@@ -139,15 +138,15 @@ class StreamingActor:
         """
         self._action[active] = np.asarray(action, np.float32)[active]
 
-    def _happen(self, chance: Chance, rows: NDArray[np.int64], reset: NDArray[np.bool_]) -> None:
-        """Take up who acts in `rows` and carry their noise one step on, in float32 operations of one rounding each."""
-        fresh = chance.fresh[rows]
-        kept = np.where(reset[rows], np.float32(0.0), self._persistence)
-        renewed = np.where(reset[rows], np.float32(1.0), self._renewal)
-        self._noise[rows] = kept[:, None] * self._noise[rows] + renewed[:, None] * fresh
-        self._person[rows] = chance.temperature * chance.person[rows]
+    def _take_draws(self, draws: Draws, rows: NDArray[np.int64], reset: NDArray[np.bool_]) -> None:
+        """Take in the latent numbers of `rows` and carry their noise on, in float32 operations of one rounding each."""
+        persistence = np.where(reset[rows], np.float32(0.0), self._persistence)
+        renewal = np.where(reset[rows], np.float32(1.0), self._renewal)
+        carried = persistence[:, None] * self._noise[rows]
+        self._noise[rows] = carried + renewal[:, None] * draws.innovation[rows]
+        self._latent[rows] = draws.temperature * draws.latent[rows]
         square = self._noise[rows] * self._noise[rows]
-        self._burst[rows] = chance.temperature * (self._noise[rows] * square / (square + self._stillness))
+        self._burst[rows] = draws.temperature * (self._noise[rows] * square / (square + self._stillness))
 
     def _begin(self, slots: NDArray[np.int64]) -> None:
         self._counts[slots] = 0
@@ -182,7 +181,7 @@ class StreamingActor:
                     rows[part],
                     inputs[part],
                     risks[part],
-                    (self._person[rows[part]], self._burst[rows[part]]),
+                    (self._latent[rows[part]], self._burst[rows[part]]),
                     *self._parameters,
                     limit,
                     *memory,

@@ -160,11 +160,11 @@ def step_rows(  # type: ignore[no-untyped-def]
 
     :param slots: int64[n], which histories; inputs: float32[n, I], normalised observation, action before and, where
         the network has it, risk; risks: float32[n].
-    :param drawn: (person float32[n, latent], what kind of person acts; noise float32[n, 2], which the network
-        scales); both zero for the deterministic middle. A network without latent numbers reads neither.
+    :param drawn: (latent numbers float32[n, latent]; noise float32[n, 2], which the network scales); both zero for
+        the deterministic middle. A network without latent numbers reads neither.
     :param entry: (w [I, hidden], b [hidden]); layers: (decay, skip, gain, norm weight, norm bias: [L, ...], then the
         dense input, query, key, attended, readout: [L, hidden, hidden], inputs first); head: w, its
-        rows for `person`, and b of the first layer, then two (w, b).
+        rows for the latent numbers, and b of the first layer, then two (w, b).
     :param states: float32[slot, L, hidden]; keys: float32[slot, L, window, key, heads]; values: float32[slot, L,
         window, hidden]; seen: float32[slot, window], risks; counts: int64[slot], steps taken; all move on by one step.
     :param work: float32[6, R, hidden] scratch; out: float32[n, 2] clipped actions [m/s2].
@@ -206,16 +206,16 @@ def step_rows(  # type: ignore[no-untyped-def]
         for i in range(n):
             _normalise(mixed[i], norm_w[layer], norm_b[layer], lanes)
             x[i] = mixed[i]
-    person, noise = drawn
-    w1, w_person, b1, w2, b2, w3, b3 = head
+    latent, noise = drawn
+    w1, w_latent, b1, w2, b2, w3, b3 = head
     first, second = np.empty((n, b1.size), np.float32), np.empty((n, b2.size), np.float32)
     answer = np.empty((n, b3.size), np.float32)
     for i in range(n):
         first[i], second[i], answer[i] = b1, b2, b3
         counts[slots[i]] += 1
     accumulate(x, w1, first, n)
-    if person.shape[1] > 0:
-        accumulate(person, w_person, first, n)
+    if latent.shape[1] > 0:
+        accumulate(latent, w_latent, first, n)
     _rectify(first)
     accumulate(first, w2, second, n)
     _rectify(second)

@@ -17,8 +17,8 @@ from vpsci_ros.world.compiled import kernel
 
 STREAM_SPAWN = 0  # where an episode begins
 STREAM_EXPLORATION = 1  # add the policy step shifted left by 8, so that each step is a stream of its own
-STREAM_PERSON = (16, 17)  # what kind of person the vehicle's driver and the pedestrian are in this episode
-STREAM_CHANCE = (18, 19)  # what each happens to do; add the frame shifted left by 8
+STREAM_LATENT = (16, 17)  # latent numbers of the vehicle's driver and of the pedestrian in this episode
+STREAM_INNOVATION = (18, 19)  # new part of the noise of each; add the frame shifted left by 8
 
 _MULTIPLIER_0, _MULTIPLIER_1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _WEYL_0, _WEYL_1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)

@@ -1,4 +1,4 @@
-"""Who acts and what happens to them: functions of the episode, to the bit in any batch; 0 temperature is the middle."""
+"""What a stochastic policy draws is a function of the episode, to the bit in any batch; temperature 0 is the middle."""
 
 import dataclasses
 
@@ -8,9 +8,9 @@ import torch
 
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.agent import PolicyAgent, policies
-from vpsci_ros.policy.chance import fresh, person
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
-from vpsci_ros.policy.streaming import Chance, StreamingActor
+from vpsci_ros.policy.draws import draw_innovation, draw_latent
+from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import Weights, weights_from_bytes, weights_to_bytes
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
@@ -56,8 +56,8 @@ def trajectories(
 
 def test_numbers_are_standard_normal_and_of_each_agent_and_frame_their_own() -> None:
     episodes = np.arange(20000)
-    drawn = [person(1, 3, episodes, agent, 6) for agent in (0, 1)]
-    drawn += [fresh(1, 3, episodes, frame, agent) for agent in (0, 1) for frame in (0, 2)]
+    drawn = [draw_latent(1, 3, episodes, agent, 6) for agent in (0, 1)]
+    drawn += [draw_innovation(1, 3, episodes, frame, agent) for agent in (0, 1) for frame in (0, 2)]
     together = np.concatenate(drawn, axis=1)
     assert np.abs(together.mean(axis=0)).max() < 0.03
     assert np.abs(np.cov(together.T) - np.eye(together.shape[1])).max() < 0.05
@@ -91,13 +91,13 @@ def test_the_streamed_action_is_the_distribution_that_was_learned(weights: Weigh
     networks, batch = stochastic(), 4000
     observation = np.tile(np.array([3.0, 0.0, -5.0, 2.0, 3.0, -1.0], np.float32), (batch, 1))
     every, ttc = np.ones(batch, bool), np.full(batch, 2.0)
-    who = np.tile(person(1, 1, [1], 0, SMALL.latent), (batch, 1))
+    who = np.tile(draw_latent(1, 1, [1], 0, SMALL.latent), (batch, 1))
     actor = StreamingActor(weights.actor("vehicle"), batch)
     noise, streamed = np.zeros((2, batch, 2), np.float32), []
     for frame in range(2):
-        noise[frame] = fresh(1, 1, np.arange(batch), frame, 0)
+        noise[frame] = draw_innovation(1, 1, np.arange(batch), frame, 0)
         streamed.append(
-            actor.step(observation, ttc, ~every if frame else every, every, Chance(who, noise[frame], np.float32(1.0)))
+            actor.step(observation, ttc, ~every if frame else every, every, Draws(who, noise[frame], np.float32(1.0)))
         )
     taught = networks.actor["vehicle"]
     with torch.no_grad():
