@@ -70,7 +70,7 @@ class Foreseeing:
             anticipation=config.clearance_ahead,
             pace=config.pace_weights,
             gain=GAIN,
-            haste=config.haste_weight,
+            speeding_weight=config.speeding_weight,
             scripted=draw_scripted(len(histories), config.braking_share, config.insisting_shares, rng),
         )
         rewards = [self._learner.rewards.speed(batch, actions[agent], agent) for agent in AGENTS]

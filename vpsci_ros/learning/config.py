@@ -243,7 +243,7 @@ class ForesightConfig:
         low=0.0,
         high=100.0,
     )
-    haste_weight: float = parameter(
+    speeding_weight: float = parameter(
         1.0,
         "what being faster than at the hand-over costs in the goal reward, against being slower by as much",
         low=1.0,

@@ -104,7 +104,7 @@ def foresee(
     anticipation: float,
     pace: Sequence[float],
     gain: float,
-    haste: float = 1.0,
+    speeding_weight: float = 1.0,
     scripted: Mapping[str, Tensor] | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Let both actors act together for `steps` steps, and return what they lose by collision and by goal.
@@ -114,7 +114,7 @@ def foresee(
         beside that of the moment.
     :param pace: weights of the vehicle's and of the pedestrian's pace.
     :param gain: share of the pedestrian's acceleration that becomes motion, (21)-(24).
-    :param haste: what being faster than at the hand-over costs, against being slower by as much.
+    :param speeding_weight: what being faster than at the hand-over costs, against being slower by as much.
     :param scripted: by agent, what it does [M, 2] [m/s2] whatever its policy says; NaN: the policy acts.
     :returns: float32 scalars with gradient, means of all roll-outs and steps.
     """
@@ -129,8 +129,8 @@ def foresee(
         for answer in before.values():
             if answer.requires_grad:
                 answer.register_hook(bounded)
-        goal = goal + pace[0] * vehicle_pace_loss(speed, start.cruise, haste).mean()
-        goal = goal + pace[1] * pedestrian_pace_loss(scene.pedestrian_velocity, start.course, haste).mean()
+        goal = goal + pace[0] * vehicle_pace_loss(speed, start.cruise, speeding_weight).mean()
+        goal = goal + pace[1] * pedestrian_pace_loss(scene.pedestrian_velocity, start.course, speeding_weight).mean()
         now = advance_on_lane(now, start.lane, before["vehicle"], before["pedestrian"], gain)
         collision = collision + collision_loss(now.scene, now.speed, margin, anticipation).mean()
         if not bool(collision.isfinite()):

@@ -67,8 +67,8 @@ def foresee_people(actors: Actors, stage_1: Actors, start: Moments, config: Fore
         before = done
         lateral = speed * speed * scene.curvature.abs()
         beyond = (done["vehicle"][:, 0] - SPEEDING_UP).clamp(min=0.0) ** 2 + (lateral - CORNERING).clamp(min=0.0) ** 2
-        pace = config.pace_weights[0] * vehicle_pace_loss(speed, start.cruise, config.haste_weight).mean()
-        walk = pedestrian_pace_loss(scene.pedestrian_velocity, start.course, config.haste_weight).mean()
+        pace = config.pace_weights[0] * vehicle_pace_loss(speed, start.cruise, config.speeding_weight).mean()
+        walk = pedestrian_pace_loss(scene.pedestrian_velocity, start.course, config.speeding_weight).mean()
         now = advance_on_lane(now, start.lane, done["vehicle"], done["pedestrian"], GAIN)
         near = collision_loss(now.scene, now.speed, config.clearance_margin, config.clearance_ahead).mean()
         now_lost = near, pace + config.pace_weights[1] * walk, departure + beyond.mean()

@@ -11,7 +11,6 @@ _FORESIGHT = (
     "clearance_margin",
     "clearance_ahead",
     "pace_weights",
-    "haste_weight",
     "braking_share",
     "insisting_shares",
 )
@@ -53,6 +52,8 @@ REFINE = _BOTH | {name: f"foresight.{name}" for name in _FORESIGHT} | {
     "foresight_rollouts": "foresight.rollouts",
     "foresight_steps": "foresight.steps",
     "foresight_scale": "foresight.scale",
+    "haste_weight": "foresight.speeding_weight",
+    "foresight.haste_weight": "foresight.speeding_weight",
     "critic_warm_up": "ddpg.critic_warm_up",
     "rehearsal_weight": "rehearsal.weight",
     "rehearsal_rollouts": "rehearsal.rollouts",
