@@ -6,9 +6,7 @@ learn by the same temporal difference as elsewhere on the way, and what acts and
 it predicts unseen clips better than their last state.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 import torch
@@ -17,7 +15,7 @@ from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.learning.foresight import draw_moments, draw_scripted, foresee, moments_at, step_along
 from vpsci_ros.learning.imitation import Imitation, Rehearsal
 from vpsci_ros.learning.maddpg import Tensors, UpdateResult
-from vpsci_ros.learning.objectives import Learner
+from vpsci_ros.learning.objectives import Objective, Training
 from vpsci_ros.learning.replay import Batch
 from vpsci_ros.world.observation import AGENTS, STEP
 
@@ -27,18 +25,15 @@ GAIN = 0.5  # `pedestrian_gain` of the world that is foreseen, (21)-(24)
 class Imitating:
     """See `Stage`: the actors learn from recorded trajectories."""
 
-    def __init__(self, learner: Learner, config: PretrainConfig) -> None:
-        self._learner = learner
-        self._imitation = Imitation(learner.maddpg.networks, learner.real, config)
+    def __init__(self, training: Training, config: PretrainConfig) -> None:
+        self._training = training
+        self._imitation = Imitation(training.maddpg.networks, training.real, config)
         self.optimisers = (self._imitation.optimiser,)
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
         """See `Stage.update`."""
         losses = self._imitation.update(rng, iteration)
-        with torch.no_grad():
-            actions = self._learner.maddpg.act(batch)
-        scored = self._learner.rewards.score(batch, actions, rng)
-        return replace(self._learner.maddpg.update(batch, scored, None), actions=actions, more=losses)
+        return replace(self._training.update_critics(batch, rng), more=losses)
 
 
 class Foreseeing:
@@ -46,19 +41,19 @@ class Foreseeing:
 
     optimisers = ()
 
-    def __init__(self, learner: Learner, config: RefineConfig) -> None:
-        self._learner, self._config = learner, config
-        self._rehearsal = Rehearsal(learner, config.rehearsal.rollouts)
+    def __init__(self, training: Training, config: RefineConfig) -> None:
+        self._training, self._config = training, config
+        self._rehearsal = Rehearsal(training, config.rehearsal.rollouts)
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
         """See `Stage.update`."""
-        actions = self._learner.maddpg.act(batch)
-        result = self._learner.maddpg.update(batch, self._learner.rewards.score(batch, actions, rng), None)
+        actions = self._training.maddpg.act(batch)
+        result = self._training.maddpg.update(batch, self._training.rewards.score(batch, actions, rng), None)
         return replace(result, actions=actions, more=self._look_ahead(batch, actions, rng))
 
     def _look_ahead(self, batch: Batch, actions: Tensors, rng: np.random.Generator) -> dict[str, float]:
         """Improve the actors by what they lose, and return it by name."""
-        config, maddpg, simulated = self._config.foresight, self._learner.maddpg, self._learner.simulated()
+        config, maddpg, simulated = self._config.foresight, self._training.maddpg, self._training.simulated()
         if not simulated:
             return {}
         histories, at = draw_moments(simulated, config.rollouts, rng)
@@ -73,10 +68,10 @@ class Foreseeing:
             speeding_weight=config.speeding_weight,
             scripted=draw_scripted(len(histories), config.braking_share, config.insisting_shares, rng),
         )
-        rewards = [self._learner.rewards.speed(batch, actions[agent], agent) for agent in AGENTS]
+        rewards = [self._training.rewards.speed(batch, actions[agent], agent) for agent in AGENTS]
         speed_loss = -(torch.stack(rewards) * batch.present).sum() / (len(AGENTS) * batch.present.sum())
         losses = {"collision": collision, "goal": goal, "speed": speed_loss}
-        weights = self._learner.weights() * config.scale
+        weights = self._training.weights() * config.scale
         total = sum((float(w) * part for w, part in zip(weights, losses.values(), strict=True)), torch.zeros(()))
         rehearsed = self._rehearsal.loss(rng)
         optimiser, actors = maddpg.actor_optimiser, maddpg.networks.actor
@@ -85,24 +80,9 @@ class Foreseeing:
         return {f"lost_{name}": float(part.detach()) for name, part in losses.items()} | {"gradient_norm": norm}
 
 
-class ClosedLoop:
-    """See `Objective`. The copy of the world takes for granted what transitions do not tell."""
-
-    acting = "target_actor"
-    whole_tracks = False
-    known_world: ClassVar[Mapping[str, float | bool]] = {
-        "pedestrian_gain": GAIN,
-        "lane_following": True,
-        "policy_period": STEP,
-    }
-
-    def pretrain(self, learner: Learner, config: PretrainConfig) -> Imitating:
-        """See `Objective.pretrain`."""
-        return Imitating(learner, config)
-
-    def refine(self, learner: Learner, config: RefineConfig) -> Foreseeing:
-        """See `Objective.refine`."""
-        return Foreseeing(learner, config)
-
-
-OBJECTIVE = ClosedLoop()
+OBJECTIVE = Objective(
+    pretrain=Imitating,
+    refine=Foreseeing,
+    acting="target_actor",
+    known_world={"pedestrian_gain": GAIN, "lane_following": True, "policy_period": STEP},
+)

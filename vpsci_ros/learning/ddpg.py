@@ -8,17 +8,14 @@ In stage 2 sampling (17) and the speed reward alone let the actors forget people
 so every update also rehearses a few real near misses in closed loop, and adds that gradient to the policy's.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
-import torch
 
 from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.learning.imitation import Rehearsal
 from vpsci_ros.learning.maddpg import UpdateResult
-from vpsci_ros.learning.objectives import Learner
+from vpsci_ros.learning.objectives import Objective, Training
 from vpsci_ros.learning.replay import Batch
 
 
@@ -27,36 +24,27 @@ class PolicyGradient:
 
     optimisers = ()
 
-    def __init__(self, learner: Learner, rest: int, rehearsal: Rehearsal | None = None, weight: float = 0.0) -> None:
-        self._learner, self._rest, self._rehearsal, self._weight = learner, rest, rehearsal, weight
+    def __init__(self, training: Training, rest: int, rehearsal: Rehearsal | None = None, weight: float = 0.0) -> None:
+        self._training, self._rest, self._rehearsal, self._weight = training, rest, rehearsal, weight
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
         """See `Stage.update`."""
-        maddpg, rests = self._learner.maddpg, iteration < self._rest
-        with torch.set_grad_enabled(not rests):
-            actions = maddpg.act(batch)
-        scored = self._learner.rewards.score(batch, actions, rng)
-        if rests:
-            return replace(maddpg.update(batch, scored, None), actions=actions, rested=True)
+        if iteration < self._rest:
+            return replace(self._training.update_critics(batch, rng), rested=True)
+        maddpg = self._training.maddpg
+        actions = maddpg.act(batch)
+        scored = self._training.rewards.score(batch, actions, rng)
         rehearsed = self._weight * self._rehearsal.loss(rng) if self._rehearsal and self._weight > 0.0 else None
         return replace(maddpg.update(batch, scored, actions, rehearsed), actions=actions)
 
 
-class Ddpg:
-    """See `Objective`."""
-
-    acting = "actor"
-    whole_tracks = False
-    known_world: ClassVar[Mapping[str, float | bool]] = {}
-
-    def pretrain(self, learner: Learner, config: PretrainConfig) -> PolicyGradient:
-        """See `Objective.pretrain`."""
-        return PolicyGradient(learner, config.ddpg.critic_head_start)
-
-    def refine(self, learner: Learner, config: RefineConfig) -> PolicyGradient:
-        """See `Objective.refine`."""
-        rehearsal = Rehearsal(learner, config.rehearsal.rollouts)
-        return PolicyGradient(learner, config.ddpg.critic_warm_up, rehearsal, config.rehearsal.weight)
+def _pretrain(training: Training, config: PretrainConfig) -> PolicyGradient:
+    return PolicyGradient(training, config.ddpg.critic_head_start)
 
 
-OBJECTIVE = Ddpg()
+def _refine(training: Training, config: RefineConfig) -> PolicyGradient:
+    rehearsal = Rehearsal(training, config.rehearsal.rollouts)
+    return PolicyGradient(training, config.ddpg.critic_warm_up, rehearsal, config.rehearsal.weight)
+
+
+OBJECTIVE = Objective(pretrain=_pretrain, refine=_refine)

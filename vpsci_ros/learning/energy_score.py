@@ -9,9 +9,9 @@ that minimised a distance instead would learn the mean of what people do, which 
 import contextlib
 import copy
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -29,7 +29,7 @@ from vpsci_ros.learning.imitation import OBSERVED, RISE, RecordedSteps, Start, r
 from vpsci_ros.learning.likeness import REACH, direction, energy_score, lent, smoothed, texture_distance, velocities
 from vpsci_ros.learning.maddpg import UpdateResult
 from vpsci_ros.learning.networks import Actors, Networks
-from vpsci_ros.learning.objectives import Learner
+from vpsci_ros.learning.objectives import Objective, Training
 from vpsci_ros.learning.replay import Batch
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.policy.sst import StepState, Window
@@ -170,10 +170,10 @@ class Likeness:
 class Scoring:
     """See `Stage`: the actors learn what people do."""
 
-    def __init__(self, learner: Learner, config: PretrainConfig) -> None:
-        self._learner, self._config = learner, config
-        self._actors = learner.maddpg.networks.actor
-        self._likeness = Likeness(learner.maddpg.networks, learner.real, config)
+    def __init__(self, training: Training, config: PretrainConfig) -> None:
+        self._training, self._config = training, config
+        self._actors = training.maddpg.networks.actor
+        self._likeness = Likeness(training.maddpg.networks, training.real, config)
         self._optimiser = torch.optim.AdamW(_groups(self._actors, config.imitation), lr=config.imitation.learning_rate)
         self.optimisers = (self._optimiser,)
 
@@ -189,10 +189,7 @@ class Scoring:
         norm = torch.nn.utils.clip_grad_norm_(self._actors.parameters(), self._config.updates.gradient_clip)
         self._optimiser.step()
         losses["likeness_gradient_norm"] = float(norm)
-        with torch.no_grad():
-            actions = self._learner.maddpg.act(batch)
-        scored = self._learner.rewards.score(batch, actions, rng)
-        return replace(self._learner.maddpg.update(batch, scored, None), actions=actions, more=losses)
+        return replace(self._training.update_critics(batch, rng), more=losses)
 
 
 class Regularised:
@@ -200,33 +197,29 @@ class Regularised:
 
     optimisers = ()
 
-    def __init__(self, learner: Learner, config: RefineConfig) -> None:
-        self._learner, self._config = learner, config
-        networks = learner.maddpg.networks
+    def __init__(self, training: Training, config: RefineConfig) -> None:
+        self._training, self._config = training, config
+        networks = training.maddpg.networks
         imitation = replace(
-            learner.stage_1.imitation, rollouts=config.rehearsal.rollouts, rollout_steps=REHEARSED_STEPS
+            training.stage_1.imitation, rollouts=config.rehearsal.rollouts, rollout_steps=REHEARSED_STEPS
         )
-        self._likeness = Likeness(networks, learner.real, replace(learner.stage_1, imitation=imitation))
+        self._likeness = Likeness(networks, training.real, replace(training.stage_1, imitation=imitation))
         self._stage_1 = copy.deepcopy(networks.actor).requires_grad_(False)
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
         """See `Stage.update`."""
-        learner, maddpg = self._learner, self._learner.maddpg
-        with torch.no_grad():
-            actions = maddpg.act(batch)
-        result = maddpg.update(batch, learner.rewards.score(batch, actions, rng), None)
-        return replace(result, actions=actions, more=self._look_ahead(rng))
+        return replace(self._training.update_critics(batch, rng), more=self._look_ahead(rng))
 
     def _look_ahead(self, rng: np.random.Generator) -> dict[str, float]:
         """Improve the actors by what they lose in the next simulated seconds, and return it by name."""
-        config, maddpg, simulated = self._config, self._learner.maddpg, self._learner.simulated()
+        config, maddpg, simulated = self._config, self._training.maddpg, self._training.simulated()
         if not simulated:
             return {}
         torch.manual_seed(int(rng.integers(2**62)))
         histories, at = foresight.draw_moments(simulated, config.foresight.rollouts, rng)
         actors = maddpg.networks.actor
         lost = foresee_people(actors, self._stage_1, foresight.moments_at(histories, at), config.foresight)
-        weights = self._learner.weights() * config.foresight.scale
+        weights = self._training.weights() * config.foresight.scale
         total = sum((float(w) * part for w, part in zip(weights, lost, strict=True)), torch.zeros(()))
         likeness, _ = self._likeness.loss(rng)
         norm = step_along(
@@ -236,27 +229,13 @@ class Regularised:
         return parts | {"likeness": float(likeness.detach()), "gradient_norm": norm}
 
 
-class EnergyScore:
-    """See `Objective`. The copy of the world takes for granted what transitions do not tell."""
-
-    acting = "target_actor"
-    whole_tracks = True
-    known_world: ClassVar[Mapping[str, float | bool]] = {
-        "pedestrian_gain": GAIN,
-        "lane_following": True,
-        "policy_period": STEP,
-    }
-
-    def pretrain(self, learner: Learner, config: PretrainConfig) -> Scoring:
-        """See `Objective.pretrain`."""
-        return Scoring(learner, config)
-
-    def refine(self, learner: Learner, config: RefineConfig) -> Regularised:
-        """See `Objective.refine`."""
-        return Regularised(learner, config)
-
-
-OBJECTIVE = EnergyScore()
+OBJECTIVE = Objective(
+    pretrain=Scoring,
+    refine=Regularised,
+    acting="target_actor",
+    whole_tracks=True,
+    known_world={"pedestrian_gain": GAIN, "lane_following": True, "policy_period": STEP},
+)
 
 
 def _groups(actors: Actors, config: ImitationConfig) -> list[dict[str, object]]:

@@ -28,7 +28,7 @@ from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.evaluation.scene import Scene, advance, observe, scene_at, time_to_collision
 from vpsci_ros.learning.config import ImitationConfig, PretrainConfig
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.objectives import Learner
+from vpsci_ros.learning.objectives import Training
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.policy.sst import StepState
 from vpsci_ros.world.observation import AGENTS, STEP
@@ -213,9 +213,9 @@ class Imitation:
 class Rehearsal:
     """A few real near misses rolled out again in stage 2, as stage 1 minimised their error."""
 
-    def __init__(self, learner: Learner, rollouts: int) -> None:
-        self._networks, self._interactions = learner.maddpg.networks, learner.real
-        self._config = replace(learner.stage_1.imitation, rollouts=rollouts)
+    def __init__(self, training: Training, rollouts: int) -> None:
+        self._networks, self._interactions = training.maddpg.networks, training.real
+        self._config = replace(training.stage_1.imitation, rollouts=rollouts)
 
     def loss(self, rng: np.random.Generator) -> Tensor:
         """Return the closed-loop error of some of them, a scalar with gradient."""

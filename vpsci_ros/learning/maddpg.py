@@ -83,12 +83,13 @@ class Maddpg:
         ]
         self.actor_optimiser = torch.optim.Adam(groups)
 
-    def act(self, batch: Batch) -> Tensors:
-        """Return mu(H(t)), float32[M, T, 2], of both agents, with gradient."""
+    def act(self, batch: Batch, gradient: bool = True) -> Tensors:
+        """Return mu(H(t)), float32[M, T, 2], of both agents."""
         actions = {}
-        for agent in AGENTS:
-            before = previous(batch.action[agent])
-            actions[agent] = self.networks.actor[agent](batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
+        with torch.set_grad_enabled(gradient):
+            for agent in AGENTS:
+                seen, before = batch.observation[agent][:, :-1], previous(batch.action[agent])
+                actions[agent] = self.networks.actor[agent](seen, before, batch.curvttc[:, :-1])
         return actions
 
     def update(

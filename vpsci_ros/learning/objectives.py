@@ -7,6 +7,7 @@ nor torch, which whoever only reads a configuration does without.
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -30,7 +31,7 @@ OBJECTIVES = {
 DESCRIPTION = "what the actors follow: " + "; ".join(f"{name}: {what}" for name, what in OBJECTIVES.items())
 
 
-class Learner(NamedTuple):
+class Training(NamedTuple):
     """What an objective learns with.
 
     :ivar maddpg: networks, critics and their optimisers. In stage 2 the actors take their steps by its
@@ -49,38 +50,42 @@ class Learner(NamedTuple):
     weights: Callable[[], np.ndarray] = lambda: np.zeros(0)
     simulated: Callable[[], list["History"]] = list
 
+    def update_critics(self, batch: "Batch", rng: np.random.Generator) -> "UpdateResult":
+        """Update critics and targets once, by what the actors would do now; the actors are left as they are."""
+        actions = self.maddpg.act(batch, gradient=False)
+        scored = self.rewards.score(batch, actions, rng)
+        return replace(self.maddpg.update(batch, scored, None), actions=actions)
+
 
 class Stage(Protocol):
     """An objective at work in one stage."""
 
-    optimisers: Sequence["torch.optim.Optimizer"]
-    """Those beside the ones of `Learner.maddpg`, for checkpoints."""
+    @property
+    def optimisers(self) -> Sequence["torch.optim.Optimizer"]:
+        """Those beside the ones of `Training.maddpg`, for checkpoints."""
 
     def update(self, batch: "Batch", iteration: int, rng: np.random.Generator) -> "UpdateResult":
         """Update critics, actors and targets once; `iteration` counts from 0."""
         ...
 
 
-class Objective(Protocol):
+@dataclass(frozen=True)
+class Objective:
     """What the actors follow, in stage 1 and in stage 2.
 
+    :ivar pretrain: makes what updates the networks in stage 1.
+    :ivar refine: makes what updates the networks in stage 2.
     :ivar acting: the networks that act, are measured and are kept: "actor", or "target_actor" for the actors' running
         average.
     :ivar whole_tracks: learns from whole joint tracks instead of the rows around the critical ones.
     :ivar known_world: what this objective takes for granted in stage 2, by the names of `WorldConfig`.
     """
 
-    acting: str
-    whole_tracks: bool
-    known_world: Mapping[str, float | bool]
-
-    def pretrain(self, learner: Learner, config: "PretrainConfig") -> Stage:
-        """Return what updates the networks in stage 1."""
-        ...
-
-    def refine(self, learner: Learner, config: "RefineConfig") -> Stage:
-        """Return what updates the networks in stage 2."""
-        ...
+    pretrain: Callable[[Training, "PretrainConfig"], Stage]
+    refine: Callable[[Training, "RefineConfig"], Stage]
+    acting: str = "actor"
+    whole_tracks: bool = False
+    known_world: Mapping[str, float | bool] = field(default_factory=dict)
 
 
 def find_objective(name: str) -> Objective:

@@ -19,7 +19,7 @@ from vpsci_ros.learning.config import PretrainConfig
 from vpsci_ros.learning.divergence import check_losses
 from vpsci_ros.learning.maddpg import Maddpg, Tensors
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.objectives import Learner, find_objective
+from vpsci_ros.learning.objectives import Training, find_objective
 from vpsci_ros.learning.replay import Batch, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import RecordedRewards
 from vpsci_ros.policy.config import NetworkConfig
@@ -118,7 +118,7 @@ class _Run:
         self._maddpg = Maddpg(self._networks, config.updates, config.ddpg.actor_learning_rate)
         self._rewards, objective = RecordedRewards(config.rewards, self._networks), find_objective(config.objective)
         self._acting = objective.acting
-        self._objective = objective.pretrain(Learner(self._maddpg, self._rewards, interactions, config), config)
+        self._objective = objective.pretrain(Training(self._maddpg, self._rewards, interactions, config), config)
         self._optimisers = [self._maddpg.critic_optimiser, self._maddpg.actor_optimiser, *self._objective.optimisers]
         self.episode, self.whole = 0, True
         self.log: list[dict[str, float]] = []

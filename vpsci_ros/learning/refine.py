@@ -31,7 +31,7 @@ from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.learning.divergence import check_losses
 from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.learning.objectives import Learner, find_objective
+from vpsci_ros.learning.objectives import Training, find_objective
 from vpsci_ros.learning.replay import Batch, ReplayBuffer, collate, pack, recorded_histories, unpack, up_to_capacity
 from vpsci_ros.learning.rewards import EventRewards, SimulatedRewards
 from vpsci_ros.parameters import build
@@ -91,7 +91,7 @@ class Refiner:
         self._facts: dict[str, Any] = {"stage": "refined", "seed": seed, "data": {"sha256": table_hash(near_misses)}}
         self._facts["data"]["held_out_clips"] = sorted(set(self._held_out.interactions.clip))
         objective = find_objective(config.objective)
-        learner = Learner(
+        start = Training(
             self._maddpg,
             self._rewards,
             self._real,
@@ -99,7 +99,7 @@ class Refiner:
             lambda: self.reward_weights.values,
             lambda: self._buffer.simulated,
         )
-        self._acting, self._objective = objective.acting, objective.refine(learner, config)
+        self._acting, self._objective = objective.acting, objective.refine(start, config)
         self._accepted = self._actor_state()
         self._credit, self._norm, self._calm, self._judged = 0.0, math.inf, 0, 0
         self._drawn, self._drawn_real = 0.0, 0.0
