@@ -5,14 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.policy.agent import PolicyAgent, policies
+from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.policy.draws import draw_innovation, draw_latent
 from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import Weights, weights_from_bytes, weights_to_bytes
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
+from vpsci_ros.world.counter_rng import STREAM_INNOVATION, normals
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.observation import AGENTS
 
@@ -54,10 +56,23 @@ def trajectories(
     return out
 
 
+def innovations(scenario: int, episodes: NDArray[np.int64], frame: int, agent: int) -> NDArray[np.float32]:
+    seed, scenarios, frames = (np.full(len(episodes), value) for value in (1, scenario, frame))
+    return draw_innovation(seed, scenarios, episodes, frames, agent, np.ones(len(episodes), bool))
+
+
+def test_innovations_are_the_normals_of_their_stream_and_0_where_nobody_acts() -> None:
+    episodes = np.arange(50)
+    stream = STREAM_INNOVATION[1] + (7 << 8)
+    assert np.array_equal(innovations(3, episodes, 7, 1), normals(1, 3, episodes, stream, 2).astype(np.float32))
+    ones, nobody = np.ones(2, np.int64), np.zeros(2, bool)
+    assert not draw_innovation(ones, ones, ones, ones, 0, nobody).any()
+
+
 def test_numbers_are_standard_normal_and_of_each_agent_and_frame_their_own() -> None:
     episodes = np.arange(20000)
     drawn = [draw_latent(1, 3, episodes, agent, 6) for agent in (0, 1)]
-    drawn += [draw_innovation(1, 3, episodes, frame, agent) for agent in (0, 1) for frame in (0, 2)]
+    drawn += [innovations(3, episodes, frame, agent) for agent in (0, 1) for frame in (0, 2)]
     together = np.concatenate(drawn, axis=1)
     assert np.abs(together.mean(axis=0)).max() < 0.03
     assert np.abs(np.cov(together.T) - np.eye(together.shape[1])).max() < 0.05
@@ -95,7 +110,7 @@ def test_the_streamed_action_is_the_distribution_that_was_learned(weights: Weigh
     actor = StreamingActor(weights.actor("vehicle"), batch)
     noise, streamed = np.zeros((2, batch, 2), np.float32), []
     for frame in range(2):
-        noise[frame] = draw_innovation(1, 1, np.arange(batch), frame, 0)
+        noise[frame] = innovations(1, np.arange(batch), frame, 0)
         streamed.append(
             actor.step(observation, ttc, ~every if frame else every, every, Draws(who, noise[frame], np.float32(1.0)))
         )
@@ -114,27 +129,3 @@ def test_stochastic_weights_survive_a_file(weights: Weights) -> None:
     again = weights_from_bytes(weights_to_bytes(weights))
     assert again.network.latent == SMALL.latent
     assert again.digest() == weights.digest()
-
-
-def test_a_step_that_draws_costs_little_more(weights: Weights) -> None:
-    """The networks of Table 8 take some 60 us a step; what is drawn must stay far below."""
-    import time
-
-    def best(temperature: float) -> float:
-        agent = PolicyAgent("vehicle", 1, explore=False, temperature=temperature)
-        agent.load(big, version=1)
-        world = World(WorldConfig(), load_scenarios([1]), [(1, i) for i in range(64)], 64, 1)
-        ttc = np.full(64, 2.0)
-        assessment = world.now.assessed(ttc, ttc, np.ones(64, bool))
-        times = []
-        for _ in range(30):
-            begun = time.perf_counter()
-            agent.act(world.now, assessment)
-            times.append(time.perf_counter() - begun)
-        return min(times)
-
-    big = Networks(NetworkConfig(latent=8)).weights({}, {})
-    plain = Networks(NetworkConfig()).weights({}, {})
-    drawn = best(1.0)
-    big = plain
-    assert drawn < 1.5 * best(1.0)  # a busy machine's clock is coarse; test/benchmarks/bench_policy.py measures

@@ -112,7 +112,8 @@ class PolicyPredictor:
         if self._latent_size == 0:
             return None
         rows = np.arange(len(self._begun))
-        innovation = draw_innovation(self._seed, 0, rows, self._steps, agent)
+        seed, scenario, frame = (np.full(len(rows), value) for value in (self._seed, 0, self._steps))
+        innovation = draw_innovation(seed, scenario, rows, frame, agent, np.ones(len(rows), bool))
         return Draws(self._latents[agent], innovation, self._temperature)
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:

@@ -11,7 +11,7 @@ from vpsci_ros.policy.exploration import exploration_noise
 from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import ActorWeights, Weights
 from vpsci_ros.world import World, observation
-from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
+from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Assessment, Tick
 
 
@@ -101,12 +101,12 @@ class PolicyAgent:
         size = self._latent.shape[1]
         if size == 0:
             return None
-        seed = np.broadcast_to(self._seed, len(state))
+        seed = self._seed if isinstance(self._seed, np.ndarray) else np.full(len(state), self._seed)
         if reset.any():
             new = state[reset]
             self._latent[reset] = draw_latent(seed[reset], new["scenario"], new["episode"], self._index, size)
-        innovation, now = np.zeros((len(state), ACTION_SIZE), np.float32), state[active]
-        innovation[active] = draw_innovation(seed[active], now["scenario"], now["episode"], now["frame"], self._index)
+        which = seed, state["scenario"], state["episode"], state["frame"]
+        innovation = draw_innovation(*which, self._index, active)
         return Draws(self._latent, innovation, np.float32(self._temperature))
 
 

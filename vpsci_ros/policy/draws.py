@@ -5,11 +5,17 @@ changes from step to step, the episode's frame. So an episode draws the same in 
 same latent numbers hold again where control was given back and taken once more.
 """
 
+from typing import Any
+
 import numpy as np
+from numba import uint64
 from numpy.typing import ArrayLike, NDArray
 
-from vpsci_ros.world.counter_rng import STREAM_INNOVATION, STREAM_LATENT, normals
+from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.counter_rng import STREAM_INNOVATION, STREAM_LATENT, normal_pair, normals, philox, unit
 from vpsci_ros.world.observation import ACTION_SIZE
+
+Whole = NDArray[np.integer[Any]]
 
 
 def draw_latent(seed: ArrayLike, scenario: ArrayLike, episode: ArrayLike, agent: int, size: int) -> NDArray[np.float32]:
@@ -22,8 +28,25 @@ def draw_latent(seed: ArrayLike, scenario: ArrayLike, episode: ArrayLike, agent:
 
 
 def draw_innovation(
-    seed: ArrayLike, scenario: ArrayLike, episode: ArrayLike, frame: ArrayLike, agent: int
+    seed: Whole, scenario: Whole, episode: Whole, frame: Whole, agent: int, active: NDArray[np.bool_]
 ) -> NDArray[np.float32]:
-    """Return the new part of the noise at a frame, float32[B, 2]; `frame` whole numbers [B], others as above."""
-    stream = STREAM_INNOVATION[agent] + (np.asarray(frame, np.int64) << 8)
-    return normals(seed, scenario, episode, stream, ACTION_SIZE).astype(np.float32)
+    """Return the new part of the noise at a frame, float32[B, 2]; 0 where not active.
+
+    The numbers of `normals` with a stream for each agent and frame, without its checks: a policy draws at every step,
+    and they would cost more than a step of a small network.
+
+    :param seed, scenario, episode, frame: whole numbers [B], not negative.
+    :param active: bool[B].
+    """
+    out = np.zeros((len(active), ACTION_SIZE), np.float32)
+    _fill(seed, scenario, episode, frame, active, STREAM_INNOVATION[agent], out)
+    return out
+
+
+@kernel
+def _fill(seed, scenario, episode, frame, active, stream, out):  # type: ignore[no-untyped-def]
+    for i in range(out.shape[0]):
+        if active[i]:
+            own = uint64(stream) + (uint64(frame[i]) << uint64(8))
+            bits = philox(uint64(seed[i]), uint64(scenario[i]), uint64(0), own, uint64(episode[i]), uint64(0))
+            out[i, 0], out[i, 1] = normal_pair(unit(bits[0]), unit(bits[1]))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.streaming_kernels import step_rows
+from vpsci_ros.policy.streaming_kernels import step_rows, take_draws
 from vpsci_ros.policy.weights import ActorWeights
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
@@ -139,14 +139,9 @@ class StreamingActor:
         self._action[active] = np.asarray(action, np.float32)[active]
 
     def _take_draws(self, draws: Draws, rows: NDArray[np.int64], reset: NDArray[np.bool_]) -> None:
-        """Take in the latent numbers of `rows` and carry their noise on, in float32 operations of one rounding each."""
-        persistence = np.where(reset[rows], np.float32(0.0), self._persistence)
-        renewal = np.where(reset[rows], np.float32(1.0), self._renewal)
-        carried = persistence[:, None] * self._noise[rows]
-        self._noise[rows] = carried + renewal[:, None] * draws.innovation[rows]
-        self._latent[rows] = draws.temperature * draws.latent[rows]
-        square = self._noise[rows] * self._noise[rows]
-        self._burst[rows] = draws.temperature * (self._noise[rows] * square / (square + self._stillness))
+        """Take in the latent numbers of `rows` and carry their noise on."""
+        kept = self._persistence, self._renewal, self._stillness
+        take_draws(rows, reset, *draws, *kept, self._latent, self._noise, self._burst)
 
     def _begin(self, slots: NDArray[np.int64]) -> None:
         self._counts[slots] = 0

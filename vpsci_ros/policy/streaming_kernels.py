@@ -239,3 +239,17 @@ def _rectify(x):  # type: ignore[no-untyped-def]
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
             x[i, j] = max(x[i, j], np.float32(0.0))
+
+
+@njit(cache=True, nogil=True)
+def take_draws(  # type: ignore[no-untyped-def]
+    rows, reset, latents, innovation, temperature, persistence, renewal, stillness, latent, noise, burst
+):
+    """Fill `latent`, `noise` and `burst` of `rows` from what they draw: see `vpsci_ros.policy.actor.Actor.burst`."""
+    for i in rows:
+        for k in range(latent.shape[1]):
+            latent[i, k] = temperature * latents[i, k]
+        for k in range(noise.shape[1]):
+            e = innovation[i, k] if reset[i] else persistence * noise[i, k] + renewal * innovation[i, k]
+            square = e * e
+            noise[i, k], burst[i, k] = e, temperature * (e * square / (square + stillness[k]))

@@ -94,11 +94,16 @@ def normals(seed: ArrayLike, scenario: ArrayLike, episode: ArrayLike, stream: Ar
 
 
 @kernel
+def normal_pair(first: float, second: float) -> tuple[float, float]:
+    """Return two standard normal numbers of two uniform ones in [0, 1)."""
+    radius = np.sqrt(-2.0 * np.log(1.0 - first))
+    return radius * np.cos(2.0 * np.pi * second), radius * np.sin(2.0 * np.pi * second)
+
+
+@kernel
 def _box_muller(u, out):  # type: ignore[no-untyped-def]
     for i in range(0, u.size, 2):
-        radius = np.sqrt(-2.0 * np.log(1.0 - u[i]))
-        out[i] = radius * np.cos(2.0 * np.pi * u[i + 1])
-        out[i + 1] = radius * np.sin(2.0 * np.pi * u[i + 1])
+        out[i], out[i + 1] = normal_pair(u[i], u[i + 1])
 
 
 def _as_uint64(name: str, value: ArrayLike) -> NDArray[np.uint64]:
