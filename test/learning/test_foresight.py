@@ -222,7 +222,7 @@ def test_neither_the_rehearsal_nor_the_simulated_seconds_drown_the_other(network
 
 def test_most_moments_are_hand_overs_and_no_history_is_drawn_twice():
     histories = [meeting([10.0, 0.0], 4.0, [0.0, 0.0]) for _ in range(400)]
-    picked, at = draw_moments(histories, 300, np.random.default_rng(0))
+    picked, at = draw_moments(histories, 300, 0.7, np.random.default_rng(0))
     assert len({id(h) for h in picked}) == 300
     assert 0.68 < (at == 0).mean() < 0.82  # 0.7, and a sixth of the rest
     assert at.max() == 5

@@ -56,7 +56,7 @@ class Foreseeing:
         config, maddpg, simulated = self._config.foresight, self._training.maddpg, self._training.simulated()
         if not simulated:
             return {}
-        histories, at = draw_moments(simulated, config.rollouts, rng)
+        histories, at = draw_moments(simulated, config.rollouts, config.hand_over_share, rng)
         collision, goal = foresee(
             maddpg.networks.actor,
             moments_at(histories, at),

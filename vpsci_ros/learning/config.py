@@ -227,6 +227,9 @@ class ForesightConfig:
 
     rollouts: int = parameter(32, "moments of simulated experience rolled out in one update", low=1, high=4096)
     steps: int = parameter(40, "length of a roll-out", unit="steps of 0.1 s", low=1, high=200)
+    hand_over_share: float = parameter(
+        0.7, "share of roll-outs that begin at the hand-over; the others begin at any step after it", low=0.0, high=1.0
+    )
     scale: list[float] = parameter(
         [180.0, 30.0, 1.0],
         "what the smooth collision and goal rewards and the speed reward are worth before their weights (27)",

@@ -216,7 +216,9 @@ class Regularised:
         if not simulated:
             return {}
         torch.manual_seed(int(rng.integers(2**62)))
-        histories, at = foresight.draw_moments(simulated, config.foresight.rollouts, rng)
+        histories, at = foresight.draw_moments(
+            simulated, config.foresight.rollouts, config.foresight.hand_over_share, rng
+        )
         actors = maddpg.networks.actor
         lost = foresee_people(actors, self._stage_1, foresight.moments_at(histories, at), config.foresight)
         weights = self._training.weights() * config.foresight.scale

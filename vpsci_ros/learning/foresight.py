@@ -45,7 +45,6 @@ from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION
 from vpsci_ros.world.observation import AGENTS, STEP
 
 CRUISE = 3.5  # [m/s] pace that a vehicle which stands or creeps should take up
-HAND_OVERS = 0.7  # share of roll-outs that begin there
 LONGEST = 20.0  # times the median: the length to which gradients of single roll-outs are shortened
 BRAKING = (1.0, 5.0)  # [m/s2] least and greatest deceleration of a vehicle that brakes whatever its policy says
 
@@ -188,13 +187,13 @@ def _on_lane(
 
 
 def draw_moments(
-    histories: Sequence[History], count: int, rng: np.random.Generator
+    histories: Sequence[History], count: int, hand_over_share: float, rng: np.random.Generator
 ) -> tuple[list[History], NDArray[np.int64]]:
-    """Draw up to `count` different simulated histories, and a step of each: seven times of ten the hand-over."""
+    """Draw up to `count` different simulated histories, and a step of each: in such a share of them the hand-over."""
     size = min(count, len(histories))
     picked = [histories[i] for i in rng.choice(len(histories), size, replace=False)]
     anywhere = np.array([int(rng.random() * len(history)) for history in picked], np.int64)
-    return picked, np.where(rng.random(size) < HAND_OVERS, 0, anywhere)
+    return picked, np.where(rng.random(size) < hand_over_share, 0, anywhere)
 
 
 def draw_scripted(
