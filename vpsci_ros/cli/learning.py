@@ -1,4 +1,4 @@
-"""The commands about learning: `vpsci pretrain`, `refine`, `average`, `evaluate`, `study` samples, folds, models and weights."""
+"""The commands about learning: `vpsci pretrain`, `refine`, `average`, `evaluate`, and the studies."""
 
 import contextlib
 import sys
@@ -69,7 +69,7 @@ def average(
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Weights file to write.")],
 ) -> None:
-    """The mean of several trainings that began from the same weights: as a rule it does better than each of them.
+    """Take the mean of several trainings that began from the same weights; it often does better than each of them.
 
     How the shipped refined.safetensors was made: see docs/training.md.
     """

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.weights import Weights
+from vpsci_ros.policy.weights import Tensors, Weights
 
 
 def average(several: Sequence[Weights]) -> Weights:
@@ -32,10 +32,11 @@ def average(several: Sequence[Weights]) -> Weights:
                 raise InvalidInput(
                     f"weights to average: {name} of number {number}: expected {one}, as of the first, got {own}"
                 )
-    tensors = {
-        name: np.mean([own.tensors[name] for own in several], axis=0, dtype=np.float64).astype(np.float32)
-        for name in first.tensors
-    }
+    tensors: Tensors = {}
+    for name in first.tensors:
+        tensors[name] = (
+            np.stack([own.tensors[name] for own in several]).mean(axis=0, dtype=np.float64).astype(np.float32)
+        )
     facts, configuration = _common([own.facts for own in several]), _common([own.configuration for own in several])
     parts = [
         {"tensors_sha256": own.digest()}
