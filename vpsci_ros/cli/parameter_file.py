@@ -11,6 +11,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.learning.objectives import OBJECTIVES
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.parameters import EVERY_NODE, check_sections, read_parameter_file, refuse_unknown, table
 from vpsci_ros.resources import params_path
@@ -134,7 +135,7 @@ def _refuse_other_objective(path: str | Path, sections: Sections, given: Mapping
     chosen = sections.get(kind, "learner").objective
     for group, objectives in kind.READ_BY.items():
         unread = [name for name in given if name.startswith(f"{group}.")]
-        if chosen not in objectives and unread:
+        if chosen in OBJECTIVES and chosen not in objectives and unread:
             others = " or ".join(objectives)
             raise InvalidInput(
                 f"{path}: learner.{unread[0]}: nothing reads it with learner.objective {chosen}, but with {others}"

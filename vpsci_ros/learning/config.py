@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.objectives import DESCRIPTION, OBJECTIVES, find_objective
+from vpsci_ros.learning.objectives import DESCRIPTION, find_objective, require_objective
 from vpsci_ros.parameters import parameter
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import AGENTS
@@ -134,9 +134,9 @@ class PretrainConfig:
         "energy_score": ("energy_score",),
         "ddpg": ("ddpg",),
     }
-    """Group that some objectives read alone -> these."""
+    """Group that some of the built-in objectives read alone -> these."""
 
-    objective: str = parameter("closed_loop", DESCRIPTION, choices=tuple(OBJECTIVES))
+    objective: str = parameter("closed_loop", DESCRIPTION)
     episodes: int = parameter(600, "training iterations, one mini-batch each", low=1, high=10_000_000)
     held_out_fraction: float = parameter(
         0.2, "share of near misses, by whole clips, kept out of training", low=0.0, high=0.9
@@ -149,6 +149,9 @@ class PretrainConfig:
     imitation: ImitationConfig = ImitationConfig()
     energy_score: EnergyScoreConfig = EnergyScoreConfig()
     ddpg: DdpgConfig = DdpgConfig()
+
+    def __post_init__(self) -> None:
+        require_objective(self.objective)
 
 
 # ---- stage 2
@@ -337,9 +340,9 @@ class RefineConfig:
     """Stage 2: learning on in simulation (section 3.2)."""
 
     READ_BY: ClassVar[Mapping[str, Sequence[str]]] = {"foresight": ("closed_loop", "energy_score"), "ddpg": ("ddpg",)}
-    """Group that some objectives read alone -> these."""
+    """Group that some of the built-in objectives read alone -> these."""
 
-    objective: str = parameter("closed_loop", DESCRIPTION, choices=tuple(OBJECTIVES))
+    objective: str = parameter("closed_loop", DESCRIPTION)
     replay: OnlineReplayConfig = OnlineReplayConfig()
     updates: OnlineUpdatesConfig = OnlineUpdatesConfig()
     actors: ActorsConfig = ActorsConfig()
@@ -349,6 +352,9 @@ class RefineConfig:
     rehearsal: RehearsalConfig = RehearsalConfig()
     refresh: RefreshConfig = RefreshConfig()
     convergence: ConvergenceConfig = ConvergenceConfig()
+
+    def __post_init__(self) -> None:
+        require_objective(self.objective)
 
     def require_known_world(self, world: WorldConfig) -> None:
         """Refuse a world in which a policy does not act, or that moves otherwise than the differentiable copy of it.

@@ -1,16 +1,18 @@
 """What the actors follow while the critics learn by temporal difference: one object a name, for both stages.
 
-A later objective is a module of this room of the same name, which holds it as `OBJECTIVE`, and a line in `OBJECTIVES`.
-Configurations take their choices from this table, so nothing here imports them but for their types;
+Each is a module of this room of the same name, which holds it as `OBJECTIVE`; other distributions add theirs
+(docs/extending.md). Configurations check their choice here, so nothing here imports them but for their types;
 nor torch, which whoever only reads a configuration does without.
 """
 
 import importlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
+
+from vpsci_ros.runs.plugins import PluginGroup
 
 if TYPE_CHECKING:
     import torch
@@ -28,7 +30,11 @@ OBJECTIVES = {
     "stochastic actors",
     "ddpg": "the critics' policy gradient, as Algorithm 1 of the paper",
 }
-DESCRIPTION = "what the actors follow: " + "; ".join(f"{name}: {what}" for name, what in OBJECTIVES.items())
+DESCRIPTION = (
+    "what the actors follow: "
+    + "; ".join(f"{name}: {what}" for name, what in OBJECTIVES.items())
+    + ("; or one that another distribution adds (docs/extending.md)")
+)
 
 
 class Training(NamedTuple):
@@ -88,7 +94,38 @@ class Objective:
     known_world: Mapping[str, float | bool] = field(default_factory=dict)
 
 
+class _BuiltIn(Mapping[str, Objective]):
+    """The objectives of `OBJECTIVES`, imported when they are asked for."""
+
+    def __getitem__(self, name: str) -> Objective:
+        found: Objective = importlib.import_module(f"vpsci_ros.learning.{name}").OBJECTIVE
+        return found
+
+    def __contains__(self, name: object) -> bool:
+        return name in OBJECTIVES
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(OBJECTIVES)
+
+    def __len__(self) -> int:
+        return len(OBJECTIVES)
+
+
+_ALL = PluginGroup("vpsci_ros.objectives", "objective", Objective, _BuiltIn())
+
+
 def find_objective(name: str) -> Objective:
-    """Return the objective of this name, one of `OBJECTIVES`."""
-    found: Objective = importlib.import_module(f"vpsci_ros.learning.{name}").OBJECTIVE
-    return found
+    """Return the objective of this name, one of `OBJECTIVES` or of another distribution.
+
+    :raises InvalidInput: there is none.
+    """
+    return _ALL.find(name)
+
+
+def require_objective(name: str) -> None:
+    """Refuse a name that no objective has; a built-in one is not imported for that.
+
+    :raises InvalidInput: see `find_objective`.
+    """
+    if name not in OBJECTIVES:
+        find_objective(name)
