@@ -12,14 +12,14 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.importer import Clip
-from vpsci_ros.data.importers.tracks import Floats, Track, resample, slope
+from vpsci_ros.data.importers.tracks import Floats, Track, read_text, require_columns, resample, slope
 from vpsci_ros.errors import InvalidInput
 
 REVERSING = -0.1  # [m/s] slower than this is driving backwards, not the noise of a standing car
-_MOVING = 1.0  # [m/s] above it the direction of motion says what the heading must be
-_WALKING = 0.5  # [m/s] above it speeds tell the frame rate and the units
-_RATE_TOLERANCE = 0.1  # by which way and speed may differ (median)
-_ASKEW = 0.5  # [rad] by which headings may differ from the motion (median)
+MOVING = 1.0  # [m/s] above it the direction of motion says what the heading must be
+WALKING = 0.5  # [m/s] above it speeds tell the frame rate and the units
+RATE_TOLERANCE = 0.1  # by which way and speed may differ (median)
+ASKEW = 0.5  # [rad] by which headings may differ from the motion (median)
 _STANDING = 0.3  # [m/s] below which a direction of motion is noise
 _TICKS = 1e6  # [1/s] resolution of times that are no frame numbers
 
@@ -54,10 +54,7 @@ def read_csv(path: Path) -> pl.DataFrame:
 
     :raises InvalidInput: it cannot be read, or is empty.
     """
-    try:
-        text = pl.read_csv(path, infer_schema=False)
-    except (pl.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{path}: not readable as CSV: {error}; take the file as published") from None
+    text = read_text(path)
     if text.is_empty():
         raise InvalidInput(f"{path}: expected one row a frame and road user, got none; remove the file or restore it")
     return text
@@ -73,7 +70,7 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
     pedestrians: list[Track] = []
     reversing, assumed = 0, []
     for path, (table, layout) in parts.items():
-        _require(table, layout, path)
+        require_columns(table, layout.columns.values(), path)
         left_out = _left_out(table, layout)
         assumed += [f"left out: {left_out}"] if left_out else []
         if len(walkers := _canonical(table, layout, layout.pedestrians, path)):
@@ -92,15 +89,6 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
 
 def _rate(layout: Layout) -> float:
     return layout.frame_rate if "frame" in layout.columns else _TICKS
-
-
-def _require(table: pl.DataFrame, layout: Layout, path: Path) -> None:
-    missing = [column for column in layout.columns.values() if column not in table.columns]
-    if missing:
-        raise InvalidInput(
-            f"{path}: expected columns {', '.join(layout.columns.values())}; {', '.join(missing)} is missing, the file "
-            f"has {', '.join(table.columns)}; take the file as published"
-        )
 
 
 def _classes(table: pl.DataFrame, layout: Layout) -> pl.Series:
@@ -168,7 +156,7 @@ def _numbers(rows: pl.DataFrame, line: pl.Series, column: str, path: Path) -> pl
     return numbers
 
 
-def _steps(tracks: pl.DataFrame, rate: float) -> pl.DataFrame:
+def steps(tracks: pl.DataFrame, rate: float) -> pl.DataFrame:
     """Return of each step between neighbouring rows of a road user: dx, dy [m], seconds, and all columns before it."""
     ahead = {f"d{name}": pl.col(name).shift(-1).over("id") - pl.col(name) for name in ("x", "y")}
     seconds = (pl.col("frame").shift(-1).over("id") - pl.col("frame")) / rate
@@ -177,13 +165,13 @@ def _steps(tracks: pl.DataFrame, rate: float) -> pl.DataFrame:
 
 def _check_rate(tracks: pl.DataFrame, rate: float, path: Path) -> None:
     """Refuse times or units by which road users come further, or less far, than their speeds say."""
-    steps = _steps(tracks, rate).with_columns(speed=(pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt())
-    moving = steps.filter(pl.col("speed") > _WALKING)
+    speed = (pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt()
+    moving = steps(tracks, rate).with_columns(speed=speed).filter(pl.col("speed") > WALKING)
     if moving.is_empty():
         return
     came = (moving["dx"] ** 2 + moving["dy"] ** 2).sqrt() / moving["seconds"]
     ratio = float(np.median((came / moving["speed"]).to_numpy()))
-    if abs(ratio - 1.0) > _RATE_TOLERANCE:
+    if abs(ratio - 1.0) > RATE_TOLERANCE:
         raise InvalidInput(
             f"{path}: by positions and times road users move {ratio:.3g} times as fast as their speeds say (median); "
             f"frame rate ({rate:g} a second here) or units are others"
@@ -192,29 +180,30 @@ def _check_rate(tracks: pl.DataFrame, rate: float, path: Path) -> None:
 
 def _check_heading(cars: pl.DataFrame, path: Path) -> None:
     """Refuse headings that are not radians counter-clockwise from x, by comparing them with the motion."""
-    steps = _steps(cars, 1.0)
-    speed = (steps["vx"] ** 2 + steps["vy"] ** 2).sqrt() if "vx" in steps.columns else None
-    steps = steps.filter(((pl.col("dx") ** 2 + pl.col("dy") ** 2).sqrt() > 0.05) if speed is None else speed > _MOVING)
-    if steps.is_empty():
+    moved = steps(cars, 1.0)
+    speed = (moved["vx"] ** 2 + moved["vy"] ** 2).sqrt() if "vx" in moved.columns else None
+    moved = moved.filter(((pl.col("dx") ** 2 + pl.col("dy") ** 2).sqrt() > 0.05) if speed is None else speed > MOVING)
+    if moved.is_empty():
         return
-    direction = np.arctan2(steps["dy"].to_numpy(), steps["dx"].to_numpy())
-    heading = steps["heading"].to_numpy()
-    apart = _median_angle(direction - heading)
-    if apart <= _ASKEW:
+    direction = np.arctan2(moved["dy"].to_numpy(), moved["dx"].to_numpy())
+    heading = moved["heading"].to_numpy()
+    apart = median_angle(direction - heading)
+    if apart <= ASKEW:
         return
     guesses = {
         "they look like degrees": np.radians(heading),
         "y seems to point down": -heading,
         "they seem to be measured from y, clockwise": 0.5 * np.pi - heading,
     }
-    fits = [guess for guess, angles in guesses.items() if _median_angle(direction - angles) < _ASKEW]
+    fits = [guess for guess, angles in guesses.items() if median_angle(direction - angles) < ASKEW]
     raise InvalidInput(
         f"{path}: headings differ from the direction of motion by {apart:.2f} rad (median); expected radians "
         f"counter-clockwise from x; {fits[0] if fits else 'they are measured from another axis'}"
     )
 
 
-def _median_angle(difference: Floats) -> float:
+def median_angle(difference: Floats) -> float:
+    """Return the median size of differences of angles [rad], whole turns left out."""
     return float(np.median(np.abs(np.angle(np.exp(1j * difference)))))
 
 

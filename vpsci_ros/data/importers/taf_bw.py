@@ -13,6 +13,7 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.importer import Clip, Importer
+from vpsci_ros.data.importers.layout import REVERSING
 from vpsci_ros.data.importers.tracks import Floats, Track, read_tracks_csv, resample
 from vpsci_ros.errors import InvalidInput
 
@@ -22,7 +23,6 @@ _FRAME_RATE = 1000.0  # [1/s] of timestamp_ms
 VEHICLES, PEDESTRIANS = ("car", "truck", "bus", "van"), ("pedestrian", "pedestrian/bicycle")
 _FROZEN = 0.3  # [m/s] a track that says it moves faster than this, and does not move, is frozen
 _FLIP = 0.5  # [rad] a heading that turns by more in 0.1 s
-_REVERSING = -0.1  # [m/s] slower than this along the heading is driving backwards
 
 
 def read_folder(folder: Path) -> Iterator[Clip]:
@@ -53,7 +53,7 @@ def read_clip(name: str, path: Path) -> Clip:
         for of in (VEHICLES, PEDESTRIANS)
     )
     along = pl.col("vx") * pl.col("psi_rad").cos() + pl.col("vy") * pl.col("psi_rad").sin()
-    forward = vehicles.filter(along >= _REVERSING)
+    forward = vehicles.filter(along >= REVERSING)
     return Clip(
         name,
         [

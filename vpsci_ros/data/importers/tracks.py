@@ -1,6 +1,6 @@
 """Tracks of one clip: read from CSV with every value checked, cut at gaps, and resampled to the 0.1 s grid."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,17 +43,9 @@ def read_tracks_csv(path: Path, columns: tuple[str, ...], keys: tuple[str, str] 
     :raises InvalidInput: unreadable, a missing column, no row, a value that is missing, text or not finite, or frames
         of an id that do not increase; names file, column, line and what to do.
     """
-    try:
-        text = pl.read_csv(path, infer_schema=False)
-    except (pl.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{path}: not readable as CSV: {error}; take the file as published") from None
+    text = read_text(path)
     wanted = (*keys, *columns)
-    missing = [name for name in wanted if name not in text.columns]
-    if missing:
-        raise InvalidInput(
-            f"{path}: expected columns {', '.join(wanted)}; {', '.join(missing)} is missing, the file has "
-            f"{', '.join(text.columns)}; take the file as published"
-        )
+    require_columns(text, wanted, path)
     if text.is_empty():
         raise InvalidInput(f"{path}: expected one row a frame and agent, got none; remove the clip or restore the file")
     numbers = (_numbers(text, name, name not in columns, path) for name in wanted)
@@ -66,6 +58,28 @@ def read_tracks_csv(path: Path, columns: tuple[str, ...], keys: tuple[str, str] 
             "frame before; expected frames in increasing order, each once per id"
         )
     return table
+
+
+def read_text(path: Path) -> pl.DataFrame:
+    """Return a CSV file with every value as text.
+
+    :raises InvalidInput: it cannot be read.
+    """
+    try:
+        return pl.read_csv(path, infer_schema=False)
+    except (pl.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: not readable as CSV: {error}; take the file as published") from None
+
+
+def require_columns(table: pl.DataFrame, names: Iterable[str], path: Path) -> None:
+    """Refuse a table in which one of these columns is missing."""
+    names = list(names)
+    missing = [name for name in names if name not in table.columns]
+    if missing:
+        raise InvalidInput(
+            f"{path}: expected columns {', '.join(names)}; {', '.join(missing)} is missing, the file has "
+            f"{', '.join(table.columns)}; take the file as published"
+        )
 
 
 def _numbers(text: pl.DataFrame, name: str, whole: bool, path: Path) -> pl.Series:

@@ -14,20 +14,15 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.importer import Clip, Importer
-from vpsci_ros.data.importers.tracks import Floats, Track, read_tracks_csv, resample
+from vpsci_ros.data.importers.layout import ASKEW, MOVING, RATE_TOLERANCE, REVERSING, WALKING, median_angle, steps
+from vpsci_ros.data.importers.tracks import read_tracks_csv, resample
 from vpsci_ros.errors import InvalidInput
 
 _VEHICLE_END = "_traj_veh_filtered.csv"
 _PEDESTRIAN_END = "_traj_ped_filtered.csv"
 _NO_VEHICLE = "_no_vehicle_"
-_VEHICLE = ("x_est", "y_est", "psi_est", "vel_est")
-_PEDESTRIAN = ("x_est", "y_est", "vx_est", "vy_est")
-REVERSING = -0.1  # [m/s] slower than this is driving backwards, not the noise of a standing car
-_MOVING = 1.0  # [m/s] above it the direction of motion says what the heading must be
-_WALKING = 0.5  # [m/s] above it pedestrians' speeds tell the frame rate
-_RATE_TOLERANCE = 0.1  # by which it may differ; published clips do by 0.03 at most, and the two data sets by 0.25
-_ASKEW = 0.5  # [rad] by which headings may differ from it, by noise and side slip (median)
-
+_VEHICLE = {"x_est": "x", "y_est": "y", "psi_est": "heading", "vel_est": "speed"}
+_PEDESTRIAN = {"x_est": "x", "y_est": "y", "vx_est": "vx", "vy_est": "vy"}
 
 FRAME_RATES = {"vci-dut": 23.976, "vci-citr": 29.97}  # [1/s]
 
@@ -76,47 +71,27 @@ def read_clip(name: str, pedestrian_file: Path, vehicle_file: Path, frame_rate: 
     :raises InvalidInput: a file that does not hold what it should, or headings or a frame rate that contradict the
         motion.
     """
-    vehicles = read_tracks_csv(vehicle_file, _VEHICLE)
-    pedestrians = read_tracks_csv(pedestrian_file, _PEDESTRIAN)
+    vehicles = read_tracks_csv(vehicle_file, tuple(_VEHICLE)).rename(_VEHICLE)
+    pedestrians = read_tracks_csv(pedestrian_file, tuple(_PEDESTRIAN)).rename(_PEDESTRIAN)
     _check_frame_rate(pedestrians, frame_rate, pedestrian_file)
     _check_heading(vehicles, frame_rate, vehicle_file)
-    forward = vehicles.filter(pl.col("vel_est") >= REVERSING)
-    return Clip(
-        name,
-        [
-            Track(track.number, track.first, _vehicle_values(track))
-            for track in resample(forward, frame_rate, angle="psi_est")
-        ],
-        [
-            Track(track.number, track.first, {k.removesuffix("_est"): v for k, v in track.values.items()})
-            for track in resample(pedestrians, frame_rate)
-        ],
-        vehicles.height - forward.height,
-    )
-
-
-def _vehicle_values(track: Track) -> dict[str, Floats]:
-    own = track.values
-    return {
-        "x": own["x_est"],
-        "y": own["y_est"],
-        "heading": own["psi_est"],
-        "speed": np.maximum(own["vel_est"], 0.0),
-    }
+    forward = vehicles.filter(pl.col("speed") >= REVERSING)
+    cars = list(resample(forward, frame_rate, angle="heading"))
+    for track in cars:
+        track.values["speed"] = np.maximum(track.values["speed"], 0.0)
+    return Clip(name, cars, list(resample(pedestrians, frame_rate)), vehicles.height - forward.height)
 
 
 def _check_frame_rate(pedestrians: pl.DataFrame, frame_rate: float, path: Path) -> None:
     """Refuse a frame rate by which pedestrians come further, or less far, than their speeds say: the other format's."""
-    step = {name: pl.col(name).shift(-1).over("id") - pl.col(name) for name in ("x_est", "y_est", "frame")}
-    moving = pedestrians.select(
-        ((step["x_est"] ** 2 + step["y_est"] ** 2).sqrt() / step["frame"]).alias("came"),
-        (pl.col("vx_est") ** 2 + pl.col("vy_est") ** 2).sqrt().alias("speed"),
-    ).filter(pl.col("came").is_not_null() & (pl.col("speed") > _WALKING))
+    speed = (pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt()
+    moving = steps(pedestrians, 1.0).with_columns(speed=speed).filter(pl.col("speed") > WALKING)
     if moving.is_empty():
         return
-    rate = 1.0 / float(np.median(moving["came"] / moving["speed"]))
-    if abs(rate / frame_rate - 1.0) > _RATE_TOLERANCE:
-        fits = next((name for name, own in FRAME_RATES.items() if abs(rate / own - 1.0) < _RATE_TOLERANCE), "")
+    came = (moving["dx"] ** 2 + moving["dy"] ** 2).sqrt() / moving["seconds"]  # [m] a frame
+    rate = 1.0 / float(np.median(came / moving["speed"]))
+    if abs(rate / frame_rate - 1.0) > RATE_TOLERANCE:
+        fits = next((name for name, own in FRAME_RATES.items() if abs(rate / own - 1.0) < RATE_TOLERANCE), "")
         hint = f"this looks like {fits}: give --format {fits} for this folder" if fits else "convert the speeds"
         raise InvalidInput(
             f"{path}: pedestrians' speeds and positions belong to {rate:.1f} frames a second (median), "
@@ -126,23 +101,16 @@ def _check_frame_rate(pedestrians: pl.DataFrame, frame_rate: float, path: Path) 
 
 def _check_heading(vehicles: pl.DataFrame, frame_rate: float, path: Path) -> None:
     """Refuse headings that are not radians counter-clockwise from x, by comparing them with the motion."""
-    following = vehicles.select(
-        (pl.col("x_est").shift(-1).over("id") - pl.col("x_est")).alias("dx"),
-        (pl.col("y_est").shift(-1).over("id") - pl.col("y_est")).alias("dy"),
-        "psi_est",
-    ).filter((pl.col("dx") ** 2 + pl.col("dy") ** 2).sqrt() * frame_rate > _MOVING, vehicles["vel_est"] > _MOVING)
+    way = (pl.col("dx") ** 2 + pl.col("dy") ** 2).sqrt()
+    following = steps(vehicles, frame_rate).filter(way * frame_rate > MOVING, pl.col("speed") > MOVING)
     if following.is_empty():
         return
-    direction, heading = np.arctan2(*following.select("dy", "dx").to_numpy().T), following["psi_est"].to_numpy()
-    apart, as_degrees = _median_angle(direction - heading), _median_angle(direction - np.radians(heading))
+    direction, heading = np.arctan2(*following.select("dy", "dx").to_numpy().T), following["heading"].to_numpy()
+    apart, as_degrees = median_angle(direction - heading), median_angle(direction - np.radians(heading))
     degrees = np.abs(heading).max() > 2.0 * np.pi and as_degrees < apart
-    if apart > _ASKEW or degrees:
+    if apart > ASKEW or degrees:
         guess = "they look like degrees" if degrees else "they may be measured from another axis, or with y down"
         raise InvalidInput(
             f"{path}: column psi_est: headings differ from the direction of motion by {apart:.2f} rad (median), the "
             f"largest is {np.abs(heading).max():.4g}; expected radians counter-clockwise from x; {guess}: convert them"
         )
-
-
-def _median_angle(difference: Floats) -> float:
-    return float(np.median(np.abs(np.angle(np.exp(1j * difference)))))
