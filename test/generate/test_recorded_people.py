@@ -8,7 +8,7 @@ import pytest
 
 from vpsci_ros.bags.recorded import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.recorded_people import FAR, nobody, recorded_people, spawns, write_motion
+from vpsci_ros.generate.recorded_people import FAR, absent_pedestrians, recorded_people, spawns, write_motion
 from vpsci_ros.world import WorldConfig, load_scenarios
 
 SCENARIOS = load_scenarios([1, 2])
@@ -101,6 +101,6 @@ def test_a_bag_of_motion_replays_it_to_the_bit(tmp_path):
 
 
 def test_nobody_is_far_away_and_stays_there():
-    for (_, rows), begin in zip(nobody(BEGINS).items(), BEGINS, strict=True):
+    for (_, rows), begin in zip(absent_pedestrians(BEGINS).items(), BEGINS, strict=True):
         assert math.dist(rows[0, :2], (begin["vehicle_x"], begin["vehicle_y"])) == pytest.approx(FAR)
         assert not rows[:, 2:].any()

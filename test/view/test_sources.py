@@ -15,7 +15,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.encounters import generated_encounters, recorded_encounters
 from vpsci_ros.view.episodes import FIELDS, Source, spread
 from vpsci_ros.view.recorded import table_source
-from vpsci_ros.view.sources import read_source, told_apart
+from vpsci_ros.view.sources import read_source, with_unique_keys
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def test_of_more_than_the_limit_evenly_spread_episodes_are_shown(table_file: Pat
 
 def test_sources_of_one_name_are_told_apart() -> None:
     twin = Source("a", "A", 0.1, [], 0)
-    assert [s.key for s in told_apart([twin, twin, twin])] == ["a", "a-2", "a-3"]
+    assert [s.key for s in with_unique_keys([twin, twin, twin])] == ["a", "a-2", "a-3"]
 
 
 def test_what_is_no_source_is_refused_with_what_was_expected(

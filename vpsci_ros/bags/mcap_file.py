@@ -107,7 +107,7 @@ class McapFile:
                     yield from (_raw(*entry) for entry in chosen)
                     return
                 except _DAMAGE as error:
-                    self._amiss(f"a chunk is damaged ({error or type(error).__name__})")
+                    self._report_damage(f"a chunk is damaged ({error or type(error).__name__})")
                     return
         for schema, channel, message in self.messages():
             if start <= message.log_time <= stop and (topics is None or channel.topic in topics):
@@ -154,7 +154,7 @@ class McapFile:
                         read += 1
                         yield McapMessage(schema, channel, entry)
         if undescribed:
-            self._amiss(f"{undescribed} messages belong to topics whose description is lost")
+            self._report_damage(f"{undescribed} messages belong to topics whose description is lost")
 
     def _unpacked(self, record: McapRecord, read: int) -> list[McapRecord]:
         if not isinstance(record, Chunk):
@@ -162,7 +162,7 @@ class McapFile:
         try:
             return breakup_chunk(record, validate_crc=True)
         except _DAMAGE as error:
-            self._amiss(f"the chunk after message {read} is damaged ({error or type(error).__name__})")
+            self._report_damage(f"the chunk after message {read} is damaged ({error or type(error).__name__})")
             return []
 
     def _records(self) -> Iterator[McapRecord]:
@@ -177,7 +177,7 @@ class McapFile:
                 except StopIteration:
                     return
                 except _DAMAGE as error:
-                    self._amiss(
+                    self._report_damage(
                         f"it breaks off or is damaged before byte {file.tell()} ({error or 'the end of the file'})"
                     )
                     file.seek(begin)
@@ -189,7 +189,7 @@ class McapFile:
                     records = StreamReader(file, True, emit_chunks=True, record_size_limit=size).records
                     continue
                 if isinstance(record, Footer) and not self._index_is_whole():
-                    self._amiss("its index is damaged")
+                    self._report_damage("its index is damaged")
                 yield record
 
     def _index_is_whole(self) -> bool:
@@ -235,9 +235,9 @@ class McapFile:
         if not MCAP0_MAGIC.startswith(begin):
             raise InvalidInput(f"{self.path}: not an MCAP file; expected one that a recorder wrote")
         if self.strict and end != MCAP0_MAGIC:
-            self._amiss("it was not completed")
+            self._report_damage("it was not completed")
         if self.strict and not self._data_is_whole:
-            self._amiss("its data do not agree with their checksum")
+            self._report_damage("its data do not agree with their checksum")
 
     @cached_property
     def _data_is_whole(self) -> bool:
@@ -262,7 +262,7 @@ class McapFile:
                 checksum, left = zlib.crc32(block, checksum), left - len(block)
             return checksum == expected
 
-    def _amiss(self, text: str) -> None:
+    def _report_damage(self, text: str) -> None:
         if self.strict:
             raise InvalidInput(
                 f"{self.path}: {text}: its recorder was killed, or the file is cut or damaged; "

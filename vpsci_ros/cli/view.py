@@ -84,10 +84,10 @@ def score(
     from vpsci_ros.turing.page import PAGE, write_result
 
     result = write_result(read_answers(key, answers), output)
-    told = result["recognised"]["generated"]["accuracy"]
-    bounds = "" if told["low"] is None else f" [{told['low']:.1%}, {told['high']:.1%}]"
+    accuracy = result["recognised"]["generated"]["accuracy"]
+    bounds = "" if accuracy["low"] is None else f" [{accuracy['low']:.1%}, {accuracy['high']:.1%}]"
     print(f"{result['raters']} raters, {result['clips']} clips; recorded and generated ones told apart in "
-          f"{told['value']:.1%}{bounds}")  # fmt: skip
+          f"{accuracy['value']:.1%}{bounds}")  # fmt: skip
     for text in result["not_concluded"]:
         print(f"open: {text}")
     print(f"written: {output / PAGE}; turing.json and figure_10.png beside it")

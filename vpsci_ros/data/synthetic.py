@@ -44,7 +44,7 @@ class _Encounters:
     vehicle_yields: Floats  # 1 or 0
     notice: Floats  # [s] before the car's arrival at which the yielding agent begins to react
     braking: Floats  # [m/s2] at which a yielding car slows down
-    hurry: Floats  # factor on its speed of a pedestrian who is let go
+    speed_up: Floats  # factor on its speed of a pedestrian who is let go
     stop_short: Floats  # [m] before the car's path at which a yielding pedestrian waits
     pose: Floats  # [N, 3] of the scene: x, y [m], rotation [rad]
 
@@ -95,7 +95,7 @@ def _draw(n: int, seed: int, block: int) -> _Encounters:
         vehicle_yields=(rng.random(n) < 1.0 / (1.0 + np.exp(-odds))).astype(np.float64),
         notice=rng.uniform(2.2, 8.0, n),
         braking=rng.uniform(0.8, 2.4, n),
-        hurry=rng.uniform(1.0, 1.45, n),
+        speed_up=rng.uniform(1.0, 1.45, n),
         stop_short=rng.uniform(1.5, 3.0, n),
         pose=np.column_stack([rng.uniform(-20.0, 20.0, (n, 2)), rng.uniform(-np.pi, np.pi, n)]),
     )
@@ -168,7 +168,7 @@ def _accelerations(
     wish_v = np.where(wait, np.minimum(e.speed, np.sqrt(2.0 * e.braking * room)), e.speed)
     room = np.maximum(-e.stop_short - q, 0.0)
     wait = reacting & (e.vehicle_yields == 0.0) & ~vehicle_gone & (q < -0.9)
-    going = np.where(reacting & (e.vehicle_yields > 0.0) & ~pedestrian_gone, e.walk * e.hurry, e.walk)
+    going = np.where(reacting & (e.vehicle_yields > 0.0) & ~pedestrian_gone, e.walk * e.speed_up, e.walk)
     wish_w = np.where(wait, np.minimum(e.walk, np.sqrt(2.0 * 0.6 * room)), going)
     wanted_a = np.clip((wish_v - v) / 0.5, -6.0, 1.5)
     wanted_b = np.clip((wish_w - w) / 0.5, -2.5, 1.5)

@@ -27,7 +27,7 @@ from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pe
 from vpsci_ros.exam.measures import Drive, Key, drives
 from vpsci_ros.exam.process import command_of, failure, running, silence
 from vpsci_ros.exam.report import Conduct
-from vpsci_ros.generate.recorded_people import Motion, nobody, recorded_people, spawns, write_motion
+from vpsci_ros.generate.recorded_people import Motion, absent_pedestrians, recorded_people, spawns, write_motion
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
@@ -87,7 +87,7 @@ class Exam:
         """Return the motion of a pedestrian that is replayed: recorded people, or nobody."""
         begins = self.spawns()
         if pedestrian == ALONE:
-            return nobody(begins)
+            return absent_pedestrians(begins)
         path = self.config.recorded
         return recorded_people(read_near_misses(path), begins, self.scenarios, self.world, self.run.seed, path)
 

@@ -165,10 +165,10 @@ def _take(folder: Path, identity: dict[str, Any]) -> None:
         write_json(path, identity)
         return
     try:
-        theirs = dict(json.loads(path.read_text(encoding="utf-8")))
+        stored = dict(json.loads(path.read_text(encoding="utf-8")))
     except (ValueError, TypeError, OSError) as error:
         raise InvalidInput(f"{path}: not what an exam writes ({error}); choose another output folder") from None
-    require_same(folder, theirs, identity, "holds an exam")
+    require_same(folder, stored, identity, "holds an exam")
 
 
 def _as_dict(verdict: Verdict) -> dict[str, Any]:

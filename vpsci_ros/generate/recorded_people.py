@@ -44,7 +44,7 @@ def spawns(
     return World(drivers, scenarios, episodes, len(episodes), seed).state.copy()
 
 
-def nobody(begins: NDArray[np.void]) -> Motion:
+def absent_pedestrians(begins: NDArray[np.void]) -> Motion:
     """Return the motion of pedestrians who stand a kilometre away, for episodes as they begin, EPISODE[n].
 
     One frame each: beyond its recording a replayed pedestrian keeps its velocity.

@@ -23,7 +23,7 @@ _ARRAY, _TENSOR = "__array__", "__tensor__"
 def save_checkpoint(path: str | Path, tree: dict[str, Any]) -> None:
     """Write `tree`; a checkpoint of an earlier step stays until this one is complete."""
     arrays: dict[str, np.ndarray[Any, Any]] = {}
-    skeleton = _take_apart(tree, "", arrays)
+    skeleton = _flatten(tree, "", arrays)
     with written_whole(path) as temporary:
         save_file(arrays, str(temporary), {"format": FORMAT, "tree": json.dumps(skeleton)})
 
@@ -41,11 +41,11 @@ def load_checkpoint(path: str | Path) -> dict[str, Any]:
         raise InvalidInput(f"{path}: cannot read as a checkpoint: {error}; delete it to start again") from None
     if metadata.get("format") != FORMAT:
         raise InvalidInput(f"{path}: expected {FORMAT!r}, got {metadata.get('format')!r}; delete it to start again")
-    tree: dict[str, Any] = _put_together(json.loads(metadata["tree"]), arrays)
+    tree: dict[str, Any] = _unflatten(json.loads(metadata["tree"]), arrays)
     return tree
 
 
-def _take_apart(value: Any, name: str, arrays: dict[str, Any]) -> Any:
+def _flatten(value: Any, name: str, arrays: dict[str, Any]) -> Any:
     if isinstance(value, torch.Tensor):
         arrays[name] = np.ascontiguousarray(value.detach().numpy())
         return {_TENSOR: name}
@@ -54,19 +54,19 @@ def _take_apart(value: Any, name: str, arrays: dict[str, Any]) -> Any:
         return {_ARRAY: name}
     if isinstance(value, dict):
         # Keys are kept with their type, since optimisers number their parameters.
-        return {"__dict__": [[key, _take_apart(item, f"{name}/{key}", arrays)] for key, item in value.items()]}
+        return {"__dict__": [[key, _flatten(item, f"{name}/{key}", arrays)] for key, item in value.items()]}
     if isinstance(value, (list, tuple)):
-        return [_take_apart(item, f"{name}/{i}", arrays) for i, item in enumerate(value)]
+        return [_flatten(item, f"{name}/{i}", arrays) for i, item in enumerate(value)]
     return value
 
 
-def _put_together(value: Any, arrays: dict[str, Any]) -> Any:
+def _unflatten(value: Any, arrays: dict[str, Any]) -> Any:
     if isinstance(value, list):
-        return [_put_together(item, arrays) for item in value]
+        return [_unflatten(item, arrays) for item in value]
     if isinstance(value, dict):
         if _TENSOR in value:
             return torch.from_numpy(arrays[value[_TENSOR]].copy())
         if _ARRAY in value:
             return arrays[value[_ARRAY]]
-        return {key: _put_together(item, arrays) for key, item in value["__dict__"]}
+        return {key: _unflatten(item, arrays) for key, item in value["__dict__"]}
     return value

@@ -103,13 +103,13 @@ class Actor(nn.Module):
         return self._head(encoded, latent)[..., :ACTION_SIZE].clamp(-self.limit, self.limit)
 
     def _head(self, encoded: Tensor, latent: Tensor) -> Tensor:
-        first, bent, second, bent_again, last = self.head
-        known = self._thinned(encoded)
-        x = bent(first(torch.cat([known, latent], dim=-1) if self.latent else known))
-        out: Tensor = last(bent_again(second(self._thinned(x))))
+        first, relu, second, _, last = self.head
+        known = self._dropped_out(encoded)
+        x = relu(first(torch.cat([known, latent], dim=-1) if self.latent else known))
+        out: Tensor = last(relu(second(self._dropped_out(x))))
         return out
 
-    def _thinned(self, x: Tensor) -> Tensor:
+    def _dropped_out(self, x: Tensor) -> Tensor:
         return functional.dropout(x, self.dropout) if self.dropout > 0.0 else x
 
     def empty_history(self) -> list[StepState]:

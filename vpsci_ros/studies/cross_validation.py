@@ -30,7 +30,7 @@ from vpsci_ros.studies.state import once
 RESULT = "cross_validation.json"
 GUARD = 0.1  # share of near misses, by whole clips
 PRETRAINED, REFINED = "pretrained", "refined"
-Told = Callable[[str, stage_1.Report], None] | None
+FoldReport = Callable[[str, stage_1.Report], None] | None
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def cross_validate(
     seed: int,
     out_dir: str | Path,
     refinement: Refinement | None = None,
-    report: Told = None,
+    report: FoldReport = None,
 ) -> dict[str, Any]:
     """Train once a fold and measure on the clips held out; write and return `cross_validation.json`.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from vpsci_ros.report import html
 from vpsci_ros.view.episodes import Source
 from vpsci_ros.view.pack import grounds, packed
-from vpsci_ros.view.sources import told_apart
+from vpsci_ros.view.sources import with_unique_keys
 
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 SCENE = ("data.js", "scene.js")
@@ -22,7 +22,7 @@ def write_view(path: Path, sources: Sequence[Source], title: str) -> int:
         path,
         TEMPLATES / "view.html",
         title=title,
-        sources=[packed(source) for source in told_apart(sources)],
+        sources=[packed(source) for source in with_unique_keys(sources)],
         grounds=grounds(sources),
         style=inlined("view.css"),
         script=inlined(*SCENE, "charts.js", "list.js", "view.js", "controls.js"),

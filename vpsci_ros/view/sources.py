@@ -42,7 +42,7 @@ def _holds_bag(path: Path) -> bool:
     return any(file.suffix in (".mcap", ".db3", ".zstd") or file.name == "metadata.yaml" for file in path.iterdir())
 
 
-def told_apart(sources: Sequence[Source]) -> list[Source]:
+def with_unique_keys(sources: Sequence[Source]) -> list[Source]:
     """Return sources whose keys and titles differ; those that come again get a number."""
     seen: Counter[str] = Counter()
     out = []

@@ -58,12 +58,12 @@ class Tick(NamedTuple):
     def unassessed(self) -> Assessment:
         """Return what holds at this tick where the monitor did not answer."""
         batch = len(self.state)
-        calm = np.zeros(batch, np.bool_)
+        none = np.zeros(batch, np.bool_)
         return Assessment(
             curvttc=np.full(batch, np.inf),
             distance=np.full(batch, np.nan),
-            critical=calm,
-            acting=self._acting(calm),
+            critical=none,
+            acting=self._acting(none),
             answered=False,
         )
 

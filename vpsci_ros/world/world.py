@@ -59,7 +59,7 @@ class World:
         self.scenarios = tuple(scenarios)
         self.seed = seed
         self.state: NDArray[np.void] = np.zeros(batch, EPISODE)
-        self._nobody = np.zeros(batch, np.bool_)
+        self._no_slots = np.zeros(batch, np.bool_)
         if "replay" in (config.vehicle_driver, config.pedestrian_driver) and recorded is None:
             raise InvalidInput(
                 "a replay driver needs recordings: World(..., recorded=...), or the node's parameter recorded_bag"
@@ -141,7 +141,7 @@ class World:
 
     def _show(self, tick: int) -> None:
         policy_tick = tick % self.config.policy_ticks == 0
-        frame = handover.policy_frame(self.state, self.config) if policy_tick else self._nobody
+        frame = handover.policy_frame(self.state, self.config) if policy_tick else self._no_slots
         self.now = Tick(number=tick, state=self.state, policy_frame=frame, by_policies=self._has_policies)
 
     def _fill(self) -> NDArray[np.void]:
@@ -187,7 +187,7 @@ class World:
         return Answers(
             curvttc=assessment.curvttc if assessment.answered else _NO_VALUES,
             critical=assessment.critical.view(np.uint8),
-            policy_frame=(self.now.policy_frame if self._has_policies else self._nobody).view(np.uint8),
+            policy_frame=(self.now.policy_frame if self._has_policies else self._no_slots).view(np.uint8),
             acts=assessment.acting.view(np.uint8),
             vehicle_action=self._given("vehicle", actions.vehicle, _NO_PAIRS),
             pedestrian_action=self._given("pedestrian", actions.pedestrian, _NO_PAIRS),
