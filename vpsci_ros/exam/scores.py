@@ -1,11 +1,9 @@
 """What an exam measures: each measure with its definition, unit and estimator, in one table."""
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import polars as pl
-from numpy.typing import NDArray
 
 from vpsci_ros.evaluation import statistics
 from vpsci_ros.evaluation.statistics import NOTHING, Estimate
@@ -16,7 +14,7 @@ class Measure:
     """One measure of a driver with one pedestrian.
 
     :ivar column: of the table of episodes; bool for a share, a number otherwise.
-    :ivar among: which episodes count; None: all.
+    :ivar among: which episodes count.
     :ivar statistic: None: the share of episodes in which `column` holds.
     :ivar good: "low", "high", or "" where neither is better.
     """
@@ -26,7 +24,7 @@ class Measure:
     unit: str
     definition: str
     column: pl.Expr
-    among: pl.Expr | None = None
+    among: pl.Expr = field(default_factory=lambda: pl.lit(True))
     statistic: statistics.Statistic | None = None
     good: str = "low"
 
@@ -53,11 +51,11 @@ MEASURES = {
         Measure("evasion_success_rate", "evasion success", "", "share of critical episodes that end without a contact",
                 ~pl.col("collision"), _CRITICAL, good="high"),
         Measure("least_curvttc_q25", "least CurvTTC, lower quartile", "s",
-                "quartile of the episodes' least CurvTTC, each at most 10 s", pl.col("least_curvttc"), None,
-                statistics.quantile(0.25), good="high"),
+                "quartile of the episodes' least CurvTTC, each at most 10 s", pl.col("least_curvttc"),
+                statistic=statistics.quantile(0.25), good="high"),
         Measure("least_curvttc_median", "least CurvTTC, median", "s",
-                "median of the episodes' least CurvTTC, each at most 10 s", pl.col("least_curvttc"), None,
-                statistics.quantile(0.5), good="high"),
+                "median of the episodes' least CurvTTC, each at most 10 s", pl.col("least_curvttc"),
+                statistic=statistics.quantile(0.5), good="high"),
         Measure("hard_braking_rate", "hard braking", "",
                 "share of episodes with braking above {hard_braking:g} m/s2", pl.col("hard_braking")),
         Measure("time_lost", "time lost", "s",
@@ -81,7 +79,7 @@ DIFFERENCES = ("collision_rate", "moving_collision_rate", "conflict_rate", "seve
 
 def estimate(rows: pl.DataFrame, measure: Measure) -> Estimate:
     """Return a measure of a table of episodes (of one driver with one pedestrian)."""
-    values = _values(rows if measure.among is None else rows.filter(measure.among), measure)
+    values = rows.filter(measure.among).select(measure.column.alias("value"))["value"].to_numpy()
     if measure.statistic is None:
         return statistics.share(int(values.sum()), len(values))
     return statistics.resampled(values, measure.statistic)
@@ -90,9 +88,8 @@ def estimate(rows: pl.DataFrame, measure: Measure) -> Estimate:
 def difference(first: pl.DataFrame, second: pl.DataFrame, measure: Measure) -> tuple[Estimate, float]:
     """Return measure(first) - measure(second) on the episodes that both have, and McNemar's p-value (NaN: no share)."""
     keys = ["scenario", "episode"]
-    parts = [
-        table.select(*keys, measure.column.alias("value"), _among(measure).alias("counts")) for table in (first, second)
-    ]
+    what = measure.column.alias("value"), measure.among.alias("counts")
+    parts = [table.select(*keys, *what) for table in (first, second)]
     both = parts[0].join(parts[1], on=keys, how="inner", suffix="_second").sort(keys)
     both = both.filter(pl.col("counts") & pl.col("counts_second"))
     if both.is_empty():
@@ -100,15 +97,6 @@ def difference(first: pl.DataFrame, second: pl.DataFrame, measure: Measure) -> t
     one, other = both["value"].to_numpy(), both["value_second"].to_numpy()
     if measure.statistic is None:
         only_first, only_second = int((one & ~other).sum()), int((other & ~one).sum())
-        return statistics.share_difference(only_first, only_second, len(one)), statistics.mcnemar(
-            only_first, only_second
-        )
+        share = statistics.share_difference(only_first, only_second, len(one))
+        return share, statistics.mcnemar(only_first, only_second)
     return statistics.resampled_difference(one, other, measure.statistic), math.nan
-
-
-def _among(measure: Measure) -> pl.Expr:
-    return pl.lit(True) if measure.among is None else measure.among
-
-
-def _values(rows: pl.DataFrame, measure: Measure) -> NDArray[Any]:
-    return rows.select(measure.column.alias("value"))["value"].to_numpy()

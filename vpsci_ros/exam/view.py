@@ -11,7 +11,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import Exam, autopilot_loop
 from vpsci_ros.exam.config import ALONE, title_of
 from vpsci_ros.exam.report import ADS, BASELINE
-from vpsci_ros.exam.scores import MEASURES, Measure
+from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.view.bag import bag_source, episodes_of
 from vpsci_ros.view.episodes import Episode, Source
 
@@ -33,7 +33,9 @@ def exam_sources(
     :param limit: episodes at most with each pedestrian, those that came nearest where there are more.
     :raises InvalidInput: not one episode was driven.
     """
-    marked = table.with_columns(_holds(measure).alias(f"mark {name}") for name, measure in MARKS.items())
+    marked = table.with_columns(
+        (measure.column & measure.among).alias(f"mark {name}") for name, measure in MARKS.items()
+    )
     rows = marked.filter(pl.col("pedestrian") != ALONE)
     found = []
     for (pedestrian,), mine in rows.group_by("pedestrian", maintain_order=True):
@@ -52,10 +54,6 @@ def exam_sources(
 def key_of(driver: str, pedestrian: str) -> str:
     """Return the key by which addresses find a driver's episodes with a pedestrian."""
     return f"{driver}-{pedestrian}"
-
-
-def _holds(measure: Measure) -> pl.Expr:
-    return measure.column if measure.among is None else measure.column & measure.among
 
 
 def _chosen(rows: pl.DataFrame, limit: int) -> Rows:

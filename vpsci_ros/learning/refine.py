@@ -32,7 +32,7 @@ from vpsci_ros.learning.divergence import check_losses
 from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
-from vpsci_ros.learning.replay import Batch, ReplayBuffer, collate, pack, recorded_histories, unpack, up_to_capacity
+from vpsci_ros.learning.replay import Batch, History, ReplayBuffer, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import EventRewards, SimulatedRewards
 from vpsci_ros.parameters import build
 from vpsci_ros.policy.weights import Weights, resolved, save_weights, weights_to_bytes
@@ -257,7 +257,7 @@ class Refiner:
         self._maddpg.critic_optimiser.load_state_dict(state["optimisers"][0])
         self._maddpg.actor_optimiser.load_state_dict(state["optimisers"][1])
         self._rng.bit_generator.state = state["rng"]
-        self._buffer.restore([unpack(h) for h in state["histories"]], state["highest"])
+        self._buffer.restore([History(**fields) for fields in state["histories"]], state["highest"])
         self._assembler.restore(state["assembler"])
         self.reward_weights.values = state["reward_weights"]
         for name, value in state["counters"].items():
@@ -283,7 +283,7 @@ class Refiner:
             "accepted": {name: dict(part) for name, part in self._accepted.items()},
             "optimisers": [self._maddpg.critic_optimiser.state_dict(), self._maddpg.actor_optimiser.state_dict()],
             "rng": self._rng.bit_generator.state,
-            "histories": [pack(h) for h in self._buffer.histories],
+            "histories": [dict(vars(history)) for history in self._buffer.histories],
             "highest": self._buffer.highest,
             "assembler": self._assembler.state(),
             "reward_weights": self.reward_weights.values,

@@ -7,7 +7,6 @@ iteration" of Table 8, so that an update costs the same whatever the length of t
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import torch
@@ -183,13 +182,3 @@ class ReplayBuffer:
         for history, error in zip(histories, errors, strict=True):
             history.priority = error[: len(history)].copy()
             self.highest = max(self.highest, float(history.priority.max()))
-
-
-def pack(history: History) -> dict[str, Any]:
-    """Return a history as a tree for a checkpoint."""
-    return dict(vars(history))
-
-
-def unpack(tree: dict[str, Any]) -> History:
-    """Return the history that `pack` took apart."""
-    return History(**tree)
