@@ -25,7 +25,7 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.simulate import Simulator
 from vpsci_ros.nodes.config import GraphConfig
-from vpsci_ros.nodes.graph import Processes, resolve
+from vpsci_ros.nodes.graph import NodeProcesses, resolve
 from vpsci_ros.parameters import as_ros_parameters
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world.state import ENDED, GOAL, OUTCOME_NAMES
@@ -33,17 +33,17 @@ from vpsci_ros.world.state import ENDED, GOAL, OUTCOME_NAMES
 STAGE = "params/stage3_generate.yaml"
 TELLING = 1.5  # [s] of least CurvTTC
 LONG = 20  # critical ticks that make an interaction to look at
-LARGEST = 200_000  # bytes
+LARGEST = 300_000  # bytes
 PATIENCE = 120.0  # [s] for one run of the graph
 
 
 def telling_episode(sections: Sections, scenario: int, look: int) -> tuple[int, str, float]:
     """Return number, outcome and least CurvTTC [s] of the episode to record."""
-    sections = sections.changed("world_simulator", {"scenarios": [scenario]})
     found, critical = {}, Counter()
-    for tick in Simulator(job_from(sections), 64).ticks((scenario, number) for number in range(look)):
-        critical.update(tick.state["episode"][tick.critical].tolist())
-        for row in tick.state[tick.state["status"] == ENDED]:
+    for step in Simulator(job_from(sections), 64).loop((scenario, number) for number in range(look)):
+        state = step.tick.state
+        critical.update(state["episode"][step.assessment.critical != 0].tolist())
+        for row in state[state["status"] == ENDED]:
             found[int(row["episode"])] = (int(row["outcome"]), float(row["least_curvttc"]))
     best = min(found, key=lambda n: (found[n][0] != GOAL, critical[n] < LONG, abs(found[n][1] - TELLING), n))
     return best, OUTCOME_NAMES[found[best][0]], found[best][1]
@@ -63,14 +63,14 @@ def record(sections: Sections, episode: int, bag: Path) -> None:
         resolved = resolved.changed("recorder", {"bag": str(bag), "chunk_size": 1024})
         parameters = Path(folder) / "params.yaml"
         parameters.write_text(yaml.safe_dump(as_ros_parameters(resolved.values)), encoding="utf-8")
-        with Processes(nodes, parameters, Path(folder) / "log") as processes:
+        with NodeProcesses(nodes, parameters, Path(folder) / "log") as processes:
             begun = time.monotonic()
             while not (ended := processes.ended()):
                 if time.monotonic() - begun > PATIENCE:
                     raise VpsciError(f"{bag.name}: the graph did not end within {PATIENCE:g} s")
                 time.sleep(0.1)
             if ended.get(processes.leader) != 0:
-                raise VpsciError("; ".join(processes.explain(node, status) for node, status in ended.items()))
+                raise VpsciError("; ".join(processes.explain(node) for node in ended))
             processes.stop()
 
 
@@ -85,7 +85,7 @@ def main() -> int:
     given.output.mkdir(exist_ok=True)
     try:
         for scenario in job_from(sections_of(given)).scenarios:
-            sections = sections_of(given)
+            sections = sections_of(given).changed("world_simulator", {"scenarios": [scenario.number]})
             episode, outcome, least = telling_episode(sections, scenario.number, given.look)
             bag = given.output.resolve() / scenario.name
             shutil.rmtree(bag, ignore_errors=True)
