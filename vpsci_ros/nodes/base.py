@@ -1,9 +1,7 @@
 """The form that all nodes share: parameters from configuration classes, topics from the table, one main."""
 
 import os
-import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
@@ -29,6 +27,7 @@ from vpsci_ros.nodes.config import LEARNER, SECTIONS, PeerConfig, section_classe
 from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners, speakers
 from vpsci_ros.parameters import Parameter, pick, refuse_unknown, table
+from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 
 T = TypeVar("T")
 EXECUTORS: dict[str, Any] = {"events": EventsExecutor, "single": SingleThreadedExecutor}
@@ -56,7 +55,7 @@ class GraphNode(Node):
         self.peers = peer_config.peers or list(self.essential_peers)
         self._peer_timeout = peer_config.peer_timeout
         self.finished = False
-        self.stop = threading.Event()
+        self.stop = StopRequest()
         self.simulated_time = Time()
         """Of the latest message that came or went: the stamp of this node's diagnostics; nodes keep it up to date."""
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -259,18 +258,16 @@ def run(node_class: Callable[..., GraphNode], args: list[str] | None = None) -> 
     the context is alive and a node can still write and publish.
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
     context = Context()
-    rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        return _run(node_class, context, stop)
-    finally:
-        context.try_shutdown()
+    with stop_requested_by_signals() as stop:
+        rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            return _run(node_class, context, stop)
+        finally:
+            context.try_shutdown()
 
 
-def _run(node_class: Callable[..., GraphNode], context: Context, stop: threading.Event) -> int:
+def _run(node_class: Callable[..., GraphNode], context: Context, stop: StopRequest) -> int:
     try:
         node = node_class(context=context)
     except VpsciError as error:
