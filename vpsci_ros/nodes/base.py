@@ -4,6 +4,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, TypeVar
 
 import rclpy
@@ -276,21 +277,35 @@ def _run(node_class: Callable[..., GraphNode], context: Context, stop: StopReque
     node.stop = stop
     executor = EXECUTORS[node.config(PeerConfig).executor](context=context)
     executor.add_node(node)
+    status = 1
     try:
-        while not stop.is_set() and not node.finished:
-            executor.spin_once(timeout_sec=0.1)  # in these wheels EventsExecutor.spin() runs no callback
-        deadline = time.monotonic() + DRAIN_LIMIT
-        while not node.quiet and time.monotonic() < deadline:
-            executor.spin_once(timeout_sec=0.1)
-        return 0
+        status = _attempt(node, partial(_spin, node, executor))
+    finally:
+        try:
+            node.report()
+            status = max(status, _attempt(node, node.close))
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+    return status
+
+
+def _spin(node: GraphNode, executor: Any) -> None:
+    while not node.stop.is_set() and not node.finished:
+        executor.spin_once(timeout_sec=0.1)  # in these wheels EventsExecutor.spin() runs no callback
+    deadline = time.monotonic() + DRAIN_LIMIT
+    while not node.quiet and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.1)
+
+
+def _attempt(node: GraphNode, part: Callable[[], None]) -> int:
+    """Do a part of a node's run; return the exit status that follows from it."""
+    try:
+        part()
     except VpsciError as error:
         node.get_logger().error(str(error))
         return 1
-    finally:
-        node.report()
-        node.close()
-        executor.shutdown()
-        node.destroy_node()
+    return 0
 
 
 def _descriptor(row: Parameter) -> ParameterDescriptor:
