@@ -64,6 +64,22 @@ def test_metadata_counts_and_times_what_is_in_the_file(tmp_path) -> None:
     assert "&id" not in text
 
 
+def test_messages_that_nobody_could_read_are_counted_as_seen_and_refused(tmp_path) -> None:
+    bag = BagWriter(tmp_path / "bag", topics())
+    bag.write("/a", b"\x00\x01\x00\x00", log_time=1, publish_time=1)
+    bag.refuse("/b")
+    bag.close({})
+    information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert information["custom_data"] == {
+        "messages_seen": "2",
+        "messages_written": "1",
+        "messages_refused": "1",
+        "seen": '{"/a": 1, "/b": 1}',
+        "written": '{"/a": 1, "/b": 0}',
+        "refused": '{"/a": 0, "/b": 1}',
+    }
+
+
 def test_a_bag_without_messages_is_still_a_bag(tmp_path) -> None:
     write(tmp_path / "bag", 0)
     with Reader(tmp_path / "bag") as reader:

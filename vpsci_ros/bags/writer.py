@@ -18,7 +18,14 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.runs.files import require_empty_folder, written_whole
 
 RUN = "vpsci_ros"  # name of the record with which every file ends
-TOTALS = ("messages_seen", "messages_written", "seen", "written")  # its keys about numbers of messages
+TOTALS = (
+    "messages_seen",
+    "messages_written",
+    "messages_refused",
+    "seen",
+    "written",
+    "refused",
+)  # its keys about numbers of messages
 BAG_VERSION = 9  # of rosbag2's metadata.yaml, the one that ROS 2 Jazzy writes
 
 
@@ -26,7 +33,7 @@ BAG_VERSION = 9  # of rosbag2's metadata.yaml, the one that ROS 2 Jazzy writes
 class BagTopic:
     """One topic of a bag: its type ("vpsci_msgs/msg/WorldState"), definition, hash, and QoS as rosbag2 writes it.
 
-    `seen` counts the messages that were handed to the writer, `messages` those that it wrote.
+    `seen` counts the messages that came, `messages` those that were written, `refused` those that nobody could read.
     """
 
     name: str
@@ -36,6 +43,7 @@ class BagTopic:
     latched: bool = False
     seen: int = 0
     messages: int = 0
+    refused: int = 0
     channel: int = field(default=-1, repr=False)
 
     def qos(self) -> dict[str, object]:
@@ -112,6 +120,11 @@ class BagWriter:
         row.messages += 1
         self.files[-1].count(log_time)
 
+    def refuse(self, topic: str) -> None:
+        """Count a message that came and is not written, since nobody could read it."""
+        self.topics[topic].seen += 1
+        self.topics[topic].refused += 1
+
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Store a named record of text values in the file, found again without reading the messages."""
         self._writer.add_metadata(name, dict(values))
@@ -150,11 +163,14 @@ class BagWriter:
         self._file.close()
 
     def _totals(self) -> dict[str, str]:
-        """Messages handed to the writer and written, over all files so far, together and by topic."""
+        """Messages that came, were written and, if any, refused, over all files so far, together and by topic."""
         rows = self.topics.values()
-        together = str(sum(topic.seen for topic in rows)), str(sum(topic.messages for topic in rows))
-        seen, written = {topic.name: topic.seen for topic in rows}, {topic.name: topic.messages for topic in rows}
-        return dict(zip(TOTALS, (*together, json.dumps(seen), json.dumps(written)), strict=True))
+        counts = {"seen": "seen", "written": "messages"} | (
+            {"refused": "refused"} if any(t.refused for t in rows) else {}
+        )
+        by_topic = {name: {topic.name: getattr(topic, count) for topic in rows} for name, count in counts.items()}
+        together = {f"messages_{name}": str(sum(count.values())) for name, count in by_topic.items()}
+        return together | {name: json.dumps(count) for name, count in by_topic.items()}
 
 
 def write_metadata(folder: Path, files: list[BagFile], topics: list[BagTopic], custom_data: Mapping[str, str]) -> None:

@@ -55,7 +55,8 @@ def usable(rows: NDArray[np.void]) -> NDArray[np.bool_]:
     """
     good = np.ones(len(rows), np.bool_)
     for name in _NUMBERS:
-        good &= (np.abs(rows[name]) <= MOST).reshape(len(rows), -1).all(axis=1)
+        near = np.abs(rows[name]) <= MOST
+        good &= near.all(axis=tuple(range(1, near.ndim)))
     for name in _TIMES:
         good &= rows[name] >= 0.0
     for name in _FLAGS:

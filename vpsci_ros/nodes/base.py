@@ -26,7 +26,8 @@ from rclpy.timer import Timer
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, PeerConfig, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
-from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners, speakers
+from vpsci_ros.nodes.intake import Intake
+from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
 from vpsci_ros.parameters import Parameter, pick, refuse_unknown, table
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 
@@ -62,7 +63,7 @@ class GraphNode(Node):
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.add_on_set_parameters_callback(self._check_parameters)  # both would be called at every declaration
         self.add_post_set_parameters_callback(self._take_up_parameters)
-        self._inputs: dict[str, Subscription] = {}
+        self.intake = Intake(self)
         self.diagnostics: list[Output] = []  # none or one
         self._tell: Callable[[], tuple[str, list[tuple[str, Any]]]]
 
@@ -85,7 +86,7 @@ class GraphNode(Node):
         """Subscribe to a topic of the table."""
         row = TOPICS[topic]
         given = self.create_subscription(row.type, _resolved(topic), callback, qos or row.qos, raw=raw)
-        self._inputs[topic] = given
+        self.intake.add(topic, given)
         return given
 
     def serve(self, name: str, callback: Callable[[Any, Any], Any]) -> None:
@@ -108,6 +109,8 @@ class GraphNode(Node):
     ) -> None:
         """Publish what `pairs` returns on `/diagnostics`, once a second of wall time and a last time at the end.
 
+        Beside it stand the messages that were refused, and second publishers of the node's topics.
+
         Off the hot path: `pairs` is called by a timer, so a node only has to keep count. Without the readers that it
         expects a message is dropped, never waited for.
         """
@@ -117,13 +120,10 @@ class GraphNode(Node):
 
     def _report_and_call(self) -> None:
         """Tell of oneself, and call for the peers that do not speak yet."""
-        said: dict[str, bool] = {}  # some of what a peer publishes depends on its parameters, so one topic is enough
-        for topic, given in self._inputs.items():
-            for name in speakers(topic, self.peers) if topic != "/diagnostics" else ():
-                said[name] = said.get(name, False) or given.get_publisher_count() > 0
-        absent = [name for name, present in said.items() if not present]
+        absent = self.intake.absent(self.peers)
         if absent:
             self.get_logger().info(f"waiting for {', '.join(absent)}", throttle_duration_sec=5.0)
+        self.intake.look()
         self.report()
 
     def report(self, *, wait: bool = False) -> None:
@@ -133,6 +133,7 @@ class GraphNode(Node):
         """
         for output in self.diagnostics:
             text, pairs = self._tell()
+            pairs += self.intake.pairs()
             message = diagnostics_message(self.get_name(), text, pairs, self.simulated_time)
             if wait:
                 output.publish(message)

@@ -40,6 +40,7 @@ class GraphResult:
     folder: Path
     error: str = ""
     wall_time: float = 0.0
+    second_publishers: list[str] = field(default_factory=list)
     progress: dict[str, float] = field(default_factory=dict)
     exits: dict[str, int] = field(default_factory=dict)
 
@@ -78,7 +79,7 @@ def run_graph(
         try:
             with Watch(resolved, quiet=quiet) as watch:
                 result.error = _follow(processes, watch, chosen, stop_when)
-                result.progress = watch.summary()
+                result.progress, result.second_publishers = watch.summary(), watch.second_publishers()
         except KeyboardInterrupt:
             result.error = "stopped on request"
         finally:
@@ -94,7 +95,11 @@ def run_graph(
         folder / RECORD,
         begun=begun,
         error=result.error,
-        results={"progress": result.progress, "exit_status": result.exits},
+        results={
+            "progress": result.progress,
+            "exit_status": result.exits,
+            "second_publishers": result.second_publishers,
+        },
         inputs=hashes | {path: sha256(path) for path in near_misses if Path(path).is_file()},
     )
     return result

@@ -92,8 +92,11 @@ class Learner(GraphNode):
     def _on_transition(self, refiner: Refiner, message: Transition) -> None:
         self._last_receipt = time.monotonic()
         self.simulated_time = message.header.stamp
+        rows = self.intake.read("/replay", layout.transitions, message)
+        if rows is None:
+            return
         refused = refiner.refused
-        refiner.add(layout.transitions(message))
+        refiner.add(rows)
         if refiner.refused > refused:
             self.get_logger().warning(
                 f"refused {refiner.refused - refused} transitions on /replay, {refiner.refused} so far: expected finite"

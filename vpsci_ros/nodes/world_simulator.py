@@ -16,6 +16,7 @@ from std_msgs.msg import Header, UInt64
 from std_srvs.srv import SetBool, Trigger
 
 from vpsci_msgs.srv import History
+from vpsci_ros.bags import received
 from vpsci_ros.bags.layout import MAP
 from vpsci_ros.bags.recorded import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
@@ -179,8 +180,11 @@ class WorldSimulator(GraphNode):
         self._go_on(time.monotonic())
 
     def _on_consumed(self, message: UInt64) -> None:
-        self._consumed = message.data
-        self._count_unread()
+        assert self._builder is not None
+        number = self.intake.read("/replay/consumed", received.consumed, message.data, self._builder.count)
+        if number is not None:
+            self._consumed = number
+            self._count_unread()
 
     def _begin_when_all_are_here(self) -> None:
         absent = self._respondents.absent() | self._outputs.absent()
