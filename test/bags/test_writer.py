@@ -1,12 +1,15 @@
 """A bag is written as rosbag2 wants it: `mcap` and `rosbags` read back what was put in."""
 
+import random
+import resource
+
 import pytest
 import yaml
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 from vpsci_ros.bags.writer import BagTopic, BagWriter
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import InvalidInput, VpsciError
 
 HEADER_HASH = "RIHS01_f49fb3ae2cf070f793645ff749683ac6b06203e41c891e17701b1cb597ce6a01"
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
@@ -78,6 +81,21 @@ def test_messages_that_nobody_could_read_are_counted_as_seen_and_refused(tmp_pat
         "written": '{"/a": 1, "/b": 0}',
         "refused": '{"/a": 0, "/b": 1}',
     }
+
+
+def test_a_disk_that_refuses_a_part_is_an_error_at_once_and_when_the_bag_is_closed(tmp_path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    bag = BagWriter(tmp_path / "bag", topics(), chunk_size=1024)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+        with pytest.raises(VpsciError, match=r"bag_0.mcap: cannot write \(File too large\); free some space"):
+            for i in range(100):
+                bag.write("/a", random.Random(i).randbytes(700), log_time=i, publish_time=i)
+        with pytest.raises(VpsciError, match=r"not complete, since the disk refused a part of it \(File too large\)"):
+            bag.close({})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not (tmp_path / "bag" / "metadata.yaml").exists()
 
 
 def test_a_bag_without_messages_is_still_a_bag(tmp_path) -> None:

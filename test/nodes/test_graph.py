@@ -1,7 +1,9 @@
 """The real graph: separate processes over Fast DDS. Same episodes as in process, and no end that hangs."""
 
+import errno
 import json
 import os
+import resource
 import signal
 import threading
 import time
@@ -167,6 +169,34 @@ def test_stopping_on_request_completes_the_bag_where_interrupts_were_ignored(
     assert set(result.exits.values()) == {0}
     assert (bag / "metadata.yaml").exists()
     assert len(recorded_ticks(bag)) > 5
+
+
+def test_a_full_disk_under_the_recorder_ends_the_run_with_a_reason_and_a_record(
+    domain: int, tmp_path: Path, weights: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[NodeProcesses] = []
+    enter = NodeProcesses.__enter__
+    monkeypatch.setattr(NodeProcesses, "__enter__", lambda self: started.append(self) or enter(self))
+    bag = tmp_path / "run" / "bag"
+
+    def fill_once_it_records() -> None:
+        wait_for_bytes(bag, 20_000)
+        resource.prlimit(started[0].running["recorder"].pid, resource.RLIMIT_FSIZE, (40_000, 40_000))
+
+    def repair(_: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(bag / "bag_0.mcap"))
+
+    monkeypatch.setattr("vpsci_ros.nodes.graph.repair_bag", repair)
+    filler = threading.Thread(target=fill_once_it_records, daemon=True)
+    filler.start()
+    chosen = sections(weights, episodes=100_000, batch=16).changed("recorder", {"chunk_size": 16})
+    result = run_graph(chosen, tmp_path / "run", quiet=True)
+    filler.join()
+    assert "recorder ended with exit status 1" in result.error
+    assert "the disk refused a part of it (File too large)" in result.error
+    assert "bag_0.mcap: cannot write (No space left on device); free some space" in result.error
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["error"] == result.error
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["bag", "log", "params.yaml", "run.json"]
 
 
 def test_a_policy_that_refuses_its_weights_ends_the_run_with_the_reason(domain: int, tmp_path: Path) -> None:

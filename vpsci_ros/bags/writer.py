@@ -5,8 +5,9 @@ part that is already on disk whole: chunks are handed to the operating system as
 killed leaves a file that is readable up to its last chunk (`vpsci_ros.bags.repair` then completes it).
 """
 
+import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -95,6 +96,7 @@ class BagWriter:
         self._chunk_size = chunk_size
         self._split_size = split_size
         self._described: list[tuple[str, dict[str, str]]] = []
+        self._refusal = ""  # of the disk, why
         self._open()
 
     @property
@@ -108,15 +110,13 @@ class BagWriter:
         :raises VpsciError: the disk refuses it.
         """
         row = self.topics[topic]
-        try:
+        with self._on_disk():
             if self._split_size and self._file.tell() >= self._split_size and self.files[-1].messages:
                 self._finish()
                 self._open()
             row.seen += 1
             self._writer.add_message(row.channel, log_time, data, publish_time, row.messages)
             self._file.flush()  # a chunk that has just filled goes to the operating system at once
-        except OSError as error:
-            raise VpsciError(f"{self.path}: cannot write ({error.strerror}); free some space, record again") from error
         row.messages += 1
         self.files[-1].count(log_time)
 
@@ -126,19 +126,37 @@ class BagWriter:
         self.topics[topic].refused += 1
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Store a named record of text values in the file, found again without reading the messages."""
-        self._writer.add_metadata(name, dict(values))
-        self._file.flush()
+        """Store a named record of text values, found again without reading the messages; errors as `write`."""
+        with self._on_disk():
+            self._writer.add_metadata(name, dict(values))
+            self._file.flush()
 
     def describe(self, name: str, values: Mapping[str, str]) -> None:
-        """Store a named record of text values in this file and in every one that follows."""
+        """Store a named record of text values in this file and in every one that follows; errors as `write`."""
         self._described.append((name, dict(values)))
         self.add_metadata(name, values)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
-        """Write the file's index and metadata.yaml; `custom_data` goes into both, beside the numbers of messages."""
-        self._finish(custom_data)
-        write_metadata(self.folder, self.files, list(self.topics.values()), self._totals() | dict(custom_data))
+        """Write the file's index and metadata.yaml; `custom_data` goes into both, beside the numbers of messages.
+
+        :raises VpsciError: the disk refuses it, or has refused anything before: then the last file breaks off, and has
+            to be repaired.
+        """
+        with self._on_disk():
+            self._finish(custom_data)
+            write_metadata(self.folder, self.files, list(self.topics.values()), self._totals() | dict(custom_data))
+
+    @contextlib.contextmanager
+    def _on_disk(self) -> Iterator[None]:
+        if self._refusal:
+            raise VpsciError(f"{self.path}: not complete, since the disk refused a part of it ({self._refusal})")
+        try:
+            yield
+        except OSError as error:
+            self._refusal = error.strerror or repr(error)
+            with contextlib.suppress(OSError):  # which the disk refuses as well
+                self._file.close()
+            raise VpsciError(f"{self.path}: cannot write ({self._refusal}); free some space, record again") from error
 
     def _open(self) -> None:
         self.files.append(BagFile(f"{self.folder.name}_{len(self.files)}.mcap"))

@@ -25,7 +25,7 @@ from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, table,
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.files import require_empty_folder, sha256
 from vpsci_ros.runs.processes import ChildProcess, stop
-from vpsci_ros.runs.record import RECORD, write_record
+from vpsci_ros.runs.record import RECORD, room_for_record, write_record
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import WorldConfig
 
@@ -75,21 +75,10 @@ def run_graph(
     parameters.write_text(yaml.safe_dump(layout, sort_keys=False), encoding="utf-8")
     result = GraphResult(folder)
     begun = time.monotonic()
-    with _interruptible(), NodeProcesses(chosen.nodes, parameters, folder / "log", chosen.namespace) as processes:
-        try:
-            with Watch(resolved, quiet=quiet) as watch:
-                result.error = _follow(processes, watch, chosen, stop_when)
-                result.progress, result.second_publishers = watch.summary(), watch.second_publishers()
-        except KeyboardInterrupt:
-            result.error = "stopped on request"
-        finally:
-            result.exits = processes.stop()
+    with room_for_record(folder):
+        processes = NodeProcesses(chosen.nodes, parameters, folder / "log", chosen.namespace)
+        _run_to_the_end(result, resolved, processes, quiet, stop_when)
     result.wall_time = time.monotonic() - begun
-    _settle_bag(result, processes)
-    if "learner" in processes.running:
-        from vpsci_ros.report.learning import save_learning  # with torch, which no other graph needs here
-
-        save_learning(folder / "learner")
     near_misses = resolved.values.get("learner", {}).get("near_misses", [])
     write_record(
         folder / RECORD,
@@ -103,6 +92,26 @@ def run_graph(
         inputs=hashes | {path: sha256(path) for path in near_misses if Path(path).is_file()},
     )
     return result
+
+
+def _run_to_the_end(
+    result: GraphResult,
+    resolved: Sections,
+    processes: "NodeProcesses",
+    quiet: bool,
+    stop_when: Callable[[Watch], str] | None,
+) -> None:
+    """Start and watch the processes, stop them, and see to what they leave; `result` tells of it."""
+    with _interruptible(), processes:
+        try:
+            with Watch(resolved, quiet=quiet) as watch:
+                result.error = _follow(processes, watch, resolved.get(GraphConfig, "graph"), stop_when)
+                result.progress, result.second_publishers = watch.summary(), watch.second_publishers()
+        except KeyboardInterrupt:
+            result.error = "stopped on request"
+        finally:
+            result.exits = processes.stop()
+    _settle(result, processes)
 
 
 def resolve(sections: Sections, folder: Path) -> Sections:
@@ -196,13 +205,20 @@ def _follow(
             return f"no progress for {graph.progress_timeout:g} s; the nodes' logs are in {processes.logs}"
 
 
-def _settle_bag(result: GraphResult, processes: NodeProcesses) -> None:
-    """Complete the bag of a recorder that was killed."""
-    if "recorder" in processes.running and not (result.bag / "metadata.yaml").exists():
-        try:
+def _settle(result: GraphResult, processes: NodeProcesses) -> None:
+    """Complete the bag of a recorder that was killed, and draw what a learner has logged."""
+    try:
+        if "recorder" in processes.running and not (result.bag / "metadata.yaml").exists():
             repair_bag(result.bag)
-        except VpsciError as error:
-            result.error = f"{result.error}; {error}".removeprefix("; ")
+        if "learner" in processes.running:
+            from vpsci_ros.report.learning import save_learning  # with torch, which no other graph needs here
+
+            save_learning(result.folder / "learner")
+    except VpsciError as error:
+        result.error = f"{result.error}; {error}".removeprefix("; ")
+    except OSError as error:
+        text = f"{error.filename or result.folder}: cannot write ({error.strerror}); free some space"
+        result.error = f"{result.error}; {text}".removeprefix("; ")
 
 
 @contextlib.contextmanager
