@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import resource
 import signal
 import threading
@@ -169,6 +170,41 @@ def test_stopping_on_request_completes_the_bag_where_interrupts_were_ignored(
     assert set(result.exits.values()) == {0}
     assert (bag / "metadata.yaml").exists()
     assert len(recorded_ticks(bag)) > 5
+
+
+@pytest.mark.parametrize(
+    ("victim", "number", "missing"),
+    [
+        ("world_simulator", signal.SIGTERM, "0 of 2 episodes ended"),
+        ("vehicle_policy", signal.SIGSTOP, r"vehicle_policy was killed by SIGKILL .*[0-9]+ answers of \w+ are missing"),
+        ("recorder", signal.SIGSTOP, "recorder was killed by SIGKILL"),
+    ],
+)
+def test_a_run_in_which_a_node_was_stopped_with_anything_missing_is_no_success(
+    domain: int,
+    tmp_path: Path,
+    weights: str,
+    victim: str,
+    number: signal.Signals,
+    missing: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    started: list[NodeProcesses] = []
+    enter = NodeProcesses.__enter__
+    monkeypatch.setattr(NodeProcesses, "__enter__", lambda self: started.append(self) or enter(self))
+    monkeypatch.setattr("vpsci_ros.nodes.graph.STOP_STEPS", ((signal.SIGINT, 5.0), (signal.SIGKILL, 30.0)))
+
+    def stop_once_it_records() -> None:
+        wait_for_bytes(tmp_path / "run" / "bag", 10_000)
+        os.kill(started[0].running[victim].pid, number)
+
+    stopper = threading.Thread(target=stop_once_it_records, daemon=True)
+    stopper.start()
+    chosen = sections(weights, episodes=1, batch=2, episode_time=5.0, real_time_factor=3.0, action_timeout=0.1)
+    result = run_graph(chosen.changed("recorder", {"chunk_size": 4}), tmp_path / "run", quiet=True)
+    stopper.join()
+    assert re.search(missing, result.error)
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["error"] == result.error
 
 
 def test_a_full_disk_under_the_recorder_ends_the_run_with_a_reason_and_a_record(

@@ -196,6 +196,7 @@ class Output:
         self._publisher = publisher
         self._timeout = timeout
         self._ready = False
+        self.published = 0
 
     @property
     def matched(self) -> bool:
@@ -220,11 +221,12 @@ class Output:
         """
         if not self._ready:
             self._wait()
-        self._publisher.publish(message)
+        self.publish_now(message)
 
     def publish_now(self, message: Any) -> None:
         """Publish to whoever is there."""
         self._publisher.publish(message)
+        self.published += 1
 
     def flush(self, timeout_sec: float) -> bool:
         """Wait until every reader has received all messages; return whether that happened in time."""

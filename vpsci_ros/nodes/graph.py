@@ -16,13 +16,17 @@ from pathlib import Path
 
 import yaml
 
+from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.repair import repair_bag
+from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.learning.config import RefineConfig
+from vpsci_ros.learning.config import LearnerConfig, RefineConfig
 from vpsci_ros.nodes.config import GraphConfig, section_classes
 from vpsci_ros.nodes.watch import WATCH, Watch
 from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, table, values_of
 from vpsci_ros.resources import weights_path
+from vpsci_ros.runs.completeness import RecordedCounts, what_is_missing
+from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import require_empty_folder, sha256
 from vpsci_ros.runs.processes import ChildProcess, stop
 from vpsci_ros.runs.record import RECORD, room_for_record, write_record
@@ -31,6 +35,7 @@ from vpsci_ros.world import WorldConfig
 
 STOP_STEPS = ((signal.SIGINT, 30.0), (signal.SIGKILL, 30.0))  # asked, and given so long [s]
 POLL = 0.1  # [s]
+WEIGHTS_OF_STAGE = {"pretrain": "pretrained.safetensors", "refine": "refined.safetensors"}  # what a learner leaves
 
 
 @dataclass
@@ -57,7 +62,10 @@ def run_graph(
     quiet: bool = False,
     stop_when: Callable[[Watch], str] | None = None,
 ) -> GraphResult:
-    """Run a graph to its end and return how it went; a run that fails or is interrupted returns with `error` set.
+    """Run a graph to its end and return how it went.
+
+    A run that fails, is interrupted, or ends with anything missing returns with `error` set; see
+    `vpsci_ros.runs.completeness` and docs/promises.md.
 
     :param sections: as `vpsci_ros.cli.parameter_file.load` returns them.
     :param folder: output folder, empty or new: bag/, learner/, log/, params.yaml (resolved), run.json.
@@ -112,6 +120,7 @@ def _run_to_the_end(
         finally:
             result.exits = processes.stop()
     _settle(result, processes)
+    result.error = result.error or "; ".join(_incomplete(result, processes, resolved))
 
 
 def resolve(sections: Sections, folder: Path) -> Sections:
@@ -219,6 +228,34 @@ def _settle(result: GraphResult, processes: NodeProcesses) -> None:
     except OSError as error:
         text = f"{error.filename or result.folder}: cannot write ({error.strerror}); free some space"
         result.error = f"{result.error}; {text}".removeprefix("; ")
+
+
+def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Sections) -> list[str]:
+    """Say what a run lacks that seems to have come to its end: every node's own end counts, and every message."""
+    missing = [processes.explain(node) for node, status in result.exits.items() if status != 0]
+    nodes, asked = list(processes.running), 0
+    if "world_simulator" in nodes:
+        run = resolved.get(RunConfig, "world_simulator")
+        asked = len(run.scenarios) * run.episodes
+    if "learner" in nodes:
+        weights = result.folder / "learner" / WEIGHTS_OF_STAGE[resolved.get(LearnerConfig, "learner").stage]
+        missing += [] if weights.is_file() else [f"the learner ended without {weights}"]
+    try:
+        recorded = _recorded(result.bag) if "recorder" in nodes else None
+    except InvalidInput as error:
+        return [*missing, str(error)]
+    return missing + what_is_missing(asked, nodes, result.progress, recorded)
+
+
+def _recorded(bag: Path) -> RecordedCounts:
+    """Return what a bag and its recorder say of the numbers of messages.
+
+    :raises InvalidInput: the bag is not whole.
+    """
+    opened = Bag(bag)
+    run = bag_run(opened)
+    held = {name: topic.messages for name, topic in opened.topics().items()}
+    return RecordedCounts(run.count("seen"), run.count("refused"), run.count("written"), held)
 
 
 @contextlib.contextmanager

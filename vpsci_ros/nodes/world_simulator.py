@@ -247,7 +247,7 @@ class WorldSimulator(GraphNode):
     # ---- what is reported beside the topics
 
     def status(self) -> list[tuple[str, Any]]:
-        """Return what the diagnostics tell: ticks and their rate by the wall clock, and the counts of the run."""
+        """Return what the diagnostics tell: ticks and their rate by the wall clock, and what the run has counted."""
         tick, now = self._loop.world.now.number, time.monotonic()
         rate = (tick - self._reported_tick) / max(now - self._reported_at, 1e-9)
         mean = tick / max(self._tick_started - self._begun_at, 1e-9)
@@ -255,7 +255,7 @@ class WorldSimulator(GraphNode):
         pairs = [("tick", tick), ("ticks_per_second", round(rate)), ("ticks_per_second_mean", round(mean))]
         if self._builder:
             pairs.append(("transitions_not_consumed", self._lock_step.unread))
-        return pairs + sorted((+self._counts).items())
+        return pairs + sorted((+self._counts).items()) + self._outputs.pairs()
 
     def close(self) -> None:
         """Say how it went, and wait until every reader has everything."""
