@@ -88,17 +88,18 @@ def run_graph(
         _run_to_the_end(result, resolved, processes, quiet, stop_when)
     result.wall_time = time.monotonic() - begun
     near_misses = resolved.values.get("learner", {}).get("near_misses", [])
-    write_record(
-        folder / RECORD,
-        begun=begun,
-        error=result.error,
-        results={
-            "progress": result.progress,
-            "exit_status": result.exits,
-            "second_publishers": result.second_publishers,
-        },
-        inputs=hashes | {path: sha256(path) for path in near_misses if Path(path).is_file()},
-    )
+    with _told_in(result):
+        write_record(
+            folder / RECORD,
+            begun=begun,
+            error=result.error,
+            results={
+                "progress": result.progress,
+                "exit_status": result.exits,
+                "second_publishers": result.second_publishers,
+            },
+            inputs=hashes | {path: sha256(path) for path in near_misses if Path(path).is_file()},
+        )
     return result
 
 
@@ -216,18 +217,27 @@ def _follow(
 
 def _settle(result: GraphResult, processes: NodeProcesses) -> None:
     """Complete the bag of a recorder that was killed, and draw what a learner has logged."""
-    try:
+    with _told_in(result):
         if "recorder" in processes.running and not (result.bag / "metadata.yaml").exists():
             repair_bag(result.bag)
-        if "learner" in processes.running:
-            from vpsci_ros.report.learning import save_learning  # with torch, which no other graph needs here
+    if "learner" in processes.running:
+        from vpsci_ros.report.learning import save_learning  # with torch, which no other graph needs here
 
+        with _told_in(result):
             save_learning(result.folder / "learner")
+
+
+@contextlib.contextmanager
+def _told_in(result: GraphResult) -> Iterator[None]:
+    """Have a part of the end that fails be an error of the run, and go on: as much as possible is to be left."""
+    text = ""
+    try:
+        yield
     except VpsciError as error:
-        result.error = f"{result.error}; {error}".removeprefix("; ")
+        text = str(error)
     except OSError as error:
         text = f"{error.filename or result.folder}: cannot write ({error.strerror}); free some space"
-        result.error = f"{result.error}; {text}".removeprefix("; ")
+    result.error = "; ".join(part for part in (result.error, text) if part)
 
 
 def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Sections) -> list[str]:
