@@ -1,12 +1,15 @@
 """A bag is written as rosbag2 wants it: `mcap` and `rosbags` read back what was put in."""
 
+import random
+import resource
+
 import pytest
 import yaml
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 from vpsci_ros.bags.writer import BagTopic, BagWriter
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import InvalidInput, VpsciError
 
 HEADER_HASH = "RIHS01_f49fb3ae2cf070f793645ff749683ac6b06203e41c891e17701b1cb597ce6a01"
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
@@ -62,6 +65,37 @@ def test_metadata_counts_and_times_what_is_in_the_file(tmp_path) -> None:
     assert information["custom_data"]["seed"] == "7"
     assert information["custom_data"]["messages_written"] == "3"
     assert "&id" not in text
+
+
+def test_messages_that_nobody_could_read_are_counted_as_seen_and_refused(tmp_path) -> None:
+    bag = BagWriter(tmp_path / "bag", topics())
+    bag.write("/a", b"\x00\x01\x00\x00", log_time=1, publish_time=1)
+    bag.refuse("/b")
+    bag.close({})
+    information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert information["custom_data"] == {
+        "messages_seen": "2",
+        "messages_written": "1",
+        "messages_refused": "1",
+        "seen": '{"/a": 1, "/b": 1}',
+        "written": '{"/a": 1, "/b": 0}',
+        "refused": '{"/a": 0, "/b": 1}',
+    }
+
+
+def test_a_disk_that_refuses_a_part_is_an_error_at_once_and_when_the_bag_is_closed(tmp_path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    bag = BagWriter(tmp_path / "bag", topics(), chunk_size=1024)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+        with pytest.raises(VpsciError, match=r"bag_0.mcap: cannot write \(File too large\); free some space"):
+            for i in range(100):
+                bag.write("/a", random.Random(i).randbytes(700), log_time=i, publish_time=i)
+        with pytest.raises(VpsciError, match=r"not complete, since the disk refused a part of it \(File too large\)"):
+            bag.close({})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not (tmp_path / "bag" / "metadata.yaml").exists()
 
 
 def test_a_bag_without_messages_is_still_a_bag(tmp_path) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.data.near_misses import split_by_clip
-from vpsci_ros.errors import InvalidInput, Stopped
+from vpsci_ros.errors import InvalidInput, Stopped, VpsciError
 from vpsci_ros.learning.config import ForesightConfig, ImitationConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.online import Outcomes, refine
 from vpsci_ros.learning.refine import Refiner
@@ -70,6 +70,26 @@ def test_updates_fall_due_with_new_experience(refiner):
     assert 0.0 < sum(shares) < 3.0
     assert refiner.received == 60
     assert refiner.lost == 0
+
+
+def test_a_transition_that_is_not_a_number_is_counted_and_leaves_weights_and_returns_finite(refiner):
+    rows = experience()
+    rows["vehicle_observation"][3, 0] = np.nan
+    refiner.add(rows)
+    while refiner.due:
+        refiner.update()
+    summary = refiner.summary()
+    assert summary["refused"] == 1
+    assert all(np.isfinite(value) for value in summary.values())
+    assert np.isfinite(refiner.final().facts["learned"]["reward_weights"]).all()
+
+
+def test_weights_are_not_written_where_what_was_learned_is_not_finite(tmp_path, networks, near_misses):
+    refiner = Refiner(QUICK, networks(gain=1.0).weights({}, {}), near_misses, seed=4, out_dir=tmp_path)
+    refiner.reward_weights.values = np.array([np.nan, 0.5, 0.5])
+    with pytest.raises(VpsciError, match=r"expected finite weights of rewards .* got \[nan, 0.5, 0.5\].*refine again"):
+        refiner.save()
+    assert not list(tmp_path.iterdir())
 
 
 def test_actors_that_follow_the_critics_rest_while_these_warm_up(networks, near_misses):

@@ -5,7 +5,7 @@ import pytest
 
 from vpsci_ros.learning.assembly import STALE, HistoryAssembler
 from vpsci_ros.learning.rewards import EventRewards
-from vpsci_ros.learning.transitions import TRANSITION, TransitionBuilder
+from vpsci_ros.learning.transitions import TRANSITION, TransitionBuilder, usable
 from vpsci_ros.world import COLLISION, ENDED, EPISODE, GOAL, RUNNING, World, WorldConfig, load_scenarios
 from vpsci_ros.world.events import NO_EVENTS
 from vpsci_ros.world.loop import Loop
@@ -163,3 +163,34 @@ def test_an_assembler_goes_on_from_its_state():
     assert len(finished) == 6
     assert second.received == 6
     assert second.lost == 0
+
+
+def test_every_transition_of_the_world_may_be_learned_from(run):
+    rows, _, _ = run
+    assert usable(rows).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("vehicle_observation", np.nan),
+        ("pedestrian_action", np.inf),
+        ("lane_heading", -np.inf),
+        ("next_vehicle_observation", 1e30),
+        ("curvttc", np.nan),
+        ("next_curvttc", -1.0),
+        ("collision", 2),
+    ],
+)
+def test_a_transition_that_would_spoil_every_weight_is_refused_and_its_history_dropped(run, name, value):
+    first = run[0][run[0]["scenario"] == 1]
+    rows = first[first["episode"] == first["episode"][0]].copy()
+    rows["number"] = np.arange(len(rows))
+    rows[name][1] = value
+    assert usable(rows).tolist() == [True, False] + [True] * (len(rows) - 2)
+    assembler = HistoryAssembler(EventRewards(-1.0, 1.0))
+    finished = assembler.add(rows)
+    assert assembler.refused == 1
+    assert assembler.received == assembler.consumed == len(rows)
+    assert sum(map(len, finished)) + assembler.refused + assembler.dropped == len(rows)
+    assert all(np.isfinite(history.observation[agent]).all() for history in finished for agent in history.observation)

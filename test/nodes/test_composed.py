@@ -18,7 +18,7 @@ from vpsci_ros.world.state import FINISHED
 
 
 def test_a_composed_graph_runs_the_episodes_of_the_engine(domain: int, tmp_path: Path) -> None:
-    policy = {"weights": "pretrained"}
+    policy = {"weights": "pretrained", "seed": 11}  # of what a policy draws, as in the world
     chosen = {
         "graph": {"nodes": ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]},
         "world_simulator": {"scenarios": [2, 7], "episodes": 4, "batch": 3, "seed": 11},

@@ -1,7 +1,10 @@
 """The real graph: separate processes over Fast DDS. Same episodes as in process, and no end that hangs."""
 
+import errno
 import json
 import os
+import re
+import resource
 import signal
 import threading
 import time
@@ -167,6 +170,69 @@ def test_stopping_on_request_completes_the_bag_where_interrupts_were_ignored(
     assert set(result.exits.values()) == {0}
     assert (bag / "metadata.yaml").exists()
     assert len(recorded_ticks(bag)) > 5
+
+
+@pytest.mark.parametrize(
+    ("victim", "number", "missing"),
+    [
+        ("world_simulator", signal.SIGTERM, "0 of 2 episodes ended"),
+        ("vehicle_policy", signal.SIGSTOP, r"vehicle_policy was killed by SIGKILL .*[0-9]+ answers of \w+ are missing"),
+        ("recorder", signal.SIGSTOP, "recorder was killed by SIGKILL"),
+    ],
+)
+def test_a_run_in_which_a_node_was_stopped_with_anything_missing_is_no_success(
+    domain: int,
+    tmp_path: Path,
+    weights: str,
+    victim: str,
+    number: signal.Signals,
+    missing: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    started: list[NodeProcesses] = []
+    enter = NodeProcesses.__enter__
+    monkeypatch.setattr(NodeProcesses, "__enter__", lambda self: started.append(self) or enter(self))
+    monkeypatch.setattr("vpsci_ros.nodes.graph.STOP_STEPS", ((signal.SIGINT, 5.0), (signal.SIGKILL, 30.0)))
+
+    def stop_once_it_records() -> None:
+        wait_for_bytes(tmp_path / "run" / "bag", 10_000)
+        os.kill(started[0].running[victim].pid, number)
+
+    stopper = threading.Thread(target=stop_once_it_records, daemon=True)
+    stopper.start()
+    chosen = sections(weights, episodes=1, batch=2, episode_time=5.0, real_time_factor=3.0, action_timeout=0.1)
+    result = run_graph(chosen.changed("recorder", {"chunk_size": 4}), tmp_path / "run", quiet=True)
+    stopper.join()
+    assert re.search(missing, result.error)
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["error"] == result.error
+
+
+def test_a_full_disk_under_the_recorder_ends_the_run_with_a_reason_and_a_record(
+    domain: int, tmp_path: Path, weights: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[NodeProcesses] = []
+    enter = NodeProcesses.__enter__
+    monkeypatch.setattr(NodeProcesses, "__enter__", lambda self: started.append(self) or enter(self))
+    bag = tmp_path / "run" / "bag"
+
+    def fill_once_it_records() -> None:
+        wait_for_bytes(bag, 20_000)
+        resource.prlimit(started[0].running["recorder"].pid, resource.RLIMIT_FSIZE, (40_000, 40_000))
+
+    def repair(_: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(bag / "bag_0.mcap"))
+
+    monkeypatch.setattr("vpsci_ros.nodes.graph.repair_bag", repair)
+    filler = threading.Thread(target=fill_once_it_records, daemon=True)
+    filler.start()
+    chosen = sections(weights, episodes=100_000, batch=16).changed("recorder", {"chunk_size": 16})
+    result = run_graph(chosen, tmp_path / "run", quiet=True)
+    filler.join()
+    assert "recorder ended with exit status 1" in result.error
+    assert "the disk refused a part of it (File too large)" in result.error
+    assert "bag_0.mcap: cannot write (No space left on device); free some space" in result.error
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["error"] == result.error
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["bag", "log", "params.yaml", "run.json"]
 
 
 def test_a_policy_that_refuses_its_weights_ends_the_run_with_the_reason(domain: int, tmp_path: Path) -> None:

@@ -116,6 +116,39 @@ def test_a_bad_answer_is_refused_counted_and_nobody_waits_for_a_better_one(sessi
     assert actions.pedestrian is not None
 
 
+@pytest.mark.parametrize("late", [False, True], ids=["to the present tick", "to a tick that is over"])
+def test_a_second_answer_that_differs_is_refused_and_counted_and_the_first_stands(session: Session, late: bool) -> None:
+    session.begin()
+    session.answer()
+    if late:
+        session.begin(1)
+        session.monitor(1)
+    with pytest.raises(InvalidInput, match="expected one answer to tick 0, got another that differs; the first stands"):
+        session.agent("vehicle", value=9.0)
+    with pytest.raises(InvalidInput, match="another that differs"):
+        session.monitor(ttc=3.0)
+    assert session.counts == {"vehicle_answers_contradicted": 1, "safety_answers_contradicted": 1}
+    assert late or session.lock_step.actions.vehicle.max() == 1.0  # type: ignore[union-attr]
+    assert session.lock_step.assessment.curvttc.max() == 1.0  # type: ignore[union-attr]
+
+
+def test_the_same_answer_once_more_is_no_contradiction(session: Session) -> None:
+    session.begin()
+    session.answer()
+    session.answer()
+    session.begin(2)
+    session.answer(0)
+    assert not session.counts
+
+
+def test_a_good_answer_after_a_refused_one_is_taken(session: Session) -> None:
+    session.begin()
+    with pytest.raises(InvalidInput, match="actions.vehicle of slot 0"):
+        session.agent("vehicle", value=np.inf)
+    session.agent("vehicle")
+    assert session.lock_step.actions.vehicle is not None
+
+
 def test_a_paused_world_takes_one_tick_for_each_step_and_nobody_is_late_meanwhile(session: Session) -> None:
     session.begin()
     session.lock_step.pause(True, 5.0)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,9 +116,9 @@ class EpisodeLog:
         return ended
 
 
-def event_rows(message: Any) -> Iterator[EventRow]:
-    """Yield the events of a decoded message, of ROS or of `Decoder`."""
-    return itertools.starmap(EventRow, layout.events(message)[list(EventRow._fields)].tolist())
+def event_rows(events: NDArray[np.void]) -> list[EventRow]:
+    """Return what is used of EVENT[n] records."""
+    return list(itertools.starmap(EventRow, events[list(EventRow._fields)].tolist()))
 
 
 def bag_episodes(bag: Bag, *, recover: bool = False) -> list[BagEpisode]:
@@ -140,7 +140,7 @@ def _from_events(bag: Bag) -> Iterator[BagEpisode]:
     decode, log = Decoder(), EpisodeLog()
     for raw in bag.messages([EVENTS]):
         message = decode(raw, bag.path)
-        yield from log.add(int(message.tick), raw.time, event_rows(message))
+        yield from log.add(int(message.tick), raw.time, event_rows(layout.events(message)))
 
 
 def _from_ticks(bag: Bag, recover: bool) -> Iterator[BagEpisode]:

@@ -118,13 +118,15 @@ def motion_of(record: np.void, agent: str) -> PlanarMotion:
 
 # ---- what a message says
 
+STAMP_END = (12, 16)  # [bytes] where the stamp of a serialized message ends; in an array of markers
+
 
 def stamp_of(topic: str, data: bytes) -> tuple[int, int]:
     """Return seconds and nanoseconds of the stamp of a serialized message of any recorded topic.
 
     Every recorded type begins with its stamp, after CDR's 4 bytes; in an array of markers its length comes first.
     """
-    seconds, nanoseconds = struct.unpack_from("<iI", data, 8 if topic == "/markers" else 4)
+    seconds, nanoseconds = struct.unpack_from("<iI", data, STAMP_END[topic == "/markers"] - 8)
     return seconds, nanoseconds
 
 

@@ -5,8 +5,9 @@ part that is already on disk whole: chunks are handed to the operating system as
 killed leaves a file that is readable up to its last chunk (`vpsci_ros.bags.repair` then completes it).
 """
 
+import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,7 +19,14 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.runs.files import require_empty_folder, written_whole
 
 RUN = "vpsci_ros"  # name of the record with which every file ends
-TOTALS = ("messages_seen", "messages_written", "seen", "written")  # its keys about numbers of messages
+TOTALS = (
+    "messages_seen",
+    "messages_written",
+    "messages_refused",
+    "seen",
+    "written",
+    "refused",
+)  # its keys about numbers of messages
 BAG_VERSION = 9  # of rosbag2's metadata.yaml, the one that ROS 2 Jazzy writes
 
 
@@ -26,7 +34,7 @@ BAG_VERSION = 9  # of rosbag2's metadata.yaml, the one that ROS 2 Jazzy writes
 class BagTopic:
     """One topic of a bag: its type ("vpsci_msgs/msg/WorldState"), definition, hash, and QoS as rosbag2 writes it.
 
-    `seen` counts the messages that were handed to the writer, `messages` those that it wrote.
+    `seen` counts the messages that came, `messages` those that were written, `refused` those that nobody could read.
     """
 
     name: str
@@ -36,6 +44,7 @@ class BagTopic:
     latched: bool = False
     seen: int = 0
     messages: int = 0
+    refused: int = 0
     channel: int = field(default=-1, repr=False)
 
     def qos(self) -> dict[str, object]:
@@ -87,6 +96,7 @@ class BagWriter:
         self._chunk_size = chunk_size
         self._split_size = split_size
         self._described: list[tuple[str, dict[str, str]]] = []
+        self._refusal = ""  # of the disk, why
         self._open()
 
     @property
@@ -100,32 +110,53 @@ class BagWriter:
         :raises VpsciError: the disk refuses it.
         """
         row = self.topics[topic]
-        try:
+        with self._on_disk():
             if self._split_size and self._file.tell() >= self._split_size and self.files[-1].messages:
                 self._finish()
                 self._open()
             row.seen += 1
             self._writer.add_message(row.channel, log_time, data, publish_time, row.messages)
             self._file.flush()  # a chunk that has just filled goes to the operating system at once
-        except OSError as error:
-            raise VpsciError(f"{self.path}: cannot write ({error.strerror}); free some space, record again") from error
         row.messages += 1
         self.files[-1].count(log_time)
 
+    def refuse(self, topic: str) -> None:
+        """Count a message that came and is not written, since nobody could read it."""
+        self.topics[topic].seen += 1
+        self.topics[topic].refused += 1
+
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Store a named record of text values in the file, found again without reading the messages."""
-        self._writer.add_metadata(name, dict(values))
-        self._file.flush()
+        """Store a named record of text values, found again without reading the messages; errors as `write`."""
+        with self._on_disk():
+            self._writer.add_metadata(name, dict(values))
+            self._file.flush()
 
     def describe(self, name: str, values: Mapping[str, str]) -> None:
-        """Store a named record of text values in this file and in every one that follows."""
+        """Store a named record of text values in this file and in every one that follows; errors as `write`."""
         self._described.append((name, dict(values)))
         self.add_metadata(name, values)
 
     def close(self, custom_data: Mapping[str, str]) -> None:
-        """Write the file's index and metadata.yaml; `custom_data` goes into both, beside the numbers of messages."""
-        self._finish(custom_data)
-        write_metadata(self.folder, self.files, list(self.topics.values()), self._totals() | dict(custom_data))
+        """Write the file's index and metadata.yaml; `custom_data` goes into both, beside the numbers of messages.
+
+        :raises VpsciError: the disk refuses it, or has refused anything before: then the last file breaks off, and has
+            to be repaired.
+        """
+        with self._on_disk():
+            self._finish(custom_data)
+            write_metadata(self.folder, self.files, list(self.topics.values()), self._totals() | dict(custom_data))
+
+    @contextlib.contextmanager
+    def _on_disk(self) -> Iterator[None]:
+        if self._refusal:
+            raise VpsciError(f"{self.path}: not complete, since the disk refused a part of it ({self._refusal})")
+        try:
+            yield
+        except OSError as error:
+            self._refusal = error.strerror or repr(error)
+            with contextlib.suppress(OSError):  # which the disk refuses as well
+                self._file.close()
+            raise VpsciError(f"{self.path}: cannot write ({self._refusal}); free some space, record again") from error
 
     def _open(self) -> None:
         self.files.append(BagFile(f"{self.folder.name}_{len(self.files)}.mcap"))
@@ -150,11 +181,14 @@ class BagWriter:
         self._file.close()
 
     def _totals(self) -> dict[str, str]:
-        """Messages handed to the writer and written, over all files so far, together and by topic."""
+        """Messages that came, were written and, if any, refused, over all files so far, together and by topic."""
         rows = self.topics.values()
-        together = str(sum(topic.seen for topic in rows)), str(sum(topic.messages for topic in rows))
-        seen, written = {topic.name: topic.seen for topic in rows}, {topic.name: topic.messages for topic in rows}
-        return dict(zip(TOTALS, (*together, json.dumps(seen), json.dumps(written)), strict=True))
+        counts = {"seen": "seen", "written": "messages"} | (
+            {"refused": "refused"} if any(t.refused for t in rows) else {}
+        )
+        by_topic = {name: {topic.name: getattr(topic, count) for topic in rows} for name, count in counts.items()}
+        together = {f"messages_{name}": str(sum(count.values())) for name, count in by_topic.items()}
+        return together | {name: json.dumps(count) for name, count in by_topic.items()}
 
 
 def write_metadata(folder: Path, files: list[BagFile], topics: list[BagTopic], custom_data: Mapping[str, str]) -> None:

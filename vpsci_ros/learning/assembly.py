@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.learning.replay import History
 from vpsci_ros.learning.rewards import EventRewards
-from vpsci_ros.learning.transitions import TRANSITION
+from vpsci_ros.learning.transitions import TRANSITION, usable
 from vpsci_ros.world.observation import AGENTS
 
 STALE = 65536  # transitions; no world steps more episodes at once, so an open history gets one within so many
@@ -17,7 +17,8 @@ class HistoryAssembler:
     """Collects TRANSITION rows by episode; a history with a missing step is dropped, since its state is unknown.
 
     received counts rows, lost those that never came by the gaps in their numbers (so not those after the last one that
-    came), dropped the rows that came but were thrown away since others of their history were lost.
+    came), refused those that are not `usable`, dropped the rows that came but were thrown away since others of their
+    history were lost or refused. consumed is the number of the row that should come next.
 
     :param rewards: (25) and (26) of the steps of a history.
     """
@@ -25,17 +26,20 @@ class HistoryAssembler:
     def __init__(self, rewards: EventRewards) -> None:
         self._rewards = rewards
         self._open: dict[tuple[int, int], list[NDArray[np.void]]] = {}
-        self._expected = 0
-        self.received, self.lost, self.dropped = 0, 0, 0
+        self.consumed = 0
+        self.received, self.lost, self.dropped, self.refused = 0, 0, 0, 0
 
     def add(self, transitions: NDArray[np.void]) -> list[History]:
         """Take rows in, TRANSITION[n] in the order of their numbers, and return the histories that they complete."""
         finished = []
-        for row in transitions:
+        for row, good in zip(transitions, usable(transitions), strict=True):
             number = int(row["number"])
-            self.lost += max(0, number - self._expected)
-            self._expected = number + 1
+            self.lost += max(0, number - self.consumed)
+            self.consumed = number + 1
             self.received += 1
+            if not good:
+                self.refused += 1
+                continue
             key = int(row["scenario"]), int(row["episode"])
             rows = self._open.setdefault(key, [])
             if row["step"] == 0:
@@ -48,14 +52,14 @@ class HistoryAssembler:
             rows.append(row.copy())
             if row["last"]:
                 finished.append(self._history(np.array(self._open.pop(key), TRANSITION)))
-        if self.lost:
+        if self.lost or self.refused:
             self._drop_stale()
         return finished
 
     def _drop_stale(self) -> None:
-        """Drop histories whose last row was lost: nothing will end them."""
+        """Drop histories whose last row was lost or refused: nothing will end them."""
         for key, rows in list(self._open.items()):
-            if self._expected - int(rows[-1]["number"]) > STALE:
+            if self.consumed - int(rows[-1]["number"]) > STALE:
                 self.dropped += len(rows)
                 del self._open[key]
 
@@ -74,12 +78,14 @@ class HistoryAssembler:
     def state(self) -> dict[str, Any]:
         """Return all that `restore` needs."""
         rows = [np.array(part, TRANSITION).view(np.uint8) for part in self._open.values() if part]
-        counters = [self._expected, self.received, self.lost, self.dropped]
-        return {"rows": np.concatenate(rows) if rows else np.zeros(0, np.uint8), "counters": counters}
+        counters = [self.consumed, self.received, self.lost, self.dropped]
+        taken = np.concatenate(rows) if rows else np.zeros(0, np.uint8)
+        return {"rows": taken, "counters": counters, "refused": self.refused}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from `state`."""
         self._open = {}
         for row in state["rows"].view(TRANSITION):
             self._open.setdefault((int(row["scenario"]), int(row["episode"])), []).append(row.copy())
-        self._expected, self.received, self.lost, self.dropped = state["counters"]
+        self.consumed, self.received, self.lost, self.dropped = state["counters"]
+        self.refused = state.get("refused", 0)  # checkpoints of earlier versions do not have it

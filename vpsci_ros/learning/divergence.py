@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.learning.replay import Batch
@@ -14,7 +15,7 @@ DIVERGED = "diverged.npz"
 
 
 class DivergedError(VpsciError):
-    """A loss is no longer a number."""
+    """A loss, or what is made of losses, is no longer a number."""
 
 
 def check_losses(losses: Mapping[str, float], batch: Batch, iteration: int, out_dir: Path | None) -> None:
@@ -34,6 +35,18 @@ def check_losses(losses: Mapping[str, float], batch: Batch, iteration: int, out_
         f"update {iteration}: expected finite losses, got {bad}; the batch is {where}; "
         "lower the learning rates, or look for outliers in the data"
     )
+
+
+def require_finite_reward_weights(values: NDArray[np.float64]) -> None:
+    """Let finite weights of rewards pass, float64[3] as (collision, goal, speed).
+
+    :raises DivergedError: one is not finite, so what the actors followed is not known.
+    """
+    if not np.isfinite(values).all():
+        raise DivergedError(
+            f"stage 2: expected finite weights of rewards (collision, goal, speed), got {values.tolist()}; no weights "
+            "are written; refine again from the weights of stage 1, and look for outliers in the recorded experience"
+        )
 
 
 def _arrays(batch: Batch) -> dict[str, Any]:

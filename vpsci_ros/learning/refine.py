@@ -28,7 +28,7 @@ from vpsci_ros.evaluation.held_out import HeldOut, split_as_before
 from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.config import PretrainConfig, RefineConfig
-from vpsci_ros.learning.divergence import check_losses
+from vpsci_ros.learning.divergence import check_losses, require_finite_reward_weights
 from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
@@ -113,7 +113,10 @@ class Refiner:
     # ---- experience in
 
     def add(self, transitions: NDArray[np.void]) -> None:
-        """Take transitions in, TRANSITION[n], in the order of their numbers; gaps in the numbers count as lost."""
+        """Take transitions in, TRANSITION[n], in the order of their numbers; gaps in the numbers count as lost.
+
+        Those that are not `transitions.usable` are refused and counted, and the rest of their history is dropped.
+        """
         finished = self._assembler.add(transitions)
         self._credit += len(transitions)
         if finished:
@@ -140,6 +143,16 @@ class Refiner:
     def lost(self) -> int:
         """Transitions that never came, by the gaps in their numbers."""
         return self._assembler.lost
+
+    @property
+    def refused(self) -> int:
+        """Transitions that came and could not be learned from, see `transitions.usable`."""
+        return self._assembler.refused
+
+    @property
+    def consumed(self) -> int:
+        """The number of the transition that should come next."""
+        return self._assembler.consumed
 
     @property
     def due(self) -> bool:
@@ -190,6 +203,7 @@ class Refiner:
             "transitions": self.received,
             "lost": self.lost,
             "dropped": self._assembler.dropped,
+            "refused": self.refused,
             "version": self.version,
             "refreshes": self.refreshes,
             "rollbacks": self.rollbacks,
@@ -207,7 +221,10 @@ class Refiner:
         return self._described(self._accepted[self._acting], self.errors)
 
     def final(self) -> Weights:
-        """Return `current`, its actors drawn towards those of stage 1 by `refresh.stage_1_share`, measured anew."""
+        """Return `current`, its actors drawn towards those of stage 1 by `refresh.stage_1_share`, measured anew.
+
+        :raises VpsciError: what was learned is not finite.
+        """
         share = self._config.refresh.stage_1_share
         stage_1 = Networks.from_weights(self._start).actor.state_dict()
         accepted = self._accepted[self._acting]
@@ -215,6 +232,7 @@ class Refiner:
         return self._described(drawn, self._held_out.errors(self._described(drawn, self.errors)))
 
     def _described(self, actors: Mapping[str, torch.Tensor], errors: dict[str, float]) -> Weights:
+        require_finite_reward_weights(self.reward_weights.values)
         networks = copy.deepcopy(self._networks)
         networks.actor.load_state_dict(actors)
         held_out = {"errors": errors, "stage_1": self.stage_1_errors, "control": self._held_out.control}
@@ -233,7 +251,8 @@ class Refiner:
     def save(self) -> Path:
         """Write `final` to `out_dir` as `refined.safetensors` and return its path.
 
-        :raises InvalidInput: there is no `out_dir`.
+        :raises InvalidInput: there is no `out_dir`, or a tensor is not finite.
+        :raises VpsciError: the reward weights are not finite.
         """
         if self._out_dir is None:
             raise InvalidInput("Refiner.save: expected an output folder, got none; give out_dir")

@@ -41,6 +41,29 @@ TRANSITION = np.dtype(
 )
 
 
+MOST = 1e6  # no position [m], speed [m/s], acceleration [m/s2] or angle [rad] of a transition is beyond
+_FLAGS = ("collision", "vehicle_goal", "pedestrian_goal", "last", "terminal")
+_TIMES = ("curvttc", "next_curvttc")
+_NUMBERS = [name for name in TRANSITION.names or () if TRANSITION[name].base == np.float32 and name not in _TIMES]
+
+
+def usable(rows: NDArray[np.void]) -> NDArray[np.bool_]:
+    """Return which TRANSITION[n] records may be learned from, bool[n].
+
+    Their numbers are finite and not beyond `MOST`, their CurvTTC [s] is not negative, infinity where there is none, and
+    their flags are 0 or 1. One that is not would make a loss, and then every weight, not a number.
+    """
+    good = np.ones(len(rows), np.bool_)
+    for name in _NUMBERS:
+        near = np.abs(rows[name]) <= MOST
+        good &= near.all(axis=tuple(range(1, near.ndim)))
+    for name in _TIMES:
+        good &= rows[name] >= 0.0
+    for name in _FLAGS:
+        good &= rows[name] <= 1
+    return good
+
+
 class TransitionBuilder:
     """Pairs the state of each policy frame with the state one policy period, or the end of the episode, later.
 

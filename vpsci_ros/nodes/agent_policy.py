@@ -9,7 +9,7 @@ from rclpy.task import Future
 
 from vpsci_msgs.msg import PolicyWeights, SafetyState, WorldState
 from vpsci_msgs.srv import History
-from vpsci_ros.bags import layout
+from vpsci_ros.bags import layout, received
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode, Output
 from vpsci_ros.nodes.meter import Meter
@@ -19,7 +19,7 @@ from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.weights import Weights, load_weights, weights_from_bytes
 from vpsci_ros.resources import weights_path
-from vpsci_ros.world.tick import Actions
+from vpsci_ros.world.tick import Actions, Tick
 
 SILENCE = 0.5  # [s] without a message: ask the world whether one was missed
 REPLY_PATIENCE = 1.0  # [s] for the world's reply, before asking again
@@ -45,7 +45,8 @@ class AgentPolicy(GraphNode):
         self._version = 0  # of the weights
         self._actions: Output | None = None
         self._agent = make_agent(agent, config)
-        self._state: WorldState | None = None
+        self._state: tuple[WorldState, Tick] | None = None
+        self._ticks = received.TickSequence()
         self._safety: SafetyState | None = None
         self._known = -1  # tick of the latest policy frame that was worked through
         self._meter = Meter()
@@ -82,16 +83,29 @@ class AgentPolicy(GraphNode):
             self._actions = self.output(self._topic)
 
     def _on_state(self, message: WorldState) -> None:
-        self._state = message
+        tick = self.intake.read("/world/state", received.world_state, message)
+        anew = None if tick is None else self.intake.read("/world/state", self._ticks.take, tick)
+        if tick is None or anew is None:
+            return
+        if anew:
+            self._known = min(self._known, tick.number - 1)  # another world, or what was known was nobody's
+        self._state = message, tick
         self._meter.tick(message.tick)
         self._answer()
 
     def _on_safety(self, message: SafetyState) -> None:
+        batch = len(self._state[1].state) if self._state and message.tick > 0 else len(message.curvttc)
+        if self.intake.read("/safety/state", received.safety_state, message, batch) is None:
+            return
         self._safety = message
         self._answer()
 
     def _on_weights(self, agent: PolicyAgent, message: PolicyWeights) -> None:
-        self._take_up(agent, weights_from_bytes(bytes(message.safetensors), "/policy/weights"), message.version)
+        data = bytes(message.safetensors)
+        weights = self.intake.read("/policy/weights", weights_from_bytes, data, "/policy/weights")
+        if weights is None:
+            return
+        self._take_up(agent, weights, message.version)
         self.get_logger().info(f"acts with weights of version {message.version}")
 
     def _status(self) -> list[tuple[str, Any]]:
@@ -102,30 +116,31 @@ class AgentPolicy(GraphNode):
 
     def _answer(self) -> None:
         self._received_at = arrived = time.perf_counter()
-        world, safety = self._state, self._safety
-        if self._actions is None or world is None or safety is None or world.tick != safety.tick:
+        safety = self._safety
+        if self._actions is None or self._state is None or safety is None:
             return
-        if world.tick == 0 and self._known > 0:
-            self._known = -1  # another world has begun
-        if world.tick <= self._known:
+        world, tick = self._state
+        if world.tick != safety.tick or world.tick <= self._known:
             return
         if not self._caught_up:
             self._first_received_at = self._first_received_at or arrived
             self._keep_up()
             return
         self.simulated_time = world.header.stamp
-        message = self._act(world, safety)
+        message = self._act(world, tick, safety)
         if message is not None:
             self._actions.publish(message)
             self._meter.answered(arrived)
 
-    def _act(self, world: WorldState, safety: SafetyState) -> Any:
+    def _act(self, world: WorldState, tick: Tick, safety: SafetyState) -> Any:
         """Take one tick in; return the answer, or None where none is wanted."""
-        self._known = world.tick
-        if not layout.values(world.policy_frame).any():
+        assessment = self.intake.read("/safety/state", layout.assessment, safety, tick)
+        if assessment is None:
             return None
-        tick = layout.world_state(world)
-        action = self._agent.act(tick, layout.assessment(safety, tick)).astype(np.float64)
+        self._known = tick.number
+        if not tick.policy_frame.any():
+            return None
+        action = self._agent.act(tick, assessment).astype(np.float64)
         Actions(pedestrian=action)  # refuses another shape, and numbers that are not finite
         return convert.action_message(world.header, world.tick, action, self._version)
 
@@ -162,9 +177,12 @@ class AgentPolicy(GraphNode):
         self._received_at = time.perf_counter()
         self._caught_up = True
         for world, safety in zip(response.states, response.safeties, strict=True):
-            if world.tick == response.tick and (self._state is None or self._state.tick <= world.tick):
-                self._state, self._safety = world, safety
+            tick = self.intake.read("/world/history", received.world_state, world, "/world/history")
+            if tick is None:
+                continue
+            if world.tick == response.tick and (self._state is None or self._state[0].tick <= world.tick):
+                self._state, self._safety = (world, tick), safety
             elif self._known < world.tick < response.tick:
-                self._act(world, safety)
+                self._act(world, tick, safety)
                 self._recalled += 1
         self._answer()

@@ -1,11 +1,10 @@
 """The form that all nodes share: parameters from configuration classes, topics from the table, one main."""
 
 import os
-import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, TypeVar
 
 import rclpy
@@ -27,8 +26,10 @@ from rclpy.timer import Timer
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, PeerConfig, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
-from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners, speakers
+from vpsci_ros.nodes.intake import Intake
+from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
 from vpsci_ros.parameters import Parameter, pick, refuse_unknown, table
+from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 
 T = TypeVar("T")
 EXECUTORS: dict[str, Any] = {"events": EventsExecutor, "single": SingleThreadedExecutor}
@@ -56,13 +57,13 @@ class GraphNode(Node):
         self.peers = peer_config.peers or list(self.essential_peers)
         self._peer_timeout = peer_config.peer_timeout
         self.finished = False
-        self.stop = threading.Event()
+        self.stop = StopRequest()
         self.simulated_time = Time()
         """Of the latest message that came or went: the stamp of this node's diagnostics; nodes keep it up to date."""
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.add_on_set_parameters_callback(self._check_parameters)  # both would be called at every declaration
         self.add_post_set_parameters_callback(self._take_up_parameters)
-        self._inputs: dict[str, Subscription] = {}
+        self.intake = Intake(self)
         self.diagnostics: list[Output] = []  # none or one
         self._tell: Callable[[], tuple[str, list[tuple[str, Any]]]]
 
@@ -85,7 +86,7 @@ class GraphNode(Node):
         """Subscribe to a topic of the table."""
         row = TOPICS[topic]
         given = self.create_subscription(row.type, _resolved(topic), callback, qos or row.qos, raw=raw)
-        self._inputs[topic] = given
+        self.intake.add(topic, given)
         return given
 
     def serve(self, name: str, callback: Callable[[Any, Any], Any]) -> None:
@@ -108,6 +109,8 @@ class GraphNode(Node):
     ) -> None:
         """Publish what `pairs` returns on `/diagnostics`, once a second of wall time and a last time at the end.
 
+        Beside it stand the messages that were refused, and second publishers of the node's topics.
+
         Off the hot path: `pairs` is called by a timer, so a node only has to keep count. Without the readers that it
         expects a message is dropped, never waited for.
         """
@@ -117,13 +120,10 @@ class GraphNode(Node):
 
     def _report_and_call(self) -> None:
         """Tell of oneself, and call for the peers that do not speak yet."""
-        said: dict[str, bool] = {}  # some of what a peer publishes depends on its parameters, so one topic is enough
-        for topic, given in self._inputs.items():
-            for name in speakers(topic, self.peers) if topic != "/diagnostics" else ():
-                said[name] = said.get(name, False) or given.get_publisher_count() > 0
-        absent = [name for name, present in said.items() if not present]
+        absent = self.intake.absent(self.peers)
         if absent:
             self.get_logger().info(f"waiting for {', '.join(absent)}", throttle_duration_sec=5.0)
+        self.intake.look()
         self.report()
 
     def report(self, *, wait: bool = False) -> None:
@@ -133,6 +133,7 @@ class GraphNode(Node):
         """
         for output in self.diagnostics:
             text, pairs = self._tell()
+            pairs += self.intake.pairs()
             message = diagnostics_message(self.get_name(), text, pairs, self.simulated_time)
             if wait:
                 output.publish(message)
@@ -195,6 +196,7 @@ class Output:
         self._publisher = publisher
         self._timeout = timeout
         self._ready = False
+        self.published = 0
 
     @property
     def matched(self) -> bool:
@@ -219,11 +221,12 @@ class Output:
         """
         if not self._ready:
             self._wait()
-        self._publisher.publish(message)
+        self.publish_now(message)
 
     def publish_now(self, message: Any) -> None:
         """Publish to whoever is there."""
         self._publisher.publish(message)
+        self.published += 1
 
     def flush(self, timeout_sec: float) -> bool:
         """Wait until every reader has received all messages; return whether that happened in time."""
@@ -259,18 +262,16 @@ def run(node_class: Callable[..., GraphNode], args: list[str] | None = None) -> 
     the context is alive and a node can still write and publish.
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
     context = Context()
-    rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        return _run(node_class, context, stop)
-    finally:
-        context.try_shutdown()
+    with stop_requested_by_signals() as stop:
+        rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            return _run(node_class, context, stop)
+        finally:
+            context.try_shutdown()
 
 
-def _run(node_class: Callable[..., GraphNode], context: Context, stop: threading.Event) -> int:
+def _run(node_class: Callable[..., GraphNode], context: Context, stop: StopRequest) -> int:
     try:
         node = node_class(context=context)
     except VpsciError as error:
@@ -279,21 +280,35 @@ def _run(node_class: Callable[..., GraphNode], context: Context, stop: threading
     node.stop = stop
     executor = EXECUTORS[node.config(PeerConfig).executor](context=context)
     executor.add_node(node)
+    status = 1
     try:
-        while not stop.is_set() and not node.finished:
-            executor.spin_once(timeout_sec=0.1)  # in these wheels EventsExecutor.spin() runs no callback
-        deadline = time.monotonic() + DRAIN_LIMIT
-        while not node.quiet and time.monotonic() < deadline:
-            executor.spin_once(timeout_sec=0.1)
-        return 0
+        status = _attempt(node, partial(_spin, node, executor))
+    finally:
+        try:
+            node.report()
+            status = max(status, _attempt(node, node.close))
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+    return status
+
+
+def _spin(node: GraphNode, executor: Any) -> None:
+    while not node.stop.is_set() and not node.finished:
+        executor.spin_once(timeout_sec=0.1)  # in these wheels EventsExecutor.spin() runs no callback
+    deadline = time.monotonic() + DRAIN_LIMIT
+    while not node.quiet and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.1)
+
+
+def _attempt(node: GraphNode, part: Callable[[], None]) -> int:
+    """Do a part of a node's run; return the exit status that follows from it."""
+    try:
+        part()
     except VpsciError as error:
         node.get_logger().error(str(error))
         return 1
-    finally:
-        node.report()
-        node.close()
-        executor.shutdown()
-        node.destroy_node()
+    return 0
 
 
 def _descriptor(row: Parameter) -> ParameterDescriptor:

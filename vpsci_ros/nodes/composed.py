@@ -6,7 +6,6 @@ of its own gives a node is lost: a second core, and a death that the others surv
 
 import importlib
 import os
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -54,7 +53,6 @@ def composed(sections: Sections) -> Iterator[dict[str, GraphNode]]:
         yield nodes
     finally:
         for node in nodes.values():
-            node.stop = threading.Event()
             node.stop.set()
             node.close()
         spinner.shutdown()

@@ -16,21 +16,26 @@ from pathlib import Path
 
 import yaml
 
+from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.repair import repair_bag
+from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.learning.config import RefineConfig
+from vpsci_ros.learning.config import LearnerConfig, RefineConfig
 from vpsci_ros.nodes.config import GraphConfig, section_classes
 from vpsci_ros.nodes.watch import WATCH, Watch
 from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, table, values_of
 from vpsci_ros.resources import weights_path
+from vpsci_ros.runs.completeness import RecordedCounts, what_is_missing
+from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import require_empty_folder, sha256
 from vpsci_ros.runs.processes import ChildProcess, stop
-from vpsci_ros.runs.record import RECORD, write_record
+from vpsci_ros.runs.record import RECORD, room_for_record, write_record
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import WorldConfig
 
 STOP_STEPS = ((signal.SIGINT, 30.0), (signal.SIGKILL, 30.0))  # asked, and given so long [s]
 POLL = 0.1  # [s]
+WEIGHTS_OF_STAGE = {"pretrain": "pretrained.safetensors", "refine": "refined.safetensors"}  # what a learner leaves
 
 
 @dataclass
@@ -40,6 +45,7 @@ class GraphResult:
     folder: Path
     error: str = ""
     wall_time: float = 0.0
+    second_publishers: list[str] = field(default_factory=list)
     progress: dict[str, float] = field(default_factory=dict)
     exits: dict[str, int] = field(default_factory=dict)
 
@@ -56,7 +62,10 @@ def run_graph(
     quiet: bool = False,
     stop_when: Callable[[Watch], str] | None = None,
 ) -> GraphResult:
-    """Run a graph to its end and return how it went; a run that fails or is interrupted returns with `error` set.
+    """Run a graph to its end and return how it went.
+
+    A run that fails, is interrupted, or ends with anything missing returns with `error` set; see
+    `vpsci_ros.runs.completeness` and docs/promises.md.
 
     :param sections: as `vpsci_ros.cli.parameter_file.load` returns them.
     :param folder: output folder, empty or new: bag/, learner/, log/, params.yaml (resolved), run.json.
@@ -74,30 +83,45 @@ def run_graph(
     parameters.write_text(yaml.safe_dump(layout, sort_keys=False), encoding="utf-8")
     result = GraphResult(folder)
     begun = time.monotonic()
-    with _interruptible(), NodeProcesses(chosen.nodes, parameters, folder / "log", chosen.namespace) as processes:
+    with room_for_record(folder):
+        processes = NodeProcesses(chosen.nodes, parameters, folder / "log", chosen.namespace)
+        _run_to_the_end(result, resolved, processes, quiet, stop_when)
+    result.wall_time = time.monotonic() - begun
+    near_misses = resolved.values.get("learner", {}).get("near_misses", [])
+    with _told_in(result):
+        write_record(
+            folder / RECORD,
+            begun=begun,
+            error=result.error,
+            results={
+                "progress": result.progress,
+                "exit_status": result.exits,
+                "second_publishers": result.second_publishers,
+            },
+            inputs=hashes | {path: sha256(path) for path in near_misses if Path(path).is_file()},
+        )
+    return result
+
+
+def _run_to_the_end(
+    result: GraphResult,
+    resolved: Sections,
+    processes: "NodeProcesses",
+    quiet: bool,
+    stop_when: Callable[[Watch], str] | None,
+) -> None:
+    """Start and watch the processes, stop them, and see to what they leave; `result` tells of it."""
+    with _interruptible(), processes:
         try:
             with Watch(resolved, quiet=quiet) as watch:
-                result.error = _follow(processes, watch, chosen, stop_when)
-                result.progress = watch.summary()
+                result.error = _follow(processes, watch, resolved.get(GraphConfig, "graph"), stop_when)
+                result.progress, result.second_publishers = watch.summary(), watch.second_publishers()
         except KeyboardInterrupt:
             result.error = "stopped on request"
         finally:
             result.exits = processes.stop()
-    result.wall_time = time.monotonic() - begun
-    _settle_bag(result, processes)
-    if "learner" in processes.running:
-        from vpsci_ros.report.learning import save_learning  # with torch, which no other graph needs here
-
-        save_learning(folder / "learner")
-    near_misses = resolved.values.get("learner", {}).get("near_misses", [])
-    write_record(
-        folder / RECORD,
-        begun=begun,
-        error=result.error,
-        results={"progress": result.progress, "exit_status": result.exits},
-        inputs=hashes | {path: sha256(path) for path in near_misses if Path(path).is_file()},
-    )
-    return result
+    _settle(result, processes)
+    result.error = result.error or "; ".join(_incomplete(result, processes, resolved))
 
 
 def resolve(sections: Sections, folder: Path) -> Sections:
@@ -191,13 +215,57 @@ def _follow(
             return f"no progress for {graph.progress_timeout:g} s; the nodes' logs are in {processes.logs}"
 
 
-def _settle_bag(result: GraphResult, processes: NodeProcesses) -> None:
-    """Complete the bag of a recorder that was killed."""
-    if "recorder" in processes.running and not (result.bag / "metadata.yaml").exists():
-        try:
+def _settle(result: GraphResult, processes: NodeProcesses) -> None:
+    """Complete the bag of a recorder that was killed, and draw what a learner has logged."""
+    with _told_in(result):
+        if "recorder" in processes.running and not (result.bag / "metadata.yaml").exists():
             repair_bag(result.bag)
-        except VpsciError as error:
-            result.error = f"{result.error}; {error}".removeprefix("; ")
+    if "learner" in processes.running:
+        from vpsci_ros.report.learning import save_learning  # with torch, which no other graph needs here
+
+        with _told_in(result):
+            save_learning(result.folder / "learner")
+
+
+@contextlib.contextmanager
+def _told_in(result: GraphResult) -> Iterator[None]:
+    """Have a part of the end that fails be an error of the run, and go on: as much as possible is to be left."""
+    text = ""
+    try:
+        yield
+    except VpsciError as error:
+        text = str(error)
+    except OSError as error:
+        text = f"{error.filename or result.folder}: cannot write ({error.strerror}); free some space"
+    result.error = "; ".join(part for part in (result.error, text) if part)
+
+
+def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Sections) -> list[str]:
+    """Say what a run lacks that seems to have come to its end: every node's own end counts, and every message."""
+    missing = [processes.explain(node) for node, status in result.exits.items() if status != 0]
+    nodes, asked = list(processes.running), 0
+    if "world_simulator" in nodes:
+        run = resolved.get(RunConfig, "world_simulator")
+        asked = len(run.scenarios) * run.episodes
+    if "learner" in nodes:
+        weights = result.folder / "learner" / WEIGHTS_OF_STAGE[resolved.get(LearnerConfig, "learner").stage]
+        missing += [] if weights.is_file() else [f"the learner ended without {weights}"]
+    try:
+        recorded = _recorded(result.bag) if "recorder" in nodes else None
+    except InvalidInput as error:
+        return [*missing, str(error)]
+    return missing + what_is_missing(asked, nodes, result.progress, recorded)
+
+
+def _recorded(bag: Path) -> RecordedCounts:
+    """Return what a bag and its recorder say of the numbers of messages.
+
+    :raises InvalidInput: the bag is not whole.
+    """
+    opened = Bag(bag)
+    run = bag_run(opened)
+    held = {name: topic.messages for name, topic in opened.topics().items()}
+    return RecordedCounts(run.count("seen"), run.count("refused"), run.count("written"), held)
 
 
 @contextlib.contextmanager

@@ -92,7 +92,17 @@ class Learner(GraphNode):
     def _on_transition(self, refiner: Refiner, message: Transition) -> None:
         self._last_receipt = time.monotonic()
         self.simulated_time = message.header.stamp
-        refiner.add(layout.transitions(message))
+        rows = self.intake.read("/replay", layout.transitions, message)
+        if rows is None:
+            return
+        refused = refiner.refused
+        refiner.add(rows)
+        if refiner.refused > refused:
+            self.get_logger().warning(
+                f"refused {refiner.refused - refused} transitions on /replay, {refiner.refused} so far: expected finite"
+                " numbers and a CurvTTC that is not negative; does somebody else publish /replay in this domain?",
+                throttle_duration_sec=5.0,
+            )
         while refiner.due and not refiner.finished and not self.stop.is_set():
             self._whole = False
             refiner.update()
@@ -103,7 +113,7 @@ class Learner(GraphNode):
             self.get_logger().info("converged by the test of section 4.1; no further updates")
         if refiner.take_refresh():
             self._publish_weights(refiner)
-        self._consumed.publish(UInt64(data=refiner.received))
+        self._consumed.publish(UInt64(data=refiner.consumed))
         self._report(refiner.summary())
         self._log.note()
 

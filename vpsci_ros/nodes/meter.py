@@ -3,6 +3,8 @@
 import time
 from typing import Any
 
+LARGEST_GAP = 100_000  # ticks
+
 
 class Meter:
     """Counts answers, how long each took, and the ticks of the world that never came.
@@ -18,8 +20,11 @@ class Meter:
         self._reported = (time.perf_counter(), 0)
 
     def tick(self, tick: int) -> None:
-        """Take note of a tick of the world, so that gaps between ticks are counted as missed."""
-        if self._tick >= 0 and tick > self._tick + 1:
+        """Take note of a tick of the world, so that gaps between ticks are counted as missed.
+
+        A gap of more than `LARGEST_GAP` is none: it is the tick of another world, or nobody's.
+        """
+        if self._tick >= 0 and 0 < tick - self._tick - 1 <= LARGEST_GAP:
             self.missed += tick - self._tick - 1
         self._tick = tick
 

@@ -11,9 +11,10 @@ from rclpy.context import Context
 from rclpy.serialization import deserialize_message
 
 from vpsci_msgs.msg import EpisodeEvent, PolicyWeights
+from vpsci_ros.bags import received
 from vpsci_ros.bags.decoder import describe
-from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog, event_rows
-from vpsci_ros.bags.layout import EVENTS, stamp_of
+from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog, EventRow, event_rows
+from vpsci_ros.bags.layout import EVENTS
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.nodes.base import GraphNode, run
@@ -79,16 +80,17 @@ class Recorder(GraphNode):
 
     def _on_message(self, topic: str, data: bytes) -> None:
         self._last_receipt = time.monotonic()
-        seconds, nanoseconds = stamp_of(topic, data)
-        at = seconds * 1_000_000_000 + nanoseconds
+        at = self.intake.read(topic, received.stamp, topic, data)
+        told = self.intake.read(topic, _events, data) if topic == EVENTS else (0, [])
+        if at is None or told is None:
+            self._bag.refuse(topic)
+            return
         if self._ended and at > self._ended[0].end_time:
             self._write_ended()
         self._bag.write(topic, data, at, time.time_ns())
-        if topic == EVENTS:
-            message = deserialize_message(data, EpisodeEvent)
-            self._ended += self._episodes.add(message.tick, at, event_rows(message), self._bag.path.name)
+        self._ended += self._episodes.add(told[0], at, told[1], self._bag.path.name)
         if topic != "/diagnostics" or self._untimed:
-            self.simulated_time = Time(sec=seconds, nanosec=nanoseconds)
+            self.simulated_time = Time(sec=at // 1_000_000_000, nanosec=at % 1_000_000_000)
 
     def _write_ended(self) -> None:
         """Write the records of the episodes whose last tick is over."""
@@ -110,8 +112,8 @@ class Recorder(GraphNode):
         rows = self._bag.topics.values()
         seen, written = sum(row.seen for row in rows), sum(row.messages for row in rows)
         episodes = self._recorded_episodes + len(self._ended)
-        files = len(self._bag.files)
-        return [("messages_seen", seen), ("messages_written", written), ("episodes", episodes), ("files", files)]
+        counts = {"messages_seen": seen, "messages_written": written, "episodes": episodes}
+        return [*counts.items(), ("files", len(self._bag.files))]
 
     @property
     def quiet(self) -> bool:
@@ -125,6 +127,12 @@ class Recorder(GraphNode):
         self._bag.close(totals)
         written = sum(topic.messages for topic in self._bag.topics.values())
         self.get_logger().info(f"wrote {self._bag.folder}: {written} messages, {self._recorded_episodes} episodes")
+
+
+def _events(data: bytes) -> tuple[int, list[EventRow]]:
+    """Return the tick and the events of a serialized EpisodeEvent."""
+    message = deserialize_message(data, EpisodeEvent)
+    return message.tick, event_rows(received.events(message))
 
 
 def main(args: list[str] | None = None) -> int:

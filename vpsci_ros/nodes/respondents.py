@@ -93,7 +93,8 @@ class Respondents:
         try:
             take()
         except InvalidInput as error:
-            self._node.get_logger().warning(f"refused {topic}: {error}", throttle_duration_sec=5.0)
+            who = f" ({', '.join(self._node.intake.publishers(topic.partition(' ')[0]))} publish it)"
+            self._node.get_logger().warning(f"refused {topic}: {error}{who}", throttle_duration_sec=5.0)
         self._answered()
 
 

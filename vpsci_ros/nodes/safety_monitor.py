@@ -7,7 +7,7 @@ from typing import Any
 from rclpy.context import Context
 
 from vpsci_msgs.msg import WorldState
-from vpsci_ros.bags import layout
+from vpsci_ros.bags import received
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode, run
 from vpsci_ros.nodes.meter import Meter
@@ -28,7 +28,10 @@ class SafetyMonitor(GraphNode):
 
     def _on_state(self, message: WorldState) -> None:
         arrived = time.perf_counter()
-        curvttc, distance, critical = assess(layout.world_state(message).state, self._config)
+        tick = self.intake.read("/world/state", received.world_state, message)
+        if tick is None:
+            return
+        curvttc, distance, critical = assess(tick.state, self._config)
         self._safety.publish(convert.safety_message(message.header, message.tick, curvttc, distance, critical))
         self.simulated_time = message.header.stamp
         self._meter.tick(message.tick)

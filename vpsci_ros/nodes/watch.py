@@ -3,7 +3,6 @@
 import os
 import time
 
-import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
@@ -12,8 +11,10 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool
 
 from vpsci_msgs.msg import EpisodeEvent
-from vpsci_ros.bags import layout
+from vpsci_ros.bags import received
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.config import GraphConfig
+from vpsci_ros.nodes.intake import SECOND
 from vpsci_ros.nodes.topics import RECORDING
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.progress import Bars
@@ -34,8 +35,10 @@ class Watch:
     def __init__(self, resolved: Sections, *, quiet: bool = False) -> None:
         self._namespace = resolved.get(GraphConfig, "graph").namespace
         self._held: dict[str, set[bytes]] = {}  # policies that are awaited, and whoever spoke in their place before
-        self._total = _episodes(resolved)
-        self._ended = 0
+        self._run = resolved.get(RunConfig, "world_simulator") if "world_simulator" in resolved.values else None
+        self._total = len(self._run.scenarios) * self._run.episodes if self._run else 0
+        self._ended: set[tuple[int, int]] = set()
+        self._refused = 0
         self._last = time.monotonic()
         self._status: dict[str, dict[str, str]] = {}
         self._bars = Bars(quiet=quiet)
@@ -93,11 +96,24 @@ class Watch:
     def summary(self) -> dict[str, float]:
         """Return the numbers seen last: episodes ended, and each node's diagnostics as "node.key"."""
         numbers = {f"{node}.{key}": value for node, pairs in self._status.items() for key, value in pairs.items()}
-        return {"episodes_ended": float(self._ended)} | {k: float(v) for k, v in numbers.items() if _is_number(v)}
+        own = {"episodes_ended": float(len(self._ended)), "events_refused": float(self._refused)}
+        return own | {k: float(v) for k, v in numbers.items() if _is_number(v)}
+
+    def second_publishers(self) -> list[str]:
+        """Return who else than the graph's nodes was seen to publish on which topic."""
+        named = (pairs.get(SECOND, "") for pairs in self._status.values())
+        return sorted({each for text in named for each in text.split(", ") if each})
 
     def _on_event(self, message: EpisodeEvent) -> None:
         self._last = time.monotonic()
-        self._ended += int(np.count_nonzero(layout.values(message.kind) == EpisodeEvent.ENDED))
+        try:
+            events = received.events(message)
+        except InvalidInput:
+            self._refused += 1
+            return
+        ended = events[events["kind"] == EpisodeEvent.ENDED]
+        keys = zip(ended["scenario"].tolist(), ended["episode"].tolist(), strict=True)
+        self._ended |= {key for key in keys if self._run and self._run.asks_for(*key)}
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -112,20 +128,13 @@ class Watch:
     def _show(self) -> None:
         learner = self._status.get("learner", {})
         world = self._status.get("world_simulator", {})
-        done = self._ended if self._total else int(float(learner.get("episode", 0)))
+        done = len(self._ended) if self._total else int(float(learner.get("episode", 0)))
         total = self._total or int(float(learner.get("episodes", 0))) or None
         parts = [f"{world['ticks_per_second']} ticks/s"] if "ticks_per_second" in world else []
         parts += [f"{key.replace('_', ' ')} {learner[key]}" for key in WORTH_SHOWING if key in learner]
         note = ", ".join(parts)
         self._bars.bar("episodes", done, total, note)
         self._bars.line(f"{done} of {total or '?'}; {note}")
-
-
-def _episodes(resolved: Sections) -> int:
-    if "world_simulator" not in resolved.values:
-        return 0
-    run = resolved.get(RunConfig, "world_simulator")
-    return len(run.scenarios) * run.episodes
 
 
 def _is_number(text: str) -> bool:

@@ -45,6 +45,10 @@ class WorldOutputs:
         """Return readers that are only believed to be on their way."""
         return {f"a reader of {output.topic}" for output in self.all if not output.complete}
 
+    def pairs(self) -> list[tuple[str, int]]:
+        """Return how many messages were published, by topic, to be compared with what a bag holds."""
+        return [(f"published {output.topic}", output.published) for output in self.all]
+
     def tick(self, tick: Tick) -> None:
         """Publish a tick."""
         self._node.simulated_time = convert.stamp(tick.number, self._period)

@@ -16,6 +16,7 @@ from std_msgs.msg import Header, UInt64
 from std_srvs.srv import SetBool, Trigger
 
 from vpsci_msgs.srv import History
+from vpsci_ros.bags import received
 from vpsci_ros.bags.layout import MAP
 from vpsci_ros.bags.recorded import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
@@ -179,8 +180,11 @@ class WorldSimulator(GraphNode):
         self._go_on(time.monotonic())
 
     def _on_consumed(self, message: UInt64) -> None:
-        self._consumed = message.data
-        self._count_unread()
+        assert self._builder is not None
+        number = self.intake.read("/replay/consumed", received.consumed, message.data, self._builder.count)
+        if number is not None:
+            self._consumed = number
+            self._count_unread()
 
     def _begin_when_all_are_here(self) -> None:
         absent = self._respondents.absent() | self._outputs.absent()
@@ -243,7 +247,7 @@ class WorldSimulator(GraphNode):
     # ---- what is reported beside the topics
 
     def status(self) -> list[tuple[str, Any]]:
-        """Return what the diagnostics tell: ticks and their rate by the wall clock, and the counts of the run."""
+        """Return what the diagnostics tell: ticks and their rate by the wall clock, and what the run has counted."""
         tick, now = self._loop.world.now.number, time.monotonic()
         rate = (tick - self._reported_tick) / max(now - self._reported_at, 1e-9)
         mean = tick / max(self._tick_started - self._begun_at, 1e-9)
@@ -251,7 +255,7 @@ class WorldSimulator(GraphNode):
         pairs = [("tick", tick), ("ticks_per_second", round(rate)), ("ticks_per_second_mean", round(mean))]
         if self._builder:
             pairs.append(("transitions_not_consumed", self._lock_step.unread))
-        return pairs + sorted((+self._counts).items())
+        return pairs + sorted((+self._counts).items()) + self._outputs.pairs()
 
     def close(self) -> None:
         """Say how it went, and wait until every reader has everything."""

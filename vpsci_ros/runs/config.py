@@ -33,3 +33,7 @@ class RunConfig:
         for episode in range(self.first_episode, self.first_episode + self.episodes):
             for scenario in self.scenarios:
                 yield scenario, episode
+
+    def asks_for(self, scenario: int, episode: int) -> bool:
+        """Return whether this episode is among those to simulate."""
+        return scenario in self.scenarios and 0 <= episode - self.first_episode < self.episodes

@@ -1,9 +1,7 @@
 """What is seen of a run on standard error while it runs, and where a stage of learning may be interrupted."""
 
 import contextlib
-import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -12,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from vpsci_ros.errors import Stopped
+from vpsci_ros.runs.stop_request import stop_requested_by_signals
 
 LINE_EVERY = 10.0  # [s] between lines where there is no terminal
 _WORTH = ("closed_loop_ade", "held_out_closed_loop_ade", "collision_rate", "goal_rate", "rollbacks")
@@ -97,17 +96,10 @@ def stopped_between_updates() -> Iterator[Callable[[], None]]:
 
     A run that is torn out of an update could not go on to the same result.
     """
-    stop_requested = threading.Event()
-    before = {
-        number: signal.signal(number, lambda *_: stop_requested.set()) for number in (signal.SIGINT, signal.SIGTERM)
-    }
+    with stop_requested_by_signals() as request:
 
-    def check() -> None:
-        if stop_requested.is_set():
-            raise Stopped
+        def check() -> None:
+            if request.is_set():
+                raise Stopped
 
-    try:
         yield check
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -1,9 +1,11 @@
 """The record that every run leaves beside its results: how it ended, from what, by what, and what it came to."""
 
+import contextlib
 import json
+import os
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,19 @@ from vpsci_ros.runs.files import write_json
 from vpsci_ros.runs.provenance import cpu_name, software_versions
 
 RECORD = "run.json"
+ROOM = 256 * 1024  # [bytes]
+
+
+@contextlib.contextmanager
+def room_for_record(folder: Path) -> Iterator[None]:
+    """Keep room on the disk for the record that follows the block: a run that fills the disk still leaves one."""
+    kept = folder / f".{RECORD}.room"
+    with open(kept, "wb") as file:
+        os.posix_fallocate(file.fileno(), 0, ROOM)
+    try:
+        yield
+    finally:
+        kept.unlink()
 
 
 def write_record(

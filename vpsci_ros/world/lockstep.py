@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,8 @@ from vpsci_ros.world.safe_stop import ExternalDriver
 from vpsci_ros.world.state import RUNNING
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Floats, Tick
 
-T = TypeVar("T")
+T = TypeVar("T", bound=Assessment | Actions)
+REMEMBERED = 16  # ticks for which a first answer is kept, to compare with later ones
 SAFETY = "safety"  # the monitor among those who answer
 
 
@@ -49,6 +50,9 @@ class LockStepConfig:
 
 class LockStep:
     """Gathers the answers to a tick; answers to other ticks are passed over, and bad ones count as missing.
+
+    The first answer stands. A second one from the same side that says something else is refused and counted, also when
+    the world has gone on meanwhile: then somebody else answers, too, and who was first is chance.
 
     The world moves on when everybody has answered, or has been waited for in vain (`action_timeout`); not while it is
     paused, unless a step was asked for; not before the wall clock says so, where it sets the pace; and not while the
@@ -84,6 +88,7 @@ class LockStep:
         self._running = False  # some episode is
         self._wanted: set[str] = set()
         self._answered: set[str] = set()
+        self._taken: dict[tuple[str, int], Any] = {}  # answers by sender and tick, of the last ticks
         self._over = False
         self._step = False  # one is to be taken while paused
         self._paced = False
@@ -100,6 +105,7 @@ class LockStep:
         policies = self.policies if tick.policy_frame.any() else []
         self._wanted = {SAFETY, *policies, *(self.walkers if self._running else ())}
         self._answered.clear()
+        self._taken = {key: answer for key, answer in self._taken.items() if key[1] > tick.number - REMEMBERED}
         self.versions.clear()
         self._step, self._due = False, not self._paced
         if self.external:
@@ -117,7 +123,7 @@ class LockStep:
     def take_assessment(self, number: int, read: Callable[[Tick], Assessment]) -> None:
         """Take the monitor's answer to the tick of this number.
 
-        :raises InvalidInput: `read` does, and the answer is refused.
+        :raises InvalidInput: `read` does, or it contradicts the first answer, and the answer is refused.
         """
         assessment = self._read(SAFETY, number, read)
         if assessment is not None:
@@ -126,11 +132,12 @@ class LockStep:
     def take_action(self, number: int, agent: str, version: int, read: Callable[[Tick], Floats]) -> None:
         """Take an agent's answer, accelerations float64[B, 2] [m/s2], to the tick of this number.
 
-        :raises InvalidInput: `read` does, or they are not finite, and the answer is refused.
+        :raises InvalidInput: `read` does, they are not finite, or they contradict the first answer, and the answer is
+            refused.
         """
-        actions = self._read(agent, number, lambda tick: replace(self.actions, **{agent: read(tick)}))
-        if actions is not None:
-            self.actions, self.versions[agent] = actions, version
+        answer = self._read(agent, number, lambda tick: Actions(**{agent: read(tick)}))
+        if answer is not None:
+            self.actions, self.versions[agent] = replace(self.actions, **{agent: answer.of(agent)}), version
 
     def answers(self) -> tuple[Assessment, Actions, NDArray[np.void]]:
         """Return the answers to the present tick as they are now, and the events of the external driver, EVENT[n]."""
@@ -142,14 +149,25 @@ class LockStep:
         return assessment, replace(command, pedestrian=self.actions.pedestrian), events
 
     def _read(self, sender: str, number: int, read: Callable[[Tick], T]) -> T | None:
-        if self.tick is None or self.tick.number != number or self._over:
+        if self.tick is None or self._over:
             return None
-        self._answered.add(sender)
+        first = self._taken.get((sender, number))
+        if number == self.tick.number:
+            self._answered.add(sender)
+        elif first is None:
+            return None
         try:
-            return read(self.tick)
+            answer = read(self.tick)
         except InvalidInput:
             self._counts[f"{sender}_answers_refused"] += 1
             raise
+        if first is None:
+            self._taken[sender, number] = answer
+            return answer
+        if not _same(first, answer):
+            self._counts[f"{sender}_answers_contradicted"] += 1
+            raise InvalidInput(f"expected one answer to tick {number}, got another that differs; the first stands")
+        return None
 
     # ---- may it go on?
 
@@ -191,3 +209,12 @@ class LockStep:
         if self.running and not self.paused:
             self._counts["late_ticks"] += self._due  # the last one is not over yet
             self._due = True
+
+
+def _same(first: Assessment | Actions, second: Assessment | Actions) -> bool:
+    """Return whether two answers say the same to the bit."""
+    if isinstance(first, Assessment) and isinstance(second, Assessment):
+        pairs = [(first.curvttc, second.curvttc), (first.critical, second.critical)]
+    else:
+        pairs = [(getattr(first, agent), getattr(second, agent)) for agent in AGENTS]
+    return all(np.array_equal(one, other) for one, other in pairs if one is not None and other is not None)

@@ -1,0 +1,223 @@
+"""What a stranger in the ROS domain sends is refused, counted and shown, and every node goes on with what is right."""
+
+from array import array
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header, UInt64
+
+from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, WorldState
+from vpsci_ros.bags.info import bag_info
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.transitions import TRANSITION
+from vpsci_ros.nodes import convert
+from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.intake import second_publishers
+from vpsci_ros.nodes.learner import Learner
+from vpsci_ros.nodes.recorder import Recorder
+from vpsci_ros.nodes.safety_monitor import SafetyMonitor
+from vpsci_ros.nodes.topics import LOCK_STEP
+from vpsci_ros.nodes.vehicle_policy import VehiclePolicy
+from vpsci_ros.nodes.world_simulator import WorldSimulator
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.weights import save_weights
+from vpsci_ros.world import EPISODE, RUNNING
+
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+PERIOD = 0.05
+
+
+class Stage:
+    """Nodes under one executor, and a node `peer` that listens and speaks."""
+
+    def __init__(self, context: Context, *nodes: Any) -> None:
+        self.peer = rclpy.create_node("stranger", context=context)
+        self.executor = SingleThreadedExecutor(context=context)
+        self._nodes = [*nodes, self.peer]
+        for node in self._nodes:
+            self.executor.add_node(node)
+
+    def add(self, node: Any) -> Any:
+        self._nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def spin_until(self, condition: Callable[[], bool]) -> None:
+        for _ in range(20_000):
+            if condition():
+                return
+            self.executor.spin_once(timeout_sec=0.01)
+        raise AssertionError("it never came to be")
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        for node in self._nodes:
+            node.destroy_node()
+
+
+@pytest.fixture
+def stage(context: Context) -> Iterator[Callable[..., Stage]]:
+    made: list[Stage] = []
+
+    def make(*nodes: Any) -> Stage:
+        made.append(Stage(context, *nodes))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("weights") / "initial.safetensors"
+    save_weights(path, Networks(SMALL).weights({}, {}))
+    return str(path)
+
+
+def state(tick: int, **changed: Any) -> WorldState:
+    """Return `/world/state` of one running episode at a policy frame."""
+    record = np.zeros(1, EPISODE)
+    record["status"], record["scenario"] = RUNNING, 1
+    message = convert.world_state_message(record, np.ones(1, bool), tick, PERIOD)
+    return convert.filled(message, changed)
+
+
+def safety(tick: int, **changed: Any) -> SafetyState:
+    header = Header(stamp=convert.stamp(tick, PERIOD), frame_id=convert.MAP)
+    message = convert.safety_message(header, tick, np.full(1, np.inf), np.ones(1), np.zeros(1, bool))
+    return convert.filled(message, changed)
+
+
+def shown(node: GraphNode) -> dict[str, Any]:
+    return dict(node.intake.pairs())
+
+
+BAD_STATES = [state(1, vehicle_x=array("d")), state(1, vehicle_x=array("d", [np.nan])), WorldState(tick=1)]
+
+
+def test_a_monitor_refuses_bad_states_and_answers_the_next_one(context: Context, stage: Callable[..., Stage]) -> None:
+    monitor = SafetyMonitor(context=context)
+    here, answered = stage(monitor), []
+    here.peer.create_subscription(SafetyState, "safety/state", lambda m: answered.append(m.tick), LOCK_STEP)
+    here.peer.create_subscription(WorldState, "world/state", lambda _: None, LOCK_STEP)
+    sender = here.peer.create_publisher(WorldState, "world/state", LOCK_STEP)
+    here.spin_until(lambda: sender.get_subscription_count() == 2 and monitor._safety.matched)
+    for message in [*BAD_STATES, state(2)]:
+        sender.publish(message)
+    here.spin_until(lambda: answered == [2])
+    assert shown(monitor) == {"refused /world/state": 3}
+
+
+def test_a_policy_refuses_bad_messages_and_a_tick_of_2_to_the_40_and_answers_the_next_one(
+    context: Context, stage: Callable[..., Stage], weights: str
+) -> None:
+    overrides = [Parameter("weights", value=weights)]
+    policy = VehiclePolicy(context=context, parameter_overrides=overrides)
+    here, answered = stage(policy), []
+    here.peer.create_subscription(AgentAction, "vehicle/action", lambda m: answered.append(m.tick), LOCK_STEP)
+    policy._on_state(state(0))
+    policy._on_safety(safety(0))
+    here.spin_until(lambda: answered == [0])
+    for bad in [*BAD_STATES, state(2**40)]:
+        policy._on_state(bad)
+    for bad in (safety(2, curvttc=array("d")), safety(2, curvttc=array("d", [np.nan])), safety(2**40)):
+        policy._on_safety(bad)
+    policy._on_state(state(2))
+    policy._on_safety(safety(2))
+    here.spin_until(lambda: answered == [0, 2])
+    assert shown(policy) == {"refused /world/state": 4, "refused /safety/state": 2}
+
+
+def test_a_policy_that_waits_for_weights_refuses_what_is_none(context: Context, stage: Callable[..., Stage]) -> None:
+    policy = VehiclePolicy(context=context)
+    stage(policy)
+    policy._on_weights(policy._agent, PolicyWeights(version=3, safetensors=array("B", b"not weights")))
+    assert shown(policy) == {"refused /policy/weights": 1}
+    assert dict(policy._status())["policy_version"] == 0
+
+
+def test_a_learner_refuses_transitions_that_are_ragged_or_not_numbers_and_learns_on(
+    context: Context, stage: Callable[..., Stage], weights: str, tmp_path: Path
+) -> None:
+    chosen = {"stage": "refine", "weights": weights, "output": str(tmp_path)}
+    learner = Learner(context=context, parameter_overrides=[Parameter(k, value=v) for k, v in chosen.items()])
+    stage(learner).peer.create_subscription(UInt64, "replay/consumed", lambda _: None, 1)
+    assert learner._refiner is not None
+    rows = np.zeros(4, TRANSITION)
+    rows["number"], rows["step"], rows["scenario"] = np.arange(4), np.arange(4), 1
+    rows["vehicle_observation"][3] = np.nan
+    ragged = convert.filled(convert.transition_message(rows, 4, PERIOD), {"vehicle_action": array("f", [0.0])})
+    for message in (ragged, Transition(), convert.transition_message(rows, 4, PERIOD)):
+        learner._on_transition(learner._refiner, message)
+    assert shown(learner) == {"refused /replay": 1}
+    assert (learner._refiner.received, learner._refiner.refused) == (4, 1)
+    assert learner._status["refused"] == 1
+
+
+def test_a_recorder_leaves_out_ragged_events_and_times_before_0_and_its_bag_is_whole(
+    context: Context, stage: Callable[..., Stage], tmp_path: Path
+) -> None:
+    recorder = Recorder(context=context, parameter_overrides=[Parameter("bag", value=str(tmp_path / "bag"))])
+    here = stage(recorder)
+    clocks = here.peer.create_publisher(Clock, "clock", LOCK_STEP)
+    events = here.peer.create_publisher(EpisodeEvent, "episode/event", LOCK_STEP)
+    here.spin_until(lambda: clocks.get_subscription_count() > 0 and events.get_subscription_count() > 0)
+    good = EpisodeEvent(tick=1, header=Header(stamp=convert.stamp(1, PERIOD)))
+    ragged = EpisodeEvent(tick=1, kind=[EpisodeEvent.ENDED], slot=[0, 0])
+    for message in (Clock(clock=convert.stamp(1, PERIOD)), Clock(clock=convert.Time(sec=-5))):
+        clocks.publish(message)
+    for message in (good, ragged):
+        events.publish(message)
+    here.spin_until(lambda: sum(topic.seen for topic in recorder._bag.topics.values()) == 4)
+    assert shown(recorder) == {"refused /clock": 1, "refused /episode/event": 1}
+    recorder.close()
+    info = bag_info(tmp_path / "bag")
+    assert (info["messages_seen"], info["messages_written"], info["messages"]) == (4, 2, 2)
+    assert info["damage"] == []
+
+
+def test_a_second_publisher_of_actions_is_named_and_what_it_says_otherwise_is_counted(
+    context: Context, stage: Callable[..., Stage]
+) -> None:
+    chosen = {"scenarios": [1], "episodes": 1, "batch": 1, "pedestrian_driver": "autopilot", "vehicle_driver": "policy"}
+    world = WorldSimulator(context=context, parameter_overrides=[Parameter(k, value=v) for k, v in chosen.items()])
+    here = stage(world, SafetyMonitor(context=context))
+    own = here.add(rclpy.create_node("vehicle_policy", context=context))
+    for node, acceleration in ((own, 0.5), (here.peer, -8.0)):
+        answer_every_state(node, acceleration)
+    here.spin_until(lambda: world.finished)
+    world.intake.look()
+    assert "/stranger on /vehicle/action" in shown(world)["second_publishers"]
+    assert dict(world.status())["vehicle_answers_contradicted"] > 0
+
+
+def answer_every_state(node: Any, acceleration: float) -> None:
+    sender = node.create_publisher(AgentAction, "vehicle/action", LOCK_STEP)
+
+    def answer(message: WorldState) -> None:
+        sender.publish(convert.action_message(message.header, message.tick, np.full((1, 2), acceleration), 1))
+
+    node.create_subscription(WorldState, "world/state", answer, LOCK_STEP)
+
+
+@pytest.mark.parametrize(
+    ("names", "second"),
+    [
+        (["/vehicle_policy"], []),
+        (["/left/vehicle_policy", "/stranger"], ["/stranger"]),
+        (["/vehicle_policy", "/vehicle_policy"], ["/vehicle_policy"]),
+        (["/replayer"], []),
+        (["/a", "/b"], ["/a", "/b"]),
+    ],
+)
+def test_whoever_publishes_beside_the_first_is_a_second_publisher(names: list[str], second: list[str]) -> None:
+    assert second_publishers(names, ("vehicle_policy",)) == second

@@ -1,0 +1,61 @@
+"""A request to stop is heard and nothing waits for ever, however many signals come one upon the other."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+BETWEEN_UPDATES = """
+from vpsci_ros.errors import Stopped
+from vpsci_ros.runs.progress import stopped_between_updates
+
+with stopped_between_updates() as check:
+    print("ready", flush=True)
+    try:
+        while True:
+            check()
+    except Stopped:
+        print("stopped", flush=True)
+        input()
+"""
+NODE = """
+import sys
+from rclpy.context import Context
+from vpsci_ros.nodes.base import GraphNode, run
+
+class Idle(GraphNode):
+    def __init__(self, *, context: Context) -> None:
+        super().__init__("safety_monitor", context=context)
+        print("ready", flush=True)
+
+    def close(self) -> None:
+        print("stopped", flush=True)
+        input()
+
+sys.exit(run(Idle))
+"""
+
+
+@pytest.mark.parametrize("program", [BETWEEN_UPDATES, NODE], ids=["learning", "node"])
+def test_signals_in_the_middle_of_the_handler_of_another_signal_stop_a_process_and_do_not_block_it(
+    program: str,
+) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=os.environ
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdin is not None
+        assert process.stdout.readline() == "ready\n"
+        until = time.monotonic() + 1.0
+        while time.monotonic() < until:
+            process.send_signal(SIGNALS[0])
+            process.send_signal(SIGNALS[1])
+        try:
+            process.communicate("go on\n", timeout=30.0)
+        finally:
+            process.kill()
+        assert process.returncode == 0

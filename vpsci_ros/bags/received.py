@@ -1,0 +1,140 @@
+"""What comes from a topic, checked before anybody acts on it: anyone in the ROS domain may publish anything there.
+
+A message that the graph's own nodes cannot have sent is refused (`InvalidInput`), and whoever listens counts it and
+goes on. What could have been sent by them is believed: who really sent it, a message does not say.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.bags import layout
+from vpsci_ros.bags.layout import EVENTS, SAFETY, WORLD
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.state import ENDED, OUTCOME_NAMES, SAFE_STOP, STARTED
+from vpsci_ros.world.tick import Tick
+
+FARTHEST = 1e8  # [m], [m/s], [rad]: nothing in a world is beyond
+NEAR = 1000  # ticks: a reader's queue holds as many
+_MOTION = (
+    *("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature"),
+    *("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"),
+)
+
+
+def world_state(message: Any, where: str = WORLD) -> Tick:
+    """Return the tick that a WorldState tells of.
+
+    :raises InvalidInput: as `layout.world_state`, or no episode, an unknown status, or a number that is not finite or
+        beyond `FARTHEST`.
+    """
+    tick = layout.world_state(message, where)
+    if len(tick.state) == 0:
+        raise InvalidInput(f"{where}: expected at least one episode, got none; does somebody else publish it?")
+    _require_codes(tick.state["status"], ENDED, f"{where}: status")
+    for name in _MOTION:
+        bad = ~(np.abs(tick.state[name]) <= FARTHEST)
+        if bad.any():
+            slot = int(np.argmax(bad))
+            raise InvalidInput(
+                f"{where}: {name} of slot {slot}: expected a number within {FARTHEST:g}, got {tick.state[name][slot]}; "
+                "does somebody else publish it?"
+            )
+    return tick
+
+
+def safety_state(message: Any, batch: int, where: str = SAFETY) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Return CurvTTC [s], distance [m] and critical of a SafetyState, one of each for `batch` episodes.
+
+    :raises InvalidInput: as `layout.safety_state`, or a CurvTTC that is not a number.
+    """
+    answer = layout.safety_state(message, batch, where)
+    if np.isnan(answer[0]).any():
+        slot = int(np.argmax(np.isnan(answer[0])))
+        raise InvalidInput(f"{where}: curvttc of slot {slot} is not a number; does somebody else publish it?")
+    return answer
+
+
+def events(message: Any, where: str = EVENTS) -> NDArray[np.void]:
+    """Return the EVENT[n] records of an EpisodeEvent.
+
+    :raises InvalidInput: as `layout.events`, or an unknown kind or outcome.
+    """
+    rows = layout.events(message, where)
+    _require_codes(rows["kind"], SAFE_STOP, f"{where}: kind", least=STARTED)
+    _require_codes(rows["outcome"], len(OUTCOME_NAMES) - 1, f"{where}: outcome")
+    return rows
+
+
+def consumed(number: int, most: int) -> int:
+    """Return how many transitions a learner has taken in, `most` of which have been published.
+
+    :raises InvalidInput: it tells of more.
+    """
+    if number > most:
+        raise InvalidInput(
+            f"/replay/consumed: expected at most {most} transitions, got {number}; does somebody else publish it?"
+        )
+    return number
+
+
+def stamp(topic: str, data: bytes) -> int:
+    """Return the stamp [ns] of a serialized message of any recorded topic.
+
+    :raises InvalidInput: the message is too short to have one, or it is none: negative, or of more than a second's
+        nanoseconds.
+    """
+    least = layout.STAMP_END[topic == "/markers"]
+    if len(data) < least:
+        raise InvalidInput(f"{topic}: expected a message of at least {least} bytes with a stamp, got {len(data)}")
+    seconds, nanoseconds = layout.stamp_of(topic, data)
+    if seconds < 0 or nanoseconds >= 1_000_000_000:
+        raise InvalidInput(
+            f"{topic}: expected a stamp from 0 s on, got {seconds} s and {nanoseconds} ns; "
+            "does somebody else publish it?"
+        )
+    return seconds * 1_000_000_000 + nanoseconds
+
+
+class TickSequence:
+    """Which tick may follow which, so that one forged number does not put a listener beyond all ticks to come.
+
+    A tick is believed that is `NEAR` the last one and has as many episodes, or that begins another world (tick 0).
+    Another is refused, unless it follows upon the one that was refused before: then the world did move on.
+    """
+
+    def __init__(self) -> None:
+        self._last: tuple[int, int] | None = None  # number and episodes
+        self._odd: tuple[int, int] | None = None  # of the one that was refused
+
+    def take(self, tick: Tick) -> bool:
+        """Believe a tick; return whether it begins anew, so that what was known of earlier numbers says nothing.
+
+        :raises InvalidInput: it cannot follow the last one.
+        """
+        given = tick.number, len(tick.state)
+        expected = self._last
+        follows = expected is None or _near(expected, given)
+        anew = not follows or (expected is not None and tick.number == 0 < expected[0])
+        if not follows and tick.number and (self._odd is None or not _near(self._odd, given, least=1)):
+            assert expected is not None, "whatever comes first is believed"
+            self._odd = given
+            raise InvalidInput(
+                f"{WORLD}: expected tick {expected[0] + 1} of {expected[1]} episodes or so, got tick {given[0]} of "
+                f"{given[1]}; are two worlds in one domain?"
+            )
+        self._last, self._odd = given, None
+        return anew
+
+
+def _near(before: tuple[int, int], given: tuple[int, int], least: int = -NEAR) -> bool:
+    return least <= given[0] - before[0] <= NEAR and given[1] == before[1]
+
+
+def _require_codes(codes: NDArray[np.uint8], most: int, where: str, least: int = 0) -> None:
+    bad = (codes < least) | (codes > most)
+    if bad.any():
+        raise InvalidInput(
+            f"{where}: expected codes from {least} to {most}, got {int(codes[bad][0])}; does somebody else publish it?"
+        )

@@ -1,0 +1,37 @@
+"""A request to stop, as signals make it: a plain flag, because a handler may run in the middle of another handler.
+
+Python runs a signal's handler between any two instructions of the main thread, another handler's among them. What takes
+a lock there, as `threading.Event.set` does, waits for ever for itself where a second signal comes in between. To set a
+flag is one instruction and takes no lock; whoever waits asks for it again and again.
+"""
+
+import contextlib
+import signal
+from collections.abc import Iterator
+
+
+class StopRequest:
+    """Whether somebody has asked to stop; once made, a request stands."""
+
+    def __init__(self) -> None:
+        self._made = False
+
+    def set(self, *_: object) -> None:
+        """Make the request; safe at any instruction, however often, and so fit to handle a signal."""
+        self._made = True
+
+    def is_set(self) -> bool:
+        """Return whether it was made."""
+        return self._made
+
+
+@contextlib.contextmanager
+def stop_requested_by_signals() -> Iterator[StopRequest]:
+    """Yield a request that SIGINT and SIGTERM make, in place of whatever they do elsewhere; in the main thread."""
+    request = StopRequest()
+    before = {number: signal.signal(number, request.set) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield request
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
