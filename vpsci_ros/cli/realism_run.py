@@ -13,15 +13,18 @@ import polars as pl
 from numpy.typing import NDArray
 from rich.console import Console
 
+from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.interactions import table_hash
 from vpsci_ros.data.near_misses import folds_by_clip, read_near_misses
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.realism.free import as_near_misses
 from vpsci_ros.evaluation.realism.onsets import Onsets
 from vpsci_ros.evaluation.realism.run import RealismConfig, measure_realism
 from vpsci_ros.evaluation.realism.simulators import Simulator, policy
 from vpsci_ros.evaluation.realism.table import print_realism
 from vpsci_ros.policy.weights import Weights, load_weights
+from vpsci_ros.report.beside import save_beside
 from vpsci_ros.report.realism import save_realism
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.files import sha256, write_json
@@ -32,7 +35,7 @@ from vpsci_ros.runs.sections import Sections
 from vpsci_ros.studies.state import STATE
 
 SHIPPED = ("pretrained", "refined", "pretrained_deterministic", "refined_deterministic")
-RESULT, PICTURE = "realism.json", "realism.png"
+RESULT, PICTURE, BESIDE = "realism.json", "realism.png", "beside.png"
 
 
 def run_realism(
@@ -105,6 +108,9 @@ def run_realism(
         if output is not None:
             write_json(output / RESULT, result)
             save_realism(result, output / PICTURE)
+            if dataset is not None:
+                made = as_near_misses(Dataset(dataset), episodes, seed)
+                save_beside(reference.clean(table), made, output / BESIDE, seed)
     if json_path is not None:
         write_json(json_path, result)
     print_realism(result, Console(width=None if sys.stdout.isatty() else 130))
