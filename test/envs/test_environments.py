@@ -149,12 +149,12 @@ def test_leaving_the_lane_ends_the_episode_at_a_cost():
     assert total < 0.5 * driving.AT_FAILURE
 
 
-def test_standing_still_is_truncated_after_fifteen_seconds():
+def test_standing_still_is_truncated_after_thirty_seconds():
     env = RightTurnEnv(scenarios=[4], **WALKER)
     _, rows, terminated, info = episode_of(env, None, lambda o: np.float32([0.0, -1.0]))
     assert not terminated
     assert info["outcome"] == "timeout"
-    assert len(rows) == 151
+    assert len(rows) == 301
 
 
 def test_the_observation_previews_the_lane_in_the_vehicles_frame():

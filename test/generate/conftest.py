@@ -33,7 +33,14 @@ def sections(weights: Path) -> Sections:
     policy = {"weights": str(weights)}
     return Sections(
         {
-            "world_simulator": {"seed": 3, "scenarios": [1, 6], "spawn": "paper", "episode_time": 10.0},
+            "world_simulator": {
+                "seed": 3,
+                "scenarios": [1, 6],
+                "spawn": "paper",
+                "episode_time": 10.0,
+                "release_time": 5.0,
+                "pedestrian_gain": 0.5,
+            },
             "vehicle_policy": policy,
             "pedestrian_policy": policy,
             "dataset": {"keep_rejected": True},

@@ -48,7 +48,13 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     everybody = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "learner", "recorder"]
     chosen: dict[str, dict[str, Any]] = {
         "graph": {"nodes": everybody},
-        "world_simulator": {"episodes": 3, "batch": 8, "publish_transitions": True, "replay_window": 64},
+        "world_simulator": {
+            "episodes": 3,
+            "batch": 8,
+            "publish_transitions": True,
+            "replay_window": 64,
+            "pedestrian_gain": 0.5,  # as the objective of these small networks takes for granted
+        },
         "vehicle_policy": {"explore": True},
         "pedestrian_policy": {"explore": True},
         "learner": SMALL_STAGE_2 | {"weights": str(pretrained)},

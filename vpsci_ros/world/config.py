@@ -44,7 +44,10 @@ class WorldConfig:
         "policy", "policy: the walker until it is critical, then the policy", choices=PEDESTRIAN_DRIVERS
     )
     pedestrian_gain: float = parameter(
-        1.0, "share of the pedestrian's acceleration that becomes motion; 0.5 in (21)-(24)", low=0.0, high=1.0
+        1.0,
+        "share of the policy's acceleration of the pedestrian that becomes motion; 0.5 in (21)-(24)",
+        low=0.0,
+        high=1.0,
     )
     pedestrian_top_speed: float = parameter(
         5.0, "a pedestrian under a policy or an external driver runs no faster", unit="m/s", low=0.5, high=12.0

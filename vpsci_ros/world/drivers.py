@@ -26,6 +26,7 @@ from vpsci_ros.world.social_force import social_force
 POLICY, EXTERNAL, REPLAY = (VEHICLE_DRIVERS.index(name) for name in ("policy", "external", "replay"))
 CONSTANT_VELOCITY = PEDESTRIAN_DRIVERS.index("constant_velocity")
 SOCIAL_FORCE = PEDESTRIAN_DRIVERS.index("social_force")
+EXTERNAL_GAIN = 0.5  # share of an external pedestrian's acceleration that becomes motion, (21)-(24)
 _HALF_LENGTH, _HALF_WIDTH = 0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH
 _STRAIGHT_AHEAD = _HALF_WIDTH + PEDESTRIAN_RADIUS + 0.25  # [m] to either side, for the autopilot
 
@@ -118,7 +119,7 @@ def impulse(episode, i, answers, tables, settings):  # type: ignore[no-untyped-d
     if driver == EXTERNAL and len(answers.pedestrian_action):
         action = answers.pedestrian_action
         ax, ay = from_heading_frame(episode.vehicle_heading, action[i, 0], action[i, 1])
-        return ax, ay, settings.pedestrian_gain
+        return ax, ay, EXTERNAL_GAIN
     if driver == POLICY and episode.pedestrian_held:
         ax, ay = from_heading_frame(episode.action_heading, episode.pedestrian_long, episode.pedestrian_lat)
         if settings.human:
