@@ -160,6 +160,14 @@ def test_recorded_and_generated_ones_are_paired_by_rank_and_meet_at_the_onset(br
         assert not page.is_visible("#panel-b")
 
 
+def test_an_address_of_something_that_is_not_there_says_so(browser: Any, path: Path) -> None:
+    with real.opened(browser, path, "#a=nobody&episode=99:9&t=0") as page:
+        assert page.text_content("#notice").startswith("Not on this page: source nobody, episode 99:9 of ")
+        assert page.is_visible("#notice")
+    with real.opened(browser, path, "#a=ads&episode=1:3&t=0") as page:
+        assert not page.is_visible("#notice")
+
+
 def test_an_address_brings_back_what_is_shown(browser: Any, path: Path) -> None:
     with real.opened(browser, path, "#a=ads&t=0") as page:
         page.select_option("#b", "people")

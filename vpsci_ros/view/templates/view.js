@@ -68,8 +68,18 @@ class Page {
     for (const name of FILTERS) this.filter[name] = asked.get(name) ?? "";
     this.playing = !asked.has("t") && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.refill();
+    this.tellMissing(asked, byKey);
     const index = this.source.byName.get(asked.get("episode")) ?? this.indices[0] ?? 0;
     this.show(index, asked.has("t") ? Number(asked.get("t")) : 0, this.other?.byName.get(asked.get("beside")));
+  }
+
+  // Say what the address names and this page does not hold; the first source and episode are shown in its place.
+  tellMissing(asked, byKey) {
+    const missing = ["a", "b"].filter((k) => asked.get(k) && !byKey(asked.get(k))).map((k) => `source ${asked.get(k)}`);
+    const episode = asked.get("episode");
+    if (episode && !this.source.byName.has(episode)) missing.push(`episode ${episode} of ${this.source.title}`);
+    $("notice").hidden = missing.length === 0;
+    $("notice").textContent = `Not on this page: ${missing.join(", ")}.`;
   }
 
   writeAddress() {
