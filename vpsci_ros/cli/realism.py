@@ -46,7 +46,7 @@ def realism(
 ) -> None:
     """How like people: energy score, likelihood, and whether a classifier tells simulated from recorded.
 
-    From the same recorded onsets: pretrained, refined and --weights beside
+    From the same recorded onsets: the shipped weights and --weights beside
     the recording itself, constant velocity, social force, and residuals of
     other people. With --dataset and --conflicts free simulation and evidence
     from elsewhere, too. Weights are measured as they are; for honest numbers

@@ -19,7 +19,7 @@ def of_record(values: Mapping[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """Configuration of `vpsci_ros.world.World`; the defaults are the paper's (section 3.2) where it names a value."""
+    """Configuration of `vpsci_ros.world.World`; each says where it is not as in the paper's section 3.2."""
 
     tick: float = parameter(0.05, "simulated time from one tick to the next", unit="s", low=0.005, high=0.2)
     policy_period: float = parameter(
