@@ -1,12 +1,15 @@
 """What is packed is unpacked again within the step of each quantity, whatever its size; nothing known is lost."""
 
 import base64
+import dataclasses
 
 import numpy as np
 import pytest
 
 from vpsci_ros.view.episodes import FIELDS, Episode, Source
+from vpsci_ros.view.grounds import ground
 from vpsci_ros.view.pack import FINEST, INFINITE, UNKNOWN, grounds, packed
+from vpsci_ros.world import load_scenarios
 
 
 def source(values: np.ndarray, scenario: int = 1) -> Source:
@@ -69,3 +72,10 @@ def test_the_ground_of_a_scenario_of_the_package_is_there_and_of_others_none() -
     assert set(found) == {1}
     assert len(found[1]["crosswalk"]) >= 4
     assert found[1]["lane_width"] > 2.0
+
+
+def test_a_source_brings_the_grounds_of_its_own_scenarios() -> None:
+    refuge = load_scenarios([103])[0]
+    own = dataclasses.replace(source(motion(), 103), scenarios=[refuge])
+    assert packed(own)["grounds"] == {103: ground(refuge)}
+    assert grounds([own]) == {}

@@ -14,6 +14,7 @@ from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.view.bag import bag_source, episodes_of
 from vpsci_ros.view.episodes import Episode, Source
+from vpsci_ros.view.grounds import shipped
 
 MARKS = {name.removesuffix("_rate"): measure for name, measure in MEASURES.items() if measure.statistic is None}
 """Shares of episodes that the exam gives: the page filters by them, so that each number opens its episodes."""
@@ -43,7 +44,7 @@ def exam_sources(
         if own.height:
             chosen = _chosen(own, limit)
             bag = bag_source(folder / "runs" / str(pedestrian) / "bag", limit, list(chosen), recover=True)
-            found.append(_source(ADS, str(pedestrian), bag.period, bag.episodes, chosen, own.height))
+            found.append(_source(ADS, str(pedestrian), bag, chosen, own.height))
         if beside.height and exam is not None:
             found += _autopilot(exam, str(pedestrian), beside, limit, tell)
     if not found:
@@ -63,11 +64,16 @@ def _chosen(rows: pl.DataFrame, limit: int) -> Rows:
     return {f"{row['scenario']}:{row['episode']}": row for row in rows.to_dicts()}
 
 
-def _source(driver: str, pedestrian: str, period: float, episodes: Any, chosen: Rows, total: int) -> Source:
+def _source(driver: str, pedestrian: str, source: Source, chosen: Rows, total: int) -> Source:
     """Return episodes with what the exam says of them: who yielded, and its shares as marks."""
     who = {ADS: "the ADS", BASELINE: "autopilot"}[driver]
-    shown = [_marked(episode, chosen[episode.name]) for episode in episodes]
-    return Source(key_of(driver, pedestrian), f"{who}, {title_of(pedestrian)}", period, shown, total)
+    return dataclasses.replace(
+        source,
+        key=key_of(driver, pedestrian),
+        title=f"{who}, {title_of(pedestrian)}",
+        episodes=[_marked(episode, chosen[episode.name]) for episode in source.episodes],
+        total=total,
+    )
 
 
 def _marked(episode: Episode, row: dict[str, Any]) -> Episode:
@@ -81,9 +87,11 @@ def _autopilot(
     chosen = _chosen(rows, limit)
     wanted = {(row["scenario"], row["episode"]) for row in chosen.values()}
     ticks = ((step.tick.state, step.assessment.curvttc) for step in autopilot_loop(exam, pedestrian))
-    episodes = list(episodes_of(ticks, exam.world.tick, wanted))
+    own = [scenario for scenario in exam.scenarios if scenario.number not in shipped()]
+    episodes = list(episodes_of(ticks, exam.world.tick, wanted, own))
     if any(episode.outcome != chosen[episode.name]["outcome"] for episode in episodes):
         tell(f"the autopilot with {title_of(pedestrian)} is left out: simulated again, its episodes end otherwise, "
              "since another version of this package made the exam")  # fmt: skip
         return []
-    return [_source(BASELINE, pedestrian, exam.world.tick, episodes, chosen, rows.height)]
+    source = Source(BASELINE, BASELINE, exam.world.tick, episodes, rows.height, own)
+    return [_source(BASELINE, pedestrian, source, chosen, rows.height)]

@@ -21,7 +21,7 @@ from vpsci_ros.nodes.base import GraphNode, run
 from vpsci_ros.nodes.config import NODES, RecorderConfig
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
-from vpsci_ros.world import load_scenario
+from vpsci_ros.world import load_scenarios
 
 DRAIN_QUIET = 0.3  # [s] without a message: nothing is on its way any more
 PARAMETERS_PATIENCE = 5.0  # [s] for the peers' parameters, before recording begins without them
@@ -101,7 +101,7 @@ class Recorder(GraphNode):
 
     def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
         self._bag.describe(NODE, node_record(node, values))
-        for record in scenario_records(map(load_scenario, values.get("scenario_files", ()))):
+        for record in scenario_records(load_scenarios(values.get("scenarios", ()), values.get("scenario_files", ()))):
             self._bag.describe(SCENARIO, record)
 
     def _on_weights(self, message: PolicyWeights) -> None:

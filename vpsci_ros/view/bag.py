@@ -8,10 +8,13 @@ from numpy.typing import NDArray
 
 from vpsci_ros.bags.episodes import bag_episodes
 from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.view.episodes import Episode, Floats, Size, Source, judged, named, spread
-from vpsci_ros.view.grounds import scenario_name
+from vpsci_ros.view.grounds import scenario_names
+from vpsci_ros.world import Scenario
+from vpsci_ros.world.scenario import own_scenarios
 from vpsci_ros.world.state import ENDED, IDLE, OUTCOME_NAMES
 
 Key = tuple[int, int]
@@ -32,18 +35,24 @@ def bag_source(path: Path, limit: int, wanted: Sequence[str] = (), *, recover: b
     rows = named(names, wanted, str(path)) if wanted else spread(len(names), limit)
     period = next(read_bag(path, recover=recover)).period
     ticks = ((tick.state, tick.curvttc) for tick in read_bag(path, recover=recover))
-    episodes = list(episodes_of(ticks, period, {found[names[row]] for row in rows}))
-    return Source(path.resolve().stem, f"{path.resolve().stem} (bag)", period, episodes, len(names))
+    own = own_scenarios(bag_run(Bag(path, recover=recover)).own_scenarios, str(path))
+    episodes = list(episodes_of(ticks, period, {found[names[row]] for row in rows}, own))
+    return Source(path.resolve().stem, f"{path.resolve().stem} (bag)", period, episodes, len(names), own)
 
 
 def episodes_of(
-    ticks: Iterable[tuple[NDArray[np.void], Floats]], period: float, wanted: Collection[Key] | None = None
+    ticks: Iterable[tuple[NDArray[np.void], Floats]],
+    period: float,
+    wanted: Collection[Key] | None = None,
+    own: Sequence[Scenario] = (),
 ) -> Iterator[Episode]:
     """Yield episodes as they end, those of these keys (None: all); no tick is taken after the last wanted one.
 
     :param ticks: state EPISODE[B] and CurvTTC float64[B] [s] of each tick.
     :param period: time from one tick to the next [s].
+    :param own: scenarios of one's own among them.
     """
+    places = scenario_names(own)
     open_now: dict[Key, list[list[float]]] = {}
     left = None if wanted is None else set(wanted)
     for state, curvttc in ticks:
@@ -55,14 +64,16 @@ def episodes_of(
             row = [float(record[name]) for name in _STATE] + [float(curvttc[slot]), float(record["controlled"])]
             open_now.setdefault(key, []).append(row)
             if record["status"] == ENDED:
-                yield _episode(key, np.array(open_now.pop(key)), OUTCOME_NAMES[record["outcome"]], period)
+                place = places.get(key[0], f"scenario {key[0]}")
+                outcome = OUTCOME_NAMES[record["outcome"]]
+                yield _episode(key, place, np.array(open_now.pop(key)), outcome, period)
                 if left is not None:
                     left.remove(key)
         if left is not None and not left:
             return
 
 
-def _episode(key: Key, values: Floats, outcome: str, period: float) -> Episode:
+def _episode(key: Key, place: str, values: Floats, outcome: str, period: float) -> Episode:
     yielded, marks = judged(values, period, Size())
     name = f"{key[0]}:{key[1]}"
-    return Episode(name, scenario_name(key[0]), key[0], outcome, yielded, values, Size(), marks)
+    return Episode(name, place, key[0], outcome, yielded, values, Size(), marks)

@@ -17,6 +17,7 @@ from vpsci_ros.safety import (
     Yielded,
     who_yielded,
 )
+from vpsci_ros.world import Scenario
 
 Floats = NDArray[np.float64]
 
@@ -87,6 +88,7 @@ class Source:
     :ivar title: as people read it.
     :ivar period: time from one frame to the next [s].
     :ivar total: episodes that there are, of which `episodes` may be a part.
+    :ivar scenarios: of one's own, where they take place.
     """
 
     key: str
@@ -94,6 +96,7 @@ class Source:
     period: float
     episodes: Sequence[Episode]
     total: int
+    scenarios: Sequence[Scenario] = ()
 
 
 def judged(values: Floats, period: float, size: Size) -> tuple[str, tuple[str, ...]]:

@@ -11,6 +11,7 @@ from vpsci_ros.data.dataset_reader import Dataset, EpisodeArrays
 from vpsci_ros.evaluation.yields import headings, seen
 from vpsci_ros.safety import curvature_from_yaw_rate
 from vpsci_ros.view.episodes import Episode, Floats, Size, Source, judged, named, spread
+from vpsci_ros.world.scenario import own_scenarios
 
 _MOTION = ("position_x_av", "position_y_av", "velocity_x_av", "velocity_y_av")
 _WALK = ("position_x_ped", "position_y_ped", "velocity_x_ped", "velocity_y_ped")
@@ -39,7 +40,9 @@ def dataset_source(folder: Path, limit: int, wanted: Sequence[str] = ()) -> Sour
                 key = number, int(part.count[i])
                 called = f"{key[0]}:{key[1]}"
                 episodes.append(Episode(called, name, number, outcomes[key], yielded, values, Size(), marks))
-    return Source(folder.resolve().name, f"{folder.resolve().name} (generated)", data.period, episodes, len(names))
+    own = own_scenarios(data.description.get("own_scenarios"), str(folder))
+    title = f"{folder.resolve().name} (generated)"
+    return Source(folder.resolve().name, title, data.period, episodes, len(names), own)
 
 
 def _values(part: EpisodeArrays, i: int, period: float) -> Floats:

@@ -1,5 +1,6 @@
 """The ground of an episode: lane, walking route and crosswalk of its scenario."""
 
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any
 
@@ -10,20 +11,18 @@ from vpsci_ros.world.scenario import scenario_files
 
 
 @lru_cache
-def _shipped() -> dict[int, Scenario]:
+def shipped() -> dict[int, Scenario]:
+    """Return the scenarios of Table 6 by their numbers."""
     return {scenario.number: scenario for scenario in load_scenarios(scenario_files())}
 
 
-def scenario_name(number: int) -> str:
-    """Return the name of a scenario (Table 6), or its number where it is not the package's own."""
-    return _shipped()[number].name if number in _shipped() else f"scenario {number}"
+def scenario_names(own: Iterable[Scenario] = ()) -> dict[int, str]:
+    """Return the names of the scenarios of Table 6, and of one's own, by their numbers."""
+    return {scenario.number: scenario.name for scenario in (*shipped().values(), *own)}
 
 
-def ground(number: int) -> dict[str, Any] | None:
-    """Return lane, lane_width, route and crosswalk of one of the package's scenarios [m]; None for another one."""
-    scenario = _shipped().get(number)
-    if scenario is None:
-        return None
+def ground(scenario: Scenario) -> dict[str, Any]:
+    """Return lane, lane_width, route and crosswalk of a scenario [m] as JSON values."""
     lines = {"lane": scenario.vehicle.path.points[::2], "route": scenario.pedestrian.path.points[::2],
              "crosswalk": scenario.crosswalk}  # fmt: skip
     return {"lane_width": scenario.vehicle.lane_width} | {

@@ -12,7 +12,7 @@ import numpy as np
 
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.view.episodes import FIELDS, Source
-from vpsci_ros.view.grounds import ground
+from vpsci_ros.view.grounds import ground, shipped
 
 UNKNOWN, INFINITE, LARGEST = -32768, 32767, 32766
 FINEST = {"x": 5e-3, "y": 5e-3, "heading": 5e-4, "speed": 1e-3, "curvature": 2e-5, "ped_x": 5e-3, "ped_y": 5e-3,
@@ -21,7 +21,10 @@ FINEST = {"x": 5e-3, "y": 5e-3, "heading": 5e-4, "speed": 1e-3, "curvature": 2e-
 
 
 def packed(source: Source) -> dict[str, Any]:
-    """Return a source as JSON values; its key `frames` is base64 of int16[frames, 11], little-endian."""
+    """Return a source as JSON values; its key `frames` is base64 of int16[frames, 11], little-endian.
+
+    The grounds of scenarios of one's own are in it: two sources may have different ones of the same number.
+    """
     groups = sorted({episode.group for episode in source.episodes})
     marks = sorted({mark for episode in source.episodes for mark in episode.marks})
     rows, parts = [], []
@@ -60,15 +63,15 @@ def packed(source: Source) -> dict[str, Any]:
         "episodes": rows,
         "fields": FIELDS,
         "steps": steps.tolist(),
+        "grounds": {scenario.number: ground(scenario) for scenario in source.scenarios},
         "frames": base64.b64encode(_quantised(frames, steps).tobytes()).decode(),
     }
 
 
 def grounds(sources: Sequence[Source]) -> dict[int, Any]:
-    """Return the ground of every scenario that occurs, by its number."""
-    numbers = sorted({episode.scenario for source in sources for episode in source.episodes})
-    found = {number: ground(number) for number in numbers}
-    return {number: one for number, one in found.items() if one is not None}
+    """Return the ground of every scenario of Table 6 that occurs, by its number."""
+    numbers = {episode.scenario for source in sources for episode in source.episodes}
+    return {number: ground(scenario) for number, scenario in shipped().items() if number in numbers}
 
 
 def _middle(values: np.ndarray) -> np.ndarray:

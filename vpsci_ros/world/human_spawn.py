@@ -20,7 +20,6 @@ from vpsci_ros.world.people import car_speed, quantile, sway
 
 EARLIEST, LATEST = 1.0, 2.0  # [s] from the spawn to the onset
 AHEAD = 5.0  # [s] from the onset to the collision of two who do not react
-WAITING = 0.06  # share of walkers who wait at the kerb and set off between spawn and onset
 TRACE = 0.05  # [s] step in which both are traced back
 _HALF_LENGTH = 0.5 * VEHICLE_LENGTH + PEDESTRIAN_RADIUS
 _HALF_WIDTH = 0.5 * VEHICLE_WIDTH + PEDESTRIAN_RADIUS
@@ -68,7 +67,7 @@ def spawn_people(episode, table, row, tables, seed):  # type: ignore[no-untyped-
     _cross(episode, table, row, tables, offset, oblique)
 
     onset = EARLIEST + unit(meeting[0]) * (LATEST - EARLIEST)
-    episode.start_delay = unit(meeting[3]) * onset if unit(meeting[2]) < WAITING else 0.0
+    episode.start_delay = unit(meeting[3]) * onset if unit(meeting[2]) < row.waiting else 0.0
     side = 2.0 * unit(meeting[1]) - 1.0  # the car is later, or the walker
     beside = quantile(people.BESIDE, abs(side)) * (1.0 if side >= 0.0 else -1.0)
     later = beside * (_HALF_LENGTH / speed + _HALF_WIDTH / walking)

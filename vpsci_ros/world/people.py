@@ -33,6 +33,7 @@ DRIVE_ON = 2.0  # [m/s] faster than at the onset
 CAR_WAVE, CAR_WANDER = 20.0, 0.09  # [m] wavelength and size (each of sine and cosine) of a car's sway in its lane
 WALK_WAVE, WALK_WANDER = 8.0, 0.20  # [m] likewise of a walker's
 STRIDE_ACCELERATION = 1.0  # [m/s2] of a walker that nothing threatens
+WAITING = 0.06  # share of walkers who wait at the kerb and set off before it becomes critical
 JERK = 10.0  # [m/s3] with which an agent's acceleration can change
 
 

@@ -1,7 +1,8 @@
 """A scenario: the lane that the vehicle drives, the way that the pedestrian walks, and what is drawn at a spawn.
 
 A scenario is a YAML file, one's own intersection as well as the eight of the paper in `params/scenarios/` (the first
-of them explains each key). Everything is checked on reading, and an error names the file and the key.
+of them explains each key) and those of `params/scenarios/town10hd/`, which are found by number or name as well.
+Everything is checked on reading, and an error names the file and the key.
 """
 
 import hashlib
@@ -24,6 +25,7 @@ from vpsci_ros.resources import params_dir
 from vpsci_ros.world.kinematics import MAX_STEERING_ANGLE, WHEELBASE
 from vpsci_ros.world.opendrive import expand
 from vpsci_ros.world.paths import Path, resample
+from vpsci_ros.world.people import WAITING
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the same, in C, where PyYAML was built with it
 Points: TypeAlias = NDArray[np.float64]
@@ -39,7 +41,12 @@ _VEHICLE_OPTIONAL: dict[str, Any] = {
     "initial_speed": [0.0, 1.0],
 }
 _PEDESTRIAN: dict[str, Any] = {"route": None, "goal": None, "arrival": None}
-_PEDESTRIAN_OPTIONAL: dict[str, Any] = {"speed": [1.0, 4.0], "offset": [-0.8, 0.8], "standing_room": 1.0}
+_PEDESTRIAN_OPTIONAL: dict[str, Any] = {
+    "speed": [1.0, 4.0],
+    "offset": [-0.8, 0.8],
+    "standing_room": 1.0,
+    "waiting": WAITING,
+}
 
 
 @dataclass(frozen=True)
@@ -64,7 +71,8 @@ class PedestrianScenario:
     speed: Interval  # [m/s]
     arrival: Interval  # [s] at its own speed, from the spawn to where the route crosses the lane
     offset: Interval  # [m] to the left of the route
-    standing_room: float  # [m] at the start of the route, over which waiting pedestrians are spread
+    standing_room: float  # [m] at the start of the route, over which waiting pedestrians are spread (paper's spawn)
+    waiting: float  # share of walkers who stand and set off before it becomes critical (human spawn)
     conflict: float  # [m] along the route, where it crosses the lane's centreline
 
 
@@ -84,8 +92,17 @@ class Scenario:
 
 
 def scenario_files() -> list[FilePath]:
-    """Return the package's own scenario files, in the order of their numbers."""
+    """Return the files of the paper's scenarios, in the order of their numbers."""
     return list(_own(params_dir() / "scenarios").values())
+
+
+def further_files() -> list[FilePath]:
+    """Return the files of the scenarios beyond the paper's, in the order of their numbers.
+
+    Where they are used they count as one's own: bags and datasets hold what they are made from, and a file of one's
+    own may take a number of theirs.
+    """
+    return list(_own(params_dir() / "scenarios" / "town10hd").values())
 
 
 @lru_cache
@@ -138,8 +155,15 @@ def every_scenario(own: Mapping[str, Any] | None = None, where: str = "") -> lis
 
     :raises InvalidInput: a document is damaged.
     """
-    added = [scenario_from(document, f"{where}, scenario {name}") for name, document in (own or {}).items()]
-    return [*load_scenarios(scenario_files()), *added]
+    return [*load_scenarios(scenario_files()), *own_scenarios(own, where)]
+
+
+def own_scenarios(own: Mapping[str, Any] | None, where: str = "") -> list[Scenario]:
+    """Return those of `own_documents`, which `where` holds.
+
+    :raises InvalidInput: a document is damaged.
+    """
+    return [scenario_from(document, f"{where}, scenario {name}") for name, document in (own or {}).items()]
 
 
 def load_scenario(which: int | str | FilePath) -> Scenario:
@@ -175,13 +199,14 @@ def _read(path: FilePath) -> Any:
 
 
 def _find(which: int | str | FilePath) -> FilePath:
-    own = _own(params_dir() / "scenarios")
+    papers, further = (_own(params_dir() / folder) for folder in ("scenarios", "scenarios/town10hd"))
+    own = papers | further
     if isinstance(which, int) or (isinstance(which, str) and which.isdigit()):
         if int(which) in own:
             return own[int(which)]
         raise InvalidInput(
-            f"scenario {which}: expected a number from 1 to {max(own)}, that of a file of your own "
-            "among scenario_files, or the path of a YAML file"
+            f"scenario {which}: expected a number from 1 to {max(papers)} or {min(further)} to {max(further)}, that of "
+            "a file of your own among scenario_files, or the path of a YAML file"
         )
     by_name = {path.stem: path for path in own.values()}
     if str(which) in by_name:
@@ -253,6 +278,7 @@ def _pedestrian(values: dict[str, Any], lane: Path, where: str) -> PedestrianSce
         arrival=_interval(values["arrival"], 0.0, 60.0, f"{where}: arrival", "s"),
         offset=offset,
         standing_room=room,
+        waiting=_number(values["waiting"], 0.0, 1.0, f"{where}: waiting", "of the walkers"),
         conflict=conflict,
     )
 

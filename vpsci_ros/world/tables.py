@@ -23,6 +23,7 @@ SCENARIO = np.dtype(
             "pedestrian_goal",
             "conflict",
             "standing_room",
+            "waiting",
             "lowest_s",
             "highest_s",
             "lowest_throttle",
@@ -115,7 +116,7 @@ def tables_from(scenarios: Sequence[Scenario]) -> Tables:
         row["walk_step"], row["walk_count"] = pedestrian.path.step, len(pedestrian.path.points)
         row["vehicle_goal"], row["full_throttle_speed"] = vehicle.goal, vehicle.full_throttle_speed
         row["pedestrian_goal"], row["conflict"] = pedestrian.goal, pedestrian.conflict
-        row["standing_room"] = pedestrian.standing_room
+        row["standing_room"], row["waiting"] = pedestrian.standing_room, pedestrian.waiting
         for name, interval in (
             ("s", vehicle.spawn),
             ("throttle", vehicle.throttle),

@@ -21,7 +21,7 @@ class Panel {
     this.source = source;
     this.index = index;
     this.episode = source.episode(index);
-    this.scene.show(this.episode, packed.grounds[this.episode.scenario]);
+    this.scene.show(this.episode, source.grounds[this.episode.scenario] ?? packed.grounds[this.episode.scenario]);
     this.charts.show(this.episode);
     const { name, groupName, outcome, yielded, least } = this.episode;
     const ways = { nobody: "nobody yields", vehicle: "the vehicle yields", pedestrian: "the pedestrian yields",
