@@ -107,8 +107,10 @@ def route_of_a_map(folder: Path) -> list[str]:
 def test_further_scenarios_and_routes_of_a_map_go_through_generate_graph_and_view(
     which: str, domain: int, tmp_path: Path
 ) -> None:
-    settings = route_of_a_map(tmp_path) if which == "a route of a map" else ["world_simulator.scenarios=[101,102,103]"]
-    numbers = {42} if which == "a route of a map" else {101, 102, 103}
+    settings = (
+        route_of_a_map(tmp_path) if which == "a route of a map" else ["world_simulator.scenarios=[101,102,103,104]"]
+    )
+    numbers = {42} if which == "a route of a map" else {101, 102, 103, 104}
     words = [word for setting in settings for word in ("--set", setting)]
     words += ["--params", str(params_dir() / "stage3_generate.yaml"), "--episodes", "2", "--workers", "1", "-q"]
     done = CliRunner().invoke(app, ["generate", *words, "-o", f"{tmp_path}/set"])

@@ -14,11 +14,12 @@ from vpsci_ros.world.opendrive import OpenDriveMap
 from vpsci_ros.world.scenario import further_files, own_documents
 
 DATA = Path(os.environ.get("VPSCI_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")) / "town10hd"
-NUMBERS = [101, 102, 103]
+NUMBERS = [101, 102, 103, 104]
 LANES = {
     101: [("12", 1), ("150", 1)],
     102: [("18", -1), ("19", -1), ("296", -1), ("15", -1), ("16", -1)],
     103: [("20", -2), ("875", -2)],
+    104: [("12", 1), ("150", 1)],
 }
 
 
@@ -32,7 +33,7 @@ def test_centrelines_are_those_of_the_map_within_five_centimetres(number):
     assert width == load_scenario(number).vehicle.lane_width
 
 
-@pytest.mark.parametrize(("number", "turn"), [(101, 0.0), (102, 90.0), (103, 0.0)])
+@pytest.mark.parametrize(("number", "turn"), [(101, 0.0), (102, 90.0), (103, 0.0), (104, 0.0)])
 def test_the_car_drives_straight_or_turns_left_and_leaves_the_crossing_behind_its_rear_bumper(number, turn):
     vehicle, walk = load_scenario(number).vehicle, load_scenario(number).pedestrian
     turned = vehicle.path.heading(vehicle.path.length) - vehicle.path.heading(0.0)
@@ -86,5 +87,5 @@ def test_a_file_of_ones_own_may_take_a_number_of_theirs(tmp_path):
 
 
 def test_a_number_that_no_scenario_has_is_refused_with_those_that_there_are():
-    with pytest.raises(InvalidInput, match="a number from 1 to 8 or 101 to 103"):
+    with pytest.raises(InvalidInput, match="a number from 1 to 8 or 101 to 104"):
         load_scenario(100)

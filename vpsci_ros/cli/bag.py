@@ -36,7 +36,9 @@ def export(
     episodes: Annotated[
         str, typer.Option(metavar="3,7-9,6:12", help="These numbers only; 6:12 is number 12 of scenario 6.")
     ] = "",
-    outcome: Annotated[str, typer.Option(metavar="OUTCOME", help="collision, goal, timeout or none.")] = "",
+    outcome: Annotated[
+        str, typer.Option(metavar="OUTCOME", help="collision, goal, timeout, parked_collision or none.")
+    ] = "",
     curvttc_below: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Only episodes whose least CurvTTC is below.")
     ] = None,

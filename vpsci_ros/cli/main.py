@@ -128,7 +128,7 @@ def safety_compare(near_misses: Annotated[Path, typer.Argument(help="Near-miss t
 @world_app.command("show")
 def world_show(
     scenario: Annotated[
-        str, typer.Argument(help="Number 1 to 8 (Table 6) or 101 to 103, name, or a YAML file of your own.")
+        str, typer.Argument(help="Number 1 to 8 (Table 6) or 101 to 104, name, or a YAML file of your own.")
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="PNG to write.")],
     seed: Annotated[int, typer.Option(help="Seed of the spawns that are drawn.")] = 1,

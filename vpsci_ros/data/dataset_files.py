@@ -40,7 +40,7 @@ DATASET_COLUMNS: dict[str, Column] = {
 INDEX_COLUMNS: dict[str, Column] = {
     "scenario": Column(pl.Int32, "", "1 to 8, Table 6"),
     "count": Column(pl.Int64, "", "number of the episode within its scenario"),
-    "outcome": Column(pl.String, "", "collision, goal or timeout"),
+    "outcome": Column(pl.String, "", "collision, goal, timeout or parked_collision"),
     "reason": Column(pl.String, "", "'kept', or the first condition of section 3.3 that it fails"),
     "frames": Column(pl.Int32, "", "frames from the spawn to the end"),
     "least_curvttc": Column(pl.Float32, "s", "least CurvTTC, infinity where there is none"),

@@ -22,7 +22,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.world import COLLISION, TIMEOUT
+from vpsci_ros.world import COLLISION, PARKED_COLLISION, TIMEOUT
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.observation import to_heading_frame
 from vpsci_ros.world.paths import point_at, project
@@ -54,7 +54,8 @@ def outcome(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
     """Return reward float64[B], terminated and truncated bool[B] of a step from `before` to `after`, EPISODE[B]."""
     lateral = observation[:, 3].astype(np.float64)
-    collision, off = after["outcome"] == COLLISION, np.abs(lateral) > OFF_LANE
+    collision = (after["outcome"] == COLLISION) | (after["outcome"] == PARKED_COLLISION)
+    off = np.abs(lateral) > OFF_LANE
     goal = (after["vehicle_goal"] != 0) & ~collision
     reward = PROGRESS * (after["route_s"] - before["route_s"]) - LATERAL * np.minimum(lateral, OFF_LANE) ** 2
     reward += AT_GOAL * goal + AT_FAILURE * (collision | off)

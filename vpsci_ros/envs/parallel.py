@@ -13,7 +13,7 @@ from vpsci_ros.envs.rendering import Views
 from vpsci_ros.envs.right_turn import check_render_mode, chosen_episode
 from vpsci_ros.envs.simulation import Simulation, Snapshot
 from vpsci_ros.learning.config import RewardsConfig
-from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, TIMEOUT, WorldConfig
+from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, PARKED_COLLISION, TIMEOUT, WorldConfig
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE, observe
 from vpsci_ros.world.tick import Actions
 
@@ -96,7 +96,7 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
         after = self._last.state[0]
         collision = COLLISION_REWARD if after["outcome"] == COLLISION else 0.0
         reward = {a: collision + GOAL_REWARD * int(after[f"{a}_goal"] > before[f"{a}_goal"]) for a in AGENTS}
-        terminated = bool(after["outcome"] in (COLLISION, GOAL))
+        terminated = bool(after["outcome"] in (COLLISION, GOAL, PARKED_COLLISION))
         truncated = bool(after["outcome"] == TIMEOUT)
         if terminated or truncated:
             self.agents = []

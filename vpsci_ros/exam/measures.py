@@ -25,7 +25,7 @@ COLUMNS: dict[str, Column] = {
     "pedestrian": Column(pl.String, "", "who was met"),
     "scenario": Column(pl.Int64, "", "number as in Table 6"),
     "episode": Column(pl.Int64, "", "number within the scenario: the same number begins the same way"),
-    "outcome": Column(pl.String, "", "collision, goal or timeout"),
+    "outcome": Column(pl.String, "", "collision, goal, timeout or parked_collision"),
     "duration": Column(pl.Float64, "s", "from the spawn to the end"),
     "driven": Column(pl.Float64, "m", "length of the vehicle's path"),
     "collision": Column(pl.Boolean, "", "the footprints touched"),

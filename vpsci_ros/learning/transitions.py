@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import observe
-from vpsci_ros.world.state import COLLISION, ENDED, GOAL
+from vpsci_ros.world.state import COLLISION, ENDED, GOAL, PARKED_COLLISION
 from vpsci_ros.world.tick import Step
 
 LANE_GRID, LANE_NODES = 2.0, 21  # [m] between the nodes of the lane that lies ahead, and how many of them
@@ -141,7 +141,7 @@ class TransitionBuilder:
             rows[f"{agent}_goal"] = (now[f"{agent}_goal"] != 0) & (rows[f"{agent}_goal"] == 0)
         ended = now["status"] == ENDED
         rows["collision"] = ended & (now["outcome"] == COLLISION)
-        rows["terminal"] = ended & ((now["outcome"] == COLLISION) | (now["outcome"] == GOAL))
+        rows["terminal"] = ended & np.isin(now["outcome"], (COLLISION, GOAL, PARKED_COLLISION))
         rows["last"] = ended | ~acts[due] | (now["controlled"] == 0)
         return rows
 

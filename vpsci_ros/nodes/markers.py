@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
+from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -30,7 +31,18 @@ def scene_markers(record: np.void, scenarios: Mapping[int, Scenario], header: He
     size = (2 * PEDESTRIAN_RADIUS, 2 * PEDESTRIAN_RADIUS, PEDESTRIAN_HEIGHT)
     pedestrian = _solid(header, 3, Marker.CYLINDER, size, _RED)
     _place(pedestrian, record["pedestrian_x"], record["pedestrian_y"], 0.0)
-    return MarkerArray(markers=[lane, crossing, vehicle, pedestrian])
+    most = max(len(each.parked) for each in scenarios.values())
+    parked = [_parked(header, 4 + k, *scenario.parked[k : k + 1]) for k in range(most)]
+    return MarkerArray(markers=[lane, crossing, vehicle, pedestrian, *parked])
+
+
+def _parked(header: Header, number: int, box: NDArray[np.float64] | None = None) -> Marker:
+    """Return a parked vehicle (x, y, heading, length, width); without one, what clears the place of another scene's."""
+    if box is None:
+        return Marker(header=header, ns="world", id=number, action=Marker.DELETE)
+    marker = _solid(header, number, Marker.CUBE, (float(box[3]), float(box[4]), VEHICLE_HEIGHT), _GREY)
+    _place(marker, *box[:3])
+    return marker
 
 
 def _solid(header: Header, number: int, kind: int, size: tuple[float, float, float], colour: ColorRGBA) -> Marker:

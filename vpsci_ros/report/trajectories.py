@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.panels import Panel
+from vpsci_ros.report.world_figures import draw_parked
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import Scenario
@@ -92,6 +93,7 @@ def _draw_ground(axis: Axes, ground: Scenario) -> None:
     if len(ground.crosswalk):
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": "#b4b4b0", "hatch": "////", "linewidth": 0.8}
         axis.add_patch(Polygon(ground.crosswalk, closed=True, zorder=0.5, **look))
+    draw_parked(axis, ground)
 
 
 def _band(points: Floats, width: float) -> Floats:

@@ -21,7 +21,9 @@ from vpsci_ros.world.paths import Path as Line
 Floats = NDArray[np.float64]
 GROUND, ROAD, VEHICLE, PEDESTRIAN, GOAL = "#f1f1ee", "#d5d5d2", "#08519c", "#a50f15", "#2ca02c"
 SPAWNS = 200  # episodes whose spawns are drawn
-_CORNERS = 0.5 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * [VEHICLE_LENGTH, VEHICLE_WIDTH]
+PARKED = "#8a8f8c"
+_SIGNS = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
+_CORNERS = 0.5 * _SIGNS * [VEHICLE_LENGTH, VEHICLE_WIDTH]
 
 
 def save_scenario(scenario: Scenario, path: str | Path, seed: int = 1) -> None:
@@ -56,6 +58,21 @@ def _draw_ground(axis: Axes, scenario: Scenario) -> None:
     if len(scenario.crosswalk):
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": "#a9a9a4", "hatch": "////", "linewidth": 0.8}
         axis.add_patch(Polygon(scenario.crosswalk, zorder=0.5, **look))
+    draw_parked(axis, scenario)
+
+
+def outlines(boxes: Floats) -> Floats:
+    """Return the corners, float64[K, 4, 2] [m], of rectangles float64[K, 5]: x, y, heading, length, width."""
+    corners = 0.5 * _SIGNS * boxes[:, None, 3:]
+    c, s = np.cos(boxes[:, 2]), np.sin(boxes[:, 2])
+    turned: Floats = corners @ np.array([[c, s], [-s, c]]).transpose(2, 0, 1) + boxes[:, None, :2]
+    return turned
+
+
+def draw_parked(axis: Axes, scenario: Scenario) -> None:
+    """Draw the vehicles that stand."""
+    for outline in outlines(scenario.parked):
+        axis.add_patch(Polygon(outline, facecolor=PARKED, edgecolor="white", linewidth=0.6, zorder=1.5))
 
 
 def _draw_spawns(axis: Axes, scenario: Scenario, seed: int) -> None:

@@ -14,7 +14,7 @@ class RunConfig:
     seed: int = parameter(1, "seed of every random draw of the run", low=0, high=2**63 - 1)
     scenarios: list[int] = parameter(
         [1, 2, 3, 4, 5, 6, 7, 8],
-        "scenarios to run: 1 to 8 (Table 6), 101 to 103 (docs/world.md), and those of scenario_files",
+        "scenarios to run: 1 to 8 (Table 6), 101 to 104 (docs/world.md), and those of scenario_files",
         low=1,
         high=255,
     )

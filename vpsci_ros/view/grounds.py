@@ -22,9 +22,9 @@ def scenario_names(own: Iterable[Scenario] = ()) -> dict[int, str]:
 
 
 def ground(scenario: Scenario) -> dict[str, Any]:
-    """Return lane, lane_width, route and crosswalk of a scenario [m] as JSON values."""
+    """Return lane, lane_width, route, crosswalk and parked vehicles of a scenario [m, rad] as JSON values."""
     lines = {"lane": scenario.vehicle.path.points[::2], "route": scenario.pedestrian.path.points[::2],
-             "crosswalk": scenario.crosswalk}  # fmt: skip
+             "crosswalk": scenario.crosswalk, "parked": scenario.parked}  # fmt: skip
     return {"lane_width": scenario.vehicle.lane_width} | {
-        name: np.asarray(points).round(2).tolist() for name, points in lines.items()
+        name: np.asarray(points).round(3).tolist() for name, points in lines.items()
     }

@@ -12,7 +12,19 @@ from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import observe, observe_arrays
 from vpsci_ros.world.recording import Recorded
 from vpsci_ros.world.scenario import Scenario, load_scenario, load_scenarios
-from vpsci_ros.world.state import COLLISION, ENDED, EPISODE, EVENT, GOAL, IDLE, NONE, OUTCOME_NAMES, RUNNING, TIMEOUT
+from vpsci_ros.world.state import (
+    COLLISION,
+    ENDED,
+    EPISODE,
+    EVENT,
+    GOAL,
+    IDLE,
+    NONE,
+    OUTCOME_NAMES,
+    PARKED_COLLISION,
+    RUNNING,
+    TIMEOUT,
+)
 from vpsci_ros.world.world import World
 
 __all__ = [
@@ -24,6 +36,7 @@ __all__ = [
     "IDLE",
     "NONE",
     "OUTCOME_NAMES",
+    "PARKED_COLLISION",
     "RUNNING",
     "TIMEOUT",
     "Recorded",

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import refuse_unknown
 from vpsci_ros.resources import params_dir
+from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH, clearance
 from vpsci_ros.world.kinematics import MAX_STEERING_ANGLE, WHEELBASE
 from vpsci_ros.world.opendrive import expand
 from vpsci_ros.world.paths import Path, resample
@@ -32,7 +33,7 @@ Points: TypeAlias = NDArray[np.float64]
 Interval: TypeAlias = tuple[float, float]
 
 _REQUIRED: dict[str, Any] = {"number": None, "name": None, "location": None, "vehicle": None, "pedestrian": None}
-_OPTIONAL: dict[str, Any] = {"description": "", "crosswalk": []}
+_OPTIONAL: dict[str, Any] = {"description": "", "crosswalk": [], "parked": []}
 _VEHICLE: dict[str, Any] = {"centreline": None, "spawn": None, "goal": None}
 _VEHICLE_OPTIONAL: dict[str, Any] = {
     "lane_width": 3.5,
@@ -47,6 +48,11 @@ _PEDESTRIAN_OPTIONAL: dict[str, Any] = {
     "standing_room": 1.0,
     "waiting": WAITING,
 }
+
+
+_PARKED: dict[str, Any] = {"x": None, "y": None}
+_PARKED_OPTIONAL: dict[str, Any] = {"heading": 0.0, "length": VEHICLE_LENGTH, "width": VEHICLE_WIDTH}
+MOST_PARKED = 32
 
 
 @dataclass(frozen=True)
@@ -87,6 +93,7 @@ class Scenario:
     vehicle: VehicleScenario
     pedestrian: PedestrianScenario
     crosswalk: Points  # float64[K, 2] [m], for pictures; K = 0: not known
+    parked: Points  # float64[K, 5]: x, y of the centre [m], heading [rad], length, width [m] of vehicles that stand
     document: Mapping[str, Any] = field(compare=False, repr=False)  # it was made from, without reference to a map
     sha256: str = ""  # of its file and of the map that it names; empty: it was not read from a file
 
@@ -238,7 +245,15 @@ def scenario_from(document: Any, where: str) -> Scenario:
     pedestrian = _pedestrian(_section(top["pedestrian"], _PEDESTRIAN, _PEDESTRIAN_OPTIONAL, here), vehicle.path, here)
     polygon = _points(top["crosswalk"], 3, f"{where}: crosswalk") if top["crosswalk"] else np.zeros((0, 2))
     return Scenario(
-        number, str(top["name"]), str(top["location"]), str(top["description"]), vehicle, pedestrian, polygon, document
+        number=number,
+        name=str(top["name"]),
+        location=str(top["location"]),
+        description=str(top["description"]),
+        vehicle=vehicle,
+        pedestrian=pedestrian,
+        crosswalk=polygon,
+        parked=_parked(top["parked"], pedestrian, where),
+        document=document,
     )
 
 
@@ -281,6 +296,26 @@ def _pedestrian(values: dict[str, Any], lane: Path, where: str) -> PedestrianSce
         waiting=_number(values["waiting"], 0.0, 1.0, f"{where}: waiting", "of the walkers"),
         conflict=conflict,
     )
+
+
+def _parked(values: Any, pedestrian: PedestrianScenario, where: str) -> Points:
+    """Return the vehicles that stand, float64[K, 5]; the walking route has to lead around them."""
+    if not isinstance(values, list) or len(values) > MOST_PARKED:
+        raise InvalidInput(f"{where}: parked must be a list of at most {MOST_PARKED} vehicles, got {values!r}")
+    boxes = np.zeros((len(values), 5))
+    walk = pedestrian.path.points[: int(pedestrian.goal / pedestrian.path.step) + 1]
+    for box, value, here in zip(boxes, values, (f"{where}, parked[{k}]" for k in range(len(values))), strict=True):
+        given = _section(value, _PARKED, _PARKED_OPTIONAL, here)
+        box[:2] = [_number(given[name], -1e7, 1e7, f"{here}: {name}", "m") for name in ("x", "y")]
+        box[2] = _number(given["heading"], -10.0, 10.0, f"{here}: heading", "rad")
+        box[3:] = [_number(given[name], 0.1, 30.0, f"{here}: {name}", "m") for name in ("length", "width")]
+        free = clearance(*box[:3], *walk.T, length=box[3], width=box[4])
+        if free.min() <= 0.0:
+            x, y = walk[int(free.argmin())]
+            raise InvalidInput(
+                f"{here}: stands in the way of the pedestrian, whose route passes ({x:.1f}, {y:.1f}); move one of them"
+            )
+    return boxes
 
 
 def _crossing(route: Path, lane: Path) -> float | None:

@@ -9,7 +9,8 @@ import numpy as np
 
 IDLE, RUNNING, ENDED = 0, 1, 2  # status of a slot
 NONE, COLLISION, GOAL, TIMEOUT = 0, 1, 2, 3  # outcome of an episode
-OUTCOME_NAMES = ("none", "collision", "goal", "timeout")
+PARKED_COLLISION = 4  # the vehicle has run into a parked one
+OUTCOME_NAMES = ("none", "collision", "goal", "timeout", "parked_collision")
 
 # kinds of event, as in vpsci_msgs/EpisodeEvent
 STARTED, HANDED_OVER, HANDED_BACK, FINISHED = 1, 2, 3, 4

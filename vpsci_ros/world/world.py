@@ -11,6 +11,7 @@ from vpsci_ros.world import engine, handover
 from vpsci_ros.world.compiled import in_threads
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.events import NO_EVENTS, list_events
+from vpsci_ros.world.parked import end_crashed, in_sight, parked_from
 from vpsci_ros.world.recording import NO_RECORDINGS, Recorded
 from vpsci_ros.world.scenario import Scenario
 from vpsci_ros.world.spawn import spawn_all
@@ -69,6 +70,7 @@ class World:
         self._has_policies = "policy" in (config.vehicle_driver, config.pedestrian_driver)
         self._settings = settings_from(config)
         self._tables = tables_from(scenarios)
+        self._parked = parked_from(scenarios)
         self._queue: Iterator[tuple[int, int]] = iter(episodes)
         self._exhausted = False
         self._bits = np.zeros(batch, np.uint16)
@@ -102,6 +104,8 @@ class World:
             self.state[self._ended] = 0
             self._idle += len(self._ended)
         in_threads(lambda part: self._move(answers, part), len(self.state))
+        if self._parked is not None:
+            end_crashed(self.state, self._parked, self._bits)
         self._ended = np.flatnonzero(self._bits)
         arrived = list_events(self.state, self._bits)
         happened = [events for events in (decided, arrived, self._begin(self.now.number + 1)) if len(events)]
@@ -142,6 +146,8 @@ class World:
     def _show(self, tick: int) -> None:
         policy_tick = tick % self.config.policy_ticks == 0
         frame = handover.policy_frame(self.state, self.config) if policy_tick else self._no_slots
+        if self._parked is not None and policy_tick:
+            frame &= (self.state["controlled"] != 0) | in_sight(self.state, self._parked)
         self.now = Tick(number=tick, state=self.state, policy_frame=frame, by_policies=self._has_policies)
 
     def _fill(self) -> NDArray[np.void]:

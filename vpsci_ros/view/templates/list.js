@@ -1,7 +1,7 @@
 // Which episodes are in the list, in what order, and the list itself.
 "use strict";
 
-const SYMBOLS = { collision: "✖", goal: "●", timeout: "◷", recorded: "○", none: "–" };
+const SYMBOLS = { collision: "✖", goal: "●", timeout: "◷", parked_collision: "▣", recorded: "○", none: "–" };
 const SORTS = {
   source: { title: "as in the source", order: () => 0 },
   least: { title: "least CurvTTC first", order: (a, b) => (a.least ?? Infinity) - (b.least ?? Infinity) || 0 },

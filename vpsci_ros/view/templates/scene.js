@@ -118,6 +118,16 @@ class Scene {
     }
     this.line(shape, local(this.ground.lane), colour.faint, 1, [8, 8]);
     this.line(shape, local(this.ground.route), colour.faint, 1, [2, 5]);
+    for (const [x, y, heading, length, width] of this.ground.parked) {
+      const [c, s] = [Math.cos(heading), Math.sin(heading)];
+      const corners = [[1, 1], [1, -1], [-1, -1], [-1, 1]].map(([a, b]) => [a * length / 2, b * width / 2]);
+      context.beginPath();
+      local(corners.map(([u, v]) => [x + c * u - s * v, y + s * u + c * v])).forEach(
+        ([px, py], k) => context[k ? "lineTo" : "moveTo"](shape.px(px), shape.py(py)));
+      context.closePath();
+      context.fillStyle = colour.faint;
+      context.fill();
+    }
     context.lineCap = "round";
   }
 

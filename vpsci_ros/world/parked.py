@@ -1,0 +1,86 @@
+"""Parked and waiting vehicles: what they hide, and that one can run into them.
+
+They stand where their scenario has them, as oriented rectangles, in every episode. Vehicle and pedestrian see each
+other where the line of sight between them is free (`in_sight`); the learned agents are handed an episode only then, and
+once they have it they keep it. A vehicle that touches one of them has had its episode. Pedestrians keep to their
+routes, which lead around them, and are not held up by them.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, touches_box, visible_pair
+from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.scenario import Scenario
+from vpsci_ros.world.state import ENDED, FINISHED, IDLE, PARKED_COLLISION, RUNNING
+
+EYE_FORWARD = 0.2  # [m] from the vehicle's centre along its centre line to the eye: behind the windscreen
+LEAST_VISIBLE = 0.25  # of the pedestrian's disc: they see each other where so much of it is free
+MOST_SCENARIOS = 256  # numbers of scenarios are bytes
+
+
+class Parked(NamedTuple):
+    """The parked vehicles of S scenarios for compiled code, K at most in one."""
+
+    boxes: NDArray[np.float64]  # [S, K, 5] x, y [m], heading [rad], length, width [m]
+    counts: NDArray[np.int64]  # [S]
+    row_of: NDArray[np.int64]  # [256] row of a scenario by its number
+
+
+def parked_from(scenarios: Sequence[Scenario]) -> Parked | None:
+    """Return the parked vehicles of scenarios; None where there are none at all."""
+    counts = np.array([len(scenario.parked) for scenario in scenarios], np.int64)
+    if not counts.any():
+        return None
+    boxes, row_of = np.zeros((len(scenarios), counts.max(), 5)), np.zeros(MOST_SCENARIOS, np.int64)
+    for row, scenario in enumerate(scenarios):
+        boxes[row, : counts[row]] = scenario.parked
+        row_of[scenario.number] = row
+    return Parked(boxes, counts, row_of)
+
+
+def visible(state: NDArray[np.void], parked: Parked | None, eye_forward: float = EYE_FORWARD) -> NDArray[np.float64]:
+    """Return what share of the pedestrian is seen from the vehicle's eye, float64[B], 0 to 1, for EPISODE[B].
+
+    :param eye_forward: from the vehicle's centre to the eye [m].
+    :returns: 1 where nothing is parked, 0 in idle slots.
+    """
+    share = (state["status"] != IDLE).astype(np.float64)
+    if parked is not None:
+        _visible(state, *parked, eye_forward, np.empty((3 * parked.boxes.shape[1], 2)), share)
+    return share
+
+
+def in_sight(state: NDArray[np.void], parked: Parked | None) -> NDArray[np.bool_]:
+    """Return where vehicle and pedestrian see each other, bool[B] for EPISODE[B] records."""
+    return visible(state, parked) >= LEAST_VISIBLE
+
+
+@kernel
+def _visible(state, boxes, counts, row_of, eye_forward, shadows, share):  # type: ignore[no-untyped-def]
+    for i in range(state.size):
+        episode, row = state[i], row_of[state[i].scenario]
+        if episode.status != IDLE and counts[row] > 0:
+            eye_x = episode.vehicle_x + eye_forward * np.cos(episode.vehicle_heading)
+            eye_y = episode.vehicle_y + eye_forward * np.sin(episode.vehicle_heading)
+            x, y = episode.pedestrian_x, episode.pedestrian_y
+            share[i] = visible_pair(eye_x, eye_y, x, y, PEDESTRIAN_RADIUS, boxes[row], counts[row], shadows)
+
+
+def end_crashed(state: NDArray[np.void], parked: Parked, events: NDArray[np.uint16]) -> None:
+    """End the running ones of EPISODE[B] whose vehicle touches a parked one; events uint16[B] gets bits 1 << kind."""
+    _end_crashed(state, *parked, events)
+
+
+@kernel
+def _end_crashed(state, boxes, counts, row_of, events):  # type: ignore[no-untyped-def]
+    for i in range(state.size):
+        episode, row = state[i], row_of[state[i].scenario]
+        for k in range(counts[row] if episode.status == RUNNING else 0):
+            if touches_box(episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, boxes[row, k]):
+                episode.outcome, episode.status = PARKED_COLLISION, ENDED
+                events[i] |= 1 << FINISHED
+                break
