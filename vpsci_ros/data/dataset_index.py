@@ -14,7 +14,7 @@ from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
 from vpsci_ros.data.filters import KEPT, REASONS, FilterConfig
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import software_versions
-from vpsci_ros.world.state import COLLISION, OUTCOME_NAMES
+from vpsci_ros.world.state import COLLISION, OUTCOME_NAMES, PARKED_COLLISION
 
 DESCRIPTION = "dataset.json"
 INDEX = "episodes.parquet"
@@ -58,12 +58,18 @@ class Tally:
             "acceptance_rate": kept / simulated if simulated else None,
             "rejected": {name: self._reasons[name] for name in REASONS[1:]},
             "failed": dict(zip(REASONS[1:], self._failed.tolist(), strict=True)),
-            "outcomes": {name: self._outcomes[name] for name in OUTCOME_NAMES[1:]},
-            "kept_outcomes": {name: self._kept_outcomes[name] for name in OUTCOME_NAMES[1:]},
+            "outcomes": _by_name(self._outcomes),
+            "kept_outcomes": _by_name(self._kept_outcomes),
             "rejected_collisions": {name: self._lost_collisions[name] for name in REASONS[1:]},
             "vehicle_km": round(float(self._kilometres[0]) / 1000.0, 6),
             "pedestrian_km": round(float(self._kilometres[1]) / 1000.0, 6),
         }
+
+
+def _by_name(outcomes: Counter[str]) -> dict[str, int]:
+    """Return how often each outcome came; that of parked vehicles, which most worlds lack, only where it did."""
+    usual = OUTCOME_NAMES[1:PARKED_COLLISION]
+    return {name: outcomes[name] for name in OUTCOME_NAMES[1:] if outcomes[name] or name in usual}
 
 
 def index_table(parts: Sequence[tuple[NDArray[Any], ...]]) -> pl.DataFrame:
