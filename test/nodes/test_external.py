@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
@@ -136,6 +137,46 @@ def test_a_command_for_an_earlier_tick_is_refused(drive: Callable[..., Drive]) -
     session.answer(VehicleControl, "vehicle/cmd_control", late)
     session.run()
     assert session.world._counts["vehicle_commands_refused"] >= 8
+
+
+def test_a_driving_system_that_reuses_the_first_header_for_ever_drives_at_no_later_tick(
+    drive: Callable[..., Drive],
+) -> None:
+    session = drive(action_timeout=0.02, episode_time=0.5)
+    first: list[Odometry] = []
+
+    def make(odometry: Odometry) -> AccelStamped:
+        first.append(odometry)
+        return acceleration(first[0], 1.0)
+
+    session.answer(AccelStamped, "vehicle/cmd_accel", make)
+    session.run()
+    assert first[0].header.stamp == Time()
+    assert session.missing == 9
+    assert session.world._counts["vehicle_commands"] == 1
+
+
+def test_a_command_without_a_header_means_the_present_tick(drive: Callable[..., Drive]) -> None:
+    session = drive(episode_time=0.5)
+    session.answer(AccelStamped, "vehicle/cmd_accel", lambda _: AccelStamped())
+    session.run()
+    assert session.missing == 0
+
+
+@pytest.mark.parametrize(("frame", "missing"), [("vehicle/base_link", 0), ("pedestrian/base_link", 10), ("odom", 10)])
+def test_a_command_in_another_frame_than_the_vehicles_is_refused(
+    drive: Callable[..., Drive], frame: str, missing: int
+) -> None:
+    session = drive(action_timeout=0.02, episode_time=0.5)
+
+    def make(odometry: Odometry) -> AccelStamped:
+        message = AccelStamped()
+        message.header.stamp, message.header.frame_id = odometry.header.stamp, frame
+        return message
+
+    session.answer(AccelStamped, "vehicle/cmd_accel", make)
+    session.run()
+    assert session.missing == missing
 
 
 def test_an_answer_to_the_last_tick_of_an_episode_is_not_held_against_the_driving_system(

@@ -148,9 +148,22 @@ def test_in_real_time_a_command_of_long_ago_or_out_of_order_is_refused() -> None
             session.driver.accelerate((0.0, 0.0), stamp * NANOSECONDS)
 
 
-def test_a_stamp_by_a_clock_of_its_own_does_not_lock_later_commands_out() -> None:
-    session = Session(REAL_TIME)
+@pytest.mark.parametrize("config", [ExternalConfig(), REAL_TIME])
+def test_a_command_stamped_in_the_future_is_refused_and_locks_no_later_one_out(config: ExternalConfig) -> None:
+    session = Session(config)
     session.begin(10)
-    session.driver.accelerate((-1.0, 0.0), 1_700_000_000 * 10**9)
+    for stamp in (10 * NANOSECONDS + 1, 1_700_000_000 * 10**9):  # a moment ahead; by the wall clock
+        with pytest.raises(InvalidInput, match=f"{stamp} ns is ahead of simulated time, 500000000 ns"):
+            session.driver.accelerate((-1.0, 0.0), stamp)
     session.driver.accelerate((-2.0, 0.0), 10 * NANOSECONDS)
     assert session.braking() == 2.0
+    assert +session.counts == {"vehicle_commands_refused": 2, "vehicle_commands": 1}
+
+
+def test_the_stamp_of_the_first_tick_answers_that_tick_alone() -> None:
+    session = Session(ExternalConfig())
+    session.begin(0)
+    session.driver.accelerate((-1.0, 0.0), 0)
+    session.begin(1)
+    with pytest.raises(InvalidInput, match="an earlier tick"):
+        session.driver.accelerate((-1.0, 0.0), 0)

@@ -5,9 +5,11 @@ from functools import partial
 
 from geometry_msgs.msg import AccelStamped
 from rclpy.time import Time
+from std_msgs.msg import Header
 
 from vpsci_msgs.msg import AgentAction, SafetyState, VehicleControl
 from vpsci_ros.bags import layout
+from vpsci_ros.bags.layout import MAP
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.world.lockstep import LockStep
@@ -79,14 +81,20 @@ class Respondents:
 
     def _on_acceleration(self, message: AccelStamped) -> None:
         assert self._lock_step.external is not None
-        values = message.accel.linear.x, message.accel.linear.y
-        take = partial(self._lock_step.external.accelerate, values, _nanoseconds(message))
+        external, values = self._lock_step.external, (message.accel.linear.x, message.accel.linear.y)
+        frame, own = message.header.frame_id, vehicle_frames(self._node.frame_prefix)
+
+        def take() -> None:
+            if frame not in own:
+                external.refuse(values, f"its frame is {frame!r}; expected one of {', '.join(map(repr, own))}")
+            external.accelerate(values, command_stamp(message.header))
+
         self._hand_in("/vehicle/cmd_accel (linear.x, linear.y)", take)
 
     def _on_control(self, message: VehicleControl) -> None:
         assert self._lock_step.external is not None
         values = message.steer, message.throttle, message.brake
-        take = partial(self._lock_step.external.control, values, _nanoseconds(message), message.tick)
+        take = partial(self._lock_step.external.control, values, command_stamp(message.header), message.tick)
         self._hand_in("/vehicle/cmd_control (steer, throttle, brake)", take)
 
     def _hand_in(self, topic: str, take: Callable[[], None]) -> None:
@@ -98,5 +106,18 @@ class Respondents:
         self._answered()
 
 
-def _nanoseconds(message: AccelStamped | VehicleControl) -> int:
-    return int(Time.from_msg(message.header.stamp).nanoseconds)
+def vehicle_frames(prefix: str) -> tuple[str, ...]:
+    """Return the frames that a command along the vehicle may name: none, the vehicle's, or the odometry's.
+
+    Who copies the header of the odometry, to say which tick is answered, has its frame `map` there.
+    """
+    return "", MAP, "base_link", "vehicle/base_link", *([f"{prefix}vehicle/base_link"] if prefix else [])
+
+
+def command_stamp(header: Header) -> int | None:
+    """Return which simulated time [ns] a command answers; None for the present, where nobody has set a stamp.
+
+    A header of tick 0 has the stamp 0, too: its frame `map` tells it from one that was left as it was made.
+    """
+    stamp = int(Time.from_msg(header.stamp).nanoseconds)
+    return None if stamp == 0 and header.frame_id != MAP else stamp

@@ -3,6 +3,7 @@
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +52,7 @@ class ExternalDriver:
 
     A command is refused and counted when it is not finite, out of range, for a tick that has not been, or too old:
     stamped before the present tick (lock-step), or longer than `command_silence` ago or before the last one (real
-    time). A stamp of zero means the present. Stamps are nanoseconds of simulated time.
+    time). Stamps are nanoseconds of simulated time; None means the present.
 
     :param period: of a tick [s].
     :param counts: where commands and safe stops are counted.
@@ -64,7 +65,7 @@ class ExternalDriver:
         self._counts = counts
         self._tick_time = round(period * 1e9)  # [ns]
         self._now = 0  # [ns] of the present tick
-        self._stamp = 0  # [ns] of the latest command, where it is simulated time
+        self._stamp = 0  # [ns] of the latest command
         self._commanded: int | None = None  # [ns] when the latest command came
         self._command = NO_ACTIONS
         self._idle_ticks: deque[int] = deque(maxlen=8)  # [ns], the last ticks without an episode
@@ -114,7 +115,7 @@ class ExternalDriver:
         self._stopping = True
         return Actions(np.array([[-braking, 0.0]])), self._safe_stop(state) if begins else NO_EVENTS
 
-    def accelerate(self, values: Sequence[float], stamp: int = 0) -> None:
+    def accelerate(self, values: Sequence[float], stamp: int | None = None) -> None:
         """Take a command (longitudinal, lateral) [m/s2].
 
         :raises InvalidInput: it is refused, see above.
@@ -122,40 +123,46 @@ class ExternalDriver:
         command = self._checked("vehicle", values, [-LARGEST_ACCELERATION] * 2, [LARGEST_ACCELERATION] * 2)
         self._take(command, values, stamp)
 
-    def control(self, values: Sequence[float], stamp: int = 0, tick: int = 0) -> None:
+    def control(self, values: Sequence[float], stamp: int | None = None, tick: int = 0) -> None:
         """Take a command (steer, throttle, brake); `tick`, where it is not 0, says what it answers, not the stamp.
 
         :raises InvalidInput: it is refused, see above.
         """
         command = self._checked("vehicle_control", values, [-1.0, 0.0, 0.0], [1.0, 1.0, 1.0])
-        answered = tick * self._tick_time
-        self._take(command, values, answered or stamp, early=answered > self._now)
+        self._take(command, values, tick * self._tick_time if tick else stamp)
 
     def _checked(self, name: str, values: Sequence[float], low: list[float], high: list[float]) -> Actions | None:
         row = np.array([values])
         inside = (row >= low) & (row <= high)
         return replace(NO_ACTIONS, **{name: row}) if inside.all() else None
 
-    def _take(self, command: Actions | None, values: Sequence[float], stamp: int, *, early: bool = False) -> None:
+    def _take(self, command: Actions | None, values: Sequence[float], stamp: int | None) -> None:
         if stamp in self._idle_ticks:
             return
+        stamp = self._now if stamp is None else stamp
         oldest = self._now
         if self.real_time:
             oldest = max(self._stamp, self._now - round(self.config.command_silence * 1e9))
-        if early:
-            self._refuse(values, "it answers a tick that has not been")
-        if 0 < stamp < oldest:
-            self._refuse(values, "it answers an earlier tick")
+        if stamp > self._now:
+            self.refuse(
+                values,
+                f"it answers a tick that has not been: {stamp} ns is ahead of simulated time, {self._now} ns",
+            )
+        if stamp < oldest:
+            self.refuse(values, "it answers an earlier tick")
         if command is None:
-            self._refuse(values, "out of range or not finite")
+            self.refuse(values, "out of range or not finite")
         else:
             self._counts["vehicle_commands"] += 1
             self._counts["vehicle_commands_surplus"] += self._fresh  # a second one at this tick
-            self._command, self._commanded = command, self._now
-            self._stamp = stamp if stamp <= self._now else 0  # a clock of its own says nothing of ticks
+            self._command, self._commanded, self._stamp = command, self._now, stamp
             self._fresh, self._given_up = True, False
 
-    def _refuse(self, values: Sequence[float], reason: str) -> None:
+    def refuse(self, values: Sequence[float], reason: str) -> NoReturn:
+        """Count a command that is not to be driven.
+
+        :raises InvalidInput: always, with the reason.
+        """
         self._counts["vehicle_commands_refused"] += 1
         raise InvalidInput(f"{list(values)} at tick {self._now // self._tick_time}: {reason}")
 
