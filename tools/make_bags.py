@@ -60,7 +60,7 @@ def record(sections: Sections, episode: int, bag: Path) -> None:
         nodes = resolved.get(GraphConfig, "graph").nodes
         for node in nodes:
             resolved = resolved.changed(node, {"peers": list(nodes)})  # ours: nobody watches
-        resolved = resolved.changed("recorder", {"bag": str(bag), "chunk_size": 1024})
+        resolved = resolved.changed("recorder", {"bag": str(bag)})
         parameters = Path(folder) / "params.yaml"
         parameters.write_text(yaml.safe_dump(as_ros_parameters(resolved.values)), encoding="utf-8")
         with NodeProcesses(nodes, parameters, Path(folder) / "log") as processes:

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
@@ -107,7 +107,7 @@ class McapFile:
                     yield from (_raw(*entry) for entry in chosen)
                     return
                 except _DAMAGE as error:
-                    self._report_damage(f"a chunk is damaged ({error or type(error).__name__})")
+                    self._report_damage(f"a chunk is damaged ({_reason(error)})")
                     return
         for schema, channel, message in self.messages():
             if start <= message.log_time <= stop and (topics is None or channel.topic in topics):
@@ -162,7 +162,7 @@ class McapFile:
         try:
             return breakup_chunk(record, validate_crc=True)
         except _DAMAGE as error:
-            self._report_damage(f"the chunk after message {read} is damaged ({error or type(error).__name__})")
+            self._report_damage(f"the chunk after message {read} is damaged ({_reason(error)})")
             return []
 
     def _records(self) -> Iterator[McapRecord]:
@@ -177,9 +177,7 @@ class McapFile:
                 except StopIteration:
                     return
                 except _DAMAGE as error:
-                    self._report_damage(
-                        f"it breaks off or is damaged before byte {file.tell()} ({error or 'the end of the file'})"
-                    )
+                    self._report_damage(f"it breaks off or is damaged before byte {file.tell()} ({_reason(error)})")
                     file.seek(begin)
                     head = file.read(_HEAD.size)
                     after = begin + len(head) + (_HEAD.unpack(head)[1] if len(head) == _HEAD.size else size)
@@ -269,6 +267,11 @@ class McapFile:
                 "complete the bag with `vpsci bag repair`, or read what is whole with --recover"
             )
         self.damage.append(text)
+
+
+def _reason(error: BaseException) -> str:
+    """Return what the parser says; some of its errors, such as the one for the end of a file, have no words."""
+    return "the end of the file" if isinstance(error, EndOfFile) else str(error) or type(error).__name__
 
 
 def _topic(channel: Channel, schema: Schema | None, count: int, first: int, last: int) -> TopicInfo:

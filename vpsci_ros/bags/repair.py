@@ -9,7 +9,7 @@ from mcap.writer import Writer
 from vpsci_ros import __version__
 from vpsci_ros.bags.mcap_file import McapFile
 from vpsci_ros.bags.reader import bag_files
-from vpsci_ros.bags.writer import RUN, TOTALS, BagFile, BagTopic, write_metadata
+from vpsci_ros.bags.writer import CHUNK_SIZE, RUN, TOTALS, BagFile, BagTopic, write_metadata
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import written_whole
 
@@ -86,7 +86,7 @@ def _rewrite(path: Path) -> None:
     """Write the whole messages of a file to a complete one, and put that in its place."""
     source = McapFile(path, strict=False)
     with written_whole(path) as part, part.open("wb") as stream:
-        writer = Writer(stream, chunk_size=256 * 1024, enable_data_crcs=True)
+        writer = Writer(stream, chunk_size=CHUNK_SIZE, enable_data_crcs=True)
         writer.start(profile="ros2", library=f"vpsci_ros {__version__}")
         schemas: dict[str, int] = {}
         channels: dict[str, int] = {}

@@ -27,6 +27,7 @@ TOTALS = (
     "written",
     "refused",
 )  # its keys about numbers of messages
+CHUNK_SIZE = 64 * 1024  # [bytes] before compression: a killed recorder or a damaged byte costs no more than that
 BAG_VERSION = 9  # of rosbag2's metadata.yaml, the one that ROS 2 Jazzy writes
 
 
@@ -88,7 +89,7 @@ class BagWriter:
     """
 
     def __init__(
-        self, folder: str | Path, topics: list[BagTopic], *, chunk_size: int = 256 * 1024, split_size: int = 0
+        self, folder: str | Path, topics: list[BagTopic], *, chunk_size: int = CHUNK_SIZE, split_size: int = 0
     ) -> None:
         self.folder = require_empty_folder(folder)
         self.topics = {topic.name: topic for topic in topics}

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from vpsci_ros.bags.writer import CHUNK_SIZE
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
 from vpsci_ros.parameters import build, parameter
@@ -56,7 +57,7 @@ class RecorderConfig:
 
     bag: str = parameter("out/bag", "folder of the bag; must not exist or be empty")
     chunk_size: int = parameter(
-        256, "messages are compressed and written in chunks of this size", unit="KiB", low=1, high=65536
+        CHUNK_SIZE // 1024, "messages are compressed and written in chunks of this size", unit="KiB", low=1, high=65536
     )
     split_size: int = parameter(
         2**30, "begin another file when one has this size; 0: one file, however large", unit="B", low=0, high=10**12
