@@ -242,3 +242,13 @@ def test_another_tools_bag_is_exported_from_its_odometry(foreign: Path, tmp_path
     files = sorted(path.name for path in (tmp_path / "out").rglob("odometry.*"))
     assert files
     assert not any(name.endswith(".csv") for name in files)
+
+
+def test_every_episode_that_info_lists_of_odometry_is_exported_the_first_one_too(foreign: Path, tmp_path: Path) -> None:
+    episodes = bag_info(foreign)["episodes"]
+    assert episodes[0]["name"] == "0:0"
+    result = run("export", foreign, "-o", tmp_path / "all", "--episodes", "0-9")
+    assert result.exit_code == 0, result.output
+    tables = [pl.read_parquet(path) for path in (tmp_path / "all").rglob("odometry.parquet")]
+    assert pl.concat(tables)["count"].unique().sort().to_list() == [episode["episode"] for episode in episodes]
+    assert run("export", foreign, "-o", tmp_path / "first", "--episodes", "0:0").exit_code == 0

@@ -64,7 +64,7 @@ class EpisodeFrames:
     def __init__(self, batch: int, frames: int = 256) -> None:
         self._values: Floats32 = np.full((batch, frames, len(QUANTITIES)), np.nan, np.float32)
         self._scenario = np.zeros(batch, np.uint8)
-        self._episode = np.zeros(batch, np.int64)
+        self._episode = np.full(batch, -1, np.int64)  # no episode has this number
         self._open = np.zeros(batch, bool)
         self._used = np.zeros(batch, np.int64)
         self.broken_off = 0
