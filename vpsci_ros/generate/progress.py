@@ -2,12 +2,12 @@
 
 import time
 
-from vpsci_ros.generate.plan import Plan
+from vpsci_ros.generate.plan import Plan, ScenarioPlan
 from vpsci_ros.runs.progress import LINE_EVERY, Bars
 
 
 class ProgressOfRun(Bars):
-    """A bar for each scenario; without a terminal a line for all now and then.
+    """A bar for each scenario; without a terminal a line for all, now and then and at the end.
 
     :param names: of the scenarios by number.
     """
@@ -24,19 +24,24 @@ class ProgressOfRun(Bars):
     def show(self, plan: Plan) -> None:
         """Bring the display up to date."""
         if self._before is None:  # what an earlier run had done does not count for this one's rate
-            self._before = {number: scenario.kept for number, scenario in plan.scenarios.items()}
+            self._before = {number: _counted(scenario) for number, scenario in plan.scenarios.items()}
         hours = max(1e-3, time.monotonic() - self._begun) / 3600.0
         kept = simulated = wanted = 0
         for number, scenario in plan.scenarios.items():
-            done = min(scenario.kept, scenario.target)
+            done = _counted(scenario)
             kept, simulated, wanted = kept + done, simulated + scenario.simulated, wanted + scenario.target
             rejected = scenario.simulated - scenario.kept
-            rate = (scenario.kept - self._before[number]) / hours
+            rate = (done - self._before[number]) / hours
             note = f"kept, {rejected:,} rejected, {scenario.acceptance:.0%} pass, {rate:,.0f}/h"
             self.bar(_short(self._names[number]), done, scenario.target, note)
         rate = (kept - sum(self._before.values())) / hours
         left = f", {(wanted - kept) / rate * 60.0:.1f} min left" if rate > 0 else ""
-        self.line(f"{kept:,} of {wanted:,} kept, {simulated:,} simulated, {rate:,.0f} kept/h{left}")
+        self.line(f"{kept:,} of {wanted:,} kept, {simulated:,} simulated, {rate:,.0f} kept/h{left}", now=plan.complete)
+
+
+def _counted(scenario: ScenarioPlan) -> int:
+    """Return how many kept episodes of a scenario count: a unit may keep more than are still wanted."""
+    return min(scenario.kept, scenario.target)
 
 
 def _short(name: str) -> str:
