@@ -129,9 +129,17 @@ def test_every_entry_point_of_the_installed_package_loads():
     assert all(callable(script.load()) for script in scripts)
 
 
+def installed(package: str) -> Path:
+    """Return where a package is installed: in an ament prefix, as colcon and ROS 2 set them, or with this Python."""
+    prefixes = [Path(each) for each in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if each]
+    found = [each for each in (*prefixes, Path(sys.prefix)) if (each / "share" / package / "package.xml").exists()]
+    assert found, f"{package} is in none of {[*map(str, prefixes), sys.prefix]}: run `make setup` or `colcon build`"
+    return found[0]
+
+
 def test_ament_index_finds_the_package_and_ros2_run_would_find_its_executables(monkeypatch):
     packages = pytest.importorskip("ament_index_python.packages")
-    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(installed("vpsci_ros")))
     prefix = Path(packages.get_package_prefix("vpsci_ros"))
     assert (prefix / "share/vpsci_ros/package.xml").read_text() == (ROOT / "package.xml").read_text()
     found = [path.name for path in (prefix / "lib/vpsci_ros").iterdir() if os.access(path, os.X_OK)]
@@ -139,16 +147,25 @@ def test_ament_index_finds_the_package_and_ros2_run_would_find_its_executables(m
 
 
 def test_an_executable_that_ros2_run_would_start_refuses_a_parameter_out_of_range():
-    command = [Path(sys.prefix) / "lib/vpsci_ros/safety_monitor", "--ros-args", "-p", "peer_timeout:=-1.0"]
+    command = [installed("vpsci_ros") / "lib/vpsci_ros/safety_monitor", "--ros-args", "-p", "peer_timeout:=-1.0"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert result.returncode == 2
     assert "peer_timeout = -1.0 is out of range" in result.stderr
 
 
 def test_installed_messages_are_those_of_the_source_tree():
-    share = Path(sys.prefix) / "share/vpsci_msgs/msg"
+    share = installed("vpsci_msgs") / "share/vpsci_msgs/msg"
     sources = {path.name: path.read_text() for path in (ROOT / "msg_defs/msg").glob("*.msg")}
-    assert {path.name: path.read_text() for path in share.glob("*.msg")} == sources, "run `make setup`"
+    assert {path.name: path.read_text() for path in share.glob("*.msg")} == sources, "build vpsci_msgs again"
+
+
+def test_an_ament_prefix_comes_before_this_pythons_own(monkeypatch, tmp_path):
+    (tmp_path / "share/vpsci_msgs").mkdir(parents=True)
+    (tmp_path / "share/vpsci_msgs/package.xml").touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere{os.pathsep}{tmp_path}")
+    assert installed("vpsci_msgs") == tmp_path
+    monkeypatch.delenv("AMENT_PREFIX_PATH")
+    assert installed("vpsci_msgs") == Path(sys.prefix)
 
 
 # ---- a wheel
