@@ -1,4 +1,5 @@
 import csv
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -120,3 +121,14 @@ def test_state_may_begin_anew_in_every_window(tmp_path, near_misses):
     config = replace(SHORT, imitation=ImitationConfig(rollouts=4, rollout_steps=4), held_out_fraction=0.0)
     weights = pretrain(near_misses, config, plain, seed=5, out_dir=tmp_path)
     assert not weights.network.carry_state
+
+
+def test_a_stop_before_the_first_iteration_leaves_nothing_that_a_later_run_would_go_on_from(tmp_path, near_misses):
+    @contextmanager
+    def stopped():
+        yield
+        raise Stopped
+
+    with pytest.raises(Stopped):
+        pretrain(near_misses, SHORT, SMALL, seed=1, out_dir=tmp_path, beginning=stopped)
+    assert list(tmp_path.iterdir()) == []

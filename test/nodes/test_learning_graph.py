@@ -4,10 +4,15 @@ from pathlib import Path
 from typing import Any
 
 import polars as pl
+import pytest
 from rosbags.highlevel import AnyReader
 
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.run_record import bag_run
+from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.data.synthetic import synthetic_near_misses
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.runs.sections import Sections
@@ -83,6 +88,23 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     assert versions >= {1, 2}, "the policies never took up refreshed weights"
     assert numbers == list(range(len(numbers))), "transitions are numbered without gaps"
     assert 0 < second.progress["learner.transitions"] <= len(numbers), "the learner ends a little behind the world"
+
+
+def test_the_bag_of_stage_one_holds_the_learners_parameters_and_says_why_there_is_nothing_to_verify(
+    domain: int, tmp_path: Path
+) -> None:
+    graph = {"nodes": ["learner", "recorder"]}
+    run = run_graph(
+        Sections({"graph": graph, "learner": SMALL_STAGE_1 | SMALL_NETWORK}), tmp_path / "stage1", quiet=True
+    )
+    assert run.error == ""
+    parameters = bag_run(Bag(run.bag)).parameters["learner"]
+    assert (parameters["stage"], parameters["imitation.rollouts"]) == ("pretrain", 4)
+    with pytest.raises(InvalidInput, match="of stage 1, in which a learner reads a table and nothing is simulated"):
+        verify_bag(run.bag)
+    said = (run.folder / "log" / "recorder.log").read_text()
+    assert "without the parameters" not in said
+    assert "waiting for" not in said.partition("found learner")[2]
 
 
 def test_a_loss_that_is_not_a_number_ends_the_graph_and_leaves_the_batch(domain: int, tmp_path: Path) -> None:

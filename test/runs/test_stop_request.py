@@ -8,6 +8,9 @@ import time
 
 import pytest
 
+from vpsci_ros.errors import Stopped
+from vpsci_ros.runs.stop_request import stop_requested_by_signals
+
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 BETWEEN_UPDATES = """
 from vpsci_ros.errors import Stopped
@@ -59,3 +62,21 @@ def test_signals_in_the_middle_of_the_handler_of_another_signal_stop_a_process_a
         finally:
             process.kill()
         assert process.returncode == 0
+
+
+def test_a_block_of_which_a_half_is_worth_nothing_is_left_in_its_middle() -> None:
+    begun = time.monotonic()
+    with stop_requested_by_signals() as stop:
+        with pytest.raises(Stopped), stop.at_once():
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(30.0)
+        os.kill(os.getpid(), signal.SIGTERM)  # outside of it, a flag alone
+        assert stop.is_set()
+    assert time.monotonic() - begun < 20.0
+
+
+def test_a_block_is_not_begun_where_a_stop_was_asked_for_before() -> None:
+    with stop_requested_by_signals() as stop:
+        stop.set()
+        with pytest.raises(Stopped), stop.at_once():
+            pytest.fail("it was begun")

@@ -104,6 +104,10 @@ class _Simulation:
     def __init__(self, bag: Bag, run: BagRun, weights: str) -> None:
         self._where = f"{bag.path} cannot be simulated again"
         world = run.parameters.get("world_simulator")
+        if world is None and "learner" in run.parameters:
+            raise InvalidInput(
+                f"{self._where}: it is of stage 1, in which a learner reads a table and nothing is simulated"
+            )
         if world is None:
             raise InvalidInput(
                 f"{self._where}: it does not hold the parameters of the nodes, so no recorder of vpsci_ros wrote it"

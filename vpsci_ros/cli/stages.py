@@ -20,9 +20,10 @@ from vpsci_ros.report.learning import save_learning
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.files import sha256, write_json
 from vpsci_ros.runs.folder import RunFolder
-from vpsci_ros.runs.progress import StageBar, stopped_between_updates
+from vpsci_ros.runs.progress import StageBar
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.stop_request import stop_requested_by_signals
 
 
 def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) -> None:
@@ -40,11 +41,19 @@ def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) ->
 
         def report(values: dict[str, float]) -> None:
             bar.show(values)
-            check()
+            stop.check()
 
         try:
-            with stopped_between_updates() as check:
-                weights = pretrain(corpus, config, network, seed=learner.seed, out_dir=folder, report=report)
+            with stop_requested_by_signals() as stop:
+                weights = pretrain(
+                    corpus,
+                    config,
+                    network,
+                    seed=learner.seed,
+                    out_dir=folder,
+                    report=report,
+                    beginning=stop.at_once,
+                )
             run.results |= weights.facts.get("held_out", {})
         finally:
             save_learning(folder)

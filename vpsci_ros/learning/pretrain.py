@@ -3,6 +3,7 @@
 import csv
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ def pretrain(
     seed: int,
     out_dir: str | Path,
     report: Callable[[Report], None] | None = None,
+    beginning: Callable[[], AbstractContextManager[None]] = nullcontext,
 ) -> Weights:
     """Train both agents on near misses and write `pretrained.safetensors` and `log.csv` to `out_dir`.
 
@@ -55,14 +57,18 @@ def pretrain(
     :param report: called after every iteration with `episode`, `episodes`, `seconds`, the losses and rewards of the
         iteration by name, and, where they were measured, the held-out errors [m] and, named `control_...`, those of
         the last velocity repeated.
+    :param beginning: what surrounds the reading and compiling before the first iteration, up to a minute of which
+        nothing is worth keeping: an exception may end it anywhere.
     :raises InvalidInput: too few near misses or clips.
     :raises DivergedError: a loss is not a number; `diverged.npz` in `out_dir` holds the batch.
     """
     out_dir = Path(out_dir)
     out_dir.mkdir(parents=True, exist_ok=True)
-    run = _Run(config, near_misses, seed, network)
-    if (out_dir / CHECKPOINT).exists():
-        run.restore(load_checkpoint(out_dir / CHECKPOINT), str(out_dir / CHECKPOINT))
+    with beginning():
+        run = _Run(config, near_misses, seed, network)
+        if (out_dir / CHECKPOINT).exists():
+            run.restore(load_checkpoint(out_dir / CHECKPOINT), str(out_dir / CHECKPOINT))
+        run.compile()
     started = time.monotonic()
     try:
         while run.episode < config.episodes:
@@ -122,6 +128,11 @@ class _Run:
         self._optimisers = [self._maddpg.critic_optimiser, self._maddpg.actor_optimiser, *self._objective.optimisers]
         self.episode, self.whole = 0, True
         self.log: list[dict[str, float]] = []
+
+    def compile(self) -> None:
+        """Have everything compiled that the held-out errors need, rather than between two iterations."""
+        if self.held_out is not None:
+            self.held_out.errors(self.weights())
 
     def iterate(self, out_dir: Path) -> tuple[dict[str, float], dict[str, float]]:
         """Run one training iteration; return losses and rewards by name."""

@@ -55,9 +55,13 @@ class GraphNode(Node):
         self._values = self._declare()
         peer_config = self.config(PeerConfig)
         self.peers = peer_config.peers or list(self.essential_peers)
-        self._peer_timeout = peer_config.peer_timeout
+        self.peer_timeout = peer_config.peer_timeout
+        self._all_found = False
         self.finished = False
         self.stop = StopRequest()
+        namespace = self.get_namespace().strip("/")
+        self.frame_prefix = f"{namespace}/" if namespace else ""
+        """Before the frames of this graph's vehicle and pedestrian; `map` is the same for all."""
         self.simulated_time = Time()
         """Of the latest message that came or went: the stamp of this node's diagnostics; nodes keep it up to date."""
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -78,7 +82,7 @@ class GraphNode(Node):
         """Return an output for a topic of the table."""
         row = TOPICS[topic]
         publisher = self.create_publisher(row.type, _resolved(topic), row.qos)
-        return Output(self, topic, publisher, listeners(topic, self.peers), self._peer_timeout)
+        return Output(self, topic, publisher, listeners(topic, self.peers), self.peer_timeout)
 
     def input(
         self, topic: str, callback: Callable[[Any], None], qos: QoSProfile | None = None, raw: bool = False
@@ -120,11 +124,19 @@ class GraphNode(Node):
 
     def _report_and_call(self) -> None:
         """Tell of oneself, and call for the peers that do not speak yet."""
-        absent = self.intake.absent(self.peers)
-        if absent:
-            self.get_logger().info(f"waiting for {', '.join(absent)}", throttle_duration_sec=5.0)
+        if not self._all_found:
+            self._look_for_peers(self.intake.presence(self.peers))
         self.intake.look()
         self.report()
+
+    def _look_for_peers(self, present: dict[str, bool]) -> None:
+        """Say who is missing, and once that nobody is; who ends later is not waited for."""
+        self._all_found = all(present.values())
+        if not self._all_found:
+            absent = [name for name, here in present.items() if not here]
+            self.get_logger().info(f"waiting for {', '.join(absent)}", throttle_duration_sec=5.0)
+        elif present:
+            self.get_logger().info(f"found {', '.join(present)}")
 
     def report(self, *, wait: bool = False) -> None:
         """Publish the diagnostics now; `wait` for the readers that are expected rather than drop them.
@@ -196,6 +208,7 @@ class Output:
         self._publisher = publisher
         self._timeout = timeout
         self._ready = False
+        self._waiting_since: float | None = None
         self.published = 0
 
     @property
@@ -208,6 +221,16 @@ class Output:
         """Whether, besides, every other reader is there that is known of."""
         known = self._node.count_subscribers(self._publisher.topic_name)
         return self._publisher.get_subscription_count() >= max(known, len(self.expected))
+
+    def found(self) -> bool:
+        """Return whether every expected reader is there, for a node that asks again and again rather than wait.
+
+        :raises VpsciError: they did not appear within `peer_timeout` of the first time.
+        """
+        self._waiting_since = self._waiting_since or time.monotonic()
+        if not self.matched and time.monotonic() - self._waiting_since > self._timeout:
+            raise self._nobody()
+        return self.matched
 
     @property
     def has_readers(self) -> bool:
@@ -241,16 +264,18 @@ class Output:
             if self.matched and now - begun > STRANGER_PATIENCE:
                 break
             if now - begun > self._timeout:
-                names = " and ".join(self.expected)
-                raise VpsciError(
-                    f"{self._node.get_name()}: waited {self._timeout:g} s for {names} to subscribe"
-                    f" to {self.topic}; start them, or name only running nodes in the parameter 'peers'"
-                )
+                raise self._nobody()
             if now - last_notice > 5.0:
                 self._node.get_logger().info(f"waiting for {' and '.join(self.expected)} on {self.topic}")
                 last_notice = now
             time.sleep(0.005)
         self._ready = True
+
+    def _nobody(self) -> VpsciError:
+        return VpsciError(
+            f"{self._node.get_name()}: waited {self._timeout:g} s for {' and '.join(self.expected)} to subscribe"
+            f" to {self._publisher.topic_name}; start them, or name only running nodes in the parameter 'peers'"
+        )
 
 
 def run(node_class: Callable[..., GraphNode], args: list[str] | None = None) -> int:

@@ -39,13 +39,17 @@ class Intake:
             )
             return None
 
-    def absent(self, peers: list[str]) -> list[str]:
-        """Return the nodes among `peers` that publish none of the topics that are theirs."""
+    def presence(self, peers: list[str]) -> dict[str, bool]:
+        """Return, for each other node among `peers` with topics that are listened to here, whether it publishes any."""
         said: dict[str, bool] = {}  # some of what a peer publishes depends on its parameters, so one topic is enough
         for topic, given in self._inputs.items():
-            for name in speakers(topic, peers) if topic != "/diagnostics" else ():
-                said[name] = said.get(name, False) or given.get_publisher_count() > 0
-        return [name for name, present in said.items() if not present]
+            shared = len(TOPICS[topic].publishers) > 1  # by several nodes, of which one says nothing of the others
+            names = self.publishers(topic) if shared else []
+            for name in speakers(topic, [peer for peer in peers if peer != self._node.get_name()]):
+                full = f"{self._node.get_namespace().rstrip('/')}/{name}"
+                present = full in names if shared else given.get_publisher_count() > 0
+                said[name] = said.get(name, False) or present
+        return said
 
     def look(self) -> None:
         """Name whoever speaks where another does already."""

@@ -14,7 +14,7 @@ from vpsci_ros.bags import layout
 from vpsci_ros.data.corpus import load_corpus
 from vpsci_ros.errors import Stopped
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
-from vpsci_ros.learning.pretrain import pretrain
+from vpsci_ros.learning.pretrain import CHECKPOINT, pretrain
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.refine_log import RefineLog
 from vpsci_ros.nodes.base import GraphNode, run
@@ -51,6 +51,8 @@ class Learner(GraphNode):
     # ---- stage 1
 
     def _pretrain(self) -> None:
+        if not all(output.found() for output in self.diagnostics):
+            return  # until then, a recorder is answered that asks for the parameters
         try:
             pretrain(
                 self._near_misses,
@@ -59,18 +61,21 @@ class Learner(GraphNode):
                 seed=self._config.seed,
                 out_dir=self._folder,
                 report=self._report_pretraining,
+                beginning=self.stop.at_once,
             )
         except Stopped:
-            self.get_logger().info(
-                f"stopped; `vpsci pretrain` with the same parameters and -o {self._folder} goes on from its checkpoint"
+            kept = (
+                f"`vpsci pretrain` with the same parameters and -o {self._folder} goes on from its checkpoint"
+                if (self._folder / CHECKPOINT).exists()
+                else "before the first iteration, so there is nothing to keep"
             )
+            self.get_logger().info(f"stopped; {kept}")
         self._report({}, last=True)
         self.finished = True
 
     def _report_pretraining(self, progress: dict[str, float]) -> None:
         self._report(progress)
-        if self.stop.is_set():
-            raise Stopped
+        self.stop.check()
 
     # ---- stage 2
 

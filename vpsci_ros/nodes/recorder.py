@@ -24,7 +24,6 @@ from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
 from vpsci_ros.world import load_scenarios
 
 DRAIN_QUIET = 0.3  # [s] without a message: nothing is on its way any more
-PARAMETERS_PATIENCE = 5.0  # [s] for the peers' parameters, before recording begins without them
 
 
 class Recorder(GraphNode):
@@ -66,7 +65,7 @@ class Recorder(GraphNode):
         self.diagnose(self._pairs)
 
     def _subscribe_when_known(self) -> None:
-        late = time.monotonic() - self._begun > PARAMETERS_PATIENCE
+        late = time.monotonic() - self._begun > 0.5 * self.peer_timeout  # the others wait for this one as long in all
         if self._waiting and (late or not self._peer_parameters.missing):
             if late:
                 missing = ", ".join(self._peer_parameters.missing)

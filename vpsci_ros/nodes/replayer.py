@@ -103,8 +103,8 @@ class Replayer(GraphNode):
         if readers != self._readers:
             self._readers, self._readers_since = readers, now
         if absent := self._absent():
-            if now - self._readers_since > self._peer_timeout:
-                raise VpsciError(f"replayer: waited {self._peer_timeout:g} s for {absent}; or leave it out of 'peers'")
+            if now - self._readers_since > self.peer_timeout:
+                raise VpsciError(f"replayer: waited {self.peer_timeout:g} s for {absent}; or leave it out of 'peers'")
         elif readers and now - self._readers_since > SETTLED:
             self._begun = True
             self._restart_pace()

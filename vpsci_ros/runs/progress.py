@@ -9,7 +9,6 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from vpsci_ros.errors import Stopped
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
 
 LINE_EVERY = 10.0  # [s] between lines where there is no terminal
@@ -97,9 +96,4 @@ def stopped_between_updates() -> Iterator[Callable[[], None]]:
     A run that is torn out of an update could not go on to the same result.
     """
     with stop_requested_by_signals() as request:
-
-        def check() -> None:
-            if request.is_set():
-                raise Stopped
-
-        yield check
+        yield request.check

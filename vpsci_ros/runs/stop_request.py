@@ -9,20 +9,50 @@ import contextlib
 import signal
 from collections.abc import Iterator
 
+from vpsci_ros.errors import Stopped
+
 
 class StopRequest:
     """Whether somebody has asked to stop; once made, a request stands."""
 
     def __init__(self) -> None:
         self._made = False
+        self._at_once = False
 
     def set(self, *_: object) -> None:
-        """Make the request; safe at any instruction, however often, and so fit to handle a signal."""
+        """Make the request; safe at any instruction, however often, and so fit to handle a signal.
+
+        :raises Stopped: in a block of `at_once`, the first time.
+        """
         self._made = True
+        if self._at_once:
+            self._at_once = False
+            raise Stopped
 
     def is_set(self) -> bool:
         """Return whether it was made."""
         return self._made
+
+    def check(self) -> None:
+        """Stop here if asked to.
+
+        :raises Stopped: it was.
+        """
+        if self._made:
+            raise Stopped
+
+    @contextlib.contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Have a request stop the block wherever it is: for minutes of work of which a half is worth nothing.
+
+        :raises Stopped: one was made before or comes now.
+        """
+        self.check()
+        self._at_once = True
+        try:
+            yield
+        finally:
+            self._at_once = False
 
 
 @contextlib.contextmanager
