@@ -1,22 +1,23 @@
-"""Stage 3, the policies generate interactions: ros2 launch vpsci_ros stage3_generate.launch.py output:=DIR."""
+"""Stage 3, the policies generate interactions: ros2 launch vpsci_ros stage3_generate.launch.py.
+
+Its arguments are those of graph.launch.py; `--show-args` lists them.
+"""
 
 from pathlib import Path
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import LaunchConfiguration
-
-from vpsci_ros.resources import params_dir
 
 GRAPH = PythonLaunchDescriptionSource(str(Path(__file__).with_name("graph.launch.py")))
 
 
 def generate_launch_description() -> LaunchDescription:
-    arguments = {"params": str(params_dir() / "stage3_generate.yaml"), "output": LaunchConfiguration("output")}
     return LaunchDescription(
         [
-            DeclareLaunchArgument("output", description="output folder, new or empty"),
-            IncludeLaunchDescription(GRAPH, launch_arguments=arguments.items()),
+            DeclareLaunchArgument(
+                "params", default_value="stage3_generate", description="parameter file of this stage"
+            ),
+            IncludeLaunchDescription(GRAPH),
         ]
     )

@@ -230,7 +230,7 @@ def test_every_launch_file_of_a_stage_has_its_parameter_file():
     stages = sorted(path.name.removesuffix(".launch.py") for path in (ROOT / "launch").glob("stage*.launch.py"))
     assert stages == sorted(path.stem for path in (ROOT / "params").glob("stage*.yaml"))
     for stage in stages:
-        assert f'"{stage}.yaml"' in (ROOT / f"launch/{stage}.launch.py").read_text()
+        assert f'"{stage}"' in (ROOT / f"launch/{stage}.launch.py").read_text()
 
 
 # ---- set-up

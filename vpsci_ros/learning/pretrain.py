@@ -57,8 +57,8 @@ def pretrain(
     :param report: called after every iteration with `episode`, `episodes`, `seconds`, the losses and rewards of the
         iteration by name, and, where they were measured, the held-out errors [m] and, named `control_...`, those of
         the last velocity repeated.
-    :param beginning: what surrounds the reading and compiling before the first iteration, up to a minute of which
-        nothing is worth keeping: an exception may end it anywhere.
+    :param beginning: what surrounds reading the near misses, and then compiling, before the first iteration: up to a
+        minute of which nothing is worth keeping, so an exception may end it anywhere.
     :raises InvalidInput: too few near misses or clips.
     :raises DivergedError: a loss is not a number; `diverged.npz` in `out_dir` holds the batch.
     """
@@ -68,6 +68,7 @@ def pretrain(
         run = _Run(config, near_misses, seed, network)
         if (out_dir / CHECKPOINT).exists():
             run.restore(load_checkpoint(out_dir / CHECKPOINT), str(out_dir / CHECKPOINT))
+    with beginning():
         run.compile()
     started = time.monotonic()
     try:

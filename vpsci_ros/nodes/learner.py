@@ -2,6 +2,8 @@
 
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -40,6 +42,7 @@ class Learner(GraphNode):
         self._status: dict[str, Any] = {}
         self.diagnose(self._status.items, lambda: self._config.stage)
         self._reported = 0.0
+        self._preparations = 0  # of stage 1, before its first iteration
         self._last_receipt = time.monotonic()
         self._refiner: Refiner | None = None
         self._whole, self._announced = True, False
@@ -61,7 +64,7 @@ class Learner(GraphNode):
                 seed=self._config.seed,
                 out_dir=self._folder,
                 report=self._report_pretraining,
-                beginning=self.stop.at_once,
+                beginning=self._beginning,
             )
         except Stopped:
             kept = (
@@ -72,6 +75,14 @@ class Learner(GraphNode):
             self.get_logger().info(f"stopped; {kept}")
         self._report({}, last=True)
         self.finished = True
+
+    @contextmanager
+    def _beginning(self) -> Iterator[None]:
+        """Report that something goes on, and let a request to stop end it wherever it is."""
+        self._preparations += 1
+        self._report({"preparations": self._preparations}, last=True)
+        with self.stop.at_once():
+            yield
 
     def _report_pretraining(self, progress: dict[str, float]) -> None:
         self._report(progress)
