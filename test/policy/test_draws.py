@@ -58,7 +58,9 @@ def trajectories(
 
 def innovations(scenario: int, episodes: NDArray[np.int64], frame: int, agent: int) -> NDArray[np.float32]:
     seed, scenarios, frames = (np.full(len(episodes), value) for value in (1, scenario, frame))
-    return draw_innovation(seed, scenarios, episodes, frames, agent, np.ones(len(episodes), bool))
+    return draw_innovation(
+        seed, scenarios, episodes, np.zeros_like(frames), frames, agent, np.ones(len(episodes), bool)
+    )
 
 
 def test_innovations_are_the_normals_of_their_stream_and_0_where_nobody_acts() -> None:
@@ -66,7 +68,7 @@ def test_innovations_are_the_normals_of_their_stream_and_0_where_nobody_acts() -
     stream = STREAM_INNOVATION[1] + (7 << 8)
     assert np.array_equal(innovations(3, episodes, 7, 1), normals(1, 3, episodes, stream, 2).astype(np.float32))
     ones, nobody = np.ones(2, np.int64), np.zeros(2, bool)
-    assert not draw_innovation(ones, ones, ones, ones, 0, nobody).any()
+    assert not draw_innovation(ones, ones, ones, ones, ones, 0, nobody).any()
 
 
 def test_numbers_are_standard_normal_and_of_each_agent_and_frame_their_own() -> None:

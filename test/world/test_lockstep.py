@@ -229,5 +229,5 @@ def test_an_external_vehicles_command_stands_in_for_a_policys_action() -> None:
     _, actions, _ = session.lock_step.answers()
     assert actions.vehicle is None
     assert actions.vehicle_control is not None
-    assert actions.vehicle_control.tolist() == [[0.5, 0.0, 1.0]]
+    assert actions.vehicle_control.tolist() == [[0.5, 0.0, 1.0]] * 2  # in both rows of the episode
     assert actions.pedestrian is not None

@@ -7,7 +7,7 @@ episodes from the events in it, or from the world's states or odometry themselve
 import itertools
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,10 +32,10 @@ class BagEpisode:
     """One episode of a bag.
 
     :ivar scenario, episode: its number, and that within the scenario.
-    :ivar slot: its index in the arrays of the messages.
+    :ivar slot: its index in the arrays of the messages, of several pedestrians the first one's.
     :ivar start_tick, end_tick, start_time, end_time: first and last tick, and their times in the bag [ns].
     :ivar outcome: "collision", "goal" or "timeout"; "none" where the bag does not tell.
-    :ivar least_curvttc: [s].
+    :ivar least_curvttc: [s], of several pedestrians the least one.
     :ivar first_file, file: where it begins and where it ends; empty where no record says so.
     """
 
@@ -92,7 +92,7 @@ class EpisodeLog:
     """Makes episodes of events, message by message."""
 
     def __init__(self) -> None:
-        self._open: dict[int, tuple[int, int, int, int, str]] = {}
+        self._open: dict[int, tuple[tuple[int, int], int, int, str]] = {}  # by the slot of its first pedestrian
 
     @property
     def unfinished(self) -> int:
@@ -102,17 +102,24 @@ class EpisodeLog:
     def add(self, tick: int, time: int, events: Iterable[EventRow], file: str = "") -> list[BagEpisode]:
         """Take the events of one message, at `tick` and `time` [ns], and return the episodes that ended with it.
 
-        An episode whose beginning was not seen is left out.
+        An episode whose beginning was not seen is left out. The pedestrians of an episode begin and end together, one
+        after the other in the message.
         """
-        ended = []
+        ended: list[BagEpisode] = []
+        begins = None  # the episode whose beginning was told of last
         for event in events:
-            if event.kind == STARTED:
-                self._open[event.slot] = (event.scenario, event.episode, tick, time, file)
-            elif event.kind == FINISHED and (begun := self._open.pop(event.slot, None)) is not None:
-                scenario, episode, start_tick, start_time, first_file = begun
+            key = event.scenario, event.episode
+            if event.kind == STARTED and key != begins:
+                begins = key
+                self._open[event.slot] = key, tick, time, file
+            elif event.kind == FINISHED and event.slot in self._open:
+                begun, start_tick, start_time, first_file = self._open.pop(event.slot)
                 ends = (start_tick, tick, start_time, time)
                 what = OUTCOME_NAMES[event.outcome], float(event.least_curvttc)
-                ended.append(BagEpisode(scenario, episode, event.slot, *ends, *what, first_file, file))
+                ended.append(BagEpisode(*begun, event.slot, *ends, *what, first_file, file))
+            elif event.kind == FINISHED and ended and ended[-1].key == key:
+                least = min(ended[-1].least_curvttc, float(event.least_curvttc))
+                ended[-1] = replace(ended[-1], least_curvttc=least)
         return ended
 
 
@@ -149,17 +156,26 @@ def _from_ticks(bag: Bag, recover: bool) -> Iterator[BagEpisode]:
     for tick in read_bag(bag.path, recover=recover):
         if len(least) == 0:
             least = np.full(len(tick.state), math.inf)
-        for slot in np.flatnonzero(tick.state["status"] != IDLE).tolist():
+        for slot in np.flatnonzero((tick.state["status"] != IDLE) & (tick.state["pedestrian"] == 0)).tolist():
             record = tick.state[slot]
+            rows = slice(slot, slot + _rows(tick.state, slot))
             key = int(record["scenario"]), int(record["episode"])
             if slot not in begun or begun[slot][0] != key:
                 begun[slot] = key, tick.number, tick.time
                 least[slot] = math.inf
-            least[slot] = min(least[slot], np.nan_to_num(tick.curvttc[slot], nan=math.inf, posinf=math.inf))
+            curvttc = np.nan_to_num(tick.curvttc[rows], nan=math.inf, posinf=math.inf)
+            least[slot] = min(least[slot], curvttc.min())
             if record["status"] == ENDED:
                 _, start_tick, start_time = begun.pop(slot)
                 ends = start_tick, tick.number, start_time, tick.time
                 yield BagEpisode(*key, slot, *ends, OUTCOME_NAMES[record["outcome"]], float(least[slot]))
+
+
+def _rows(state: NDArray[np.void], first: int) -> int:
+    """Return how many rows of EPISODE[B] the episode has whose first one is given."""
+    following = state["pedestrian"][first + 1 :]
+    others = np.flatnonzero(following == 0)
+    return 1 + (int(others[0]) if len(others) else len(following))
 
 
 def chosen_episode(episodes: list[BagEpisode], text: str) -> BagEpisode:
@@ -218,7 +234,7 @@ def _some(episodes: list[BagEpisode]) -> str:
 
 
 def episode_ticks(path: str | Path, episode: BagEpisode, *, recover: bool = False) -> Iterator[RecordedTick]:
-    """Yield the ticks of one episode, arrays cut to its slot (B = 1); of a whole bag little else is read.
+    """Yield the ticks of one episode, arrays cut to its slots, B pedestrians; of a whole bag little else is read.
 
     :raises InvalidInput: see `vpsci_ros.bags.ticks.read_bag`.
     """

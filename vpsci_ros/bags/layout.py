@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.resources import messages_dir
-from vpsci_ros.world.state import EPISODE, EVENT
+from vpsci_ros.world.state import EPISODE, EVENT, IDLE
 from vpsci_ros.world.tick import Assessment, Tick
 
 Array = NDArray[Any]
@@ -32,6 +32,7 @@ TYPES = {
     "/pedestrian/action": "vpsci_msgs/msg/AgentAction",
     "/vehicle/odometry": "nav_msgs/msg/Odometry",
     "/pedestrian/odometry": "nav_msgs/msg/Odometry",
+    "/pedestrians/odometry": "nav_msgs/msg/Odometry",
 }
 """What has no need of ROS to be written; all topics stand in `vpsci_ros.nodes.topics`."""
 
@@ -151,12 +152,25 @@ def checked(field: array[Any] | Array, length: int, where: str, name: str) -> Ar
 def world_state(message: Any, where: str = WORLD) -> Tick:
     """Return the tick that a WorldState tells of; fields of EPISODE that it lacks are 0.
 
+    Pedestrians are numbered by the rows of their episode: rows in a row of one episode have one vehicle.
+
     :raises InvalidInput: the arrays differ in length, or one that is needed is missing; `where` opens the message.
     """
     state = _records(message, _STATE, np.zeros(len(message.scenario), EPISODE), where, _NEEDED)
     flags = getattr(message, "policy_frame", None)
     frame = np.zeros(len(state), bool) if flags is None else checked(flags, len(state), where, "policy_frame") != 0
+    state["pedestrian"] = _numbers(state)
     return Tick(number=int(message.tick), state=state, policy_frame=frame)
+
+
+def _numbers(state: Array) -> Array:
+    """Return the number of each pedestrian within its episode, int64[B], of EPISODE[B] records."""
+    rows = np.arange(len(state))
+    another = np.ones(len(state), np.bool_)
+    another[1:] = state["status"][1:] == IDLE
+    for name in ("episode", "scenario", "vehicle_x", "vehicle_y"):
+        another[1:] |= state[name][1:] != state[name][:-1]
+    return rows - np.maximum.accumulate(np.where(another, rows, 0))
 
 
 def safety_state(message: Any, batch: int, where: str = SAFETY) -> tuple[Array, Array, Array]:

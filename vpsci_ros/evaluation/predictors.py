@@ -113,7 +113,7 @@ class PolicyPredictor:
             return None
         rows = np.arange(len(self._begun))
         seed, scenario, frame = (np.full(len(rows), value) for value in (self._seed, 0, self._steps))
-        innovation = draw_innovation(seed, scenario, rows, frame, agent, np.ones(len(rows), bool))
+        innovation = draw_innovation(seed, scenario, rows, np.zeros_like(rows), frame, agent, np.ones(len(rows), bool))
         return Draws(self._latents[agent], innovation, self._temperature)
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:

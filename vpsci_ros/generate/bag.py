@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vpsci_ros.bags import layout
 from vpsci_ros.bags.decoder import describe, known_types
@@ -55,7 +56,9 @@ def write_ticks(
     nodes: Iterable[Mapping[str, str]] = (),
     scenarios: Iterable[Scenario] = (),
 ) -> int:
-    """Write the ticks of one slot as a bag and return their number; `custom_data` goes into its metadata.
+    """Write the ticks of one episode after another as a bag and return their number.
+
+    :param custom_data: goes into its metadata.
 
     :param nodes: records of `vpsci_ros.bags.run_record.node_record`, from which `vpsci bag verify` makes the bag again.
     :param scenarios: of the episodes.
@@ -76,19 +79,20 @@ def write_ticks(
         time = tick.number * round(config.tick * 1e9)
         for topic, data in messages.of(step, config, time):
             writer.write(topic, data, time, time)
-        for ended in log.add(tick.number, time, _events(tick.state[0]), writer.path.name):
+        for ended in log.add(tick.number, time, _events(tick.state), writer.path.name):
             writer.add_metadata(RECORD, ended.to_record())
         count += 1
     writer.close(custom_data)
     return count
 
 
-def _events(record: np.void) -> Iterator[EventRow]:
-    """Yield the beginning or the end of an episode that the state of a slot shows."""
-    for kind, here in ((STARTED, record["frame"] == 0), (FINISHED, record["status"] == ENDED)):
-        if here and record["status"] != IDLE:
-            scenario, episode, outcome = (int(record[name]) for name in ("scenario", "episode", "outcome"))
-            yield EventRow(kind, 0, scenario, episode, outcome, float(record["least_curvttc"]))
+def _events(state: NDArray[np.void]) -> Iterator[EventRow]:
+    """Yield the beginnings or the ends that the state of one episode shows, one a pedestrian."""
+    for slot, record in enumerate(state):
+        for kind, here in ((STARTED, record["frame"] == 0), (FINISHED, record["status"] == ENDED)):
+            if here and record["status"] != IDLE:
+                scenario, episode, outcome = (int(record[name]) for name in ("scenario", "episode", "outcome"))
+                yield EventRow(kind, slot, scenario, episode, outcome, float(record["least_curvttc"]))
 
 
 class _Messages:
@@ -98,7 +102,7 @@ class _Messages:
         self._store = known_types()
 
     def of(self, step: Step, config: WorldConfig, time: int) -> Iterable[tuple[str, bytes]]:
-        """Yield (topic, message) of one tick of one slot; `time` in nanoseconds."""
+        """Yield (topic, message) of one tick of one episode; `time` in nanoseconds."""
         tick, assessed = step.tick, step.assessment
         stamp = self._make("builtin_interfaces/msg/Time", sec=time // 10**9, nanosec=time % 10**9)
         header = {"header": self._make("std_msgs/msg/Header", stamp=stamp, frame_id=layout.MAP)}
@@ -116,8 +120,13 @@ class _Messages:
             for agent in AGENTS:
                 motion = layout.motion_of(tick.state[0], agent)
                 yield self._serialise(f"/{agent}/odometry", header | self._odometry(agent, motion))
+        for record in tick.state if config.pedestrians > 1 else ():
+            if record["status"]:
+                name = f"pedestrian_{record['pedestrian']}"
+                motion = layout.motion_of(record, "pedestrian")
+                yield self._serialise("/pedestrians/odometry", header | self._odometry(name, motion))
 
-    def _odometry(self, agent: str, motion: layout.PlanarMotion) -> dict[str, Any]:
+    def _odometry(self, frame: str, motion: layout.PlanarMotion) -> dict[str, Any]:
         make = self._make
         z, w = motion.quaternion
         at = make("geometry_msgs/msg/Point", x=motion.x, y=motion.y, z=0.0)
@@ -128,7 +137,7 @@ class _Messages:
         twist = make("geometry_msgs/msg/Twist", linear=along, angular=turning)
         unknown = np.zeros(36)
         return {
-            "child_frame_id": f"{agent}/base_link",
+            "child_frame_id": f"{frame}/base_link",
             "pose": make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=unknown),
             "twist": make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=unknown),
         }

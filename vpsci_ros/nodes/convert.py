@@ -88,8 +88,13 @@ def odometry_messages(record: np.void, header: Header) -> tuple[Odometry, Odomet
     return vehicle, pedestrian
 
 
-def _odometry(motion: layout.PlanarMotion, agent: str, header: Header) -> Odometry:
-    message = Odometry(header=header, child_frame_id=f"{agent}/base_link")
+def pedestrian_odometry(record: np.void, header: Header) -> Odometry:
+    """Return one of several pedestrians, an EPISODE record, as odometry in a frame with its number."""
+    return _odometry(layout.motion_of(record, "pedestrian"), f"pedestrian_{record['pedestrian']}", header)
+
+
+def _odometry(motion: layout.PlanarMotion, frame: str, header: Header) -> Odometry:
+    message = Odometry(header=header, child_frame_id=f"{frame}/base_link")
     message.pose.pose.position = Point(x=motion.x, y=motion.y)
     message.pose.pose.orientation = yaw_quaternion(motion.yaw)
     message.twist.twist.linear.x = motion.speed

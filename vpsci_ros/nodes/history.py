@@ -21,7 +21,7 @@ from vpsci_ros.world.tick import Assessment, Tick
 
 
 class _Frame(NamedTuple):
-    """A policy frame of those who acted at it."""
+    """A policy frame of the episodes in which somebody acted at it."""
 
     tick: int  # its number
     slots: NDArray[np.int64]  # [n]
@@ -31,17 +31,19 @@ class _Frame(NamedTuple):
 
 
 class FrameHistory:
-    """The acting slots of the last policy frames, for as long as an episode can last."""
+    """The last policy frames of the episodes that were acted in, for as long as an episode can last."""
 
     def __init__(self, config: WorldConfig, batch: int) -> None:
-        self._batch = batch
+        self._most = config.pedestrians
+        self._rows = batch * self._most
         self._period = config.tick
         longest = math.ceil(config.episode_time / config.tick) // config.policy_ticks + 2
         self._frames: deque[_Frame] = deque(maxlen=longest)
 
     def note(self, tick: Tick, assessment: Assessment) -> None:
-        """Keep the slots in which the policies act at this tick."""
-        slots = np.flatnonzero(assessment.acting)
+        """Keep the episodes in which the policies act at this tick, with all of their pedestrians."""
+        acts = assessment.acting.reshape(-1, self._most).any(axis=1)
+        slots = np.flatnonzero(np.repeat(acts, self._most))
         if len(slots) and assessment.answered:
             self._frames.append(
                 _Frame(
@@ -72,12 +74,12 @@ class FrameHistory:
 
     def _messages(self, frame: _Frame, same: NDArray[np.bool_]) -> tuple[WorldState, SafetyState]:
         slots = frame.slots[same]
-        state = np.zeros(self._batch, EPISODE)
-        curvttc, critical = np.full(self._batch, np.inf), np.zeros(self._batch, bool)
-        policy_frame = np.zeros(self._batch, bool)
+        state = np.zeros(self._rows, EPISODE)
+        curvttc, critical = np.full(self._rows, np.inf), np.zeros(self._rows, bool)
+        policy_frame = np.zeros(self._rows, bool)
         state[slots], curvttc[slots], critical[slots] = frame.state[same], frame.curvttc[same], frame.critical[same]
-        policy_frame[slots] = True
+        policy_frame[slots] = frame.state[same]["status"] == RUNNING
         message = convert.world_state_message(state, policy_frame, frame.tick, self._period)
         header = Header(stamp=message.header.stamp, frame_id=MAP)
-        distance = np.zeros(self._batch)  # no policy looks at it
+        distance = np.zeros(self._rows)  # no policy looks at it
         return message, convert.safety_message(header, frame.tick, curvttc, distance, critical)

@@ -1,4 +1,4 @@
-"""The world as RViz and Foxglove draw it: lane and crosswalk, the vehicle's box, the pedestrian's cylinder."""
+"""The world as RViz and Foxglove draw it: lane and crosswalk, the vehicle's box, the pedestrians' cylinders."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -19,8 +19,9 @@ _GREY, _WHITE = ColorRGBA(r=0.6, g=0.6, b=0.6, a=1.0), ColorRGBA(r=0.95, g=0.95,
 _BLUE, _RED = ColorRGBA(r=0.2, g=0.5, b=0.8, a=1.0), ColorRGBA(r=0.85, g=0.2, b=0.15, a=1.0)
 
 
-def scene_markers(record: np.void, scenarios: Mapping[int, Scenario], header: Header) -> MarkerArray:
-    """Return one EPISODE record and the ground under it as markers; an idle record clears the scene."""
+def scene_markers(state: NDArray[np.void], scenarios: Mapping[int, Scenario], header: Header) -> MarkerArray:
+    """Return the EPISODE[B] records of one episode and the ground under it as markers; without one, a clear scene."""
+    record = state[0]
     if record["status"] == IDLE:
         return MarkerArray(markers=[Marker(header=header, action=Marker.DELETEALL)])
     scenario = scenarios[int(record["scenario"])]
@@ -28,12 +29,20 @@ def scene_markers(record: np.void, scenarios: Mapping[int, Scenario], header: He
     crossing = _line(header, 1, [*scenario.crosswalk, *scenario.crosswalk[:1]], 0.15, _WHITE)
     vehicle = _solid(header, 2, Marker.CUBE, (VEHICLE_LENGTH, VEHICLE_WIDTH, VEHICLE_HEIGHT), _BLUE)
     _place(vehicle, record["vehicle_x"], record["vehicle_y"], record["vehicle_heading"])
-    size = (2 * PEDESTRIAN_RADIUS, 2 * PEDESTRIAN_RADIUS, PEDESTRIAN_HEIGHT)
-    pedestrian = _solid(header, 3, Marker.CYLINDER, size, _RED)
-    _place(pedestrian, record["pedestrian_x"], record["pedestrian_y"], 0.0)
+    people = [_pedestrian(header, 3 + n, row) for n, row in enumerate(state)]
     most = max(len(each.parked) for each in scenarios.values())
-    parked = [_parked(header, 4 + k, *scenario.parked[k : k + 1]) for k in range(most)]
-    return MarkerArray(markers=[lane, crossing, vehicle, pedestrian, *parked])
+    parked = [_parked(header, 3 + len(people) + k, *scenario.parked[k : k + 1]) for k in range(most)]
+    return MarkerArray(markers=[lane, crossing, vehicle, *people, *parked])
+
+
+def _pedestrian(header: Header, number: int, record: np.void) -> Marker:
+    """Return a pedestrian's cylinder, or, where an episode has fewer of them, what takes the last episode's away."""
+    size = (2 * PEDESTRIAN_RADIUS, 2 * PEDESTRIAN_RADIUS, PEDESTRIAN_HEIGHT)
+    pedestrian = _solid(header, number, Marker.CYLINDER, size, _RED)
+    if record["status"] == IDLE:
+        pedestrian.action = Marker.DELETE
+    _place(pedestrian, record["pedestrian_x"], record["pedestrian_y"], 0.0)
+    return pedestrian
 
 
 def _parked(header: Header, number: int, box: NDArray[np.float64] | None = None) -> Marker:

@@ -58,6 +58,7 @@ TOPICS = {
         Topic("/vehicle/cmd_control", VehicleControl, (), ("world_simulator", "recorder"), LOCK_STEP),
         Topic("/vehicle/odometry", Odometry, ("world_simulator",), ("recorder",), LOCK_STEP),
         Topic("/pedestrian/odometry", Odometry, ("world_simulator",), ("recorder",), LOCK_STEP),
+        Topic("/pedestrians/odometry", Odometry, ("world_simulator",), ("recorder",), LOCK_STEP),
         Topic("/episode/event", EpisodeEvent, ("world_simulator",), ("recorder", "graph_watch"), LOCK_STEP),
         Topic("/replay", Transition, ("world_simulator",), ("learner", "recorder"), LOCK_STEP),
         Topic("/replay/consumed", UInt64, ("learner",), ("world_simulator",), LATCHED),

@@ -10,7 +10,7 @@ from vpsci_msgs.msg import WorldState
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.markers import scene_markers
-from vpsci_ros.world import IDLE, Scenario
+from vpsci_ros.world import IDLE, Scenario, WorldConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Tick
 
@@ -18,23 +18,28 @@ from vpsci_ros.world.tick import Tick
 class WorldOutputs:
     """`/clock`, `/world/state`, `/episode/event`, `/replay`, and with one episode at a time odometry and markers.
 
-    :param period: of a tick [s].
+    `/pedestrian/odometry` is that of the first pedestrian, `/pedestrians/odometry` of each, where there may be several.
+
+    :param config: of the world: its tick, and how many pedestrians an episode may have.
     :param transitions: offer `/replay`.
     """
 
     def __init__(
-        self, node: GraphNode, period: float, batch: int, scenarios: Mapping[int, Scenario], *, transitions: bool
+        self, node: GraphNode, config: WorldConfig, batch: int, scenarios: Mapping[int, Scenario], *, transitions: bool
     ) -> None:
         self._node = node
-        self._period = period
+        self._period = config.tick
         self._scenarios = scenarios
         self._time = node.output("/clock")
         self._state = node.output("/world/state")
         self._event = node.output("/episode/event")
         self._replay = [node.output("/replay")] if transitions else []
         self._odometry = [node.output(f"/{agent}/odometry") for agent in AGENTS] if batch == 1 else []
+        several = batch == 1 and config.pedestrians > 1
+        self._pedestrians = [node.output("/pedestrians/odometry")] if several else []
         self._markers = [node.output("/markers")] if batch == 1 else []
-        self.all = [self._time, self._state, self._event, *self._odometry, *self._replay, *self._markers]
+        self.all = [self._time, self._state, self._event, *self._odometry, *self._pedestrians]
+        self.all += [*self._replay, *self._markers]
         self._message = WorldState()  # filled anew for every tick
 
     def absent(self) -> set[str]:
@@ -62,9 +67,12 @@ class WorldOutputs:
             pair = convert.odometry_messages(record, message.header)
             for output, odometry in zip(self._odometry, pair, strict=True):
                 output.publish(odometry)
+        for output in self._pedestrians:
+            for pedestrian in tick.state[tick.state["status"] != IDLE] if output.has_readers else ():
+                output.publish(convert.pedestrian_odometry(pedestrian, message.header))
         for output in self._markers:
             if output.has_readers:
-                output.publish(scene_markers(record, self._scenarios, message.header))
+                output.publish(scene_markers(tick.state, self._scenarios, message.header))
 
     def events(self, events: NDArray[np.void], number: int) -> None:
         """Publish what happened up to the tick of this number, EVENT[n], n > 0."""

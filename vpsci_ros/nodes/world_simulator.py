@@ -67,6 +67,11 @@ class WorldSimulator(GraphNode):
                     f"an external vehicle driver drives one episode at a time; got batch = {self._run.batch}"
                 )
             external = ExternalDriver(self.config(ExternalConfig), self._config.tick, self._counts)
+        if config.publish_transitions and self._config.pedestrians > 1:
+            raise InvalidInput(
+                "publish_transitions: the learner learns from one pedestrian an episode; got pedestrians = "
+                f"{self._config.pedestrians}"
+            )
         self._lock_step = LockStep(config, self._config, self._counts, external)
         self._builder = TransitionBuilder(scenarios) if config.publish_transitions else None
         self._history = FrameHistory(self._config, self._run.batch)
@@ -75,7 +80,7 @@ class WorldSimulator(GraphNode):
         self._reported_tick = 0
         self._consumed = 0
         self._outputs = WorldOutputs(
-            self, self._config.tick, self._run.batch, self._scenarios, transitions=config.publish_transitions
+            self, self._config, self._run.batch, self._scenarios, transitions=config.publish_transitions
         )
         self._respondents = Respondents(self, self._lock_step, self._go_on)
         if self._builder:
@@ -235,7 +240,8 @@ class WorldSimulator(GraphNode):
             self._outputs.tick(tick)
 
     def _count(self, events: NDArray[np.void]) -> None:
-        for outcome in events["outcome"][events["kind"] == codes.FINISHED]:
+        first = events["slot"] % self._config.pedestrians == 0  # an episode counts once
+        for outcome in events["outcome"][(events["kind"] == codes.FINISHED) & first]:
             self._counts[OUTCOME_NAMES[outcome]] += 1
         for kind, name in MISSING.items():
             self._counts[name] += int(np.count_nonzero(events["kind"] == kind))

@@ -12,11 +12,15 @@ from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import ActorWeights, Weights
 from vpsci_ros.world import World, observation
 from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.sharing import leading_rows
 from vpsci_ros.world.tick import Assessment, Tick
 
 
 class PolicyAgent:
     """The actor of one agent over a batch of parallel episodes, each with its own history since the hand-over.
+
+    Of several pedestrians in an episode each has its own draws and history. Their vehicle has a history with each of
+    them, and acts in all rows as it does where CurvTTC is least, see `vpsci_ros.world.sharing.leading_rows`.
 
     Call `load` before `act`.
 
@@ -94,6 +98,10 @@ class PolicyAgent:
             noise = exploration_noise(self._seed, *which, self._index, self._noise, limit)
             action = np.where(active[:, None], np.clip(action + noise, -limit, limit), 0).astype(np.float32)
             self._actor.executed(action, active)
+        if self._index == 0 and state["pedestrian"].any():
+            leaders = leading_rows(state, active, assessment.curvttc)
+            action = np.where(active[:, None], action[leaders], np.float32(0))
+            self._actor.executed(action, active)
         return action
 
     def _draws(self, state: NDArray[np.void], reset: NDArray[np.bool_], active: NDArray[np.bool_]) -> Draws | None:
@@ -102,10 +110,12 @@ class PolicyAgent:
         if size == 0:
             return None
         seed = self._seed if isinstance(self._seed, np.ndarray) else np.full(len(state), self._seed)
+        person = state["pedestrian"] if self._index else np.zeros(len(state), np.uint8)  # the driver is the same in all
         if reset.any():
             new = state[reset]
-            self._latent[reset] = draw_latent(seed[reset], new["scenario"], new["episode"], self._index, size)
-        which = seed, state["scenario"], state["episode"], state["frame"]
+            own = person[reset]
+            self._latent[reset] = draw_latent(seed[reset], new["scenario"], new["episode"], self._index, size, own)
+        which = seed, state["scenario"], state["episode"], person, state["frame"]
         innovation = draw_innovation(*which, self._index, active)
         return Draws(self._latent, innovation, np.float32(self._temperature))
 

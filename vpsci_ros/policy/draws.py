@@ -1,8 +1,8 @@
 """What a stochastic policy draws: its latent numbers and the innovations of its noise, pure functions of counters.
 
-The numbers are normal and come from the counter-based generator by (seed, scenario, episode, agent) and, for what
-changes from step to step, the episode's frame. So an episode draws the same in any batch, process and order, and the
-same latent numbers hold again where control was given back and taken once more.
+The numbers are normal and come from the counter-based generator by (seed, scenario, episode, agent, pedestrian) and,
+for what changes from step to step, the episode's frame. So an episode draws the same in any batch, process and order,
+and the same latent numbers hold again where control was given back and taken once more.
 """
 
 from typing import Any
@@ -18,35 +18,39 @@ from vpsci_ros.world.observation import ACTION_SIZE
 Whole = NDArray[np.integer[Any]]
 
 
-def draw_latent(seed: ArrayLike, scenario: ArrayLike, episode: ArrayLike, agent: int, size: int) -> NDArray[np.float32]:
+def draw_latent(
+    seed: ArrayLike, scenario: ArrayLike, episode: ArrayLike, agent: int, size: int, pedestrian: ArrayLike = 0
+) -> NDArray[np.float32]:
     """Return the latent numbers of an episode, what kind of person acts, float32[B, size].
 
     :param scenario, episode: whole numbers [B].
     :param agent: index in `AGENTS`; the two agents' numbers are independent.
+    :param pedestrian: number within the episode, whole numbers [B]; 0 for the driver.
     """
-    return normals(seed, scenario, episode, STREAM_LATENT[agent], size).astype(np.float32)
+    return normals(seed, scenario, episode, STREAM_LATENT[agent], size, pedestrian).astype(np.float32)
 
 
 def draw_innovation(
-    seed: Whole, scenario: Whole, episode: Whole, frame: Whole, agent: int, active: NDArray[np.bool_]
+    seed: Whole, scenario: Whole, episode: Whole, pedestrian: Whole, frame: Whole, agent: int, active: NDArray[np.bool_]
 ) -> NDArray[np.float32]:
     """Return the new part of the noise at a frame, float32[B, 2]; 0 where not active.
 
     The numbers of `normals` with a stream for each agent and frame, without its checks: a policy draws at every step,
     and they would cost more than a step of a small network.
 
-    :param seed, scenario, episode, frame: whole numbers [B], not negative.
+    :param seed, scenario, episode, pedestrian, frame: whole numbers [B], not negative; pedestrian 0 for the driver.
     :param active: bool[B].
     """
     out = np.zeros((len(active), ACTION_SIZE), np.float32)
-    _fill(seed, scenario, episode, frame, active, STREAM_INNOVATION[agent], out)
+    _fill(seed, scenario, episode, pedestrian, frame, active, STREAM_INNOVATION[agent], out)
     return out
 
 
 @kernel
-def _fill(seed, scenario, episode, frame, active, stream, out):  # type: ignore[no-untyped-def]
+def _fill(seed, scenario, episode, pedestrian, frame, active, stream, out):  # type: ignore[no-untyped-def]
     for i in range(out.shape[0]):
         if active[i]:
             own = uint64(stream) + (uint64(frame[i]) << uint64(8))
-            bits = philox(uint64(seed[i]), uint64(scenario[i]), uint64(0), own, uint64(episode[i]), uint64(0))
+            key, who = uint64(scenario[i]), uint64(pedestrian[i])
+            bits = philox(uint64(seed[i]), key, uint64(0), own, uint64(episode[i]), who)
             out[i, 0], out[i, 1] = normal_pair(unit(bits[0]), unit(bits[1]))

@@ -9,6 +9,7 @@ import math
 from vpsci_ros.world import people
 from vpsci_ros.world.autopilot import SPEED_TIME, look_ahead
 from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.kinds import SET_OFF
 from vpsci_ros.world.people import car_speed, limited, sway, walking_pace
 
 BRAKING = 2.5  # [m/s2] of a driver that nothing threatens
@@ -34,7 +35,8 @@ def bend_speed(episode, row, tables, s):  # type: ignore[no-untyped-def]
 def walker_speed(episode, time):  # type: ignore[no-untyped-def]
     """Return the speed [m/s] at which this walker walks, `time` [s] after the spawn."""
     moving = time - episode.start_delay if episode.start_delay > 0.0 else math.inf
-    return walking_pace(episode.walking_speed, episode.walking_acceleration, episode.walking_phase, time, moving)
+    rhythm = episode.walking_acceleration, episode.walking_phase
+    return walking_pace(episode.walking_speed, *rhythm, time, moving, SET_OFF[episode.kind])
 
 
 @kernel

@@ -35,13 +35,16 @@ _pool = _Pool()
 os.register_at_fork(after_in_child=_pool.__init__)  # type: ignore[misc]
 
 
-def in_threads(run: Callable[[slice], None], size: int) -> None:
+def in_threads(run: Callable[[slice], None], size: int, together: int = 1) -> None:
     """Call `run` on slices that make up range(size), in several threads where `size` is worth it.
+
+    A slice begins at a multiple of `together`, of which `size` is one, too.
 
     `run` is a kernel that leaves the interpreter lock and treats each index for itself, so the split changes no bit.
     """
     count = max(1, min(_pool.size, size // _PER_THREAD))
-    parts = [slice(size * k // count, size * (k + 1) // count) for k in range(count)]
+    groups = size // together
+    parts = [slice(groups * k // count * together, groups * (k + 1) // count * together) for k in range(count)]
     others = [_pool.get().submit(run, part) for part in parts[1:]]
     run(parts[0])
     for other in others:

@@ -1,11 +1,13 @@
 """Parameters of the world: periods, the hand-over, who drives, and how the learned accelerations become motion."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
+from vpsci_ros.world.crowd import MOST, CrowdConfig
+from vpsci_ros.world.kinds import KindMixture
 
 VEHICLE_DRIVERS = ("policy", "autopilot", "external", "replay")
 SPAWNS = ("human", "paper")
@@ -60,6 +62,9 @@ class WorldConfig:
         "add the lane-keeping lateral acceleration to a policy's (and to an external driver's /vehicle/cmd_accel) "
         "before (18), since neither (6) nor odometry tells of the route; false: (18) alone",
     )
+    pedestrians: int = parameter(1, "most pedestrians of an episode, each with the vehicle a row", low=1, high=MOST)
+    crowd: CrowdConfig = field(default_factory=CrowdConfig)
+    kinds: KindMixture = field(default_factory=KindMixture)
 
     def __post_init__(self) -> None:
         for name in ("policy_period", "episode_time"):
@@ -69,6 +74,16 @@ class WorldConfig:
                     f"{name} = {getattr(self, name)} s must be a whole multiple of tick = {self.tick} s, "
                     f"got {ratio:g} ticks"
                 )
+        if len(self.crowd.sizes) > self.pedestrians:
+            raise InvalidInput(
+                f"crowd.sizes gives parts for up to {len(self.crowd.sizes)} pedestrians, but pedestrians = "
+                f"{self.pedestrians}"
+            )
+        if self.pedestrians > 1 and self.pedestrian_driver == "replay":
+            raise InvalidInput(
+                "pedestrian_driver = replay has one recorded pedestrian an episode, but pedestrians = "
+                f"{self.pedestrians}"
+            )
 
     @property
     def policy_ticks(self) -> int:

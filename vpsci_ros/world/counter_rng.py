@@ -1,8 +1,9 @@
 """Counter-based random numbers: a draw is a function of what it is for, not of what was drawn before it.
 
 Philox4x64-10, the generator of `numpy.random.Philox`: 256 bits of counter and 128 bits of key become 256 random bits.
-Here the key is (seed, scenario) and the counter (block, stream, episode, 0), so that an episode's draws do not depend
-on the batch, its order or the process.
+Here the key is (seed, scenario) and the counter (block, stream, episode, pedestrian), so that an episode's draws do not
+depend on the batch, its order or the process, nor a pedestrian's on how many others there are. What belongs to the
+episode or its driver is drawn as pedestrian 0.
 
 See 'Parallel random numbers: as easy as 1, 2, 3' by Salmon, Moraes, Dror and Shaw, SC 2011
 (https://doi.org/10.1145/2063384.2063405).
@@ -17,6 +18,8 @@ from vpsci_ros.world.compiled import kernel
 
 STREAM_SPAWN = 0  # where an episode begins
 STREAM_EXPLORATION = 1  # add the policy step shifted left by 8, so that each step is a stream of its own
+STREAM_KIND = 2  # of which kind a pedestrian is
+STREAM_CROWD = 3  # how many pedestrians there are, and what each is to the first
 STREAM_LATENT = (16, 17)  # latent numbers of the vehicle's driver and of the pedestrian in this episode
 STREAM_INNOVATION = (18, 19)  # new part of the noise of each; add the frame shifted left by 8
 
@@ -57,37 +60,39 @@ def unit(bits: np.uint64) -> float:
 
 
 @kernel
-def _fill(seed, scenario, episode, stream, out):  # type: ignore[no-untyped-def]
+def _fill(seed, scenario, episode, stream, person, out):  # type: ignore[no-untyped-def]
     for i in range(out.shape[0]):
         for block in range((out.shape[1] + 3) // 4):
-            bits = philox(seed[i], scenario[i], uint64(block), stream[i], episode[i], uint64(0))
+            bits = philox(seed[i], scenario[i], uint64(block), stream[i], episode[i], person[i])
             for k in range(4):
                 if 4 * block + k < out.shape[1]:
                     out[i, 4 * block + k] = unit(bits[k])
 
 
 def uniforms(
-    seed: ArrayLike, scenario: ArrayLike, episode: ArrayLike, stream: ArrayLike, n: int
+    seed: ArrayLike, scenario: ArrayLike, episode: ArrayLike, stream: ArrayLike, n: int, pedestrian: ArrayLike = 0
 ) -> NDArray[np.float64]:
-    """Return `n` numbers uniform in [0, 1) for each (seed, scenario, episode, stream), as float64[..., n].
+    """Return `n` numbers uniform in [0, 1) for each (seed, scenario, episode, stream, pedestrian), as float64[..., n].
 
-    The first four arguments are whole numbers in [0, 2^64) that broadcast to the leading shape.
+    All arguments but `n` are whole numbers in [0, 2^64) that broadcast to the leading shape.
 
     :raises InvalidInput: a negative number or one that is not whole.
     """
-    names = ("seed", "scenario", "episode", "stream")
-    keys = np.broadcast_arrays(*map(_as_uint64, names, (seed, scenario, episode, stream)))
+    names = ("seed", "scenario", "episode", "stream", "pedestrian")
+    keys = np.broadcast_arrays(*map(_as_uint64, names, (seed, scenario, episode, stream, pedestrian)))
     out = np.empty((keys[0].size, n))
     _fill(*(key.copy().reshape(-1) for key in keys), out)  # a view of what was broadcast cannot be relied on
     return out.reshape(*keys[0].shape, n)
 
 
-def normals(seed: ArrayLike, scenario: ArrayLike, episode: ArrayLike, stream: ArrayLike, n: int) -> NDArray[np.float64]:
-    """Return `n` standard normal numbers for each (seed, scenario, episode, stream), as float64[..., n].
+def normals(
+    seed: ArrayLike, scenario: ArrayLike, episode: ArrayLike, stream: ArrayLike, n: int, pedestrian: ArrayLike = 0
+) -> NDArray[np.float64]:
+    """Return `n` standard normal numbers for each (seed, scenario, episode, stream, pedestrian), as float64[..., n].
 
     By the transform of Box and Muller on `uniforms`, with the same errors.
     """
-    pairs = uniforms(seed, scenario, episode, stream, 2 * ((n + 1) // 2))
+    pairs = uniforms(seed, scenario, episode, stream, 2 * ((n + 1) // 2), pedestrian)
     out = np.empty_like(pairs)
     _box_muller(pairs.reshape(-1), out.reshape(-1))
     return out[..., :n]

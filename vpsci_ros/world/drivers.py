@@ -1,6 +1,7 @@
 """Who drives, in compiled code: what each driver makes of a record, and the motion that follows from it.
 
-Vehicle and pedestrian are decided on the same frame: call `impulse` and `controls` before either is moved.
+Vehicle and pedestrians are decided on the same frame: call `acceleration` and `controls` before any of them is moved.
+The rule-based driver minds all pedestrians of its episode, so it brakes as the most cautious of its rows asks.
 """
 
 import math
@@ -17,8 +18,9 @@ from vpsci_ros.world.autopilot import (
     walk_acceleration,
     walk_velocity,
 )
-from vpsci_ros.world.compiled import inlined
+from vpsci_ros.world.compiled import inlined, kernel
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
+from vpsci_ros.world.kinds import SET_OFF, TOP_SPEED
 from vpsci_ros.world.observation import from_heading_frame, to_heading_frame
 from vpsci_ros.world.people import STRIDE_ACCELERATION, limited
 from vpsci_ros.world.social_force import social_force
@@ -31,9 +33,26 @@ _HALF_LENGTH, _HALF_WIDTH = 0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH
 _STRAIGHT_AHEAD = _HALF_WIDTH + PEDESTRIAN_RADIUS + 0.25  # [m] to either side, for the autopilot
 
 
+@kernel
+def gap_ahead(state, first, count, proximity_distance):  # type: ignore[no-untyped-def]
+    """Return how far before the vehicle's front [m] the nearest pedestrian straight ahead is; infinity: none is near.
+
+    Of those in rows `first` to `first + count` of EPISODE[B], all of one episode.
+    """
+    gap = math.inf
+    for i in range(first, first + count):
+        episode = state[i]
+        dx, dy = episode.pedestrian_x - episode.vehicle_x, episode.pedestrian_y - episode.vehicle_y
+        forward, left = to_heading_frame(episode.vehicle_heading, dx, dy)
+        if too_near(forward, left, _HALF_LENGTH, _STRAIGHT_AHEAD, proximity_distance):
+            gap = min(gap, forward - _HALF_LENGTH)
+    return gap
+
+
 @inlined
-def controls(episode, i, answers, tables, settings):  # type: ignore[no-untyped-def]
-    """Return (steer, throttle, brake) for the next tick, from whoever drives the vehicle."""
+def controls(state, i, count, answers, tables, settings):  # type: ignore[no-untyped-def]
+    """Return (steer, throttle, brake) for the next tick, from whoever drives the vehicle of rows `i` to `i + count`."""
+    episode = state[i]
     speed = episode.vehicle_speed
     if settings.vehicle_driver == EXTERNAL and len(answers.vehicle_control):
         control = answers.vehicle_control
@@ -63,17 +82,12 @@ def controls(episode, i, answers, tables, settings):  # type: ignore[no-untyped-
             along = limited(along, episode.vehicle_acceleration, settings.period)
             left = limited(left, episode.vehicle_curvature * speed * speed, settings.period)
         return motion.steer_for(left, speed), motion.throttle_for(along), motion.brake_for(along)
-    forward, left = to_heading_frame(
-        episode.vehicle_heading, episode.pedestrian_x - episode.vehicle_x, episode.pedestrian_y - episode.vehicle_y
-    )
+    gap = gap_ahead(state, i, count, settings.proximity_distance)
     steer = motion.steer_to(keeping)
     if settings.human:
-        near = too_near(forward, left, _HALF_LENGTH, _STRAIGHT_AHEAD, settings.proximity_distance)
-        along = drivers_acceleration(
-            episode, row, tables, forward - _HALF_LENGTH if near else math.inf, settings.period
-        )
+        along = drivers_acceleration(episode, row, tables, gap, settings.period)
         return steer, motion.throttle_for(along), motion.brake_for(along)
-    if too_near(forward, left, _HALF_LENGTH, _STRAIGHT_AHEAD, settings.proximity_distance):
+    if gap < math.inf:
         return steer, 0.0, 1.0
     sample = min(max(int(episode.route_s / row.lane_step), 0), row.lane_count - 1)
     wanted = min(episode.cruise_throttle * row.full_throttle_speed, tables.lane_speed[episode.table, sample])
@@ -113,25 +127,34 @@ def replay_vehicle(episode, recordings, period):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def impulse(episode, i, answers, tables, settings):  # type: ignore[no-untyped-def]
-    """Return the pedestrian's acceleration (ax, ay) [m/s2] in the world's frame and the gain of (21)-(24)."""
+def acceleration(episode, i, answers, tables, settings, pushes):  # type: ignore[no-untyped-def]
+    """Return the pedestrian's acceleration (ax, ay) [m/s2] in the world's frame, with the gain of (21)-(24) in it.
+
+    What the others of its episode push it, `pushes` [B, 2] [m/s2], is added to whatever moves it.
+    """
+    ax, ay, smooth = _intended(episode, i, answers, tables, settings)
+    if settings.pedestrians > 1:
+        ax, ay = ax + pushes[i, 0], ay + pushes[i, 1]
+    if smooth:
+        ax, ay = step_towards(episode, ax, ay, settings.period)
+    return ax, ay
+
+
+@inlined
+def _intended(episode, i, answers, tables, settings):  # type: ignore[no-untyped-def]
+    """Return the acceleration (ax, ay) [m/s2] that the pedestrian intends, and whether it keeps to its jerk."""
     driver = settings.pedestrian_driver
     if driver == EXTERNAL and len(answers.pedestrian_action):
         action = answers.pedestrian_action
         ax, ay = from_heading_frame(episode.vehicle_heading, action[i, 0], action[i, 1])
-        return ax, ay, EXTERNAL_GAIN
+        return EXTERNAL_GAIN * ax, EXTERNAL_GAIN * ay, False
     if driver == POLICY and episode.pedestrian_held:
         ax, ay = from_heading_frame(episode.action_heading, episode.pedestrian_long, episode.pedestrian_lat)
-        if settings.human:
-            ax, ay = step_towards(
-                episode, settings.pedestrian_gain * ax, settings.pedestrian_gain * ay, settings.period
-            )
-            return ax, ay, 1.0
-        return ax, ay, settings.pedestrian_gain
+        return settings.pedestrian_gain * ax, settings.pedestrian_gain * ay, settings.human
     vx, vy = episode.pedestrian_vx, episode.pedestrian_vy
     waiting = episode.frame * settings.period < episode.start_delay
     if driver == CONSTANT_VELOCITY and (waiting or vx != 0.0 or vy != 0.0):
-        return 0.0, 0.0, 1.0
+        return 0.0, 0.0, False
     row = tables.rows[episode.table]
     pace, offset = episode.walking_speed, episode.pedestrian_offset
     if settings.human:
@@ -150,7 +173,7 @@ def impulse(episode, i, answers, tables, settings):  # type: ignore[no-untyped-d
         0.0 if waiting or episode.pedestrian_goal else pace,
     )
     if driver == CONSTANT_VELOCITY:  # sets off, once
-        return wanted_x / settings.period, wanted_y / settings.period, 1.0
+        return wanted_x / settings.period, wanted_y / settings.period, False
     if driver == SOCIAL_FORCE:
         ax, ay = social_force(
             wanted_x,
@@ -166,16 +189,14 @@ def impulse(episode, i, answers, tables, settings):  # type: ignore[no-untyped-d
             _HALF_WIDTH,
             PEDESTRIAN_RADIUS,
         )
-        return ax, ay, 1.0
-    most = STRIDE_ACCELERATION if settings.human else WALK_ACCELERATION
+        return ax, ay, False
+    most = max(STRIDE_ACCELERATION, SET_OFF[episode.kind]) if settings.human else WALK_ACCELERATION
     ax, ay = walk_acceleration(wanted_x - vx, wanted_y - vy, most, settings.period)
-    if settings.human:
-        ax, ay = step_towards(episode, ax, ay, settings.period)
-    return ax, ay, 1.0
+    return ax, ay, settings.human
 
 
 @inlined
-def move_pedestrian(episode, ax, ay, gain, settings):  # type: ignore[no-untyped-def]
+def move_pedestrian(episode, ax, ay, settings):  # type: ignore[no-untyped-def]
     """Move the pedestrian through one tick with an acceleration [m/s2] in the world's frame."""
     x, y, vx, vy = motion.walk(
         episode.pedestrian_x,
@@ -184,8 +205,8 @@ def move_pedestrian(episode, ax, ay, gain, settings):  # type: ignore[no-untyped
         episode.pedestrian_vy,
         ax,
         ay,
-        gain,
-        settings.top_speed,
+        1.0,
+        min(settings.top_speed, TOP_SPEED[episode.kind]),
         settings.period,
     )
     episode.pedestrian_path += math.sqrt((x - episode.pedestrian_x) ** 2 + (y - episode.pedestrian_y) ** 2)
@@ -199,7 +220,7 @@ def replay_pedestrian(episode, recordings, settings):  # type: ignore[no-untyped
     """Put the pedestrian where its recording has it next; beyond the recording it keeps its velocity."""
     frame = episode.frame + 1
     if frame >= recordings.frames[episode.recording]:
-        move_pedestrian(episode, 0.0, 0.0, 1.0, settings)
+        move_pedestrian(episode, 0.0, 0.0, settings)
         return
     x, y, vx, vy = recordings.pedestrian[episode.recording, frame]
     episode.pedestrian_path += math.sqrt((x - episode.pedestrian_x) ** 2 + (y - episode.pedestrian_y) ** 2)

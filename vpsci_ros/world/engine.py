@@ -1,17 +1,18 @@
-"""One tick of one slot after another: what `World.advance` does, compiled.
+"""One tick of one episode after another: what `World.advance` does, compiled.
 
-Each slot is computed by the same scalar code from its own record alone, in whichever thread, so an episode's bits do
-not depend on the batch, on the slot's place in it or on the number of threads. No sum runs over slots.
+Each episode is computed by the same scalar code from its own records alone, one a pedestrian, in whichever thread, so
+its bits do not depend on the batch, on its place in it or on the number of threads. No sum runs over episodes.
 """
 
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
 from vpsci_ros.world.compiled import inlined, kernel
+from vpsci_ros.world.crowd import step_off
 from vpsci_ros.world.drivers import (
     EXTERNAL,
     POLICY,
     REPLAY,
+    acceleration,
     controls,
-    impulse,
     move_pedestrian,
     move_vehicle,
     replay_pedestrian,
@@ -19,11 +20,14 @@ from vpsci_ros.world.drivers import (
 )
 from vpsci_ros.world.handover import update
 from vpsci_ros.world.paths import project
+from vpsci_ros.world.sharing import share_action, share_motion
+from vpsci_ros.world.social_force import keep_apart
 from vpsci_ros.world.state import (
     COLLISION,
     ENDED,
     FINISHED,
     GOAL,
+    NONE,
     PEDESTRIAN_ACTION_MISSING,
     RUNNING,
     SAFETY_MISSING,
@@ -58,11 +62,12 @@ def _decide(episode, i, answers, settings):  # type: ignore[no-untyped-def]
     if settings.vehicle_driver == EXTERNAL and not len(answers.vehicle_action) and not len(answers.vehicle_control):
         events |= 1 << VEHICLE_ACTION_MISSING
     if settings.pedestrian_driver == POLICY and acts:
-        episode.pedestrian_held = len(answers.pedestrian_action) > 0
+        since = (episode.step - 1) * settings.policy_ticks * settings.period
+        episode.pedestrian_held = len(answers.pedestrian_action) > 0 and since >= episode.reaction_delay
         if episode.pedestrian_held:
             episode.pedestrian_long = answers.pedestrian_action[i, 0]
             episode.pedestrian_lat = answers.pedestrian_action[i, 1]
-        else:
+        elif not len(answers.pedestrian_action):
             events |= 1 << PEDESTRIAN_ACTION_MISSING
     if settings.pedestrian_driver == EXTERNAL and not len(answers.pedestrian_action):
         events |= 1 << PEDESTRIAN_ACTION_MISSING
@@ -70,28 +75,41 @@ def _decide(episode, i, answers, settings):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _move(episode, i, answers, tables, recordings, settings):  # type: ignore[no-untyped-def]
-    ax, ay, gain = 0.0, 0.0, 1.0
-    if settings.pedestrian_driver != REPLAY:
-        ax, ay, gain = impulse(episode, i, answers, tables, settings)  # sees the vehicle before it moves
+def _move(state, first, count, answers, tables, recordings, settings, pushes):  # type: ignore[no-untyped-def]
+    """Move the vehicle and the pedestrians of the episode in rows `first` to `first + count`."""
+    steer, throttle, brake = 0.0, 0.0, 0.0
+    if settings.vehicle_driver != REPLAY:  # all of them see the others before anybody moves
+        steer, throttle, brake = controls(state, first, count, answers, tables, settings)
+    if count > 1:
+        keep_apart(state, first, count, pushes)
+        step_off(state, first, count, settings.period)
+    for i in range(first, first + count):
+        if settings.pedestrian_driver == REPLAY:
+            replay_pedestrian(state[i], recordings, settings)
+        else:
+            ax, ay = acceleration(state[i], i, answers, tables, settings, pushes)
+            move_pedestrian(state[i], ax, ay, settings)
     if settings.vehicle_driver == REPLAY:
-        replay_vehicle(episode, recordings, settings.period)
+        replay_vehicle(state[first], recordings, settings.period)
     else:
-        steer, throttle, brake = controls(episode, i, answers, tables, settings)
-        move_vehicle(episode, steer, throttle, brake, settings.period)
-    if settings.pedestrian_driver == REPLAY:
-        replay_pedestrian(episode, recordings, settings)
-    else:
-        move_pedestrian(episode, ax, ay, gain, settings)
+        move_vehicle(state[first], steer, throttle, brake, settings.period)
 
 
 @inlined
-def _arrive(episode, tables, settings):  # type: ignore[no-untyped-def]
-    """Locate both agents at the new frame and end the episode there if it is over; return the events as bits."""
-    episode.frame += 1
+def _locate_vehicle(episode, tables):  # type: ignore[no-untyped-def]
+    """Locate the vehicle at the new frame."""
     row = tables.rows[episode.table]
     x, y = episode.vehicle_x, episode.vehicle_y
     episode.route_s, _ = project(tables.lane, episode.table, row.lane_count, row.lane_step, x, y, episode.route_s)
+    if episode.route_s >= row.vehicle_goal:
+        episode.vehicle_goal = 1
+
+
+@inlined
+def _locate_pedestrian(episode, tables):  # type: ignore[no-untyped-def]
+    """Locate the pedestrian at the new frame, and note whether the vehicle has struck it."""
+    row = tables.rows[episode.table]
+    episode.frame += 1
     episode.pedestrian_s, _ = project(
         tables.walk,
         episode.table,
@@ -101,13 +119,11 @@ def _arrive(episode, tables, settings):  # type: ignore[no-untyped-def]
         episode.pedestrian_y,
         episode.pedestrian_s,
     )
-    if episode.route_s >= row.vehicle_goal:
-        episode.vehicle_goal = 1
     if episode.pedestrian_s >= row.pedestrian_goal:
         episode.pedestrian_goal = 1
     free = clearance_pair(
-        x,
-        y,
+        episode.vehicle_x,
+        episode.vehicle_y,
         episode.vehicle_heading,
         episode.pedestrian_x,
         episode.pedestrian_y,
@@ -116,16 +132,27 @@ def _arrive(episode, tables, settings):  # type: ignore[no-untyped-def]
         PEDESTRIAN_RADIUS,
     )
     if free <= 0.0:
-        episode.outcome = COLLISION
+        episode.struck = 1
         episode.least_curvttc = 0.0
-    elif episode.vehicle_goal and episode.pedestrian_goal:
-        episode.outcome = GOAL
-    elif episode.frame >= settings.episode_ticks:
-        episode.outcome = TIMEOUT
-    else:
-        return 0
-    episode.status = ENDED
-    return 1 << FINISHED
+
+
+@inlined
+def _arrive(state, first, count, tables, settings):  # type: ignore[no-untyped-def]
+    """Locate everybody at the new frame; return the outcome of the episode, NONE where it goes on."""
+    leader = state[first]
+    _locate_vehicle(leader, tables)
+    struck, arrived = 0, leader.vehicle_goal
+    for i in range(first, first + count):
+        if i > first:
+            share_motion(leader, state[i])
+        _locate_pedestrian(state[i], tables)
+        struck |= state[i].struck
+        arrived &= state[i].pedestrian_goal
+    if struck:
+        return COLLISION
+    if arrived:
+        return GOAL
+    return TIMEOUT if leader.frame >= settings.episode_ticks else NONE
 
 
 @kernel
@@ -133,13 +160,26 @@ def decide(state, answers, settings, events):  # type: ignore[no-untyped-def]
     """Hand-over and bookkeeping at this tick for EPISODE[B]; events uint16[B] gets bits 1 << kind."""
     for i in range(state.size):
         events[i] = _decide(state[i], i, answers, settings) if state[i].status == RUNNING else 0
+    if settings.pedestrians > 1 and settings.vehicle_driver == POLICY:
+        for first in range(0, state.size, settings.pedestrians):
+            share_action(state, first, state[first].pedestrians, answers)
 
 
 @kernel
-def move(state, answers, tables, recordings, settings, events):  # type: ignore[no-untyped-def]
-    """Move EPISODE[B] to the next tick and end what is over; events uint16[B] gets bits 1 << kind."""
-    for i in range(state.size):
-        events[i] = 0
-        if state[i].status == RUNNING:
-            _move(state[i], i, answers, tables, recordings, settings)
-            events[i] = _arrive(state[i], tables, settings)
+def move(state, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
+    """Move EPISODE[B] to the next tick and end what is over; events uint16[B] gets bits 1 << kind.
+
+    :param pushes: float64[B, 2] to work with, of length 0 where each episode has one pedestrian.
+    """
+    most = settings.pedestrians
+    for first in range(0, state.size, most):
+        for i in range(first, first + most):
+            events[i] = 0
+        if state[first].status == RUNNING:
+            count = state[first].pedestrians
+            _move(state, first, count, answers, tables, recordings, settings, pushes)
+            outcome = _arrive(state, first, count, tables, settings)
+            if outcome != NONE:
+                for i in range(first, first + count):
+                    state[i].outcome, state[i].status = outcome, ENDED
+                    events[i] = 1 << FINISHED

@@ -2,7 +2,7 @@
 
 Both are on their way already; a few walkers wait at the kerb and set off in time. What they are like at the onset is
 drawn from recorded onsets (`people`), how near they come to each other uniformly from all the courses that collide, and
-from there both are traced back along lane and route to the spawn.
+from there both are traced back along lane and route to the spawn. Further walkers join, each with a meeting of its own.
 """
 
 import math
@@ -15,6 +15,7 @@ from vpsci_ros.world.approach import bend_speed, lane_sway, line_offset, walker_
 from vpsci_ros.world.autopilot import pursuit_curvature
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_SPAWN, philox, unit
+from vpsci_ros.world.kinds import CHILD, SET_OFF, speed_of_kind
 from vpsci_ros.world.paths import nearest, point_at
 from vpsci_ros.world.people import car_speed, quantile, sway
 
@@ -28,11 +29,9 @@ _FIRST_BLOCK = 2  # of the stream; blocks 0 and 1 are the paper's spawn
 
 
 @kernel
-def _bits(episode, seed, block):  # type: ignore[no-untyped-def]
-    counter = uint64(_FIRST_BLOCK + block)
-    return philox(
-        uint64(seed), uint64(episode.scenario), counter, uint64(STREAM_SPAWN), uint64(episode.episode), uint64(0)
-    )
+def _bits(episode, seed, block, person):  # type: ignore[no-untyped-def]
+    counter, stream = uint64(_FIRST_BLOCK + block), uint64(STREAM_SPAWN)
+    return philox(uint64(seed), uint64(episode.scenario), counter, stream, uint64(episode.episode), uint64(person))
 
 
 @kernel
@@ -44,36 +43,72 @@ def _two_normals(first, second):  # type: ignore[no-untyped-def]
 
 @kernel
 def spawn_people(episode, table, row, tables, seed):  # type: ignore[no-untyped-def]
-    """Draw two people, when and where they meet, and put them where they are then at the spawn."""
-    driver, walker = _bits(episode, seed, 0), _bits(episode, seed, 1)
-    meeting, car_sway, walk_sway = _bits(episode, seed, 2), _bits(episode, seed, 3), _bits(episode, seed, 4)
+    """Draw two people, when and where they meet, and put them where they are then at the spawn.
+
+    Return the time [s] that the car needs from the spawn to the crossing.
+    """
+    speed = _draw_driver(episode, row, seed)
+    _draw_walker(episode, table, row, tables, seed)
+    meeting = _bits(episode, seed, 2, 0)
+    onset = EARLIEST + unit(meeting[0]) * (LATEST - EARLIEST)
+    later = _meet(episode, row, meeting, onset, speed)
+    # until it is at the crossing
+    drives = onset + AHEAD - max(-_HALF_LENGTH / speed, later - _HALF_WIDTH / episode.walking_speed)
+    _place_car(episode, table, row, tables, drives)
+    _place_walker(episode, table, row, tables, drives + later, seed)
+    return drives
+
+
+@kernel
+def join_people(episode, leader, table, row, tables, seed, drives):  # type: ignore[no-untyped-def]
+    """Draw one more walker, who meets the `leader` record's car for itself, and put them where they are at the spawn.
+
+    :param drives: time [s] that the car needs from the spawn to where it meets the leader.
+    """
+    speed = leader.cruise_throttle * tables.rows[leader.table].full_throttle_speed
+    _draw_walker(episode, table, row, tables, seed)
+    meeting = _bits(episode, seed, 2, episode.pedestrian)
+    later = _meet(episode, row, meeting, EARLIEST + unit(meeting[0]) * (LATEST - EARLIEST), speed)
+    _place_walker(episode, table, row, tables, drives + (episode.meeting_s - leader.meeting_s) / speed + later, seed)
+
+
+@kernel
+def _draw_driver(episode, row, seed):  # type: ignore[no-untyped-def]
+    """Draw who drives; return the speed at the onset [m/s]."""
+    driver, car_sway = _bits(episode, seed, 0, 0), _bits(episode, seed, 3, 0)
     speed = quantile(people.CAR_SPEED, unit(driver[0]))
     episode.cruise_throttle = speed / row.full_throttle_speed
     episode.approach_acceleration = _OF_A_WAVE * quantile(people.CAR_ACCELERATION, unit(driver[1]))
     comfort, _ = _two_normals(driver[2], driver[3])
     spread = people.LATERAL_SPREAD * min(2.0, max(-2.0, comfort))
     episode.lateral_comfort = people.LATERAL_COMFORT + spread
-    episode.approach_phase, episode.walking_phase = unit(car_sway[2]), unit(walk_sway[2])
+    episode.approach_phase = unit(car_sway[2])
     sine, cosine = _two_normals(car_sway[0], car_sway[1])
     episode.lane_sine, episode.lane_cosine = people.CAR_WANDER * sine, people.CAR_WANDER * cosine
+    return speed
+
+
+@kernel
+def _draw_walker(episode, table, row, tables, seed):  # type: ignore[no-untyped-def]
+    """Draw who walks, and along which line."""
+    walker, walk_sway = _bits(episode, seed, 1, episode.pedestrian), _bits(episode, seed, 4, episode.pedestrian)
+    episode.walking_phase = unit(walk_sway[2])
     sine, cosine = _two_normals(walk_sway[0], walk_sway[1])
     episode.walk_sine, episode.walk_cosine = people.WALK_WANDER * sine, people.WALK_WANDER * cosine
-
-    walking = quantile(people.WALKING_SPEED, unit(walker[0]))
-    episode.walking_speed = walking
+    episode.walking_speed = speed_of_kind(episode, seed, quantile(people.WALKING_SPEED, unit(walker[0])))
     episode.walking_acceleration = _OF_A_WAVE * quantile(people.WALKING_ACCELERATION, unit(walker[1]))
     oblique = math.tan(quantile(people.OBLIQUE, unit(walker[2])))
     offset = row.lowest_offset + unit(walker[3]) * (row.highest_offset - row.lowest_offset)
     _cross(episode, table, row, tables, offset, oblique)
 
-    onset = EARLIEST + unit(meeting[0]) * (LATEST - EARLIEST)
+
+@kernel
+def _meet(episode, row, meeting, onset, speed):  # type: ignore[no-untyped-def]
+    """Draw how much later than the car the walker is at the crossing [s], and whether it waits at the kerb before."""
     episode.start_delay = unit(meeting[3]) * onset if unit(meeting[2]) < row.waiting else 0.0
     side = 2.0 * unit(meeting[1]) - 1.0  # the car is later, or the walker
     beside = quantile(people.BESIDE, abs(side)) * (1.0 if side >= 0.0 else -1.0)
-    later = beside * (_HALF_LENGTH / speed + _HALF_WIDTH / walking)
-    drives = onset + AHEAD - max(-_HALF_LENGTH / speed, later - _HALF_WIDTH / walking)  # until it is at the crossing
-    _place_car(episode, table, row, tables, drives)
-    _place_walker(episode, table, row, tables, drives + later)
+    return beside * (_HALF_LENGTH / speed + _HALF_WIDTH / episode.walking_speed)
 
 
 @kernel
@@ -129,13 +164,28 @@ def _place_car(episode, table, row, tables, drives):  # type: ignore[no-untyped-
 
 
 @kernel
-def _place_walker(episode, table, row, tables, walks):  # type: ignore[no-untyped-def]
-    """Put the walker where it has `walks` [s] to go to the crossing, time that it waits included."""
+def _place_walker(episode, table, row, tables, walks, seed):  # type: ignore[no-untyped-def]
+    """Put the walker where it has `walks` [s] to go to the crossing, time that it waits included.
+
+    A child waits at the kerb for what it does not need to run.
+    """
+    if episode.kind == CHILD:
+        kerb = row.standing_room * unit(_bits(episode, seed, 4, episode.pedestrian)[3])
+        running = (row.conflict - kerb) / episode.walking_speed + 0.5 * episode.walking_speed / SET_OFF[CHILD]
+        if running < walks:
+            episode.start_delay = walks - running
+            put_walker(episode, table, row, tables, kerb)
+            return
     way, time = 0.0, 0.0
     while time < walks:
         way += walker_speed(episode, time) * min(TRACE, walks - time)
         time += TRACE
-    s = row.conflict - way
+    put_walker(episode, table, row, tables, row.conflict - way)
+
+
+@kernel
+def put_walker(episode, table, row, tables, s):  # type: ignore[no-untyped-def]
+    """Put the walker on its line at arc length `s` [m] of the route, at the speed it has at the spawn."""
     x, y = point_at(tables.walk, table, row.walk_count, row.walk_step, s)
     ahead_x, ahead_y = point_at(tables.walk, table, row.walk_count, row.walk_step, s + row.walk_step)
     ux, uy = (ahead_x - x) / row.walk_step, (ahead_y - y) / row.walk_step

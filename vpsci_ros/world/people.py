@@ -59,10 +59,14 @@ def car_speed(speed: float, acceleration: float, phase: float, time: float) -> f
 
 
 @kernel
-def walking_pace(speed: float, acceleration: float, phase: float, time: float, moving: float) -> float:
-    """Return the speed [m/s] of a walker who has been `moving` for so long [s] since waiting at the kerb."""
-    pace = min(GREATEST_WALK, max(LEAST_WALK, wavering(speed, acceleration, phase, WALK_PERIOD, time)))
-    return min(pace, START_ACCELERATION * max(0.0, moving))
+def walking_pace(speed: float, acceleration: float, phase: float, time: float, moving: float, set_off: float) -> float:
+    """Return the speed [m/s] of a walker who has been `moving` for so long [s] since waiting at the kerb.
+
+    :param set_off: acceleration [m/s2] from there.
+    """
+    fastest = max(GREATEST_WALK, speed)
+    pace = min(fastest, max(LEAST_WALK, wavering(speed, acceleration, phase, WALK_PERIOD, time)))
+    return min(pace, set_off * max(0.0, moving))
 
 
 @kernel

@@ -101,19 +101,21 @@ class ExternalDriver:
     def drive(self, state: NDArray[np.void]) -> tuple[Actions, NDArray[np.void]]:
         """Return the command to execute at the present tick, and the events to tell of, EVENT[n].
 
-        :param state: EPISODE[1].
+        :param state: EPISODE[B], the rows of one episode, all of which get the command.
         """
         if not self.real_time or self._commanded is None or state["status"][0] != RUNNING:
-            return self._command, NO_EVENTS
+            return _in_all(self._command, len(state)), NO_EVENTS
         silence = (self._now - self._commanded) / 1e9 - self.config.command_silence
         if silence <= 0.0:
             self._stopping = False
-            return self._command, NO_EVENTS
+            return _in_all(self._command, len(state)), NO_EVENTS
         self._counts["safe_stop_ticks"] += 1
         braking = min(self.config.safe_stop_deceleration, self.config.safe_stop_jerk * silence)
         begins = not self._stopping or state["frame"][0] == 0
         self._stopping = True
-        return Actions(np.array([[-braking, 0.0]])), self._safe_stop(state) if begins else NO_EVENTS
+        return _in_all(Actions(np.array([[-braking, 0.0]])), len(state)), self._safe_stop(
+            state[:1]
+        ) if begins else NO_EVENTS
 
     def accelerate(self, values: Sequence[float], stamp: int | None = None) -> None:
         """Take a command (longitudinal, lateral) [m/s2].
@@ -173,3 +175,11 @@ class ExternalDriver:
             event[name] = state[name]
         event["kind"] = SAFE_STOP
         return event
+
+
+def _in_all(command: Actions, rows: int) -> Actions:
+    """Return the command to the one vehicle of an episode as actions in all of its rows."""
+    if rows == 1:
+        return command
+    given = {name: getattr(command, name) for name in ("vehicle", "vehicle_control")}
+    return Actions(**{name: np.repeat(value, rows, axis=0) for name, value in given.items() if value is not None})

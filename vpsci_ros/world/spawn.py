@@ -1,4 +1,4 @@
-"""Where an episode begins: a pure function of (seed, scenario, episode number).
+"""Where an episode begins: a pure function of (seed, scenario, episode number), of each pedestrian by its number.
 
 The vehicle starts on its lane at a drawn place, speed and throttle. The pedestrian starts so that, at its own drawn
 speed, it needs a drawn time to reach the lane: on its way across the road already, or, where that would lie behind the
@@ -12,11 +12,25 @@ from numba import uint64
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.config import VEHICLE_DRIVERS
 from vpsci_ros.world.counter_rng import STREAM_SPAWN, philox, unit
-from vpsci_ros.world.human_spawn import spawn_people
+from vpsci_ros.world.crowd import (
+    FOLLOWER,
+    GROUP,
+    OPPOSITE,
+    ROOM,
+    crowded,
+    how_many,
+    role_of,
+    step_off_after,
+    walk_along,
+)
+from vpsci_ros.world.human_spawn import join_people, put_walker, spawn_people
+from vpsci_ros.world.kinds import draw_kind, speed_of_kind
 from vpsci_ros.world.paths import nearest, point_at
-from vpsci_ros.world.state import NONE, RUNNING
+from vpsci_ros.world.sharing import share_vehicle
+from vpsci_ros.world.state import NONE, RUNNING, STARTED
 
 REPLAY = VEHICLE_DRIVERS.index("replay")  # the same for both agents
+_TRIES = 16  # steps back until a pedestrian has room to begin
 
 
 @kernel
@@ -25,10 +39,11 @@ def _between(low: float, high: float, share: float) -> float:
 
 
 @kernel
-def spawn(episode, table, number, seed, tables, human):  # type: ignore[no-untyped-def]
-    """Make an EPISODE record that of episode `number` of scenario `tables.rows[table]`, at its frame 0."""
-    row = tables.rows[table]
-    scenario = uint64(row.number)
+def _begin(episode, table, row, number, pedestrian):  # type: ignore[no-untyped-def]
+    """Make an EPISODE record that of a pedestrian in episode `number` of a scenario, at frame 0."""
+    episode.pedestrian = pedestrian
+    episode.kind = episode.role = episode.struck = 0
+    episode.follow_delay = episode.reaction_delay = 0.0
     episode.scenario, episode.episode, episode.table = row.number, number, table
     episode.status, episode.outcome = RUNNING, NONE
     episode.frame = episode.hold = episode.step = 0
@@ -39,13 +54,72 @@ def spawn(episode, table, number, seed, tables, human):  # type: ignore[no-untyp
     episode.least_curvttc = math.inf
     episode.vehicle_path = episode.pedestrian_path = 0.0
     episode.pedestrian_ax = episode.pedestrian_ay = 0.0
+
+
+@kernel
+def spawn(state, first, table, number, seed, tables, crowd, human):  # type: ignore[no-untyped-def]
+    """Make the rows of EPISODE[B] from `first` on those of an episode of scenario `tables.rows[table]`, at frame 0.
+
+    Return how many there are, one a pedestrian.
+    """
+    leader, row, drives = state[first], tables.rows[table], 0.0
+    _begin(leader, table, row, number, 0)
+    draw_kind(leader, seed, crowd.kinds)
     if human:
-        spawn_people(episode, table, row, tables, seed)
-        return
-    first = philox(uint64(seed), scenario, uint64(0), uint64(STREAM_SPAWN), uint64(number), uint64(0))
-    second = philox(uint64(seed), scenario, uint64(1), uint64(STREAM_SPAWN), uint64(number), uint64(0))
-    _place_vehicle(episode, table, row, tables, first)
-    _place_pedestrian(episode, table, row, tables, second, unit(first[3]))
+        drives = spawn_people(leader, table, row, tables, seed)
+    else:
+        bits = _bits(leader, seed, 0)
+        _place_vehicle(leader, table, row, tables, bits)
+        _place_pedestrian(leader, table, row, tables, seed, unit(bits[3]))
+    count = how_many(seed, row.number, number, crowd)
+    for i in range(1, count):
+        role = role_of(seed, row.number, number, i, crowd)
+        _join(state, first, first + i, table, role, seed, tables, crowd, human, drives)
+    for i in range(first, first + count):
+        state[i].pedestrians = count
+    return count
+
+
+@kernel
+def _join(state, first, i, table, role, seed, tables, crowd, human, drives):  # type: ignore[no-untyped-def]
+    """Make row `i` of EPISODE[B] a further pedestrian of the episode that begins in row `first`."""
+    leader, episode = state[first], state[i]
+    own = table + tables.rows.size // 2 if role == OPPOSITE else table
+    row = tables.rows[own]
+    _begin(episode, own, row, leader.episode, i - first)
+    episode.role = role
+    draw_kind(episode, seed, crowd.kinds)
+    if human:
+        join_people(episode, leader, own, row, tables, seed, drives)
+    else:
+        _place_pedestrian(episode, own, row, tables, seed, unit(_bits(episode, seed, 0)[3]))
+    s = episode.pedestrian_s
+    if role == GROUP:
+        s = walk_along(episode, leader, seed)
+    elif role == FOLLOWER:
+        s = step_off_after(episode, leader, seed, row.standing_room)
+    if role in (GROUP, FOLLOWER):
+        _put(episode, own, row, tables, s, human)
+    for _ in range(_TRIES):
+        if not crowded(state, first, i):
+            break
+        s -= ROOM
+        _put(episode, own, row, tables, s, human)
+    share_vehicle(leader, episode)
+
+
+@kernel
+def _put(episode, table, row, tables, s, human):  # type: ignore[no-untyped-def]
+    if human:
+        put_walker(episode, table, row, tables, s)
+    else:
+        _put_on_route(episode, table, row, tables, s)
+
+
+@kernel
+def _bits(episode, seed, block):  # type: ignore[no-untyped-def]
+    stream, number, person = uint64(STREAM_SPAWN), uint64(episode.episode), uint64(episode.pedestrian)
+    return philox(uint64(seed), uint64(episode.scenario), uint64(block), stream, number, person)
 
 
 @kernel
@@ -66,8 +140,9 @@ def _place_vehicle(episode, table, row, tables, bits):  # type: ignore[no-untype
 
 
 @kernel
-def _place_pedestrian(episode, table, row, tables, bits, standing):  # type: ignore[no-untyped-def]
-    speed = _between(row.lowest_speed, row.highest_speed, unit(bits[0]))
+def _place_pedestrian(episode, table, row, tables, seed, standing):  # type: ignore[no-untyped-def]
+    bits = _bits(episode, seed, 1)
+    speed = speed_of_kind(episode, seed, _between(row.lowest_speed, row.highest_speed, unit(bits[0])))
     arrival = _between(row.lowest_arrival, row.highest_arrival, unit(bits[1]))
     offset = _between(row.lowest_offset, row.highest_offset, unit(bits[2]))
     s = row.conflict - speed * arrival
@@ -75,29 +150,43 @@ def _place_pedestrian(episode, table, row, tables, bits, standing):  # type: ign
     if s < standing * row.standing_room:
         s = standing * row.standing_room
         delay = arrival - (row.conflict - s) / speed
+    episode.pedestrian_offset, episode.walking_speed, episode.start_delay = offset, speed, max(delay, 0.0)
+    _put_on_route(episode, table, row, tables, s)
+
+
+@kernel
+def _put_on_route(episode, table, row, tables, s):  # type: ignore[no-untyped-def]
+    """Put the pedestrian beside its route at arc length `s` [m], walking unless it still waits."""
     x, y = point_at(tables.walk, table, row.walk_count, row.walk_step, s)
     ahead_x, ahead_y = point_at(tables.walk, table, row.walk_count, row.walk_step, s + row.walk_step)
     ux, uy = (ahead_x - x) / row.walk_step, (ahead_y - y) / row.walk_step
-    pace = speed if delay <= 0.0 else 0.0
-    episode.pedestrian_s, episode.pedestrian_offset = s, offset
-    episode.walking_speed, episode.start_delay = speed, max(delay, 0.0)
+    pace, offset = 0.0 if episode.start_delay > 0.0 else episode.walking_speed, episode.pedestrian_offset
+    episode.pedestrian_s = s
     episode.pedestrian_x, episode.pedestrian_y = x - offset * uy, y + offset * ux
     episode.pedestrian_vx, episode.pedestrian_vy = pace * ux, pace * uy
 
 
 @kernel
-def spawn_all(state, slots, table_of, numbers, seeds, tables, recordings, recording_of, settings):  # type: ignore[no-untyped-def]
-    """Start episode `numbers[k]` of scenario row `table_of[k]` and uint64 `seeds[k]` in slot `slots[k]`."""
+def spawn_all(state, slots, table_of, numbers, seeds, tables, recordings, recording_of, settings, crowd, bits):  # type: ignore[no-untyped-def]
+    """Start episode `numbers[k]` of scenario row `table_of[k]` and uint64 `seeds[k]` in the rows from `slots[k]` on.
+
+    uint16[B] `bits` gets 1 << STARTED in each row that an episode takes.
+    """
     for k in range(slots.size):
-        episode = state[slots[k]]
-        spawn(episode, table_of[k], numbers[k], seeds[k], tables, settings.human)
-        episode.recording = recording_of[k]
+        first = slots[k]
+        episode = state[first]
+        count = spawn(state, first, table_of[k], numbers[k], seeds[k], tables, crowd, settings.human)
+        for i in range(first, first + count):
+            state[i].recording = recording_of[k]
+            bits[i] = 1 << STARTED
         row = tables.rows[table_of[k]]
         if settings.vehicle_driver == REPLAY:
             x, y, heading, speed, curvature = recordings.vehicle[recording_of[k], 0]
             episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading = x, y, heading
             episode.vehicle_speed, episode.vehicle_curvature = speed, curvature
             episode.route_s = nearest(tables.lane, table_of[k], row.lane_count, row.lane_step, x, y)
+            for i in range(first + 1, first + count):
+                share_vehicle(episode, state[i])
         if settings.pedestrian_driver == REPLAY:
             x, y, vx, vy = recordings.pedestrian[recording_of[k], 0]
             episode.pedestrian_x, episode.pedestrian_y = x, y

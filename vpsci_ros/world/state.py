@@ -1,4 +1,7 @@
-"""The state of the world: one record per parallel episode ("slot"), and the record of what happened to it.
+"""The state of the world: one record per vehicle and pedestrian ("slot"), and the record of what happened to it.
+
+An episode of P pedestrians takes P records in a row, one for each pair of its vehicle, which is the same in all of
+them, and a pedestrian. With fewer pedestrians than P the last records stay idle.
 
 Records rather than one array per quantity, because every tick reads and writes most fields of a slot: a record lies
 in a few cache lines, and `state["vehicle_x"]` still is a view of one quantity over all slots. Fields that are also in
@@ -38,7 +41,9 @@ _QUANTITIES = (
     "pedestrian_s",  # [m] along the walking route
     "pedestrian_offset",  # [m] to the left of the walking route, drawn at the spawn: where the walker wants to walk
     "walking_speed",  # [m/s] drawn at the spawn
-    "start_delay",  # [s] after the spawn before the walker sets off
+    "start_delay",  # [s] after the spawn before the walker sets off; infinity: a follower whose leader has not yet
+    "follow_delay",  # [s] after the leader before a follower sets off; 0: no follower
+    "reaction_delay",  # [s] after the hand-over before the policy moves the walker; infinity: never
     "pedestrian_ax",  # [m/s2] of the last tick
     "pedestrian_ay",  # [m/s2]
     # how these people come to the meeting, drawn at a human spawn; see `people`
@@ -71,6 +76,7 @@ _COUNTS = (
     "step",  # policy steps taken since the hand-over
     "table",  # row of the world's scenario tables
     "recording",  # row of the world's recordings, for the replay drivers
+    "pedestrians",  # how many the episode has
 )
 _CODES = (
     "scenario",  # 1 to 8, more for one's own
@@ -81,6 +87,10 @@ _CODES = (
     "pedestrian_held",  # 1: likewise
     "vehicle_goal",  # 1: the vehicle has reached its goal
     "pedestrian_goal",  # 1: the pedestrian has reached its goal
+    "pedestrian",  # number within the episode, from 0
+    "kind",  # index in `kinds.KINDS`
+    "role",  # index in `crowd.ROLES`
+    "struck",  # 1: the vehicle has struck this pedestrian
 )
 
 EPISODE = np.dtype(

@@ -1,6 +1,10 @@
-"""Scenarios as arrays for compiled code: one row a scenario, paths padded to the longest."""
+"""Scenarios as arrays for compiled code, paths padded to the longest: a row each, and one for those who come back.
+
+Row s + S is scenario s of S walked the other way, from where it ends to where people wait in row s.
+"""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -8,6 +12,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.world.autopilot import comfortable_speeds
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS, WorldConfig
+from vpsci_ros.world.crowd import Crowd
 from vpsci_ros.world.paths import Path
 from vpsci_ros.world.people import TURNING_DECELERATION
 from vpsci_ros.world.scenario import Scenario
@@ -44,13 +49,13 @@ SCENARIO = np.dtype(
 
 
 class Tables(NamedTuple):
-    """S scenarios for compiled code."""
+    """S scenarios for compiled code, R = 2 S rows."""
 
-    rows: NDArray[np.void]  # SCENARIO[S]
-    lane: NDArray[np.float64]  # [S, N, 2] centrelines [m]
-    lane_speed: NDArray[np.float64]  # [S, N] comfortable speeds along them [m/s]
-    turning_speed: NDArray[np.float64]  # [S, N] speeds along them [m/s] of a driver who accepts 1 m/s2 sideways
-    walk: NDArray[np.float64]  # [S, M, 2] walking routes [m]
+    rows: NDArray[np.void]  # SCENARIO[R]
+    lane: NDArray[np.float64]  # [R, N, 2] centrelines [m]
+    lane_speed: NDArray[np.float64]  # [R, N] comfortable speeds along them [m/s]
+    turning_speed: NDArray[np.float64]  # [R, N] speeds along them [m/s] of a driver who accepts 1 m/s2 sideways
+    walk: NDArray[np.float64]  # [R, M, 2] walking routes [m]
 
 
 class Settings(NamedTuple):
@@ -67,6 +72,7 @@ class Settings(NamedTuple):
     proximity_distance: float
     lane_following: bool
     human: bool  # the spawn is "human"
+    pedestrians: int  # rows of an episode
 
 
 class Answers(NamedTuple):
@@ -103,11 +109,21 @@ def settings_from(config: WorldConfig) -> Settings:
         proximity_distance=config.proximity_distance,
         lane_following=config.lane_following,
         human=config.spawn == "human",
+        pedestrians=config.pedestrians,
+    )
+
+
+def crowd_from(config: WorldConfig) -> Crowd:
+    """Return who the pedestrians are as compiled code takes it."""
+    return Crowd(
+        sizes=config.crowd.size_limits(config.pedestrians),
+        roles=config.crowd.role_limits(),
+        kinds=config.kinds.limits(),
     )
 
 
 def tables_from(scenarios: Sequence[Scenario]) -> Tables:
-    """Return scenarios, S > 0 of them, as tables in the same order."""
+    """Return scenarios, S > 0 of them, as tables in the same order, and then those walked the other way."""
     rows = np.zeros(len(scenarios), SCENARIO)
     for row, scenario in zip(rows, scenarios, strict=True):
         vehicle, pedestrian = scenario.vehicle, scenario.pedestrian
@@ -126,14 +142,25 @@ def tables_from(scenarios: Sequence[Scenario]) -> Tables:
             ("offset", pedestrian.offset),
         ):
             row[f"lowest_{name}"], row[f"highest_{name}"] = interval
-    lanes = [scenario.vehicle.path for scenario in scenarios]
+    lanes = [scenario.vehicle.path for scenario in scenarios] * 2
+    walks = [scenario.pedestrian.path for scenario in scenarios]
     return Tables(
-        rows=rows,
+        rows=np.concatenate([rows, _walked_back(rows)]),
         lane=_padded(lanes),
         lane_speed=_stacked([comfortable_speeds(lane) for lane in lanes]),
         turning_speed=_stacked([comfortable_speeds(lane, 1.0, TURNING_DECELERATION) for lane in lanes]),
-        walk=_padded([s.pedestrian.path for s in scenarios]),
+        walk=_padded([*walks, *(replace(walk, points=walk.points[::-1]) for walk in walks)]),
     )
+
+
+def _walked_back(rows: NDArray[np.void]) -> NDArray[np.void]:
+    """Return the same scenarios walked the other way, SCENARIO[S]."""
+    back = rows.copy()
+    length = rows["walk_step"] * (rows["walk_count"] - 1)
+    back["conflict"] = length - rows["conflict"]
+    back["pedestrian_goal"] = length - rows["standing_room"]
+    back["standing_room"] = np.minimum(rows["standing_room"], back["conflict"])
+    return back
 
 
 def _padded(paths: list[Path]) -> NDArray[np.float64]:

@@ -15,8 +15,8 @@ from vpsci_ros.world.parked import end_crashed, in_sight, parked_from
 from vpsci_ros.world.recording import NO_RECORDINGS, Recorded
 from vpsci_ros.world.scenario import Scenario
 from vpsci_ros.world.spawn import spawn_all
-from vpsci_ros.world.state import EPISODE, IDLE, STARTED
-from vpsci_ros.world.tables import Answers, settings_from, tables_from
+from vpsci_ros.world.state import EPISODE, IDLE
+from vpsci_ros.world.tables import Answers, crowd_from, settings_from, tables_from
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Floats, Tick
 
 _NO_VALUES = np.empty(0)
@@ -24,7 +24,11 @@ _NO_PAIRS, _NO_CONTROLS = np.empty((0, 2)), np.empty((0, 3))
 
 
 class World:
-    """`batch` parallel episodes of one vehicle and one pedestrian each, in lock-step.
+    """`batch` parallel episodes of one vehicle and its pedestrians, in lock-step.
+
+    With `config.pedestrians` of P each episode has P rows in a row in every array, B = `batch` P in all; row r is the
+    pair of the vehicle of episode r // P, which is the same in all of its rows, and pedestrian r % P. An episode with
+    fewer pedestrians leaves its last rows idle; its rows begin and end together.
 
     An episode is a pure function of (seed, scenario, number) and of the answers it gets: its bits do not depend on
     the batch, on its slot or on the other episodes. Fresh episodes enter at policy ticks only, so that all slots have
@@ -59,8 +63,10 @@ class World:
         self.config = config
         self.scenarios = tuple(scenarios)
         self.seed = seed
-        self.state: NDArray[np.void] = np.zeros(batch, EPISODE)
-        self._no_slots = np.zeros(batch, np.bool_)
+        self._most = config.pedestrians
+        rows = batch * self._most
+        self.state: NDArray[np.void] = np.zeros(rows, EPISODE)
+        self._no_slots = np.zeros(rows, np.bool_)
         if "replay" in (config.vehicle_driver, config.pedestrian_driver) and recorded is None:
             raise InvalidInput(
                 "a replay driver needs recordings: World(..., recorded=...), or the node's parameter recorded_bag"
@@ -69,11 +75,13 @@ class World:
         self._recordings = NO_RECORDINGS if recorded is None else recorded.arrays
         self._has_policies = "policy" in (config.vehicle_driver, config.pedestrian_driver)
         self._settings = settings_from(config)
+        self._crowd = crowd_from(config)
         self._tables = tables_from(scenarios)
         self._parked = parked_from(scenarios)
         self._queue: Iterator[tuple[int, int]] = iter(episodes)
         self._exhausted = False
-        self._bits = np.zeros(batch, np.uint16)
+        self._bits = np.zeros(rows, np.uint16)
+        self._pushes = np.zeros((rows if self._most > 1 else 0, 2))
         self._idle = batch
         self._ended: NDArray[np.int64] = np.empty(0, np.int64)
         self._started = self._begin(first_tick)
@@ -81,7 +89,7 @@ class World:
     @property
     def done(self) -> bool:
         """Whether every episode of the queue has ended and every slot is idle."""
-        return self._exhausted and self._idle == len(self.state)
+        return self._exhausted and self._idle == len(self.state) // self._most
 
     def take_started(self) -> NDArray[np.void]:
         """Return the STARTED events of the first tick, EVENT[n]."""
@@ -102,8 +110,8 @@ class World:
         decided = list_events(self.state, self._bits)
         if len(self._ended):
             self.state[self._ended] = 0
-            self._idle += len(self._ended)
-        in_threads(lambda part: self._move(answers, part), len(self.state))
+            self._idle += int(np.count_nonzero(self._ended % self._most == 0))
+        in_threads(lambda part: self._move(answers, part), len(self.state), self._most)
         if self._parked is not None:
             end_crashed(self.state, self._parked, self._bits)
         self._ended = np.flatnonzero(self._bits)
@@ -113,7 +121,8 @@ class World:
 
     def _move(self, answers: Answers, part: slice) -> None:
         own = Answers(*(array[part] for array in answers))  # type: ignore[arg-type]  # length 0 stays 0
-        engine.move(self.state[part], own, self._tables, self._recordings, self._settings, self._bits[part])
+        pushes = self._pushes[part]
+        engine.move(self.state[part], own, self._tables, self._recordings, self._settings, pushes, self._bits[part])
 
     def place(
         self, slots: Sequence[int], episodes: Sequence[tuple[int, int]], seeds: Sequence[int] | None = None
@@ -122,17 +131,21 @@ class World:
 
         For environments that decide themselves when an episode is over; give such a world an empty queue.
 
+        :param slots: places in the batch, from 0 to `batch` - 1.
         :param seeds: of each episode; the world's own seed where not given.
         :raises InvalidInput: between policy ticks, slots given twice or out of range, or see the constructor.
         """
         tick, every = self.now.number, self.config.policy_ticks
         if tick % every:
             raise InvalidInput(f"episodes start at policy ticks, each {every}; this is tick {tick}")
-        where = np.array(slots, np.int64)
-        if len(np.unique(where)) < len(where) or (where < 0).any() or (where >= len(self.state)).any():
-            raise InvalidInput(f"expected different slots from 0 to {len(self.state) - 1}, got {list(slots)}")
+        where, room = np.array(slots, np.int64), len(self.state) // self._most
+        if len(np.unique(where)) < len(where) or (where < 0).any() or (where >= room).any():
+            raise InvalidInput(f"expected different slots from 0 to {room - 1}, got {list(slots)}")
+        where *= self._most
         self._idle += int((self.state["status"][where] != IDLE).sum())
-        self._ended = np.setdiff1d(self._ended, where)
+        if self._most > 1:
+            self.state.reshape(-1, self._most)[where // self._most] = 0
+        self._ended = self._ended[~np.isin(self._ended // self._most * self._most, where)]
         started = self._start(where, episodes, seeds)
         self._show(tick)
         return started
@@ -153,7 +166,7 @@ class World:
     def _fill(self) -> NDArray[np.void]:
         if self._exhausted or self._idle == 0:
             return NO_EVENTS
-        idle = np.flatnonzero(self.state["status"] == IDLE)
+        idle = np.flatnonzero(self.state["status"][:: self._most] == IDLE) * self._most
         episodes = list(itertools.islice(self._queue, len(idle)))
         self._exhausted = len(episodes) < len(idle)
         return self._start(idle[: len(episodes)], episodes, None)
@@ -166,6 +179,7 @@ class World:
         recordings = np.zeros(len(slots), np.int64)
         if self._recorded is not None:
             recordings[:] = [self._recorded.row(*episode) for episode in episodes]
+        self._bits[:] = 0
         spawn_all(
             self.state,
             slots,
@@ -176,10 +190,10 @@ class World:
             self._recordings,
             recordings,
             self._settings,
+            self._crowd,
+            self._bits,
         )
         self._idle -= len(slots)
-        self._bits[:] = 0
-        self._bits[slots] = 1 << STARTED
         return list_events(self.state, self._bits)
 
     def _row(self, scenario: int) -> int:

@@ -1,0 +1,163 @@
+"""Several pedestrians around one vehicle: how many, what each is to the first one, and where it begins.
+
+The first pedestrian is the one of an episode without others, to the bit. Each further one belongs to its group, comes
+from the other side, waits and steps off because the first one did, or crosses for itself. What it draws depends on its
+own number alone, so that it is the same whether others come after it or not.
+
+Groups keep the first one's pace and line, side by side and behind, as small groups do: see 'The Walking Behaviour of
+Pedestrian Social Groups and Its Impact on Crowd Dynamics' by Moussaid, Perozo, Garnier, Helbing and Theraulaz, PLoS ONE
+5, 2010 (https://doi.org/10.1371/journal.pone.0010047).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import uint64
+from numpy.typing import NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.parameters import parameter
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
+from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.counter_rng import STREAM_CROWD, normal_pair, philox, unit
+from vpsci_ros.world.kinds import TOP_SPEED
+
+MOST = 8  # pedestrians of an episode
+ROLES = ("alone", "group", "opposite", "follower")
+ALONE, GROUP, OPPOSITE, FOLLOWER = range(4)
+NEAREST, FURTHEST = 0.7, 2.0  # [m] from one member of a group to the next, centre to centre
+PACE_SPREAD = 0.03  # standard deviation of the walking speeds within a group, as a share
+STEP_OFF, STEP_OFF_SPREAD = 0.8, 0.5  # [s] median of a follower's delay, and the standard deviation of its logarithm
+ROOM, CAR_ROOM = 0.7, 3.0  # [m] between two who begin an episode, and from the car to a further one, at least
+_ASIDE = np.array([0.0, 1.0, -1.0, 0.0, 1.0, -1.0, 0.0, 1.0])  # places of a group to the left of the first one
+_BEHIND = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 2.0, 2.0])  # and behind it
+
+
+@dataclass(frozen=True)
+class CrowdConfig:
+    """How many pedestrians an episode has, and what the further ones are to the first; the rest cross on their own."""
+
+    sizes: list[float] = parameter(
+        [], "parts of the episodes with 1, 2, ... pedestrians; empty: all have `pedestrians`", low=0.0, high=1e6
+    )
+    group: float = parameter(0.4, "share of the further ones who walk with the first one", low=0.0, high=1.0)
+    opposite: float = parameter(0.3, "share who come from the other side", low=0.0, high=1.0)
+    follower: float = parameter(
+        0.1, "share who wait at the kerb and step off because the first one did", low=0.0, high=1.0
+    )
+
+    def __post_init__(self) -> None:
+        shares = {name: getattr(self, name) for name in ("group", "opposite", "follower")}
+        if sum(shares.values()) > 1.0 + 1e-9:
+            said = " + ".join(f"{name} = {share:g}" for name, share in shares.items())
+            raise InvalidInput(f"crowd: expected shares that come to 1 at most, got {said}")
+        if self.sizes and not sum(self.sizes) > 0.0:
+            raise InvalidInput(f"crowd.sizes: expected a part above 0 for some number of pedestrians, got {self.sizes}")
+
+    def size_limits(self, pedestrians: int) -> NDArray[np.float64]:
+        """Return where in [0, 1] the share of the episodes with 1, 2, ... pedestrians ends, float64[pedestrians]."""
+        parts = np.array(self.sizes or [0.0] * (pedestrians - 1) + [1.0])
+        parts = np.concatenate([parts, np.zeros(pedestrians - len(parts))])
+        return np.asarray(np.cumsum(parts) / parts.sum())
+
+    def role_limits(self) -> NDArray[np.float64]:
+        """Return where in [0, 1] the shares of groups, opposite ones and followers end, float64[3]."""
+        return np.cumsum([self.group, self.opposite, self.follower])
+
+
+class Crowd(NamedTuple):
+    """Who the pedestrians are, for compiled code."""
+
+    sizes: NDArray[np.float64]  # `CrowdConfig.size_limits`
+    roles: NDArray[np.float64]  # `CrowdConfig.role_limits`
+    kinds: NDArray[np.float64]  # `KindMixture.limits`
+
+
+@kernel
+def _bits(seed, scenario, number, person, block):  # type: ignore[no-untyped-def]
+    return philox(uint64(seed), uint64(scenario), uint64(block), uint64(STREAM_CROWD), uint64(number), uint64(person))
+
+
+@kernel
+def how_many(seed, scenario, number, crowd):  # type: ignore[no-untyped-def]
+    """Return how many pedestrians an episode has."""
+    if crowd.sizes.size == 1:
+        return 1
+    share, count = unit(_bits(seed, scenario, number, 0, 0)[0]), 1
+    while count < crowd.sizes.size and share >= crowd.sizes[count - 1]:
+        count += 1
+    return count
+
+
+@kernel
+def role_of(seed, scenario, number, person, crowd):  # type: ignore[no-untyped-def]
+    """Return what a pedestrian is to the first one, an index in `ROLES`."""
+    if person == 0:
+        return ALONE
+    share = unit(_bits(seed, scenario, number, person, 0)[0])
+    if share < crowd.roles[0]:
+        return GROUP
+    if share < crowd.roles[1]:
+        return OPPOSITE
+    return FOLLOWER if share < crowd.roles[2] else ALONE
+
+
+@kernel
+def walk_along(episode, leader, seed):  # type: ignore[no-untyped-def]
+    """Give a member of a group the first one's pace and line; return where it begins along the route [m]."""
+    drawn = _bits(seed, episode.scenario, episode.episode, episode.pedestrian, 0)
+    gap = NEAREST + unit(drawn[1]) * (FURTHEST - NEAREST)
+    place = int(episode.pedestrian)
+    deviation, _ = normal_pair(unit(drawn[2]), unit(drawn[3]))
+    pace = leader.walking_speed * (1.0 + PACE_SPREAD * min(2.0, max(-2.0, deviation)))
+    episode.walking_speed = min(pace, TOP_SPEED[episode.kind])
+    episode.walking_acceleration, episode.walking_phase = leader.walking_acceleration, leader.walking_phase
+    episode.walk_slope, episode.start_delay = leader.walk_slope, leader.start_delay
+    episode.pedestrian_offset = leader.pedestrian_offset + _ASIDE[place] * gap
+    ragged = 0.4 * (unit(drawn[3]) - 0.5)
+    return leader.pedestrian_s - _BEHIND[place] * gap + ragged
+
+
+@kernel
+def step_off_after(episode, leader, seed, standing_room):  # type: ignore[no-untyped-def]
+    """Have a follower step off some time after the first one has passed; return where it begins along the route [m].
+
+    It waits at the kerb until then; where the first one has passed it before the spawn, it may be on its way, too.
+    """
+    drawn = _bits(seed, episode.scenario, episode.episode, episode.pedestrian, 0)
+    deviation, _ = normal_pair(unit(drawn[2]), unit(drawn[3]))
+    episode.follow_delay = STEP_OFF * math.exp(STEP_OFF_SPREAD * deviation)
+    kerb = unit(drawn[1]) * standing_room
+    if leader.pedestrian_s < kerb:
+        episode.start_delay = math.inf
+        return kerb
+    begins = episode.follow_delay - (leader.pedestrian_s - kerb) / leader.walking_speed
+    episode.start_delay = max(0.0, begins)
+    return kerb + max(0.0, -begins) * episode.walking_speed
+
+
+@kernel
+def step_off(state, first, count, period):  # type: ignore[no-untyped-def]
+    """Have the followers of an episode, rows `first` to `first + count` of EPISODE[B], set off once they may."""
+    leader = state[first]
+    for i in range(first + 1, first + count):
+        follower = state[i]
+        if follower.start_delay == math.inf and leader.pedestrian_s >= follower.pedestrian_s:
+            follower.start_delay = follower.frame * period + follower.follow_delay
+
+
+@kernel
+def crowded(state, first, row):  # type: ignore[no-untyped-def]
+    """Whether the pedestrian of this row of EPISODE[B] begins where another one of its episode or the car is."""
+    car, walker = state[first], state[row]
+    x, y = walker.pedestrian_x, walker.pedestrian_y
+    place = car.vehicle_x, car.vehicle_y, car.vehicle_heading
+    if clearance_pair(*place, x, y, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS) < CAR_ROOM:
+        return True
+    for other in range(first, row):
+        dx, dy = x - state[other].pedestrian_x, y - state[other].pedestrian_y
+        if dx * dx + dy * dy < ROOM * ROOM:
+            return True
+    return False
