@@ -20,7 +20,7 @@ def record() -> np.ndarray:
 
 def test_both_agents_are_drawn_at_their_places_and_sizes(record: np.ndarray) -> None:
     scenario = load_scenario(1)
-    lane, crosswalk, vehicle, pedestrian = scene_markers(record[0], {1: scenario}, Header(frame_id="map")).markers
+    lane, crosswalk, vehicle, pedestrian = scene_markers(record, {1: scenario}, Header(frame_id="map")).markers
     assert (vehicle.pose.position.x, vehicle.pose.position.y) == (-103.0, -50.0)
     assert (vehicle.scale.x, vehicle.scale.y) == (4.69, 1.85)
     assert vehicle.pose.orientation.z == pytest.approx(np.sin(np.pi / 4))
@@ -34,5 +34,5 @@ def test_both_agents_are_drawn_at_their_places_and_sizes(record: np.ndarray) -> 
 
 def test_an_idle_slot_clears_the_scene(record: np.ndarray) -> None:
     record["status"] = 0
-    (marker,) = scene_markers(record[0], {}, Header(frame_id="map")).markers
+    (marker,) = scene_markers(record, {}, Header(frame_id="map")).markers
     assert marker.action == Marker.DELETEALL
