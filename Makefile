@@ -11,7 +11,7 @@ VPSCI_DATA ?= $(wildcard ../shared/data)
 # Nodes talk to nodes on this machine only, unless asked otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: help setup demo test check clean
+.PHONY: help setup demo test check chaos clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -30,6 +30,10 @@ check: setup  ## what a change has to pass: ruff, mypy, tests
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
 	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist loadfile $(PYTEST_ARGS)
+
+chaos: setup  ## damage thousands of files and a hundred graphs, and count what does not hold (two hours)
+	@$(BIN)/python test/chaos/campaign.py files -o out/chaos/files
+	@$(BIN)/python test/chaos/campaign.py processes -o out/chaos/processes
 
 clean:  ## remove .venv and whatever was built, keep out/
 	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

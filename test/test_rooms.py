@@ -8,7 +8,7 @@ import pytest
 import vpsci_ros
 
 ROOT = Path(vpsci_ros.__file__).parent
-HALL = ("errors", "parameters", "resources")
+HALL = ("errors", "documents", "parameters", "resources")
 ROOMS = (
     *HALL, "runs", "safety", "world", "data", "policy", "evaluation", "learning", "report", "bags", "export",
     "generate", "studies", "view", "envs", "nodes", "exam", "turing", "cli",

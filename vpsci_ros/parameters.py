@@ -15,8 +15,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-import yaml
-
+from vpsci_ros.documents import read_yaml, shown
 from vpsci_ros.errors import InvalidInput
 
 EVERY_NODE = "/**"
@@ -50,16 +49,16 @@ class Parameter:
         if self.type == list[float] and isinstance(value, list):
             value = [float(v) if type(v) is int else v for v in value]
         if not _is_of(value, self.type):
-            raise InvalidInput(f"{where}: {self.name} must be {_type_name(self.type)}, got {value!r}")
+            raise InvalidInput(f"{where}: {self.name} must be {_type_name(self.type)}, got {shown(value)}")
         for item in value if isinstance(value, list) else [value]:
             if isinstance(item, float) and math.isnan(item):
                 raise InvalidInput(f"{where}: {self.name} is not a number; expected {self._range()}")
             low, high = self._bounds()
             if isinstance(item, (int, float)) and not isinstance(item, bool) and not low <= item <= high:
-                raise InvalidInput(f"{where}: {self.name} = {item} is out of range; expected {self._range()}")
+                raise InvalidInput(f"{where}: {self.name} = {shown(item)} is out of range; expected {self._range()}")
             if self.choices is not None and item not in self.choices:
                 raise InvalidInput(
-                    f"{where}: {self.name} = {item!r} is unknown; expected one of {', '.join(self.choices)}"
+                    f"{where}: {self.name} = {shown(item)} is unknown; expected one of {', '.join(self.choices)}"
                 )
         return value
 
@@ -172,7 +171,7 @@ def nested(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def refuse_unknown(values: Mapping[str, Any], known: Mapping[str, Any], where: str) -> None:
     """Raise `InvalidInput` naming the first key of `values` that is not in `known`, with the nearest known name."""
-    for name in values:
+    for name in map(str, values):
         below = [key for key in known if key.startswith(f"{name}.")]
         if below:
             raise InvalidInput(f"{where}: {name} is a group of parameters, got one value; expected {', '.join(below)}")
@@ -187,12 +186,9 @@ def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
 
     :raises InvalidInput: not readable as YAML, or not laid out as a parameter file.
     """
-    try:
-        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InvalidInput(f"{path}: no such parameter file; the package's own are in params/") from None
-    except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
-        raise InvalidInput(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from None
+    if not Path(path).exists():
+        raise InvalidInput(f"{path}: no such parameter file; the package's own are in params/")
+    document = read_yaml(path)
     if not isinstance(document, dict):
         raise InvalidInput(f"{path}: expected sections 'node: ros__parameters: ...', got {_said(document)}")
     sections: dict[str, dict[str, Any]] = {}
@@ -201,12 +197,9 @@ def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
         body = section.get("ros__parameters") if isinstance(section, dict) and len(section) == 1 else None
         if not isinstance(body, dict):
             raise InvalidInput(
-                f"{path}, {key}: expected one key ros__parameters with a mapping below it, got {section!r}"
+                f"{path}, {key}: expected one key ros__parameters with a mapping below it, got {shown(section)}"
             )
-        try:
-            sections[name] = sections.get(name, {}) | flat(body)
-        except RecursionError:
-            raise InvalidInput(f"{path}, {key}: a mapping that holds itself; write its parameters out") from None
+        sections[name] = sections.get(name, {}) | flat(body)
     return sections
 
 

@@ -13,6 +13,7 @@ from rich.console import Console
 from rosbags.rosbag2 import StoragePlugin, Writer
 from typer.testing import CliRunner
 
+from vpsci_ros.bags import verify
 from vpsci_ros.bags.decoder import known_types
 from vpsci_ros.bags.export import Selection, export_bag
 from vpsci_ros.bags.info import bag_info, print_info
@@ -46,9 +47,15 @@ def foreign(own_bag: Path, tmp_path: Path) -> Path:
 
 
 def changed(
-    bag: Path, folder: Path, *, at: int | None = None, nodes: dict[str, dict] | None = None, **run: object
+    bag: Path,
+    folder: Path,
+    *,
+    at: int | None = None,
+    nodes: dict[str, dict] | None = None,
+    late: str = "",
+    **run: object,
 ) -> Path:
-    """Write a bag again: with a bit of message `at` flipped, or other parameters of the nodes."""
+    """Write a bag again: a bit of message `at` flipped, other parameters of the nodes, or a topic's messages last."""
     source = Bag(bag)
     topics = {}
     for raw in source.messages():
@@ -57,7 +64,7 @@ def changed(
     parameters = bag_run(source).parameters if nodes is None else nodes
     for node, values in parameters.items():
         writer.describe(NODE, node_record(node, values | (run if node == "world_simulator" else {})))
-    for number, raw in enumerate(source.messages()):
+    for number, raw in enumerate(sorted(source.messages(), key=lambda raw: raw.topic == late)):
         data = bytearray(raw.data)
         if number == at:
             data[-5] ^= 1
@@ -170,6 +177,19 @@ def test_verify_names_tick_and_field_of_a_flipped_bit_and_exits_with_1(own_bag: 
     assert result.exit_code == 1
     assert "differs at tick 40, /world/state.pedestrian_vy[0]:" in result.stdout
     assert "40 ticks before it are the same" in result.stdout
+
+
+def test_verify_takes_messages_that_were_written_late_and_says_which_it_left_out(
+    own_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag = changed(own_bag, tmp_path / "bag", late="/safety/state")  # as a recorder writes that was stopped for a while
+    whole, result = verify_bag(own_bag), verify_bag(bag)
+    assert (result.difference, result.ticks, result.values) == ("", whole.ticks, whole.values)
+    monkeypatch.setattr(verify, "_LATE", 10)
+    result = verify_bag(bag)
+    assert result.difference == ""
+    assert result.ticks == whole.ticks
+    assert "stand more than 10 ticks late in the file" in result.notes[0]
 
 
 def test_verify_finds_another_seed(own_bag: Path, tmp_path: Path) -> None:

@@ -51,9 +51,10 @@ class Stopwatches:
         """Count the histories that actors take a step for."""
         original = StreamingActor.step
 
-        def counted(actor: StreamingActor, observation: Any, curvttc: Any, reset: Any, active: Any) -> Any:
+        def counted(actor: StreamingActor, *args: Any) -> Any:
+            active = args[3]
             self.actor_steps += int(active.sum())
-            return original(actor, observation, curvttc, reset, active)
+            return original(actor, *args)
 
         StreamingActor.step = counted  # type: ignore[method-assign]
 

@@ -1,5 +1,6 @@
 """The commands as a user types them: generate, info, verify."""
 
+import json
 import re
 from pathlib import Path
 
@@ -47,6 +48,8 @@ def test_info_fits_a_terminal_and_refuses_what_is_no_generated_dataset(made, tmp
     output = capsys.readouterr().out
     assert "…" not in output
     assert re.search(r"\ball +24 +198,157 ", output)
-    (tmp_path / "dataset.json").write_text('{"scenarios": {}, "period": 0.05}')
+    description = json.loads((made / "dataset.json").read_text())
+    del description["all"]
+    (tmp_path / "dataset.json").write_text(json.dumps(description))
     with pytest.raises(InvalidInput, match="a bag's dataset"):
         print_info(tmp_path)

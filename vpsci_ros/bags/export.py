@@ -1,13 +1,11 @@
 """From a bag to a dataset: the episodes that a graph recorded, filtered, as tables, with a summary and a picture."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from rich.console import Console
 
 from vpsci_ros.bags.episodes import LATE, BagEpisode, bag_episodes, choose
@@ -20,6 +18,7 @@ from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_files import FORMATS
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
+from vpsci_ros.documents import read_json, read_yaml, reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.panels import typical_panels
 from vpsci_ros.report.summary import print_rejections, print_summary, summarise
@@ -147,11 +146,13 @@ def provenance_of(bag: Path, *, recover: bool = False) -> dict[str, Any]:
         return found
     try:
         if parameters.is_file():
-            sections = yaml.safe_load(parameters.read_text(encoding="utf-8"))
+            sections = read_yaml(parameters)
             found["configuration"] = {name: section["ros__parameters"] for name, section in sections.items()}
             found["seed"] = found["configuration"].get("world_simulator", {}).get("seed")
         if record.is_file():
-            found["weights"] = json.loads(record.read_text(encoding="utf-8")).get("weights_sha256")
-    except (yaml.YAMLError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InvalidInput(f"{bag.parent}: params.yaml or run.json is not as a run writes it: {error!r}") from None
+            found["weights"] = read_json(record).get("weights_sha256")
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InvalidInput(
+            f"{bag.parent}: params.yaml or run.json is not as a run writes it: {reason(error)}"
+        ) from None
     return found

@@ -236,11 +236,14 @@ def _records(
     message: Any, fields: dict[str, tuple[int, ...]], into: Array, where: str, needed: tuple[str, ...] = ()
 ) -> Array:
     """Fill `fields` of records by those of a message, as far as it has them."""
-    for name, shape in fields.items():
+    length = len(into)
+    for name, shape in fields.items():  # at every tick, of every field: numpy takes arrays of Python as they are
         field = getattr(message, name, None)
         if field is not None:
-            array = checked(field, len(into) * math.prod(shape), where, name)
-            into[name] = array.reshape(-1, *shape) if shape else array
+            if shape:
+                into[name] = checked(field, length * math.prod(shape), where, name).reshape(-1, *shape)
+            else:
+                into[name] = field if len(field) == length else checked(field, length, where, name)
         elif name in needed:
             raise InvalidInput(f"{where} has no field {name}; it is of another version")
     return into

@@ -6,11 +6,10 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from vpsci_ros.bags.mcap_file import McapFile
 from vpsci_ros.bags.raw import RawMessage, TopicInfo
 from vpsci_ros.bags.sqlite_file import SqliteFile
+from vpsci_ros.documents import read_yaml
 from vpsci_ros.errors import InvalidInput
 
 _STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {".mcap": McapFile, ".db3": SqliteFile}
@@ -93,9 +92,8 @@ def bag_files(path: str | Path) -> list[Path]:
 def _information(path: Path) -> dict[str, Any]:
     """Return what metadata.yaml says, nothing where it is missing or unreadable: the files themselves say more."""
     try:
-        document = yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))
-        return dict(document["rosbag2_bagfile_information"])
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError):
+        return dict(read_yaml(path / "metadata.yaml")["rosbag2_bagfile_information"])
+    except (KeyError, TypeError, ValueError):
         return {}
 
 

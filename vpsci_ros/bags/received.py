@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vpsci_ros.bags import layout
 from vpsci_ros.bags.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.world.state import ENDED, OUTCOME_NAMES, SAFE_STOP, STARTED
+from vpsci_ros.world.state import ENDED, EPISODE, OUTCOME_NAMES, SAFE_STOP, STARTED
 from vpsci_ros.world.tick import Tick
 
 FARTHEST = 1e8  # [m], [m/s], [rad]: nothing in a world is beyond
@@ -21,6 +21,12 @@ _MOTION = (
     *("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature"),
     *("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"),
 )
+_OFFSETS = [offset // 8 for name in _MOTION for offset in [dict(EPISODE.fields or {})[name][1]]]
+
+
+def _motion(state: NDArray[np.void]) -> NDArray[np.float64]:
+    """Return the quantities `_MOTION` of EPISODE[B] as float64[B, 9], at once: a look at each takes thrice as long."""
+    return state.view(np.float64).reshape(len(state), -1)[:, _OFFSETS]
 
 
 def world_state(message: Any, where: str = WORLD) -> Tick:
@@ -33,14 +39,14 @@ def world_state(message: Any, where: str = WORLD) -> Tick:
     if len(tick.state) == 0:
         raise InvalidInput(f"{where}: expected at least one episode, got none; does somebody else publish it?")
     _require_codes(tick.state["status"], ENDED, f"{where}: status")
-    for name in _MOTION:
-        bad = ~(np.abs(tick.state[name]) <= FARTHEST)
-        if bad.any():
-            slot = int(np.argmax(bad))
-            raise InvalidInput(
-                f"{where}: {name} of slot {slot}: expected a number within {FARTHEST:g}, got {tick.state[name][slot]}; "
-                "does somebody else publish it?"
-            )
+    bad = ~(np.abs(_motion(tick.state)) <= FARTHEST)
+    if bad.any():
+        slot, column = (int(place) for place in np.argwhere(bad)[0])
+        name = _MOTION[column]
+        raise InvalidInput(
+            f"{where}: {name} of slot {slot}: expected a number within {FARTHEST:g}, got {tick.state[name][slot]}; "
+            "does somebody else publish it?"
+        )
     return tick
 
 

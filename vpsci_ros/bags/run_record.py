@@ -12,6 +12,7 @@ from typing import Any
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.writer import RUN
+from vpsci_ros.documents import reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.files import sha256
@@ -98,6 +99,6 @@ def bag_run(bag: Bag) -> BagRun:
                 run.totals.clear()
                 run.totals.update(values)
         _ = run.count("seen"), run.count("written"), int(run.totals.get("episodes_unfinished", 0))
-    except (AttributeError, KeyError, ValueError, TypeError) as error:
-        raise InvalidInput(f"{bag.path}: its record of how it was made is damaged: {error!r}") from None
+    except (AttributeError, KeyError, ValueError, TypeError, RecursionError) as error:
+        raise InvalidInput(f"{bag.path}: its record of how it was made is damaged: {reason(error)}") from None
     return run

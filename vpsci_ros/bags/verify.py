@@ -40,7 +40,7 @@ from vpsci_ros.world.scenario import scenario_from
 from vpsci_ros.world.state import PEDESTRIAN_ACTION_MISSING, RUNNING, SAFETY_MISSING, STARTED, VEHICLE_ACTION_MISSING
 
 _MISSING = {VEHICLE_ACTION_MISSING: "vehicle", PEDESTRIAN_ACTION_MISSING: "pedestrian", SAFETY_MISSING: "safety"}
-_LATE = 50  # ticks by which a message of an earlier tick may come later in the file
+_LATE = 1000  # ticks by which a message may stand later in the file: what the recorder's queue of each topic holds
 Fields = Mapping[str, NDArray[Any] | None]
 
 
@@ -232,7 +232,7 @@ def _ticks(bag: Bag, result: VerifiedBag) -> Iterator[tuple[int, dict[str, Any]]
     topics = (WORLD, SAFETY, EVENTS, *(f"/{agent}/action" for agent in AGENTS))
     decode = Decoder()
     gathered: dict[int, dict[str, Any]] = {}
-    newest = -1
+    newest, given, late = -1, -1, 0
     for raw in bag.messages(topics):
         message = decode(raw, bag.path)
         tick = int(message.tick)
@@ -241,9 +241,15 @@ def _ticks(bag: Bag, result: VerifiedBag) -> Iterator[tuple[int, dict[str, Any]]
                 result.notes += (f"the world ran again after tick {newest}: the first run was compared",)
                 break
             newest = tick
+        if tick <= given:
+            late += 1
+            continue
         gathered.setdefault(tick, {})[raw.topic] = layout.events(message) if raw.topic == EVENTS else message
         while (oldest := min(gathered)) < newest - _LATE:
+            given = oldest
             yield oldest, gathered.pop(oldest)
+    if late:
+        result.notes += (f"{late} messages stand more than {_LATE} ticks late in the file: they were not compared",)
     for tick in sorted(gathered):
         if WORLD in gathered[tick]:  # what came before the state of a tick that was never reached is not compared
             yield tick, gathered[tick]

@@ -16,7 +16,7 @@ from vpsci_ros.cli.learning import average, evaluate, pretrain, refine, study_ap
 from vpsci_ros.cli.options import Output, Params, Quiet, Settings, read_sections
 from vpsci_ros.cli.realism import realism
 from vpsci_ros.cli.view import turing_app, view
-from vpsci_ros.errors import VpsciError
+from vpsci_ros.errors import InvalidInput, VpsciError
 
 app = typer.Typer(
     name="vpsci",
@@ -142,13 +142,16 @@ def world_show(
 
 
 def main() -> None:
-    """Run the command line; an error of this package is one line on standard error and exit status 2."""
+    """Run the command line; an error of this package is one line on standard error.
+
+    Exit status: 2 where what was given is refused, 1 where what was begun has failed, 130 where it was interrupted.
+    """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # idle threads of torch wait without burning a core
     try:
         app()
     except VpsciError as error:
         print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+        sys.exit(2 if isinstance(error, InvalidInput) else 1)
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         sys.exit(130)

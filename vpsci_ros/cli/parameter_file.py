@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
 from vpsci_ros.data.filters import FilterConfig
+from vpsci_ros.documents import parse_yaml
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.generate.config import DatasetConfig
@@ -151,8 +150,5 @@ def _assignment(text: str) -> tuple[str, str, Any]:
     refuse_unknown({section: None}, {name: None for stage in ELSEWHERE for name in stage.sections}, f"--set {text}")
     if not any(_new_name(stage, section, name) for stage in STAGES.values()):
         refuse_unknown({name: None}, rows, f"--set {text}")
-    try:
-        chosen = yaml.safe_load(value)
-    except yaml.YAMLError:
-        raise InvalidInput(f"--set {text}: {value!r} is not readable as YAML") from None
+    chosen = parse_yaml(value, f"--set {text}")
     return section, name, rows[name].check(chosen, f"--set {text}") if name in rows else chosen

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,40 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
 from vpsci_ros.data.filters import KEPT, REASONS, FilterConfig
+from vpsci_ros.documents import Form
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.world.state import COLLISION, OUTCOME_NAMES, PARKED_COLLISION
 
 DESCRIPTION = "dataset.json"
+_COUNTED = {"kept": int, "collisions": int, "least_curvttc": list}
+FORM: Form = {  # what is read of any dataset's description
+    "period": (float, int),
+    "unfinished": int,
+    "scenarios": {
+        "*": {
+            "number": int,
+            "simulated": int,
+            "kept": int,
+            "acceptance_rate": (float, int, NoneType),
+            "rejected": dict.fromkeys(REASONS[1:], int),
+            "failed": dict.fromkeys(REASONS[1:], int),
+            "outcomes": dict.fromkeys(OUTCOME_NAMES[1:], int),
+            "kept_outcomes": dict.fromkeys(OUTCOME_NAMES[1:], int),
+            "rejected_collisions": dict.fromkeys(REASONS[1:], int),
+            "vehicle_km": (float, int),
+            "pedestrian_km": (float, int),
+        }
+    },
+    "files": {"*": {"sha256": str}},
+    "versions": {"vpsci_ros": str},
+}
+FORM_OF_GENERATED: Form = {  # besides, of one that `vpsci generate` made
+    "cpu": str,
+    "first_episode": int,
+    "all": {"least_curvttc": list, "with_early_collisions": _COUNTED},
+    "filters": {"least_frames": int},
+}
 INDEX = "episodes.parquet"
 REJECTED = "rejected"
 

@@ -1,6 +1,5 @@
 """A dataset folder read back: its description, its index, and its episodes as padded arrays, a row group at a time."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,13 +7,15 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
-from vpsci_ros.data.dataset_index import DESCRIPTION, INDEX, REJECTED
+from vpsci_ros.data.dataset_index import DESCRIPTION, FORM, INDEX, REJECTED
 from vpsci_ros.data.episode_frames import QUANTITIES
-from vpsci_ros.data.parquet import read_parquet
+from vpsci_ros.data.parquet import as_polars, read_parquet
+from vpsci_ros.documents import read_json, reason, require_form
 from vpsci_ros.errors import InvalidInput
 
 
@@ -49,16 +50,14 @@ class Dataset:
             raise InvalidInput(
                 f"{path}: no such file; expected the folder of a dataset (its run may have been stopped before the end)"
             )
-        try:
-            self.description: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-            self.scenarios: dict[str, dict[str, Any]] = self.description["scenarios"]
-            self.period = float(self.description["period"])
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise InvalidInput(f"{path}: not the description of a dataset: {error!r}") from None
+        self.description: dict[str, Any] = read_json(path)
+        require_form(self.description, FORM, f"{path}: not the description of a dataset")
+        self.scenarios: dict[str, dict[str, Any]] = self.description["scenarios"]
+        self.period = float(self.description["period"])
 
     def index(self) -> pl.DataFrame:
         """Return a row an episode, rejected ones too, with the columns of `INDEX_COLUMNS`."""
-        return read_parquet(self.folder / INDEX, "the index of a dataset").select(list(INDEX_COLUMNS))
+        return read_parquet(self.folder / INDEX, "the index of a dataset", INDEX_COLUMNS)
 
     def rows(self, name: str) -> pl.DataFrame:
         """Return all rows of one scenario, by its name."""
@@ -107,13 +106,12 @@ def file_rows(path: Path) -> Iterator[pl.DataFrame]:
             return
         with pq.ParquetFile(path) as file:
             for group in range(file.num_row_groups):
-                part = pl.from_arrow(file.read_row_group(group))
-                assert isinstance(part, pl.DataFrame)
+                part = as_polars(file.read_row_group(group))
                 yield part.select(list(DATASET_COLUMNS))
                 row += part.height
-    except (pl.exceptions.PolarsError, OSError, ValueError) as error:
+    except (pa.ArrowException, pl.exceptions.PolarsError, OSError, ValueError) as error:
         raise InvalidInput(
-            f"{path}: expected the columns of Table 7, not readable as such from row {row} on: {error}"
+            f"{path}: expected the columns of Table 7, not readable as such from row {row} on: {reason(error)}"
         ) from None
 
 

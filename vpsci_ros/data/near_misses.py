@@ -17,6 +17,7 @@ import polars as pl
 
 from vpsci_ros.data.parquet import Column, read_metadata, read_parquet, write_parquet
 from vpsci_ros.data.reference import AFTER, with_reference
+from vpsci_ros.documents import require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
@@ -84,6 +85,8 @@ def write_near_misses(table: pl.DataFrame, path: str | Path, metadata: Mapping[s
 def _sizes(path: str | Path) -> dict[str, tuple[float, float]]:
     """Return length and width [m] of the vehicles of each source that an import has stored with its table."""
     sources = read_metadata(path).get("sources", {})
+    number = (int, float)
+    require_form(sources, {"*": {"vehicle_length": number, "vehicle_width": number}}, f"{path}, metadata, sources")
     return {name: (own["vehicle_length"], own["vehicle_width"]) for name, own in sources.items()}
 
 
@@ -137,6 +140,8 @@ def _typed(table: pl.DataFrame, where: str, given: list[str]) -> pl.DataFrame:
         if not right:
             raise InvalidInput(f"{where}: column {name} must be {column.dtype.__name__}, got {kind}; cast it")
         _refuse_first(table, pl.col(name).is_null(), name, where, "a value in every row")
+        if column.dtype == pl.Int64:
+            _refuse_first(table, pl.col(name).cast(pl.Int64, strict=False).is_null(), name, where, "at most 2^63 - 1")
     return table.select(pl.col(name).cast(NEAR_MISS_COLUMNS[name].dtype) for name in given)
 
 

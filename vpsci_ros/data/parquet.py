@@ -1,7 +1,7 @@
 """Parquet files that explain themselves: a unit and a description in every field, one JSON document in the schema."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,6 +9,7 @@ import polars as pl
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from vpsci_ros.documents import parse_json, reason, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import written_whole
 
@@ -45,11 +46,12 @@ def write_parquet(table: pl.DataFrame, path: str | Path, columns: Mapping[str, C
         pq.write_table(table.select(list(columns)).to_arrow().cast(schema), part, compression="zstd")
 
 
-def read_parquet(path: str | Path, what: str) -> pl.DataFrame:
-    """Read a Parquet file.
+def read_parquet(path: str | Path, what: str, columns: Iterable[str] = ()) -> pl.DataFrame:
+    """Read a Parquet file: by Arrow, whose reader refuses a damaged file where that of polars panics.
 
     :param what: what the file should hold, for the error message.
-    :raises InvalidInput: no such file, or not Parquet.
+    :param columns: it must have, and that are returned; none: all that it has.
+    :raises InvalidInput: no such file, not Parquet, damaged, or a column is missing.
     """
     path = Path(path)
     if path.is_dir():
@@ -57,12 +59,36 @@ def read_parquet(path: str | Path, what: str) -> pl.DataFrame:
     if not path.is_file():
         raise InvalidInput(f"{path}: no such file; expected {what} in Parquet")
     try:
-        return pl.read_parquet(path, glob=False)
-    except (pl.exceptions.PolarsError, OSError) as error:
-        raise InvalidInput(f"{path}: expected {what} in Parquet, not readable as such: {error}") from None
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            table = as_polars(file.read())
+    except (pa.ArrowException, pl.exceptions.PolarsError, OSError, ValueError, TypeError) as error:
+        raise InvalidInput(f"{path}: expected {what} in Parquet, not readable as such: {reason(error)}") from None
+    if missing := [name for name in columns if name not in table.columns]:
+        has = ", ".join(table.columns) or "none"
+        raise InvalidInput(f"{path}: expected {what}; column {', '.join(missing)} is missing, it has {has}")
+    return table.select(list(columns)) if columns else table
+
+
+def as_polars(table: pa.Table) -> pl.DataFrame:
+    """Return an Arrow table as one of polars, which panics where a name is not in UTF-8.
+
+    :raises ValueError: a name is not in UTF-8.
+    """
+    _ = table.schema.names  # are decoded here
+    made = pl.from_arrow(table)
+    assert isinstance(made, pl.DataFrame), "a table becomes a table"
+    return made
 
 
 def read_metadata(path: str | Path) -> dict[str, Any]:
-    """Return the JSON document that `write_parquet` stored; empty for a file written by something else."""
-    stored = (pq.read_schema(path).metadata or {}).get(METADATA_KEY)
-    return dict(json.loads(stored)) if stored else {}
+    """Return the JSON document that `write_parquet` stored; empty for a file written by something else.
+
+    :raises InvalidInput: not Parquet, or what is stored is no JSON.
+    """
+    try:
+        stored = (pq.read_schema(path).metadata or {}).get(METADATA_KEY)
+    except (pa.ArrowException, OSError) as error:
+        raise InvalidInput(f"{path}: not readable as Parquet: {reason(error)}") from None
+    values = parse_json(stored, f"{path}, metadata") if stored else {}
+    require_form(values, dict, f"{path}, metadata")
+    return dict(values)

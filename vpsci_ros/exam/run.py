@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.table import Table
 
 from vpsci_ros.data.parquet import read_parquet, write_parquet
+from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import Exam, autopilot, hold
 from vpsci_ros.exam.config import ALONE, EXTERNAL, ExamConfig, added_pedestrians, title_of
@@ -104,13 +105,13 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
 
     :raises InvalidInput: the exam is not whole.
     """
-    table = read_parquet(folder / EPISODES, "the episodes of an exam").select(list(COLUMNS))
+    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS)
     try:
-        identity = json.loads((folder / IDENTITY).read_text(encoding="utf-8"))
+        identity = read_json(folder / IDENTITY)
         exam = prepare(Sections(identity["parameters"]), ads=EXTERNAL)
         if sha256(exam.weights) != identity["weights_sha256"]:
             raise InvalidInput("the weights of its pedestrian are not those of the exam any more")
-    except (InvalidInput, ValueError, KeyError) as error:
+    except (ValueError, LookupError, TypeError) as error:
         _tell(f"the autopilot is left out: {error}")
         return exam_sources(folder, table, None, limit, _tell)
     return exam_sources(folder, table, exam, limit, _tell)
@@ -164,10 +165,8 @@ def _take(folder: Path, identity: dict[str, Any]) -> None:
         require_empty_folder(folder)
         write_json(path, identity)
         return
-    try:
-        stored = dict(json.loads(path.read_text(encoding="utf-8")))
-    except (ValueError, TypeError, OSError) as error:
-        raise InvalidInput(f"{path}: not what an exam writes ({error}); choose another output folder") from None
+    stored = read_json(path)
+    require_form(stored, dict, f"{path}: not what an exam writes; choose another output folder")
     require_same(folder, stored, identity, "holds an exam")
 
 

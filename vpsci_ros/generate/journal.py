@@ -7,13 +7,13 @@ its checksums and the unit computed again. The folder goes when the dataset is c
 
 import contextlib
 import fcntl
-import json
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import Unit
 from vpsci_ros.generate.part import Part, part_from_bytes
@@ -96,7 +96,6 @@ def journal_of(folder: Path, run: Mapping[str, Any], unit: int) -> Iterator[Jour
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        return dict(json.loads(path.read_text(encoding="utf-8")))
-    except (ValueError, TypeError) as error:
-        raise InvalidInput(f"{path}: not readable ({error}); generate into another folder") from None
+    found = read_json(path)
+    require_form(found, dict, f"{path}: not what a run writes; generate into another folder")
+    return dict(found)

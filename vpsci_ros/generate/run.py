@@ -1,6 +1,5 @@
 """`vpsci generate`: a whole dataset, resumable, by as many workers as there are."""
 
-import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.documents import read_json
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.assemble import assemble
 from vpsci_ros.generate.config import DatasetConfig
@@ -74,7 +74,7 @@ def generate(
     begin = time.monotonic()
     with journal_of(folder, run | versions, _unit(config, targets)) as journal:
         if journal is None:
-            description = json.loads((folder / DESCRIPTION).read_text(encoding="utf-8"))
+            description = read_json(folder / DESCRIPTION)
             return Generated(description, 0, (0.0, 0.0))
         plan = Plan(targets, first, journal.unit, config.give_up)
         for scenario in plan.scenarios.values():

@@ -13,8 +13,9 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS, episode_rows
-from vpsci_ros.data.dataset_index import DESCRIPTION, INDEX, REJECTED, index_table
+from vpsci_ros.data.dataset_index import DESCRIPTION, FORM_OF_GENERATED, INDEX, REJECTED, index_table
 from vpsci_ros.data.dataset_reader import Dataset, file_rows
+from vpsci_ros.documents import reason, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.compare import Difference, first_difference
 from vpsci_ros.generate.job import Job, Unit, job_from
@@ -64,6 +65,7 @@ def verify(
     :raises InvalidInput: no dataset of `generate`, or its weights or this package's scenarios are not those it names.
     """
     data = Dataset(folder)
+    require_form(data.description, FORM_OF_GENERATED, str(data.folder / DESCRIPTION))
     job = job_of(data)
     changed = {name for name, entry in data.description["files"].items() if _hash(folder / name) != entry["sha256"]}
     findings = [Finding(name, True, "no such file") for name in sorted(changed) if not (folder / name).is_file()]
@@ -118,7 +120,8 @@ def job_of(data: Dataset) -> Job:
         digests = {agent: entry["sha256"] for agent, entry in stored.items()}
     except (KeyError, TypeError, AttributeError) as error:
         raise InvalidInput(
-            f"{where}: expected a dataset of `vpsci generate`, got one without {error}; a bag is compared otherwise"
+            f"{where}: expected a dataset of `vpsci generate`, got one without {reason(error)}; "
+            "a bag is compared otherwise"
         ) from None
     for agent, policy in job.policies.items():
         if policy.digest != digests.get(agent):

@@ -27,8 +27,18 @@ class GraphConfig:
     progress_timeout: float = parameter(
         60.0, "without progress for so long, the run is stopped with an error", unit="s", low=1.0, high=86400.0
     )
+    pause_timeout: float = parameter(
+        3600.0,
+        "a world that somebody paused may stand still so long, then the run is stopped with an error",
+        unit="s",
+        low=1.0,
+        high=604800.0,
+    )
     restarts: int = parameter(
-        0, "times that a policy that dies is started again, the world standing still meanwhile", low=0, high=1000
+        0,
+        "times that a policy that dies or fails is started again, the world standing still meanwhile",
+        low=0,
+        high=1000,
     )
     namespace: str = parameter("", "namespace of all nodes, such as /left; empty: none")
 

@@ -35,6 +35,7 @@ from vpsci_ros.world import WorldConfig
 
 STOP_STEPS = ((signal.SIGINT, 30.0), (signal.SIGKILL, 30.0))  # asked, and given so long [s]
 POLL = 0.1  # [s]
+ENDED_FOR_GOOD = (0, 2)  # exit statuses of a node that has finished, or refused its parameters: it would again
 WEIGHTS_OF_STAGE = {"pretrain": "pretrained.safetensors", "refine": "refined.safetensors"}  # what a learner leaves
 
 
@@ -170,7 +171,7 @@ class NodeProcesses:
         command = [sys.executable, "-m", f"vpsci_ros.nodes.{node}", *self._arguments]
         # Idle threads of torch must not keep the nodes from a core.
         environment = {"OMP_WAIT_POLICY": "PASSIVE"} | dict(os.environ)
-        self.running[node] = ChildProcess(command, self.logs / f"{node}.log", environment)
+        self.running[node] = ChildProcess(command, self.logs / f"{node}.log", environment, holds_signals=True)
 
     def __exit__(self, *_: object) -> None:
         self.stop()
@@ -204,13 +205,18 @@ def _follow(
             watch.drain()
             return ""
         for node, status in ended.items():
-            if status > 0 or not node.endswith("_policy") or restarts == 0:
+            if status in ENDED_FOR_GOOD or not node.endswith("_policy") or restarts == 0:
                 return processes.explain(node)
             restarts -= 1
             watch.hold(node)
             processes.start(node)
         if stop_when is not None and (reason := stop_when(watch)):
             return reason
+        if watch.paused_time() > graph.pause_timeout:
+            return (
+                f"the world was paused for {graph.pause_timeout:g} s (graph.pause_timeout) by a call of its service "
+                "world/pause; nobody asked it to go on"
+            )
         if watch.idle_time() > graph.progress_timeout:
             return f"no progress for {graph.progress_timeout:g} s; the nodes' logs are in {processes.logs}"
 

@@ -40,6 +40,7 @@ class Watch:
         self._ended: set[tuple[int, int]] = set()
         self._refused = 0
         self._last = time.monotonic()
+        self._paused_since: float | None = None
         self._status: dict[str, dict[str, str]] = {}
         self._bars = Bars(quiet=quiet)
 
@@ -93,6 +94,10 @@ class Watch:
         """Return for how long nothing has happened [s]."""
         return time.monotonic() - self._last
 
+    def paused_time(self) -> float:
+        """Return for how long somebody has had the world stand still [s]; 0 where it goes on."""
+        return 0.0 if self._paused_since is None else time.monotonic() - self._paused_since
+
     def summary(self) -> dict[str, float]:
         """Return the numbers seen last: episodes ended, and each node's diagnostics as "node.key"."""
         numbers = {f"{node}.{key}": value for node, pairs in self._status.items() for key, value in pairs.items()}
@@ -119,6 +124,8 @@ class Watch:
         for status in message.status:
             pairs = {pair.key: pair.value for pair in status.values}
             stands_still = status.message == "paused" and not self._held  # as somebody has asked for
+            if status.name == "world_simulator":
+                self._paused_since = (self._paused_since or time.monotonic()) if stands_still else None
             # The recorder writes diagnostics down as well, its own among them, however long nothing happens.
             moves_on = pairs != self._status.get(status.name) and status.name != "recorder"
             if stands_still or moves_on:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+from vpsci_ros.documents import parse_json, reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import build, values_of
 from vpsci_ros.policy.config import NetworkConfig
@@ -119,12 +120,12 @@ def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
         )
     try:
         tensors = load(data)
-        texts = {name: json.loads(text) for name, text in metadata.items() if name not in ("format", CHECKSUM)}
+        texts = {name: parse_json(text, where) for name, text in metadata.items() if name not in ("format", CHECKSUM)}
         configuration = texts.pop("configuration")
         older = {"risk_input": False, "tracked_steps": 0, "latent": 0}  # what files had before these parameters
         values = older | configuration["NetworkConfig"]
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
-        raise InvalidInput(f"{where}: damaged weights file: {error!r}; copy or train it anew") from None
+        raise InvalidInput(f"{where}: damaged weights file: {reason(error)}; copy or train it anew") from None
     network = build(NetworkConfig, values, f"{where}, configuration")
     _check(tensors, network, where)
     weights = Weights(network, tensors, configuration, texts)
@@ -171,7 +172,7 @@ def _metadata(data: bytes, where: str) -> dict[str, str]:
         (length,) = struct.unpack_from("<Q", data)
         if length > len(data) - 8:
             raise ValueError(f"header of {length} bytes in a file of {len(data)}")
-        metadata = json.loads(data[8 : 8 + length]).get("__metadata__", {})
+        metadata = parse_json(data[8 : 8 + length], where).get("__metadata__", {})
         if not isinstance(metadata, dict):
             raise ValueError("metadata are not a mapping")
     except (struct.error, ValueError, AttributeError) as error:

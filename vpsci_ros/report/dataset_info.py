@@ -6,8 +6,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from vpsci_ros.data.dataset_index import DESCRIPTION, FORM_OF_GENERATED
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.published import LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
+from vpsci_ros.documents import require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.summary import print_rejections
 
@@ -21,6 +23,7 @@ def print_info(folder: str | Path, console: Console | None = None) -> None:
     data = Dataset(folder)
     if "all" not in data.description:
         raise InvalidInput(f"{data.folder}: a bag's dataset, made by `vpsci bag export`; its summary was printed then")
+    require_form(data.description, FORM_OF_GENERATED, str(data.folder / DESCRIPTION))
     rows = data.scenarios.values()
     console.print(_table_10(data))
     print_rejections(folder, console)
@@ -31,13 +34,13 @@ def print_info(folder: str | Path, console: Console | None = None) -> None:
     view = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
     for head in ("", "episodes", "collisions", "share", "least CurvTTC\nQ1 median Q3 [s]"):
         view.add_column(head, justify="right" if head else "left", no_wrap=True)
-    view.add_row("kept", f"{kept:,}", f"{collided:,}", f"{collided / kept:.2%}", _three(total["least_curvttc"]))
+    view.add_row("kept", f"{kept:,}", f"{collided:,}", f"{collided / max(1, kept):.2%}", _three(total["least_curvttc"]))
     least = data.description["filters"]["least_frames"]
     view.add_row(
         f"and collisions before {least}",
         f"{early['kept']:,}",
         f"{early['collisions']:,}",
-        f"{early['collisions'] / early['kept']:.2%}",
+        f"{early['collisions'] / max(1, early['kept']):.2%}",
         _three(early["least_curvttc"]),
     )
     view.add_row("paper, kept", f"{sum(row.kept for row in TABLE_10.values()):,}", "", "", _three(LEAST_CURVTTC))
@@ -61,7 +64,7 @@ def _table_10(data: Dataset) -> Table:
     view.add_section()
     names = ("kept", "simulated", "vehicle_km", "pedestrian_km")
     everything = {name: sum(row[name] for row in rows.values()) for name in names}
-    everything["acceptance_rate"] = everything["kept"] / everything["simulated"]
+    everything["acceptance_rate"] = everything["kept"] / max(1, everything["simulated"])
     kept = sum(row.kept for row in TABLE_10.values())
     km = [sum(row.vehicle_km for row in TABLE_10.values()), sum(row.pedestrian_km for row in TABLE_10.values())]
     view.add_row("all", *_cells(everything, [f"{kept:,}", *(f"{1000.0 * length / kept:.1f}" for length in km)]))
@@ -70,9 +73,9 @@ def _table_10(data: Dataset) -> Table:
 
 def _cells(row: dict[str, float], paper: list[str]) -> list[str]:
     """Return the cells of a row of Table 10: `paper` holds its count and its lengths per episode."""
-    cells = [f"{row['kept']:,}", paper[0], f"{row['acceptance_rate']:.1%}"]
+    cells = [f"{row['kept']:,}", paper[0], f"{row['acceptance_rate'] or 0.0:.1%}"]
     for name, published in zip(("vehicle_km", "pedestrian_km"), paper[1:], strict=True):
-        cells += [f"{row[name]:,.1f}", f"{1000.0 * row[name] / row['kept']:.1f} ({published})"]
+        cells += [f"{row[name]:,.1f}", f"{1000.0 * row[name] / max(1, row['kept']):.1f} ({published})"]
     return cells
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import yaml
 
+from vpsci_ros.documents import read_yaml, reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import as_ros_parameters, flat
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_text
@@ -76,7 +77,8 @@ class RunFolder:
         record = read_record(self._folder / RECORD)
         if record is None or record["error"] or record["inputs_sha256"] != self._inputs:
             return False
-        return all((self._folder / name).is_file() for name in record.get("outputs_sha256", ()))
+        left = record.get("outputs_sha256", {})
+        return all((self._folder / name).is_file() and sha256(self._folder / name) == left[name] for name in left)
 
     def _outputs(self) -> Iterable[Path]:
         for path in self._folder.rglob("*"):
@@ -90,9 +92,11 @@ def _values(path: Path) -> dict[str, dict[str, Any]]:
     :raises InvalidInput: `path` holds something else.
     """
     try:
-        return _flat(yaml.safe_load(path.read_text(encoding="utf-8")))
-    except (yaml.YAMLError, OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        raise InvalidInput(f"{path}: not the parameters of a run: {error}; choose another output folder") from None
+        return _flat(read_yaml(path))
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InvalidInput(
+            f"{path}: not the parameters of a run: {reason(error)}; choose another output folder"
+        ) from None
 
 
 def _flat(layout: dict[str, Any]) -> dict[str, dict[str, Any]]:

@@ -9,6 +9,8 @@ import time
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
+from vpsci_ros.runs.stop_request import REQUESTS
+
 STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # asked, and given so long [s]
 
 
@@ -18,10 +20,14 @@ class ChildProcess:
     Ctrl-C does not reach it, so that whoever started it stops it in order. Should that be killed, it is asked to end.
 
     :param environment: all of its variables, but for those that every child gets where nobody has set them.
+    :param holds_signals: SIGINT and SIGTERM wait until it takes them, as `stop_requested_by_signals` does, so that none
+        cuts its imports short.
     :raises OSError: the program cannot be started.
     """
 
-    def __init__(self, command: Sequence[str], log: Path, environment: Mapping[str, str]) -> None:
+    def __init__(
+        self, command: Sequence[str], log: Path, environment: Mapping[str, str], *, holds_signals: bool = False
+    ) -> None:
         self.log = log
         with open(log, "ab") as output:
             self._process = subprocess.Popen(
@@ -31,7 +37,7 @@ class ChildProcess:
                 stderr=subprocess.STDOUT,
                 env={"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONUNBUFFERED": "1"} | dict(environment),
                 start_new_session=True,
-                preexec_fn=_end_with_parent,  # noqa: PLW1509 - one call of the C library, no Python lock
+                preexec_fn=_prepare_holding if holds_signals else _end_with_parent,  # noqa: PLW1509 - takes no lock
             )
         self.pid = self._process.pid
 
@@ -73,6 +79,11 @@ def stop(processes: Collection[ChildProcess], steps: Sequence[tuple[signal.Signa
         deadline = time.monotonic() + patience
         for process in running:
             process.wait(max(0.0, deadline - time.monotonic()))
+
+
+def _prepare_holding() -> None:
+    signal.pthread_sigmask(signal.SIG_BLOCK, REQUESTS)
+    _end_with_parent()
 
 
 def _end_with_parent() -> None:

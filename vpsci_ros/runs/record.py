@@ -1,7 +1,6 @@
 """The record that every run leaves beside its results: how it ended, from what, by what, and what it came to."""
 
 import contextlib
-import json
 import os
 import sys
 import time
@@ -9,6 +8,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from vpsci_ros.documents import read_json
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.runs.provenance import cpu_name, software_versions
 
@@ -63,7 +64,7 @@ def write_record(
 def read_record(path: Path) -> dict[str, Any] | None:
     """Return a record; None where there is none, or none that can be read."""
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        record = read_json(path)
+    except InvalidInput:
         return None
     return record if isinstance(record, dict) and {"error", "results", "inputs_sha256"} <= record.keys() else None

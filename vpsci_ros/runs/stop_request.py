@@ -11,6 +11,8 @@ from collections.abc import Iterator
 
 from vpsci_ros.errors import Stopped
 
+REQUESTS = (signal.SIGINT, signal.SIGTERM)
+
 
 class StopRequest:
     """Whether somebody has asked to stop; once made, a request stands."""
@@ -59,7 +61,8 @@ class StopRequest:
 def stop_requested_by_signals() -> Iterator[StopRequest]:
     """Yield a request that SIGINT and SIGTERM make, in place of whatever they do elsewhere; in the main thread."""
     request = StopRequest()
-    before = {number: signal.signal(number, request.set) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, request.set) for number in REQUESTS}
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, REQUESTS)  # of one that came before, see `ChildProcess`
     try:
         yield request
     finally:

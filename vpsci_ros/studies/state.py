@@ -1,10 +1,10 @@
 """What a configuration of a study has come to, kept in its folder, so that a study goes on with what is missing."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.runs.identity import require_same
 
@@ -22,7 +22,8 @@ def once(folder: Path, identity: dict[str, Any], make: Callable[[], dict[str, An
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / STATE
     if path.exists():
-        state = json.loads(path.read_text(encoding="utf-8"))
+        state = read_json(path)
+        require_form(state, {"of": object, "row": object}, str(path))
         require_same(path, state["of"], identity)
         if state["row"] is not None:
             done: dict[str, Any] = state["row"]

@@ -1,6 +1,5 @@
 """What raters answered: their files checked, and put into arrays of raters, scenes and sources."""
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.turing.clips import SOURCES
 from vpsci_ros.turing.kit import sources_of
@@ -95,10 +95,6 @@ def _take(answer: Any, place: dict[str, tuple[int, int]], row: int, out: dict[st
 
 
 def _json(path: Path, what: str) -> dict[str, Any]:
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"{path}: expected {what} as JSON: {error}") from None
-    if not isinstance(document, dict):
-        raise InvalidInput(f"{path}: expected {what}, got {type(document).__name__}")
-    return document
+    document = read_json(path)
+    require_form(document, dict, f"{path}: expected {what}")
+    return dict(document)

@@ -14,9 +14,11 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.documents import reason, require_form, shown
 from vpsci_ros.errors import InvalidInput
 
 Floats: TypeAlias = NDArray[np.float64]
+LARGEST, LONGEST_ROAD = 1e9, 1e5  # of a number in a map, which is in metres or radians; [m]
 LARGEST_GAP = 0.5  # [m] between the end of a lane and the beginning of the next one on a route
 BEYOND = 3.0  # [m] that a walking route goes on beyond either end of its crosswalk
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
@@ -34,8 +36,9 @@ class OpenDriveMap:
             root = ET.parse(self.path).getroot()
         except OSError as error:
             raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
-        except ET.ParseError as error:
-            raise InvalidInput(f"{path}: expected an OpenDRIVE file, got XML that does not parse: {error}") from None
+        except (ET.ParseError, ValueError, LookupError) as error:  # the latter two of an unknown encoding
+            text = reason(error)
+            raise InvalidInput(f"{path}: expected an OpenDRIVE file, got XML that does not parse: {text}") from None
         if root.tag != "OpenDRIVE":
             raise InvalidInput(f"{path}: expected an OpenDRIVE file, got XML with root element {root.tag!r}")
         self._roads = {road.get("id", ""): road for road in root.iter("road")}
@@ -70,7 +73,11 @@ class OpenDriveMap:
         :raises InvalidInput: an unknown road or lane, or a reference line of an unknown kind.
         """
         road = self._road(road_id)
-        length = float(road.get("length", "nan"))
+        length = _number(road, "length")
+        if not 0.0 < length <= LONGEST_ROAD:
+            raise InvalidInput(f"{self.path}: road {road_id}: expected a length to {LONGEST_ROAD:g} m, got {length:g}")
+        if lane == 0:
+            raise InvalidInput(f"{self.path}: lane 0 of road {road_id} is its centre line; name one beside it")
         s = np.linspace(0.0, length, max(2, math.ceil(length / step) + 1))
         t = self._lane_offset(road, s) + math.copysign(1.0, lane) * self._centre_distance(road, lane, s)
         points = self._points(road, s, t)
@@ -119,7 +126,7 @@ class OpenDriveMap:
         pieces = sorted(road.iterfind("planView/geometry"), key=lambda g: _number(g, "s"))
         if not pieces:
             raise InvalidInput(f"{self.path}: road {road.get('id')} has no reference line")
-        which = np.searchsorted([_number(g, "s") for g in pieces], s, side="right") - 1
+        which = np.maximum(np.searchsorted([_number(g, "s") for g in pieces], s, side="right") - 1, 0)
         for index, geometry in enumerate(pieces):
             here = which == index
             if here.any():
@@ -165,7 +172,8 @@ def expand(document: Mapping[str, Any], where: str) -> dict[str, Any]:
     :param where: path of the scenario file, which opens each message.
     :raises InvalidInput: a key is missing or wrong, or see `OpenDriveMap`.
     """
-    vehicle, pedestrian = dict(document.get("vehicle") or {}), dict(document.get("pedestrian") or {})
+    require_form(document, {"vehicle": dict, "pedestrian": dict, "opendrive": str}, where)
+    vehicle, pedestrian = dict(document["vehicle"]), dict(document["pedestrian"])
     if "lanes" not in vehicle or "crosswalk" not in pedestrian:
         raise InvalidInput(
             f"{where}: with opendrive, give vehicle.lanes ([[road, lane], ...]) and pedestrian.crosswalk (id)"
@@ -174,7 +182,7 @@ def expand(document: Mapping[str, Any], where: str) -> dict[str, Any]:
     lanes = vehicle.pop("lanes")
     if not isinstance(lanes, list) or not all(isinstance(p, list) and len(p) == 2 and type(p[1]) is int for p in lanes):
         raise InvalidInput(
-            f"{where}, vehicle: lanes must be [[road, lane], ...] in the order of driving, got {lanes!r}"
+            f"{where}, vehicle: lanes must be [[road, lane], ...] in the order of driving, got {shown(lanes)}"
         )
     centreline, lane_width = road_map.route([(road, lane) for road, lane in lanes], 2.0)
     outline = road_map.crosswalk(pedestrian.pop("crosswalk"))
@@ -203,12 +211,12 @@ def _evaluate(geometry: ET.Element, s: Floats, where: str) -> tuple[Floats, Floa
     heading = _number(geometry, "hdg")
     kind = next(iter(geometry), None)
     if kind is not None and kind.tag in ("line", "arc", "spiral"):
-        begin = float(kind.get("curvature", kind.get("curvStart", "0")))
-        end = float(kind.get("curvEnd", begin))
-        u, v, turn = _clothoid(s, begin, (end - begin) / _number(geometry, "length"))
+        begin = _number(kind, "curvature" if kind.tag == "arc" else "curvStart", 0.0)
+        end = _number(kind, "curvEnd", begin)
+        u, v, turn = _clothoid(s, begin, (end - begin) / _length(geometry))
     elif kind is not None and kind.tag == "paramPoly3":
-        p = s / _number(geometry, "length") if kind.get("pRange", "normalized") == "normalized" else s
-        coordinates = [[float(kind.get(f"{k}{axis}", "0")) for k in "abcd"] for axis in "UV"]
+        p = s / _length(geometry) if kind.get("pRange", "normalized") == "normalized" else s
+        coordinates = [[_number(kind, f"{k}{axis}", 0.0) for k in "abcd"] for axis in "UV"]
         u, v = (a + p * (b + p * (c + p * d)) for a, b, c, d in coordinates)
         du, dv = (b + p * (2 * c + p * 3 * d) for _, b, c, d in coordinates)
         turn = np.arctan2(dv, du)
@@ -239,10 +247,22 @@ def _cubic(records: Sequence[ET.Element], key: str, s: Floats) -> Floats:
     return np.asarray(a + ds * (b + ds * (c + ds * d)))
 
 
-def _number(element: ET.Element, key: str) -> float:
+def _length(geometry: ET.Element) -> float:
+    length = _number(geometry, "length")
+    if length <= 0.0:
+        raise InvalidInput(f"OpenDRIVE element {geometry.tag}: expected a length above 0, got {length:g}")
+    return length
+
+
+def _number(element: ET.Element, key: str, otherwise: float | None = None) -> float:
+    """Return an attribute as a number, or what holds where it is missing (None: it must be there)."""
+    text = element.get(key)
+    if text is None and otherwise is not None:
+        return otherwise
     try:
-        return float(element.get(key, ""))
+        value = float(text or "")
     except ValueError:
-        raise InvalidInput(
-            f"OpenDRIVE element {element.tag}: expected a number in {key!r}, got {element.get(key)!r}"
-        ) from None
+        value = math.nan
+    if not abs(value) < LARGEST:
+        raise InvalidInput(f"OpenDRIVE element {element.tag}: expected a number in {key!r}, got {shown(text)}")
+    return value

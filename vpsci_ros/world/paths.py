@@ -11,10 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.compiled import kernel
 
 SAMPLE = 0.5  # [m] wanted distance between samples
 STRAIGHT = 5.0  # [m] given points further apart than this have a straight line between them
+LONGEST = 20e3  # [m] of a way; more of it would be sampled for nothing
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,9 @@ def resample(points: NDArray[np.float64], sample: float = SAMPLE) -> Path:
     A cubic joins the given points (Catmull and Rom's, over chord lengths), so that points two metres apart describe the
     arc of a turn to a centimetre; points more than `STRAIGHT` apart are joined by a straight line.
     """
+    length = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    if not length <= LONGEST:
+        raise InvalidInput(f"expected a way of at most {LONGEST:,g} m, got one of {length:,.4g} m; are these metres?")
     dense = _catmull_rom(_with_straights(points))
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(dense, axis=0).T))])
     count = max(1, round(lengths[-1] / sample))

@@ -16,9 +16,9 @@ from pathlib import Path as FilePath
 from typing import Any, TypeAlias
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
+from vpsci_ros.documents import read_yaml, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import refuse_unknown
 from vpsci_ros.resources import params_dir
@@ -28,7 +28,6 @@ from vpsci_ros.world.opendrive import expand
 from vpsci_ros.world.paths import Path, resample
 from vpsci_ros.world.people import WAITING
 
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the same, in C, where PyYAML was built with it
 Points: TypeAlias = NDArray[np.float64]
 Interval: TypeAlias = tuple[float, float]
 
@@ -199,10 +198,7 @@ def _of_ones_own(item: str | FilePath | Scenario) -> Scenario:
 
 
 def _read(path: FilePath) -> Any:
-    try:
-        return yaml.load(path.read_text(encoding="utf-8"), _LOADER)
-    except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
-        raise InvalidInput(f"{path}: not readable as YAML: {error}") from None
+    return read_yaml(path)
 
 
 def _find(which: int | str | FilePath) -> FilePath:
@@ -235,7 +231,7 @@ def scenario_from(document: Any, where: str) -> Scenario:
     top = _section(document, _REQUIRED, _OPTIONAL, where)
     number = top["number"]
     if type(number) is not int or not 1 <= number <= 255:
-        raise InvalidInput(f"{where}: number must be a whole number from 1 to 255, got {number!r}")
+        raise InvalidInput(f"{where}: number must be a whole number from 1 to 255, got {shown(number)}")
     if not re.fullmatch(r"\w[\w.-]*", str(top["name"])):
         raise InvalidInput(
             f"{where}: name becomes that of files: expected letters, digits, '_', '-' and '.', got {top['name']!r}"
@@ -332,7 +328,7 @@ def _crossing(route: Path, lane: Path) -> float | None:
 
 def _section(values: Any, required: dict[str, Any], optional: dict[str, Any], where: str) -> dict[str, Any]:
     if not isinstance(values, dict):
-        raise InvalidInput(f"{where}: expected a mapping with {', '.join(required)}, got {values!r}")
+        raise InvalidInput(f"{where}: expected a mapping with {', '.join(required)}, got {shown(values)}")
     refuse_unknown(values, required | optional, where)
     missing = [key for key in required if key not in values]
     if missing:
@@ -343,17 +339,17 @@ def _section(values: Any, required: dict[str, Any], optional: dict[str, Any], wh
 def _number(value: Any, low: float, high: float, where: str, unit: str) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
         raise InvalidInput(
-            f"{where} must be a number from {low:g} to {high:g} {unit}, got {value!r}".replace(" ,", ",")
+            f"{where} must be a number from {low:g} to {high:g} {unit}, got {shown(value)}".replace(" ,", ",")
         )
     return float(value)
 
 
 def _interval(value: Any, low: float, high: float, where: str, unit: str) -> Interval:
     if not isinstance(value, list) or len(value) != 2:
-        raise InvalidInput(f"{where} must be [least, greatest], got {value!r}")
+        raise InvalidInput(f"{where} must be [least, greatest], got {shown(value)}")
     least, greatest = (_number(v, low, high, where, unit) for v in value)
     if least > greatest:
-        raise InvalidInput(f"{where} must be [least, greatest], got {value!r}")
+        raise InvalidInput(f"{where} must be [least, greatest], got {shown(value)}")
     return least, greatest
 
 
@@ -361,9 +357,9 @@ def _points(value: Any, fewest: int, where: str) -> Points:
     try:
         points = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InvalidInput(f"{where} must be a list of [x, y] in metres, got {value!r}") from None
+        raise InvalidInput(f"{where} must be a list of [x, y] in metres, got {shown(value)}") from None
     if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < fewest or not np.isfinite(points).all():
-        raise InvalidInput(f"{where} must be at least {fewest} finite points [x, y] in metres, got {value!r}")
+        raise InvalidInput(f"{where} must be at least {fewest} finite points [x, y] in metres, got {shown(value)}")
     if (np.hypot(*np.diff(points, axis=0).T) < 1e-3).any():
         raise InvalidInput(f"{where} has two points in a row at the same place; remove one")
     return points

@@ -18,11 +18,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import polars as pl
-import yaml
-
 from vpsci_ros.data.importers.importer import Clip, Importer
 from vpsci_ros.data.importers.layout import Layout, clip_of, read_csv
+from vpsci_ros.data.parquet import read_parquet
+from vpsci_ros.documents import read_yaml, require_form, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import refuse_unknown
 
@@ -56,26 +55,28 @@ def described(folder: Path) -> Iterator[Clip]:
         raise InvalidInput(f"{path}: files: {values['files']!r} names none in {folder}")
     size = float(values["length"]), float(values["width"])
     for file in files:
-        table = pl.read_parquet(file) if file.suffix == ".parquet" else read_csv(file)
+        table = read_parquet(file, "a table of tracks") if file.suffix == ".parquet" else read_csv(file)
         clip = clip_of(file.stem, {file: (table, layout)})
         yield clip.with_size(*size)
 
 
 def _values(path: Path) -> dict[str, Any]:
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{path}: not readable: {error}; see vpsci_ros/data/importers/described.py") from None
-    if not isinstance(values, dict):
-        raise InvalidInput(f"{path}: expected a mapping with {', '.join(_KEYS)}, got {values!r}")
+    if not path.is_file():
+        raise InvalidInput(f"{path}: no such file; expected a layout, see vpsci_ros/data/importers/described.py")
+    values = read_yaml(path)
+    require_form(values, dict, str(path))
     refuse_unknown(values, _KEYS, str(path))
     return _KEYS | values
 
 
 def _layout(values: dict[str, Any], path: Path) -> Layout:
     columns = values["columns"]
+    if not isinstance(values["files"], str) or Path(values["files"]).is_absolute() or not values["files"]:
+        raise InvalidInput(f"{path}: files: expected a pattern such as '*.csv', got {shown(values['files'])}")
     if not isinstance(columns, dict) or not set(columns) <= set(_COLUMNS) or not {"id", "x", "y"} <= set(columns):
-        raise InvalidInput(f"{path}: columns: expected id, x, y and others of {', '.join(_COLUMNS)}, got {columns!r}")
+        raise InvalidInput(
+            f"{path}: columns: expected id, x, y and others of {', '.join(_COLUMNS)}, got {shown(columns)}"
+        )
     pairs = [("vx", "vy"), ("length", "width")]
     for one, other in pairs:
         if (one in columns) != (other in columns):
@@ -86,10 +87,12 @@ def _layout(values: dict[str, Any], path: Path) -> Layout:
         value = values[key]
         least = 0.0 if key == "frame_rate" and "time" in columns else 1e-9
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= least:
-            raise InvalidInput(f"{path}: {key}: expected a number above 0, got {value!r}")
+            raise InvalidInput(f"{path}: {key}: expected a number above 0, got {shown(value)}")
     for key in ("vehicles", "pedestrians"):
         if not isinstance(values[key], list) or not values[key] or "class" not in columns:
-            raise InvalidInput(f"{path}: {key}: expected a list of values of the column `class`, got {values[key]!r}")
+            raise InvalidInput(
+                f"{path}: {key}: expected a list of values of the column `class`, got {shown(values[key])}"
+            )
     return Layout(
         columns={str(name): str(column) for name, column in columns.items()},
         vehicles=frozenset(map(str, values["vehicles"])),

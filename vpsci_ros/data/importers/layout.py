@@ -13,6 +13,7 @@ import polars as pl
 
 from vpsci_ros.data.importers.importer import Clip
 from vpsci_ros.data.importers.tracks import Floats, Track, read_text, require_columns, resample, slope
+from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 
 REVERSING = -0.1  # [m/s] slower than this is driving backwards, not the noise of a standing car
@@ -150,7 +151,7 @@ def _numbers(rows: pl.DataFrame, line: pl.Series, column: str, path: Path) -> pl
     if bad.any():
         row = int(bad.arg_max() or 0)
         raise InvalidInput(
-            f"{path}: line {line[row]}, column {column}: expected a finite number, got {given[row]!r}; "
+            f"{path}: line {line[row]}, column {column}: expected a finite number, got {shown(given[row])}; "
             "correct the file or remove that road user's rows"
         )
     return numbers

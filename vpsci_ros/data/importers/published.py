@@ -11,6 +11,7 @@ import polars as pl
 
 from vpsci_ros.data.importers.importer import Clip, Importer
 from vpsci_ros.data.importers.layout import Layout, clip_of, read_csv
+from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.errors import InvalidInput
 
 _MOTION = {"x": "x", "y": "y", "vx": "vx", "vy": "vy"}
@@ -105,7 +106,7 @@ def argoverse2(folder: Path) -> Iterator[Clip]:
     layout = Layout(columns, frozenset({"vehicle", "bus"}), frozenset({"pedestrian"}), frame_rate=10.0)
     for path in _found(folder, "scenario_*.parquet", "scenarios of Argoverse 2"):
         try:
-            table = pl.read_parquet(path)
+            table = read_parquet(path, "a scenario")
         except (pl.exceptions.PolarsError, OSError) as error:
             raise InvalidInput(f"{path}: not readable as Parquet: {error}; take the file as published") from None
         yield clip_of(path.stem.removeprefix("scenario_"), {path: (table, layout)})

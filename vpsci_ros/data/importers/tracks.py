@@ -8,11 +8,13 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vpsci_ros.documents import reason, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
 MAX_GAP = 0.25  # [s] frames further apart than this are not bridged: the track is cut there
+LARGEST = 2.0**53  # above it a float64 does not tell whole numbers apart
 _GRID = 1e-6  # [steps] a frame this near to a grid point counts as on it
 
 
@@ -68,7 +70,7 @@ def read_text(path: Path) -> pl.DataFrame:
     try:
         return pl.read_csv(path, infer_schema=False)
     except (pl.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{path}: not readable as CSV: {error}; take the file as published") from None
+        raise InvalidInput(f"{path}: not readable as CSV: {reason(error)}; take the file as published") from None
 
 
 def require_columns(table: pl.DataFrame, names: Iterable[str], path: Path) -> None:
@@ -84,13 +86,13 @@ def require_columns(table: pl.DataFrame, names: Iterable[str], path: Path) -> No
 
 def _numbers(text: pl.DataFrame, name: str, whole: bool, path: Path) -> pl.Series:
     numbers = text[name].str.strip_chars().cast(pl.Float64, strict=False)
-    good = numbers.is_finite() & (numbers == numbers.round(0) if whole else True)
+    good = numbers.is_finite() & ((numbers == numbers.round(0)) & (numbers.abs() < LARGEST) if whole else True)
     bad = ~good.fill_null(False)
     if bad.any():
         row = int(bad.arg_max() or 0)
-        kind = "a whole number" if whole else "a finite number"
+        kind = "a whole number (below 2^53)" if whole else "a finite number"
         raise InvalidInput(
-            f"{path}: line {row + 2}, column {name}: expected {kind}, got {text[name][row]!r}; "
+            f"{path}: line {row + 2}, column {name}: expected {kind}, got {shown(text[name][row])}; "
             "correct the file or remove that agent's rows"
         )
     return numbers.cast(pl.Int64) if whole else numbers

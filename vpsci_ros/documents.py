@@ -1,0 +1,165 @@
+"""YAML and JSON that other people wrote, read so that nothing in them can hang, end or fool a program.
+
+Of YAML the part is read that ROS 2 reads of its parameter files: no aliases (a few hundred bytes of them unfold to
+billions of values), no tags but the plain ones, no key twice (YAML keeps the last one without a word).
+"""
+
+import json
+import reprlib
+from collections.abc import Hashable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from vpsci_ros.errors import InvalidInput
+
+Form = type | tuple[type, ...] | Mapping[str, Any]
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the same, in C, where PyYAML was built with it
+_FAULTS = (yaml.YAMLError, ValueError, TypeError, AttributeError, LookupError, OverflowError)  # of its resolvers, too
+_UNNAMED = 'in "<unicode string>", '  # as PyYAML calls what is no file
+_ANY = "*"
+DEEPEST = 50  # levels of a YAML document
+_REPR = reprlib.Repr()
+_REPR.maxlevel, _REPR.maxlist, _REPR.maxdict, _REPR.maxstring, _REPR.maxother, _REPR.maxlong = 3, 6, 6, 120, 120, 60
+
+
+def shown(value: Any) -> str:
+    """Return a value for an error message: its `repr`, at most some lines of it whatever it holds."""
+    try:
+        return _REPR.repr(value)
+    except ValueError:  # a number of more digits than Python writes out
+        return f"a {type(value).__name__} too long to write out"
+
+
+def reason(error: BaseException) -> str:
+    """Return what an exception says in one line of at most 300 characters; a decoder's own holds all of a file."""
+    text = " ".join(str(error).replace(_UNNAMED, "").split()) or type(error).__name__
+    return text if len(text) <= 300 else f"{text[:300]} ..."
+
+
+class _Loader(_LOADER):  # type: ignore[misc]
+    """Plain YAML, without a key twice."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, Hashable):
+                continue  # the construction below says so
+            if key in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"the key {shown(key)} is there twice; keep one", key_node.start_mark
+                )
+            seen.add(key)
+        made: dict[Any, Any] = super().construct_mapping(node, deep)
+        return made
+
+    def construct_yaml_int(self, node: Any) -> int:
+        return _bounded(super().construct_yaml_int(node))
+
+
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
+
+
+def _bounded(value: int) -> int:
+    """Return a whole number, of 64 bits at most: ROS 2, Parquet and floats hold no greater ones.
+
+    :raises ValueError: it is greater.
+    """
+    if not -(2**63) <= value < 2**64:
+        raise ValueError(f"a whole number of {len(str(abs(value)))} digits; expected one of 64 bits at most")
+    return value
+
+
+def parse_yaml(text: str, where: str) -> Any:
+    """Return what a YAML text holds.
+
+    :param where: what it comes from, the opening of the error message.
+    :raises InvalidInput: not YAML, or not of the part that is read, see above.
+    """
+    try:
+        _refuse_bombs(text)
+        return yaml.load(text, _Loader)
+    except _FAULTS as error:
+        raise InvalidInput(f"{where}: not readable as YAML: {reason(error)}") from None
+
+
+def _refuse_bombs(text: str) -> None:
+    """Refuse aliases, and depths at which the loader in C overflows its stack: it composes by recursion."""
+    depth = 0
+    for event in yaml.parse(text, _LOADER):
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.composer.ComposerError(
+                None,
+                None,
+                f"an alias (*{event.anchor}), which ROS 2 does not read either; write it out",
+                event.start_mark,
+            )
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST:
+            raise yaml.composer.ComposerError(None, None, f"nested deeper than {DEEPEST}", event.start_mark)
+
+
+def read_yaml(path: str | Path) -> Any:
+    """Return what a YAML file holds.
+
+    :raises InvalidInput: it cannot be read, or see `parse_yaml`.
+    """
+    return parse_yaml(read_text(path, "YAML"), str(path))
+
+
+def read_text(path: str | Path, what: str) -> str:
+    """Return the text of a file.
+
+    :raises InvalidInput: it cannot be read, or is not UTF-8.
+    """
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise InvalidInput(f"{path}: not readable as {what}: {error.strerror or reason(error)}") from None
+    except ValueError as error:
+        raise InvalidInput(f"{path}: not readable as {what}: not text in UTF-8 ({reason(error)})") from None
+
+
+def parse_json(text: str | bytes, where: str) -> Any:
+    """Return what a JSON text holds.
+
+    :raises InvalidInput: not JSON, or nested too deeply; `where` opens the message.
+    """
+    try:
+        return json.loads(text, parse_int=lambda digits: _bounded(int(digits)))
+    except RecursionError:
+        raise InvalidInput(f"{where}: not readable as JSON: nested too deeply") from None
+    except ValueError as error:
+        raise InvalidInput(f"{where}: not readable as JSON: {reason(error)}") from None
+
+
+def read_json(path: str | Path) -> Any:
+    """Return what a JSON file holds.
+
+    :raises InvalidInput: it cannot be read, or see `parse_json`.
+    """
+    return parse_json(read_text(path, "JSON"), str(path))
+
+
+def require_form(value: Any, form: Form, where: str) -> None:
+    """Refuse a value that lacks what is read of it; more may be there.
+
+    :param form: a type, several, or a mapping of keys to forms in turn, in which "*" stands for every key.
+    :raises InvalidInput: names the place, what is expected there, and what is there.
+    """
+    if isinstance(form, Mapping):
+        if not isinstance(value, Mapping):
+            raise InvalidInput(f"{where}: expected a mapping, got {shown(value)}")
+        for key, below in form.items():
+            if key == _ANY:
+                for name, part in value.items():
+                    require_form(part, below, f"{where}, {name}")
+            elif key not in value:
+                raise InvalidInput(f"{where}: {key} is missing; it has {', '.join(map(str, value)) or 'nothing'}")
+            else:
+                require_form(value[key], below, f"{where}, {key}")
+    elif not isinstance(value, form) or (isinstance(value, bool) and form is int):
+        kinds = form if isinstance(form, tuple) else (form,)
+        raise InvalidInput(f"{where}: expected {' or '.join(k.__name__ for k in kinds)}, got {shown(value)}")
