@@ -30,6 +30,7 @@ from vpsci_ros.errors import InvalidInput
 NODES = ("world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder")
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP)
 GRAPH = "graph"  # `vpsci graph` itself
+PATIENT = 60.0  # [s] longer than any node of an undisturbed run is kept from the processor
 LIMIT = 150.0  # [s] for a run, on a loaded machine
 ORPHANS = 10.0  # [s] after which nobody of a run may be alive
 SETTINGS = (
@@ -48,11 +49,13 @@ class Disturbance(NamedTuple):
     number: signal.Signals
     seconds: float
     restarts: int
+    action_timeout: float  # [s] of the world's patience for answers
 
     def __str__(self) -> str:
         lasts = f" for {self.seconds:.1f} s" if self.number == signal.SIGSTOP else ""
         restarts = ", restarts" if self.restarts else ""
-        return f"{self.number.name} to {self.node} after {self.after:.2f} s{lasts}{restarts}"
+        patience = f", answers within {self.action_timeout:g} s"
+        return f"{self.number.name} to {self.node} after {self.after:.2f} s{lasts}{restarts}{patience}"
 
 
 def disturbance(seed: int, lasts: float) -> Disturbance:
@@ -64,6 +67,7 @@ def disturbance(seed: int, lasts: float) -> Disturbance:
         number=rng.choice(SIGNALS),
         seconds=rng.uniform(0.3, 4.0),
         restarts=rng.choice((0, 0, 3)),
+        action_timeout=rng.choice((2.0, PATIENT, PATIENT)),
     )
 
 
@@ -80,7 +84,11 @@ class Run(NamedTuple):
 def run(folder: Path, disturbed: Disturbance | None = None) -> Run:
     """Run a graph, disturb it, and wait for its end."""
     mark = f"{os.getpid()}/{folder.name}/{time.monotonic_ns()}"
-    settings = [*SETTINGS, f"graph.restarts={disturbed.restarts if disturbed else 0}"]
+    settings = [
+        *SETTINGS,
+        f"graph.restarts={disturbed.restarts if disturbed else 0}",
+        f"world_simulator.action_timeout={disturbed.action_timeout if disturbed else PATIENT}",
+    ]
     command = [sys.executable, "-m", "vpsci_ros.cli", "graph", "--params", "stage3_generate", "-o", str(folder / "run")]
     command += [part for text in settings for part in ("--set", text)]
     with domain_id() as domain, open(folder / "said.txt", "w+") as said:
