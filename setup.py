@@ -19,6 +19,7 @@ EXECUTABLES = [
     "example_ads",
     "learner",
     "pedestrian_policy",
+    "perception",
     "recorder",
     "replayer",
     "safety_monitor",
@@ -56,6 +57,7 @@ EXTRAS = {
         "ros-jazzy-rclpy>=7.1,<7.2",
         "ros-jazzy-rmw-fastrtps-cpp>=8.4,<8.5",  # rclpy does not import without it
         "ros-jazzy-rosgraph-msgs>=2.0,<2.1",
+        "ros-jazzy-sensor-msgs>=5.3,<5.4",
         "ros-jazzy-std-msgs>=5.3,<5.4",
         "ros-jazzy-std-srvs>=5.3,<5.4",
         "ros-jazzy-visualization-msgs>=5.3,<5.4",

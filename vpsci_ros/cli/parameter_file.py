@@ -18,9 +18,9 @@ from vpsci_ros.runs import renamed
 from vpsci_ros.runs.sections import Sections
 
 POLICIES = ("vehicle_policy", "pedestrian_policy")
-SIMULATION = ("graph", "world_simulator", "safety_monitor", *POLICIES, "recorder")
+SIMULATION = ("graph", "world_simulator", "safety_monitor", *POLICIES, "perception", "recorder")
 EXAM_SETS = ("graph.nodes", "world_simulator.batch", "world_simulator.recorded_bag", "world_simulator.vehicle_driver",
-             "world_simulator.pedestrian_driver")  # fmt: skip
+             "world_simulator.pedestrian_driver", "world_simulator.pedestrian_odometry")  # fmt: skip
 
 
 class Stage(NamedTuple):

@@ -9,6 +9,7 @@ import dataclasses
 import shutil
 import sys
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ from vpsci_ros.bags import layout
 from vpsci_ros.bags.decoder import Decoder
 from vpsci_ros.bags.layout import EVENTS
 from vpsci_ros.bags.reader import Bag
-from vpsci_ros.bags.ticks import read_episodes
+from vpsci_ros.bags.ticks import read_bag, read_episodes
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import VpsciError
@@ -27,6 +28,7 @@ from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pe
 from vpsci_ros.exam.measures import Drive, Key, drives
 from vpsci_ros.exam.process import command_of, failure, running, silence
 from vpsci_ros.exam.report import Conduct
+from vpsci_ros.exam.sight import Sight, Watcher
 from vpsci_ros.generate.recorded_people import Motion, absent_pedestrians, recorded_people, spawns, write_motion
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.policy.agent import PolicyAgent
@@ -40,6 +42,7 @@ from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import Recorded, Scenario, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.perception import PerceptionConfig
 from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
 
 _BATCH = 64  # episodes side by side, of the autopilot
@@ -70,6 +73,16 @@ class Exam:
         return load_scenarios(self.run.scenarios, self.run.scenario_files)
 
     @property
+    def perception(self) -> PerceptionConfig | None:
+        """Errors of what the ADS is told of pedestrians; None: it has their odometry."""
+        return self.sections.get(PerceptionConfig, "perception") if self.config.perception else None
+
+    @property
+    def latency(self) -> float | None:
+        """By how much the ADS is told late of pedestrians [s], in whole ticks; None: it has their odometry."""
+        return None if self.perception is None else self.perception.delay(self.world.tick) * self.world.tick
+
+    @property
     def weights(self) -> Path:
         """Weights of the learned pedestrian."""
         return weights_path(self.sections.get(PolicyConfig, "pedestrian_policy").weights)
@@ -97,11 +110,12 @@ class Exam:
 
 
 class Met(NamedTuple):
-    """What a run with one pedestrian came to: its episodes, ticks without a command of the ADS, and how it went."""
+    """What a run with one pedestrian came to: episodes, ticks without a command, how it went, and what was seen."""
 
     drives: list[Drive]
     unanswered: dict[Key, int]
     conduct: Conduct
+    sight: Mapping[Key, Sight] = {}
 
 
 def hold(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, Met]:
@@ -123,7 +137,7 @@ def hold(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, Met]:
                     print(f"{n} of {len(names)}: {title_of(name)}, {len(exam.episodes)} episodes", file=sys.stderr)
                 shutil.rmtree(folder / "runs" / name, ignore_errors=True)
                 _meet(exam, name, folder, quiet)
-            met[name] = _read(folder / "runs" / name / "bag", _conduct(exam, folder, name), exam.config.silent_ticks)
+            met[name] = _read(exam, folder / "runs" / name / "bag", _conduct(exam, folder, name))
             if not met[name].drives:
                 break  # it does not drive at all: no need to have that said once for each pedestrian
     return met
@@ -131,11 +145,17 @@ def hold(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, Met]:
 
 def autopilot(exam: Exam, pedestrian: str) -> list[Drive]:
     """Return the episodes as the rule-based autopilot drives them."""
+    return autopilot_met(exam, pedestrian).drives
+
+
+def autopilot_met(exam: Exam, pedestrian: str) -> Met:
+    """Return what a run of the rule-based autopilot with one pedestrian came to."""
     frames = EpisodeFrames(min(_BATCH, len(exam.episodes)), exam.world.episode_ticks + 1)
-    return drives(
-        frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance)
-        for step in autopilot_loop(exam, pedestrian)
-    )
+    watcher, batches = Watcher(exam.scenarios), []
+    for step in autopilot_loop(exam, pedestrian):
+        watcher.add(step.tick.state, step.assessment.curvttc)
+        batches.append(frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance))
+    return Met(drives(batches), {}, Conduct(len(exam.episodes)), watcher.found)
 
 
 def autopilot_loop(exam: Exam, pedestrian: str) -> Loop:
@@ -168,7 +188,7 @@ def _meet(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
         ads = None
         if exam.config.ads != EXTERNAL:
             log = folder / "logs" / f"ads_{name}.log"
-            ads = stack.enter_context(running(command_of(exam.config.ads), log))
+            ads = stack.enter_context(running(command_of(exam.config.ads, exam.latency), log))
 
         def failed(watch: Watch) -> str:
             seen = watch.summary()
@@ -194,6 +214,9 @@ def _graph(exam: Exam, name: str, folder: Path) -> Sections:
     nodes = ["world_simulator", "safety_monitor", "recorder"]
     if config.pedestrian_driver == "policy":
         nodes.insert(2, "pedestrian_policy")
+    if exam.perception:
+        nodes.insert(-1, "perception")
+        world["pedestrian_odometry"] = False
     if config.pedestrian_driver == "replay":
         bag = folder / "runs" / f"{name}_motion"
         shutil.rmtree(bag, ignore_errors=True)
@@ -217,8 +240,9 @@ def _conduct(exam: Exam, folder: Path, name: str) -> Conduct:
     return Conduct(wanted, refused, surplus, stops, failure)
 
 
-def _read(bag: Path, conduct: Conduct, silent_ticks: int) -> Met:
+def _read(exam: Exam, bag: Path, conduct: Conduct) -> Met:
     """Return what a bag holds: the episodes that ended, without those that were left to the autopilot."""
+    silent_ticks = exam.config.silent_ticks
     if conduct.failure and not bag.is_dir():
         return Met([], {}, conduct)  # it failed before the recorder wrote anything
     recording = Bag(bag, recover=bool(conduct.failure))
@@ -231,8 +255,17 @@ def _read(bag: Path, conduct: Conduct, silent_ticks: int) -> Met:
         for event in layout.events(decode(raw, bag)):
             unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
     found = drives(read_episodes(bag, recover=bool(conduct.failure)))
+    sight = sight_in_bag(bag, exam, recover=bool(conduct.failure))
     own = [drive for drive in found if unanswered[drive.key] < silent_ticks]
     if len(own) < len(found) and not conduct.failure:
         left = f"{len(found) - len(own)} episodes were left to the autopilot for {silent_ticks} ticks or more"
         conduct = dataclasses.replace(conduct, failure=left)
-    return Met(own, dict(+unanswered), conduct)
+    return Met(own, dict(+unanswered), conduct, sight)
+
+
+def sight_in_bag(bag: Path, exam: Exam, *, recover: bool) -> Mapping[Key, Sight]:
+    """Return what the ADS could see of each episode of a bag."""
+    watcher = Watcher(exam.scenarios, exam.perception, exam.world.tick)
+    for tick in read_bag(bag, recover=recover):
+        watcher.add(tick.state, tick.curvttc)
+    return watcher.found

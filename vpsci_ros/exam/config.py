@@ -51,6 +51,11 @@ class ExamConfig:
         f"pedestrians to meet: {', '.join(DRIVERS)}, and agents that other distributions add (docs/extending.md)",
     )
     recorded: str = parameter("", "recorded people to meet as well: a near-miss table (Parquet)")
+    perception: bool = parameter(
+        False,
+        "the ADS is told of pedestrians on /perception/objects alone, with the errors that the section perception "
+        "gives, and not on /pedestrian/odometry",
+    )
     baseline: bool = parameter(True, "put the rule-based autopilot to the same exam, for comparison")
     silent_ticks: int = parameter(
         20, "an ADS that gives no usable command for so many ticks in a row has failed", low=1, high=1_000_000

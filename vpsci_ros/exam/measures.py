@@ -13,8 +13,9 @@ from vpsci_ros.data.episode_frames import QUANTITIES, EpisodeBatch
 from vpsci_ros.data.parquet import Column
 from vpsci_ros.evaluation.yields import yields
 from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.sight import Sight
 from vpsci_ros.safety import CRITICAL_TTC, HORIZON, Yielded
-from vpsci_ros.world import COLLISION, OUTCOME_NAMES
+from vpsci_ros.world import COLLISION, OUTCOME_NAMES, PARKED_COLLISION
 
 Key = tuple[int, int]  # scenario, episode
 Floats = NDArray[np.float64]
@@ -39,6 +40,10 @@ COLUMNS: dict[str, Column] = {
     "hard_braking": Column(pl.Boolean, "", "it was above the threshold"),
     "yielded": Column(pl.String, "", "who gave way: nobody, vehicle, pedestrian, both"),
     "time_lost": Column(pl.Float64, "s", "later than alone on the road at the place reached; NaN after a collision"),
+    "parked_collision": Column(pl.Boolean, "", "the vehicle ran into a parked one"),
+    "hidden": Column(pl.Boolean, "", "parked vehicles hid the pedestrian when CurvTTC first fell below 5 s"),
+    "told_share": Column(pl.Float64, "", "share of the critical ticks at which the ADS was told of the pedestrian"),
+    "told_after": Column(pl.Float64, "s", "from the first critical tick until the ADS was told of the pedestrian"),
     "unanswered": Column(pl.Int64, "ticks", "ticks without a usable command of the ADS: the autopilot drove"),
 }
 
@@ -95,24 +100,27 @@ def episode_table(
     driver: str,
     pedestrian: str,
     unanswered: Mapping[Key, int] | None = None,
+    sight: Mapping[Key, Sight] | None = None,
 ) -> pl.DataFrame:
     """Return a row an episode, with the columns of `COLUMNS`.
 
     :param alone: the same driver on the same episodes with nobody there: the reference of the time lost.
     :param period: time from one frame to the next [s].
     :param unanswered: ticks without a usable command, for the episodes that had any.
+    :param sight: what the driver could see, of the episodes that were critical.
     """
     reference = {drive.key: drive.path for drive in alone}
     given_way = _yielded(found, period)
     rows = []
     for drive, code in zip(found, given_way, strict=True):
-        collided = drive.outcome == COLLISION
+        collided, crashed = drive.outcome == COLLISION, drive.outcome == PARKED_COLLISION
+        seen_of = (sight or {}).get(drive.key, Sight())
         speed = drive.speed
         seen = drive["CurvTTC"]
         least = 0.0 if collided else min(HORIZON, float(np.nanmin(np.append(seen, HORIZON))))
         braking = float(np.max(-np.diff(speed), initial=0.0)) / period
         impact = float(speed[-1]) if collided else math.nan
-        lost = math.nan if collided else time_lost(drive.path, reference.get(drive.key), period)
+        lost = math.nan if collided or crashed else time_lost(drive.path, reference.get(drive.key), period)
         rows.append(
             {
                 "driver": driver,
@@ -133,6 +141,10 @@ def episode_table(
                 "hard_braking": braking > config.hard_braking,
                 "yielded": YIELDED[Yielded(code)],
                 "time_lost": lost,
+                "parked_collision": crashed,
+                "hidden": seen_of.hidden,
+                "told_share": seen_of.told_share,
+                "told_after": seen_of.told_after(period),
                 "unanswered": (unanswered or {}).get(drive.key, 0),
             }
         )

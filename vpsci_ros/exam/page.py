@@ -17,6 +17,7 @@ from vpsci_ros.report import html
 from vpsci_ros.world import Scenario
 
 NAMES = {ADS: "The ADS", BASELINE: "The rule-based autopilot"}
+GROUPED = ("collision_rate", "moving_collision_rate", "conflict_rate", "hard_braking_rate", "time_lost")
 WORST = 10  # episodes in the list of those to look at
 _TEMPLATE = Path(__file__).resolve().parent / "templates" / "exam.html"
 
@@ -51,6 +52,7 @@ def write_page(
         titles={name: title_of(name) for name in (*TITLES, *added_pedestrians())},
         names=NAMES,
         differences=DIFFERENCES,
+        grouped=GROUPED,
         view=view,
         marks=set(MARKS),
         **values,

@@ -16,13 +16,15 @@ from vpsci_ros.runs.processes import ChildProcess, stop
 OWN = "example_ads"
 
 
-def command_of(text: str) -> list[str]:
+def command_of(text: str, latency: float | None = None) -> list[str]:
     """Return the command line that `text` means: no shell, `example_ads` is the package's own.
 
+    :param latency: of the objects [s] that `example_ads` has to do with; None: it has odometry.
     :raises InvalidInput: quotes that do not close, or a program that is not there.
     """
     if text.strip() == OWN:
-        return [sys.executable, "-m", f"vpsci_ros.nodes.{OWN}"]
+        objects = ["--ros-args", "-p", "objects:=true", "-p", f"objects_latency:={latency or 0.0:.6f}"]
+        return [sys.executable, "-m", f"vpsci_ros.nodes.{OWN}", *(objects if latency is not None else ())]
     try:
         command = shlex.split(text)
     except ValueError as error:

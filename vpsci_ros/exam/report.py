@@ -1,7 +1,8 @@
 """An exam's result as one dictionary, the content of report.json: nothing on the page is not in here."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import polars as pl
@@ -11,10 +12,28 @@ from vpsci_ros.evaluation.statistics import Estimate
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, difference, estimate
 from vpsci_ros.policy.config import LEARNED
+from vpsci_ros.world.perception import PerceptionConfig
 
 ADS, BASELINE = "ads", "autopilot"
 INCREASES = {"collision_increase": "collision_rate", "moving_collision_increase": "moving_collision_rate"}
 COUNTS = ("commands_refused", "commands_surplus", "ticks_unanswered", "safe_stops")
+
+
+@dataclass(frozen=True)
+class Group:
+    """What the results are also given by.
+
+    :ivar among: which episodes count.
+    :ivar names: of the values False and True; empty: the values speak for themselves.
+    """
+
+    title: str
+    among: pl.Expr
+    names: tuple[str, ...] = ()
+
+    def name_of(self, value: Any) -> str:
+        """Return what a report calls a value of the column."""
+        return self.names[int(value)] if self.names else str(value)
 
 
 @dataclass(frozen=True)
@@ -35,11 +54,20 @@ class Conduct:
     failure: str = ""
 
 
-def make_report(table: pl.DataFrame, conduct: dict[str, Conduct], config: ExamConfig) -> dict[str, Any]:
+GROUPS = {
+    "hidden": Group("hidden by parked vehicles as it became critical", pl.col("critical"), ("in sight", "hidden")),
+}
+"""Column of the table of episodes -> what the results are given by, where it has more than one value."""
+
+
+def make_report(
+    table: pl.DataFrame, conduct: dict[str, Conduct], config: ExamConfig, perception: PerceptionConfig | None = None
+) -> dict[str, Any]:
     """Return the scores of an exam.
 
     :param table: a row an episode, `vpsci_ros.exam.measures.COLUMNS`.
     :param conduct: pedestrian (and "alone") -> how the run of the ADS with it went.
+    :param perception: errors of what the ADS was told; None: it had odometry.
     """
     drivers = {
         driver: {name: _scores(_of(table, driver, name)) for name in config.met if _of(table, driver, name).height}
@@ -52,6 +80,8 @@ def make_report(table: pl.DataFrame, conduct: dict[str, Conduct], config: ExamCo
         "drivers": drivers,
         "differences": {name: _differences(_of(table, ADS, name), learned) for name in others},
         "reliance": _reliance(table),
+        "groups": _groups(table, config.met),
+        "sight": _sight(table, config.met, perception),
         "conduct": {name: _conduct(_of(table, ADS, name), run) for name, run in conduct.items()},
         "definitions": definitions(config),
     }
@@ -115,6 +145,39 @@ def _reliance(table: pl.DataFrame) -> dict[str, Any]:
             "left_to_pedestrian": _as_dict(estimate(learned, MEASURES["pedestrian_yield_rate"])),
             "of_those_collide": _as_dict(statistics.share(int(again["moving_collision"].sum()), again.height)),
             "moving_collision_increase": _as_dict(more) | {"p": _number(p)},
+        }
+    return out
+
+
+def _groups(table: pl.DataFrame, met: Sequence[str]) -> dict[str, Any]:
+    """Return column of `GROUPS` -> title, and driver -> pedestrian -> value -> scores, where values differ."""
+    out = {}
+    for column, group in GROUPS.items():
+        rows = table.filter(group.among & pl.col("pedestrian").is_in(met))
+        values = sorted(rows[column].unique().to_list())
+        if len(values) < 2:
+            continue
+        out[column] = {"title": group.title} | {
+            driver: {
+                name: {group.name_of(value): _scores(part) for value in values
+                       if (part := _of(rows, driver, name).filter(pl.col(column) == value)).height}
+                for name in met if _of(rows, driver, name).height
+            }
+            for driver in (ADS, BASELINE) if _of(rows, driver).height
+        }  # fmt: skip
+    return out
+
+
+def _sight(table: pl.DataFrame, met: Sequence[str], perception: PerceptionConfig | None) -> dict[str, Any]:
+    """Return what the ADS could see: its settings, None where it had odometry, and pedestrian -> what it was told."""
+    out: dict[str, Any] = {"perception": None if perception is None else asdict(perception), "pedestrians": {}}
+    for name in met if perception else ():
+        rows = _of(table, ADS, name).filter(pl.col("critical"))
+        told = rows.filter(pl.col("told_after").is_not_nan())
+        out["pedestrians"][name] = {
+            "told_share": _as_dict(statistics.resampled(rows["told_share"].to_numpy(), statistics.mean)),
+            "told_after": _as_dict(statistics.resampled(told["told_after"].to_numpy(), statistics.mean)),
+            "never_told": _as_dict(statistics.share(rows.height - told.height, rows.height)),
         }
     return out
 

@@ -20,7 +20,7 @@ from rich.table import Table
 from vpsci_ros.data.parquet import read_parquet, write_parquet
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import Exam, autopilot, hold
+from vpsci_ros.exam.conduct import Exam, Met, autopilot_met, hold
 from vpsci_ros.exam.config import ALONE, EXTERNAL, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import Verdict, judge, parse
 from vpsci_ros.exam.measures import COLUMNS, episode_table
@@ -79,7 +79,7 @@ def run_exam(exam: Exam, folder: Path, criteria: Sequence[str] = (), *, quiet: b
     table = _ads_rows(exam, met)
     if exam.config.baseline:
         table = pl.concat([table, _autopilot_rows(exam)])
-    report = make_report(table, {name: each.conduct for name, each in met.items()}, exam.config)
+    report = make_report(table, {name: each.conduct for name, each in met.items()}, exam.config, exam.perception)
     verdicts = judge(parsed, report, pedestrians)
     failures = [each.conduct.failure for each in met.values() if each.conduct.failure]
     failures += [verdict.sentence() for verdict in verdicts if verdict.failed]
@@ -121,29 +121,34 @@ def _tell(note: str) -> None:
     print(f"note: {note}", file=sys.stderr)
 
 
-def _ads_rows(exam: Exam, met: dict[str, Any]) -> pl.DataFrame:
-    alone = met[ALONE].drives
-    parts = []
-    for name in (ALONE, *exam.config.met):
-        if name in met:
-            options = {"driver": ADS, "pedestrian": name, "unanswered": met[name].unanswered}
-            parts.append(episode_table(met[name].drives, alone, exam.config, exam.world.tick, **options))
-    return pl.concat(parts)
+def _ads_rows(exam: Exam, met: dict[str, Met]) -> pl.DataFrame:
+    return pl.concat(
+        [_rows(exam, met[name], met[ALONE], ADS, name) for name in (ALONE, *exam.config.met) if name in met]
+    )
 
 
 def _autopilot_rows(exam: Exam) -> pl.DataFrame:
-    alone = autopilot(exam, ALONE)
-    parts = []
-    for name in exam.config.met:
-        found = autopilot(exam, name)
-        parts.append(episode_table(found, alone, exam.config, exam.world.tick, driver=BASELINE, pedestrian=name))
-    return pl.concat(parts)
+    alone = autopilot_met(exam, ALONE)
+    return pl.concat([_rows(exam, autopilot_met(exam, name), alone, BASELINE, name) for name in exam.config.met])
+
+
+def _rows(exam: Exam, met: Met, alone: Met, driver: str, pedestrian: str) -> pl.DataFrame:
+    return episode_table(
+        met.drives,
+        alone.drives,
+        exam.config,
+        exam.world.tick,
+        driver=driver,
+        pedestrian=pedestrian,
+        unanswered=met.unanswered,
+        sight=met.sight,
+    )
 
 
 def _identity(exam: Exam) -> dict[str, Any]:
     """Return what makes two exams the same: with equal ones, runs of the one serve the other."""
     examined = {name: value for name, value in dataclasses.asdict(exam.config).items() if name != "fail_if"}
-    nodes = ("world_simulator", "safety_monitor", "pedestrian_policy")
+    nodes = ("world_simulator", "safety_monitor", "pedestrian_policy", *(["perception"] if exam.perception else []))
     return {
         "ads": exam.config.ads,
         "ads_files_sha256": {} if exam.config.ads == EXTERNAL else files_of(exam.config.ads),

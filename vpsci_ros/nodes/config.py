@@ -13,9 +13,18 @@ from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.perception import PerceptionConfig
 from vpsci_ros.world.safe_stop import ExternalConfig
 
-NODES = ("world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "learner", "recorder")
+NODES = (
+    "world_simulator",
+    "safety_monitor",
+    "vehicle_policy",
+    "pedestrian_policy",
+    "learner",
+    "perception",
+    "recorder",
+)
 EXECUTABLES = (*NODES, "replayer", "example_ads")  # of `ros2 run vpsci_ros` and `vpsci node`
 
 
@@ -94,6 +103,7 @@ SECTIONS: dict[str, tuple[type, ...]] = {
     "safety_monitor": (PeerConfig, MonitorConfig),
     "vehicle_policy": (PeerConfig, PolicyConfig),
     "pedestrian_policy": (PeerConfig, PolicyConfig),
+    "perception": (PeerConfig, PerceptionConfig),
     "recorder": (PeerConfig, RecorderConfig),
     "replayer": (PeerConfig, ReplayerConfig),
 }

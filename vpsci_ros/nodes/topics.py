@@ -8,6 +8,7 @@ from geometry_msgs.msg import AccelStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import UInt64
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
@@ -48,7 +49,13 @@ TOPICS = {
     topic.name: topic
     for topic in (
         Topic("/clock", Clock, ("world_simulator",), ("recorder",), LOCK_STEP),
-        Topic("/world/state", WorldState, ("world_simulator",), ("safety_monitor", *_POLICIES, "recorder"), LOCK_STEP),
+        Topic(
+            "/world/state",
+            WorldState,
+            ("world_simulator",),
+            ("safety_monitor", *_POLICIES, "perception", "recorder"),
+            LOCK_STEP,
+        ),
         Topic(
             "/safety/state", SafetyState, ("safety_monitor",), ("world_simulator", *_POLICIES, "recorder"), LOCK_STEP
         ),
@@ -59,6 +66,7 @@ TOPICS = {
         Topic("/vehicle/odometry", Odometry, ("world_simulator",), ("recorder",), LOCK_STEP),
         Topic("/pedestrian/odometry", Odometry, ("world_simulator",), ("recorder",), LOCK_STEP),
         Topic("/pedestrians/odometry", Odometry, ("world_simulator",), ("recorder",), LOCK_STEP),
+        Topic("/perception/objects", PointCloud2, ("perception",), ("recorder",), LOCK_STEP),
         Topic("/episode/event", EpisodeEvent, ("world_simulator",), ("recorder", "graph_watch"), LOCK_STEP),
         Topic("/replay", Transition, ("world_simulator",), ("learner", "recorder"), LOCK_STEP),
         Topic("/replay/consumed", UInt64, ("learner",), ("world_simulator",), LATCHED),

@@ -21,11 +21,19 @@ class WorldOutputs:
     `/pedestrian/odometry` is that of the first pedestrian, `/pedestrians/odometry` of each, where there may be several.
 
     :param config: of the world: its tick, and how many pedestrians an episode may have.
+    :param pedestrian_odometry: tell pedestrians' odometry, beside the vehicle's.
     :param transitions: offer `/replay`.
     """
 
     def __init__(
-        self, node: GraphNode, config: WorldConfig, batch: int, scenarios: Mapping[int, Scenario], *, transitions: bool
+        self,
+        node: GraphNode,
+        config: WorldConfig,
+        batch: int,
+        scenarios: Mapping[int, Scenario],
+        *,
+        transitions: bool,
+        pedestrian_odometry: bool = True,
     ) -> None:
         self._node = node
         self._period = config.tick
@@ -34,8 +42,9 @@ class WorldOutputs:
         self._state = node.output("/world/state")
         self._event = node.output("/episode/event")
         self._replay = [node.output("/replay")] if transitions else []
-        self._odometry = [node.output(f"/{agent}/odometry") for agent in AGENTS] if batch == 1 else []
-        several = batch == 1 and config.pedestrians > 1
+        agents = AGENTS if pedestrian_odometry else AGENTS[:1]
+        self._odometry = [node.output(f"/{agent}/odometry") for agent in agents] if batch == 1 else []
+        several = batch == 1 and config.pedestrians > 1 and pedestrian_odometry
         self._pedestrians = [node.output("/pedestrians/odometry")] if several else []
         self._markers = [node.output("/markers")] if batch == 1 else []
         self.all = [self._time, self._state, self._event, *self._odometry, *self._pedestrians]
@@ -65,7 +74,7 @@ class WorldOutputs:
         record = tick.state[0]
         if record["status"] != IDLE and any(output.has_readers for output in self._odometry):
             pair = convert.odometry_messages(record, message.header)
-            for output, odometry in zip(self._odometry, pair, strict=True):
+            for output, odometry in zip(self._odometry, pair, strict=False):
                 output.publish(odometry)
         for output in self._pedestrians:
             for pedestrian in tick.state[tick.state["status"] != IDLE] if output.has_readers else ():

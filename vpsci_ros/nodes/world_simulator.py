@@ -80,7 +80,12 @@ class WorldSimulator(GraphNode):
         self._reported_tick = 0
         self._consumed = 0
         self._outputs = WorldOutputs(
-            self, self._config, self._run.batch, self._scenarios, transitions=config.publish_transitions
+            self,
+            self._config,
+            self._run.batch,
+            self._scenarios,
+            transitions=config.publish_transitions,
+            pedestrian_odometry=config.pedestrian_odometry,
         )
         self._respondents = Respondents(self, self._lock_step, self._go_on)
         if self._builder:

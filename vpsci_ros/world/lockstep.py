@@ -38,6 +38,9 @@ class LockStepConfig:
         0.0, "simulated over wall time; 0: as fast as possible", low=0.0, high=1000.0, read_only=False
     )
     recorded_bag: str = parameter("", "bag whose agents the replay drivers drive again: same scenarios and numbers")
+    pedestrian_odometry: bool = parameter(
+        True, "publish /pedestrian/odometry; false: a driving system has /perception/objects alone"
+    )
     publish_transitions: bool = parameter(False, "publish /replay for a learner")
     replay_window: int = parameter(
         4096,

@@ -1,0 +1,147 @@
+"""The node tells of the pedestrians what its core does, a list a tick; the exam's ADS then lives by that."""
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from rclpy.context import Context
+from rclpy.experimental import EventsExecutor
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import PointCloud2
+
+from vpsci_msgs.msg import WorldState
+from vpsci_ros.bags import received
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.errors import VpsciError
+from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.nodes.perception import Perception
+from vpsci_ros.nodes.safety_monitor import SafetyMonitor
+from vpsci_ros.nodes.world_simulator import WorldSimulator
+from vpsci_ros.resources import params_dir
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.world import load_scenarios
+from vpsci_ros.world.parked import parked_from
+from vpsci_ros.world.perception import SEEN, PerceptionConfig, blank, perceive
+
+ERRORS = {"position_noise": 0.2, "velocity_noise": 0.1, "missed": 0.1, "latency": 0.1, "least_visible": 0.25}
+POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "vx", "vy")] + [("id", "<u4")])
+
+
+def overridden(values: dict[str, Any]) -> list[Parameter]:
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+def run_world(context: Context, world: dict[str, Any], errors: dict[str, Any]) -> tuple[list[Any], list[Any]]:
+    """Run an episode with the nodes in this process; return the states and the lists of objects."""
+    nodes = ["world_simulator", "safety_monitor", "perception"]
+    settings = {"episodes": 1, "batch": 1, "vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"} | world
+    simulator = WorldSimulator(context=context, parameter_overrides=overridden(settings | {"peers": nodes}))
+    perception = Perception(context=context, parameter_overrides=overridden(errors | {"peers": nodes}))
+    made = [simulator, SafetyMonitor(context=context), perception]
+    states: list[Any] = []
+    objects: list[Any] = []
+    simulator.create_subscription(WorldState, "world/state", states.append, 1000)
+    simulator.create_subscription(PointCloud2, "perception/objects", objects.append, 1000)
+    executor = EventsExecutor(context=context)
+    for node in made:
+        executor.add_node(node)
+    try:
+        deadline = time.monotonic() + 40.0
+        while (not simulator.finished or len(objects) < len(states)) and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.1)
+    finally:
+        executor.shutdown()
+        for node in made:
+            node.destroy_node()
+    return states, objects
+
+
+def test_it_tells_a_list_a_tick_as_the_core_does_stamped_when_it_was_seen(context: Context) -> None:
+    states, objects = run_world(context, {"scenarios": [104]}, ERRORS)
+    config, parked = PerceptionConfig(**ERRORS), parked_from(load_scenarios([104]))
+    memory, told = blank(1, config, 0.05), 0
+    assert len(states) == len(objects) > 60
+    for state, message in zip(states, objects, strict=True):
+        memory, expected = perceive(memory, received.world_state(state).state, config, 0.05, parked)
+        seen = expected[expected["status"] == SEEN]
+        points = np.frombuffer(bytes(message.data), POINT)
+        assert message.width == len(points) == len(seen)
+        assert points["id"].tolist() == seen["track"].tolist()
+        for name in ("x", "y", "vx", "vy"):
+            assert points[name].tolist() == seen[name].astype(np.float32).tolist()
+        tick = round((message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec) / 0.05)
+        assert tick == max(0, state.tick - 2)
+        told += len(points)
+    assert message.header.frame_id == "map"
+    assert [(f.name, f.offset, f.datatype) for f in message.fields] == [
+        ("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("vx", 12, 7), ("vy", 16, 7), ("id", 20, 6)
+    ]  # fmt: skip
+    assert 10 < told < len(objects), "hidden at times"
+
+
+def test_more_than_one_episode_at_a_time_is_refused_with_what_to_do(context: Context) -> None:
+    with pytest.raises(VpsciError, match="expected 1 rows of /world/state, got 2; set world_simulator.batch to 1"):
+        run_world(context, {"scenarios": [1], "batch": 2, "episodes": 2}, {})
+
+
+def exam(**perception: Any) -> Sections:
+    found = load(params_dir() / "ads_test.yaml")
+    world = {"scenarios": [104], "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0}
+    asked = {"pedestrians": ["walker"], "perception": True}
+    return found.changed("world_simulator", world).changed("ads_test", asked).changed("perception", perception)
+
+
+BLIND = """
+import rclpy
+from geometry_msgs.msg import AccelStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import PointCloud2
+
+def on_vehicle(odometry):
+    message = AccelStamped(header=odometry.header)
+    message.accel.linear.x = 3.0 - odometry.twist.twist.linear.x
+    command.publish(message)
+
+rclpy.init()
+node = rclpy.create_node("blind")
+node.create_subscription(Odometry, "pedestrian/odometry", lambda _: print("TRUTH", flush=True), 10)
+node.create_subscription(PointCloud2, "perception/objects", lambda _: print("objects", flush=True), 10)
+node.create_subscription(Odometry, "vehicle/odometry", on_vehicle, 10)
+command = node.create_publisher(AccelStamped, "vehicle/cmd_accel", 10)
+rclpy.spin(node)
+"""
+
+
+def test_the_exams_ads_is_told_of_objects_and_never_the_truth(domain: int, tmp_path: Path) -> None:
+    script = tmp_path / "blind.py"
+    script.write_text(BLIND)
+    run_exam(prepare(exam(), f"{sys.executable} {script}"), tmp_path / "exam", quiet=True)
+    said = (tmp_path / "exam" / "logs" / "ads_walker.log").read_text().splitlines()
+    assert "TRUTH" not in said
+    assert said.count("objects") > 50
+
+
+def test_the_report_says_what_the_ads_was_told_and_by_group_who_was_hidden(domain: int, tmp_path: Path) -> None:
+    """The example sees nobody beyond 8 m, so it is told late."""
+    folder = tmp_path / "exam"
+    assert run_exam(prepare(exam(reach=8.0, **ERRORS)), folder, ["ticks_unanswered > 0"], quiet=True) == []
+    report, table = json.loads((folder / "report.json").read_text()), pl.read_parquet(folder / "episodes.parquet")
+    sight = report["sight"]
+    assert sight["perception"]["reach"] == 8.0
+    rows = table.filter((pl.col("driver") == "ads") & pl.col("critical") & (pl.col("pedestrian") == "walker"))
+    assert rows.height >= 1
+    assert sight["pedestrians"]["walker"]["told_share"]["value"] == pytest.approx(rows["told_share"].mean())
+    assert 0.0 < rows["told_share"].mean() < 0.8
+    assert rows["told_after"].max() > 0.1
+    page = (folder / "report.html").read_text()
+    assert "What the ADS could see" in page
+    assert "<code>reach 8.0</code>" in page
+    topics = Bag(folder / "runs" / "walker" / "bag").topics()
+    assert topics["/perception/objects"].messages == topics["/world/state"].messages
+    assert topics["/pedestrian/odometry"].messages == 0

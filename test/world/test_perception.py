@@ -1,0 +1,190 @@
+"""What is told of pedestrians: as they are by default; each error by itself has the size and memory that it says."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world import load_scenarios
+from vpsci_ros.world.parked import parked_from
+from vpsci_ros.world.perception import (
+    ABSENT,
+    HIDDEN,
+    LOST,
+    MISSED,
+    OUT_OF_VIEW,
+    SEEN,
+    PerceptionConfig,
+    blank,
+    perceive,
+)
+from vpsci_ros.world.state import EPISODE, RUNNING
+
+TICK = 0.05
+
+
+def scene(rows: int = 1, scenario: int = 1) -> NDArray[np.void]:
+    """A car at the origin that drives east, and a pedestrian 10 m ahead that walks north, in each row."""
+    state = np.zeros(rows, EPISODE)
+    state["status"], state["scenario"], state["episode"] = RUNNING, scenario, np.arange(rows)
+    state["vehicle_speed"], state["pedestrian_x"], state["pedestrian_vy"] = 5.0, 10.0, 1.2
+    return state
+
+
+def watch(state: NDArray[np.void], frames: int, config: PerceptionConfig, pedestrians: int = 1) -> NDArray[np.void]:
+    """Return what is told of a scene that stands still, OBJECT[frames, R]."""
+    memory, told = blank(len(state), config, TICK), []
+    for frame in range(frames):
+        state["frame"] = frame
+        memory, objects = perceive(memory, state, config, TICK, pedestrians=pedestrians)
+        told.append(objects)
+    return np.stack(told)
+
+
+def test_by_default_everybody_is_told_as_they_are_from_the_first_frame() -> None:
+    state = scene(3)
+    for name in ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"):
+        state[name] = np.random.default_rng(2).normal(0.0, 20.0, 3)
+    told = watch(state, 5, PerceptionConfig())
+    assert (told["status"] == SEEN).all()
+    assert (told["track"] == 1).all()
+    for name in ("x", "y", "vx", "vy"):
+        assert (told[name] == state[f"pedestrian_{name}"]).all()
+
+
+def test_an_idle_row_has_nobody() -> None:
+    state = scene(2)
+    state["status"][1] = 0
+    assert watch(state, 3, PerceptionConfig())["status"].tolist() == [[SEEN, ABSENT]] * 3
+
+
+@pytest.mark.parametrize(
+    ("bearing", "distance", "status"),
+    [(59.0, 19.0, SEEN), (-59.0, 19.0, SEEN), (61.0, 19.0, OUT_OF_VIEW), (180.0, 5.0, OUT_OF_VIEW),
+     (0.0, 20.01, OUT_OF_VIEW)],
+)  # fmt: skip
+def test_who_is_outside_of_the_view_or_too_far_is_not_told(bearing: float, distance: float, status: int) -> None:
+    state = scene()
+    state["vehicle_heading"] = heading = 2.0
+    angle = heading + math.radians(bearing)
+    state["pedestrian_x"], state["pedestrian_y"] = distance * math.cos(angle), distance * math.sin(angle)
+    config = PerceptionConfig(field_of_view=120.0, reach=20.0, sensor_forward=0.0)
+    assert watch(state, 1, config)["status"][0, 0] == status
+
+
+def test_who_is_behind_a_parked_van_is_hidden_and_told_under_another_number_when_it_comes_out() -> None:
+    parked = parked_from(load_scenarios([104]))
+    state = scene(scenario=104)
+    state["vehicle_x"], state["vehicle_y"] = -10.0, -69.75
+    config = PerceptionConfig(least_visible=0.5)
+    memory, told = blank(1, config, TICK), []
+    for frame, y in enumerate([-69.0, -76.0, -76.0, -69.0]):
+        state["frame"], state["pedestrian_x"], state["pedestrian_y"] = frame, 9.0, y
+        memory, objects = perceive(memory, state, config, TICK, parked)
+        told.append((int(objects["status"][0]), int(objects["track"][0])))
+    assert told == [(SEEN, 1), (HIDDEN, 0), (HIDDEN, 0), (SEEN, 2)]
+    state["pedestrian_y"] = -76.0
+    seen = perceive(blank(1, PerceptionConfig(), TICK), state, PerceptionConfig(), TICK, parked)[1]
+    assert seen["status"][0] == SEEN, "off by default: it looks through vehicles"
+
+
+def test_noise_has_its_size_and_its_correlation_in_time() -> None:
+    config = PerceptionConfig(position_noise=0.3, velocity_noise=0.2, noise_time=0.5)
+    state = scene(4000)
+    told = watch(state, 21, config)
+    for name, size in (("x", 0.3), ("y", 0.3), ("vx", 0.2), ("vy", 0.2)):
+        noise = told[name] - state[f"pedestrian_{name}"]
+        # 4,000 independent rows: the standard error of a standard deviation is 1.1%, of a correlation up to 1.6%.
+        for frame in (0, 10, 20):
+            assert noise[frame].std() == pytest.approx(size, rel=0.05)
+        assert np.corrcoef(noise[0], noise[10])[0, 1] == pytest.approx(math.exp(-0.5 / 0.5), abs=0.07)
+        assert np.corrcoef(noise[0], noise[1])[0, 1] == pytest.approx(math.exp(-0.05 / 0.5), abs=0.07)
+    assert abs(np.corrcoef(told["x"][0], told["y"][0])[0, 1]) < 0.07
+    white = watch(scene(4000), 2, PerceptionConfig(position_noise=0.3, noise_time=0.0))["x"]
+    assert abs(np.corrcoef(white[0], white[1])[0, 1]) < 0.07
+
+
+def test_detections_are_missed_at_their_share_and_the_track_keeps_its_number() -> None:
+    told = watch(scene(500), 40, PerceptionConfig(missed=0.2))
+    assert (told["status"] == MISSED).mean() == pytest.approx(0.2, abs=0.012)
+    assert set(np.unique(told["track"][told["status"] == SEEN])) == {1}
+
+
+def test_a_lost_track_is_found_again_after_its_time_under_another_number() -> None:
+    told = watch(scene(500), 101, PerceptionConfig(lost_rate=0.5, lost_time=0.4))
+    status, tracks = told["status"], told["track"]
+    begins = (status[1:] == LOST) & (status[:-1] == SEEN)
+    followed = (status[:-1] == SEEN).sum() * TICK
+    assert begins.sum() / followed == pytest.approx(0.5, rel=0.1)
+    row = int(np.argmax(begins[:80].any(axis=0)))
+    lost = np.flatnonzero(status[:, row] == LOST)
+    assert lost[:8].tolist() == list(range(lost[0], lost[0] + 8)), "0.4 s are 8 ticks"
+    assert status[lost[0] + 8, row] == SEEN
+    assert (tracks[lost[0] - 1, row], tracks[lost[0] + 8, row]) == (1, 2)
+
+
+def test_what_is_told_late_is_what_was_seen_then_and_nothing_before_the_episode() -> None:
+    config = PerceptionConfig(latency=0.15, position_noise=0.2)
+    now, late = watch(scene(3), 12, PerceptionConfig(position_noise=0.2)), watch(scene(3), 12, config)
+    assert (late[:3]["status"] == ABSENT).all()
+    assert late[3:].tolist() == now[:-3].tolist()
+    state = scene()
+    memory = blank(1, config, TICK)
+    for episode in (0, 1):
+        state["episode"] = episode
+        for frame in range(5):
+            state["frame"] = frame
+            memory, objects = perceive(memory, state, config, TICK)
+            assert objects["status"][0] == (SEEN if frame > 2 else ABSENT), "nothing of another episode"
+
+
+def test_two_who_are_swapped_change_numbers_and_a_single_one_gets_a_new_one() -> None:
+    pair = watch(scene(2), 60, PerceptionConfig(swap_rate=2.0), pedestrians=2)["track"]
+    assert {tuple(row) for row in pair.tolist()} == {(1, 2), (2, 1)}
+    alone = watch(scene(1), 60, PerceptionConfig(swap_rate=2.0))["track"][:, 0]
+    assert alone[0] == 1
+    assert alone[-1] > 1
+    assert (np.diff(alone.astype(int)) >= 0).all()
+    changes = np.count_nonzero(
+        np.diff(watch(scene(500), 41, PerceptionConfig(swap_rate=0.5))["track"].astype(int), axis=0)
+    )
+    assert changes / (500 * 40 * TICK) == pytest.approx(0.5, rel=0.15)
+
+
+ALL = PerceptionConfig(
+    seed=5, field_of_view=200.0, reach=60.0, position_noise=0.2, velocity_noise=0.1, missed=0.1, latency=0.1,
+    lost_rate=0.3, swap_rate=0.3,
+)  # fmt: skip
+
+
+def test_a_row_is_perceived_alike_in_every_batch_and_again() -> None:
+    whole = watch(scene(9), 30, ALL)
+    assert whole.tolist() == watch(scene(9), 30, ALL).tolist()
+    for row in (0, 4, 8):
+        assert whole[:, row].tolist() == watch(scene(9)[row : row + 1], 30, ALL)[:, 0].tolist()
+    assert whole.tolist() != watch(scene(9), 30, PerceptionConfig(**{**vars(ALL), "seed": 6})).tolist()
+
+
+def test_another_pedestrian_of_the_episode_changes_nothing_of_the_first_but_numbers() -> None:
+    two = scene(2)
+    two["episode"] = 0
+    both, one = watch(two, 30, ALL, pedestrians=2), watch(scene(1), 30, ALL)
+    assert both["status"][:, 0].tolist() == one["status"][:, 0].tolist()
+    assert both["x"][:, 0].tolist() == one["x"][:, 0].tolist()
+    assert both["x"][:, 0].tolist() != both["x"][:, 1].tolist()
+
+
+def test_memory_is_not_touched() -> None:
+    memory = blank(2, ALL, TICK)
+    before = memory.trackers.tobytes() + memory.late.tobytes()
+    perceive(memory, scene(2), ALL, TICK)
+    assert memory.trackers.tobytes() + memory.late.tobytes() == before
+
+
+def test_rows_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(InvalidInput, match="expected 3 rows, 1 for each episode, got 2"):
+        perceive(blank(3, ALL, TICK), scene(2), ALL, TICK)
+    with pytest.raises(InvalidInput, match="expected 3 rows, 2 for each episode, got 3"):
+        perceive(blank(3, ALL, TICK), scene(3), ALL, TICK, pedestrians=2)

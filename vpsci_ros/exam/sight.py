@@ -1,0 +1,82 @@
+"""What a driver could see: was the pedestrian hidden as it became critical, and what was the ADS told of it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.world import RUNNING, Scenario
+from vpsci_ros.world.parked import in_sight, parked_from
+from vpsci_ros.world.perception import SEEN, Memory, PerceptionConfig, blank, perceive
+
+
+@dataclass
+class Sight:
+    """What could be seen in one episode.
+
+    :ivar hidden: parked vehicles hid the pedestrian when CurvTTC first fell below 5 s.
+    :ivar critical: ticks with a CurvTTC below 5 s.
+    :ivar told: those of them at which the ADS was told of the pedestrian.
+    :ivar first_critical, first_told: frames, -1 where there was none; the latter not before the former.
+    """
+
+    hidden: bool = False
+    critical: int = 0
+    told: int = 0
+    first_critical: int = -1
+    first_told: int = -1
+
+    @property
+    def told_share(self) -> float:
+        """Share of the critical ticks at which the ADS was told of the pedestrian; NaN where none was critical."""
+        return self.told / self.critical if self.critical else math.nan
+
+    def told_after(self, period: float) -> float:
+        """Return how long after the first critical tick the ADS was told [s]; NaN where it was not or none was."""
+        return (self.first_told - self.first_critical) * period if self.first_told >= 0 else math.nan
+
+
+class Watcher:
+    """Gathers what could be seen, tick by tick; errors of perception are drawn again, to the bit.
+
+    :param perception: of the ADS; None: it is told of everybody.
+    :param period: of a tick [s].
+    :ivar found: (scenario, episode) -> what could be seen.
+    """
+
+    def __init__(
+        self, scenarios: Sequence[Scenario], perception: PerceptionConfig | None = None, period: float = 0.05
+    ) -> None:
+        self.found: dict[tuple[int, int], Sight] = {}
+        self._parked = parked_from(scenarios)
+        self._perception, self._period = perception, period
+        self._memory: Memory | None = None
+
+    def add(self, state: NDArray[np.void], curvttc: NDArray[np.float64]) -> None:
+        """Take in EPISODE[B] and CurvTTC [s], float64[B], of the next tick."""
+        told = self._told(state)
+        critical = (state["status"] == RUNNING) & (curvttc < CRITICAL_TTC)
+        if not critical.any():
+            return
+        visible = in_sight(state, self._parked)
+        for slot in np.flatnonzero(critical):
+            record = state[slot]
+            sight = self.found.setdefault((int(record["scenario"]), int(record["episode"])), Sight())
+            frame = int(record["frame"])
+            if sight.first_critical < 0:
+                sight.first_critical, sight.hidden = frame, not visible[slot]
+            if told[slot] and sight.first_told < 0:
+                sight.first_told = frame
+            sight.critical += 1
+            sight.told += int(told[slot])
+
+    def _told(self, state: NDArray[np.void]) -> NDArray[np.bool_]:
+        if self._perception is None:
+            return np.ones(len(state), np.bool_)
+        self._memory = self._memory or blank(len(state), self._perception, self._period)
+        self._memory, objects = perceive(self._memory, state, self._perception, self._period, self._parked)
+        told: NDArray[np.bool_] = objects["status"] == SEEN
+        return told
