@@ -34,7 +34,7 @@ NAMES = {"yaml": ("pyyaml", "python3-yaml"), "rosbags": ("rosbags", "python3-ros
 NO_ROSDEP_KEY = {"mcap", "polars", "pyarrow", "safetensors", "zstandard"}
 OPTIONAL = {"gymnasium", "pettingzoo", "PIL", "ray", "sklearn"}  # extras: envs, generation on a cluster, realism
 OPTIONAL |= {"commonroad", "google", "osi3", "osi_utilities", "scenariogeneration"}  # and formats of vpsci_ros/export
-NOT_REQUIRED = {"builtin_interfaces", "rcl_interfaces", "vpsci_msgs"}  # they come with rclpy and with this repository
+NOT_REQUIRED = {"builtin_interfaces", "rcl_interfaces", "tf2_msgs", "vpsci_msgs"}  # with rclpy and this repository
 ROS = {"domain_coordinator", "launch", "launch_ros", "rclpy", "std_srvs"}  # and whatever ends in _msgs or _interfaces
 
 
@@ -192,7 +192,8 @@ def test_a_wheel_holds_what_ros2_run_and_ros2_launch_look_for(wheel):
     names = {name.removeprefix(data): name for name in wheel.namelist()}
     assert "share/ament_index/resource_index/packages/vpsci_ros" in names
     assert "share/vpsci_ros/package.xml" in names
-    for path in [*(ROOT / "launch").glob("*.py"), *(ROOT / "params").rglob("*.yaml")]:
+    shared = [("launch", "*.py"), ("params", "*.yaml"), ("rviz", "*.rviz"), ("urdf", "*.urdf")]
+    for path in [path for folder, pattern in shared for path in (ROOT / folder).rglob(pattern)]:
         assert wheel.read(names[f"share/vpsci_ros/{path.relative_to(ROOT)}"]) == path.read_bytes()
     for executable in SETUP["EXECUTABLES"]:
         mode = wheel.getinfo(names[f"lib/vpsci_ros/{executable}"]).external_attr >> 16

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Build vpsci_msgs with plain CMake and install it into a virtual environment that holds the ROS 2 wheels.
+# Build vpsci_msgs with plain CMake and install it into a virtual environment that holds the ROS 2 wheels; before it
+# tf2_msgs, which the wheels lack.
 #
 #   tools/build_messages.sh VENV [BUILD_FOLDER]
 #
@@ -7,8 +8,8 @@
 # libraries lie, on LD_LIBRARY_PATH. Only ROS 2's command-line tools want AMENT_PREFIX_PATH=VENV.
 set -eu
 venv=$(cd "$1" && pwd)
-build=${2:-$venv/build/vpsci_msgs}
-source=$(cd "$(dirname "$0")/../msg_defs" && pwd)
+folder=${2:-$venv/build}
+here=$(cd "$(dirname "$0")" && pwd)
 
 PATH="$venv/bin:$PATH" CMAKE_PREFIX_PATH="$venv" AMENT_PREFIX_PATH="$venv"
 export PATH CMAKE_PREFIX_PATH AMENT_PREFIX_PATH
@@ -16,20 +17,27 @@ export PATH CMAKE_PREFIX_PATH AMENT_PREFIX_PATH
 # the library path it has made for itself.
 unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONPATH || true
 
-# From scratch: the generator leaves in the build folder what it made of messages that are no longer there.
-before=$(sort "$build/install_manifest.txt" 2>/dev/null || true)
-rm -rf "$build"
-mkdir -p "$build"
-log="$build/build.log"
-if ! {
-    cmake -S "$source" -B "$build" -G Ninja -DCMAKE_INSTALL_PREFIX="$venv" -DCMAKE_INSTALL_LIBDIR=lib \
-        -DPython3_EXECUTABLE="$venv/bin/python" -DBUILD_TESTING=OFF &&
-        cmake --build "$build" && cmake --install "$build"
-} >"$log" 2>&1; then
-    tail -n 40 "$log" >&2
-    echo "vpsci_msgs did not build; the whole log is $log" >&2
-    exit 1
-fi
-sort "$build/install_manifest.txt" >"$build/after.txt"
-# Nor may they survive in the environment.
-echo "$before" | comm -23 - "$build/after.txt" | xargs -d '\n' -r rm -f
+# build PACKAGE SOURCE, from scratch: the generator leaves in the build folder what it made of messages that are no
+# longer there.
+build() {
+    build="$folder/$1"
+    before=$(sort "$build/install_manifest.txt" 2>/dev/null || true)
+    rm -rf "$build"
+    mkdir -p "$build"
+    log="$build/build.log"
+    if ! {
+        cmake -S "$2" -B "$build" -G Ninja -DCMAKE_INSTALL_PREFIX="$venv" -DCMAKE_INSTALL_LIBDIR=lib \
+            -DPython3_EXECUTABLE="$venv/bin/python" -DBUILD_TESTING=OFF &&
+            cmake --build "$build" && cmake --install "$build"
+    } >"$log" 2>&1; then
+        tail -n 40 "$log" >&2
+        echo "$1 did not build; the whole log is $log" >&2
+        exit 1
+    fi
+    sort "$build/install_manifest.txt" >"$build/after.txt"
+    # Nor may they survive in the environment.
+    echo "$before" | comm -23 - "$build/after.txt" | xargs -d '\n' -r rm -f
+}
+
+build tf2_msgs "$here/tf2_msgs"
+build vpsci_msgs "$here/../msg_defs"

@@ -23,10 +23,14 @@ stands once, in the section `/**`, which ROS 2 hands to every node.
 NOTES = """
 ## Names, time and diagnostics
 
-- All names follow the node's namespace: with `-r __ns:=/left` the state is on `/left/world/state`, simulated time on
-  `/left/clock`, so that graphs in two namespaces (or two values of `ROS_DOMAIN_ID`) share nothing. rclpy takes
-  simulated time from `/clock`: in a namespace, give a node with `use_sim_time` also `-r /clock:=clock`. In a parameter
-  file for a namespace, write `/**/world_simulator:` in place of `world_simulator:`, as ROS 2 wants it.
+- Names follow the node's namespace: with `-r __ns:=/left` the state is on `/left/world/state`, simulated time on
+  `/left/clock`. rclpy takes simulated time from `/clock`: in a namespace, give a node with `use_sim_time` also
+  `-r /clock:=clock`. `/tf`, `/tf_static` and `/diagnostics` stay at the root, where other tools look for them; there
+  frames and nodes have the namespace before their names (`left/vehicle/base_link`, `left/recorder`; `map` is one for
+  all), and recorder and `vpsci graph` take those of their own graph alone. So graphs in two namespaces, or with two
+  values of `ROS_DOMAIN_ID`, do not disturb each other. The package's parameter files name nodes in any namespace
+  (`/**/world_simulator:`), as ROS 2 wants it; `world_simulator:` means the one without a namespace.
+- `qos_overrides./TOPIC.publisher.depth` (also `subscription`; `history`, `reliability`) changes a quality of service.
 - No node of this package needs `use_sim_time`; their timers run on the wall clock, so setting it stops nothing.
 - Every node tells of itself on `/diagnostics` once a second of wall time, stamped with simulated time: rates, lag in
   milliseconds, ticks missed, late, refused. These tell of the machine and differ from run to run. Everything else in a
@@ -35,9 +39,11 @@ NOTES = """
 - A policy that is killed and started again within `action_timeout` (the node alone, while the others wait) leaves the
   same bag: it asks the world for the frames that it has not seen and goes on as if it had been there.
   `graph.restarts` has `vpsci graph` do so by itself.
-- With one episode at a time (`batch: 1`) the world also publishes both odometries and `/markers`, for as long as
-  anybody listens, for RViz and Foxglove (a layout is in `docs/foxglove_layout.json`). Frames are `map`,
-  `vehicle/base_link` and `pedestrian/base_link`.
+- With one episode at a time (`batch: 1`) the world also publishes both odometries, transforms and `/markers`, for as
+  long as anybody listens, and models of the car and the pedestrian. `rviz2 -d` with the package's `rviz/vpsci.rviz`
+  (`rviz:=true` under launch) and Foxglove (layout: `docs/foxglove_layout.json`) show them. Frames are `map`,
+  `vehicle/base_link`, the centre of the car's rectangle on the ground, `pedestrian/base_link`, whose x is where it
+  walks, and `vehicle/rear_axle`.
 - The world ends with its episodes; the other nodes stay, for a next world, until Ctrl-C. Discovery stays on this
   machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` says otherwise.
 - Parameters marked "running" may be set on the running node (`ros2 param set`); the others are read-only.

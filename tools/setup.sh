@@ -75,13 +75,14 @@ if ! is_done packages constraints.txt setup.py setup.cfg pyproject.toml tools/se
     done_now
 fi
 
-if ! is_done messages constraints.txt tools/build_messages.sh msg_defs/CMakeLists.txt msg_defs/package.xml msg_defs/msg/* msg_defs/srv/*; then
-    say "building vpsci_msgs"
+if ! is_done messages constraints.txt tools/build_messages.sh msg_defs/*.* msg_defs/msg/* msg_defs/srv/* \
+    tools/tf2_msgs/*.* tools/tf2_msgs/msg/*; then
+    say "building vpsci_msgs and tf2_msgs"
     tools/build_messages.sh "$venv"
     done_now
 fi
 
-if ! is_done data setup.py package.xml resource/* $(find launch params -name '*.py' -o -name '*.yaml' | sort); then
+if ! is_done data setup.py package.xml resource/* $(find launch params rviz urdf -name '*.py' -o -name '*.yaml' -o -name '*.rviz' -o -name '*.urdf' | sort); then
     "$venv/bin/python" -W ignore setup.py --quiet install_data --install-dir="$venv"
     done_now
 fi

@@ -39,6 +39,14 @@ def messages_dir(package: Path = _PACKAGE) -> Path:
     return _data_dir(package, "msg_defs/msg", "message definitions")
 
 
+def robot_description(agent: str, package: Path = _PACKAGE) -> str:
+    """Return the URDF of "vehicle" or "pedestrian", whose root link is `base_link`.
+
+    :raises InvalidInput: the package was installed without it.
+    """
+    return (_data_dir(package, "urdf", "robot descriptions") / f"{agent}.urdf").read_text(encoding="utf-8")
+
+
 def _data_dir(package: Path, folder: str, what: str) -> Path:
     source = package.parent
     if (source / "package.xml").is_file() and (source / folder).is_dir():

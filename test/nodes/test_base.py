@@ -1,6 +1,7 @@
 """The form that nodes share: parameters are checked before anything runs, and no message is lost at the start."""
 
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -8,12 +9,15 @@ import rclpy
 import yaml
 from rclpy.context import Context
 from rclpy.parameter import Parameter
+from rclpy.qos import ReliabilityPolicy
 
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
+from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
+from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.config import RunConfig
 
 
@@ -126,3 +130,44 @@ def test_a_reader_that_never_comes_is_named(context: Context) -> None:
     with pytest.raises(VpsciError, match="waited 0.2 s for world_simulator and recorder to subscribe to /safety/state"):
         output.publish(output._publisher.msg_type())
     node.destroy_node()
+
+
+@pytest.fixture
+def left(domain: int) -> Iterator[Context]:
+    """A context whose nodes are in the namespace /left and take the parameters of stage 3 from the package's file."""
+    context = Context()
+    file = str(params_dir() / "stage3_generate.yaml")
+    rclpy.init(args=["--ros-args", "-r", "__ns:=/left", "--params-file", file], context=context)
+    yield context
+    context.try_shutdown()
+
+
+def test_a_parameter_file_of_the_package_applies_in_a_namespace(left: Context) -> None:
+    node = GraphNode("world_simulator", context=left)
+    assert (node.config(RunConfig).episodes, node.config(RunConfig).batch) == (100, 64)
+    node.destroy_node()
+
+
+def test_in_a_namespace_topics_move_and_diagnostics_stay_where_aggregators_look(left: Context) -> None:
+    monitor = SafetyMonitor(context=left)
+    topics = {publisher.topic_name for publisher in monitor.publishers}
+    assert {"/left/safety/state", "/diagnostics"} <= topics
+    assert "/left/diagnostics" not in topics
+    assert monitor.full_name("/world/state") == "/left/world/state"
+    assert monitor.frame_prefix == "left/"
+    monitor.destroy_node()
+
+
+def test_a_quality_of_service_is_overridden_as_ros_2_does_it(context: Context) -> None:
+    overrides = [
+        override("qos_overrides./safety/state.publisher.depth", 7),
+        override("qos_overrides./world/state.subscription.reliability", "best_effort"),
+    ]
+    monitor = SafetyMonitor(context=context, parameter_overrides=overrides)
+    (written,) = (each for each in monitor.publishers if each.topic_name == "/safety/state")
+    (read,) = (each for each in monitor.subscriptions if each.topic_name == "/world/state")
+    assert written.qos_profile.depth == 7
+    assert read.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    assert LOCK_STEP.depth == 1000, "other nodes of this process keep theirs"
+    assert LOCK_STEP.reliability == ReliabilityPolicy.RELIABLE
+    monitor.destroy_node()

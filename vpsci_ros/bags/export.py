@@ -147,7 +147,9 @@ def provenance_of(bag: Path, *, recover: bool = False) -> dict[str, Any]:
     try:
         if parameters.is_file():
             sections = read_yaml(parameters)
-            found["configuration"] = {name: section["ros__parameters"] for name, section in sections.items()}
+            found["configuration"] = {
+                name.removeprefix("/**/"): section["ros__parameters"] for name, section in sections.items()
+            }
             found["seed"] = found["configuration"].get("world_simulator", {}).get("seed")
         if record.is_file():
             found["weights"] = read_json(record).get("weights_sha256")

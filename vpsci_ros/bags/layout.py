@@ -119,15 +119,20 @@ def motion_of(record: np.void, agent: str) -> PlanarMotion:
 
 # ---- what a message says
 
-STAMP_END = (12, 16)  # [bytes] where the stamp of a serialized message ends; in an array of markers
+ARRAYS = ("/markers", "/tf", "/tf_static")  # topics of messages that are sequences
+
+
+def stamp_end(topic: str) -> int:
+    """Return where the stamp of a serialized message of a recorded topic ends [bytes].
+
+    Every recorded type begins with its stamp, after CDR's 4 bytes; in a sequence its length comes first.
+    """
+    return 16 if topic in ARRAYS else 12
 
 
 def stamp_of(topic: str, data: bytes) -> tuple[int, int]:
-    """Return seconds and nanoseconds of the stamp of a serialized message of any recorded topic.
-
-    Every recorded type begins with its stamp, after CDR's 4 bytes; in an array of markers its length comes first.
-    """
-    seconds, nanoseconds = struct.unpack_from("<iI", data, STAMP_END[topic == "/markers"] - 8)
+    """Return seconds and nanoseconds of the stamp of a serialized message of any recorded topic."""
+    seconds, nanoseconds = struct.unpack_from("<iI", data, stamp_end(topic) - 8)
     return seconds, nanoseconds
 
 

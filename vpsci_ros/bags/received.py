@@ -91,7 +91,7 @@ def stamp(topic: str, data: bytes) -> int:
     :raises InvalidInput: the message is too short to have one, or it is none: negative, or of more than a second's
         nanoseconds.
     """
-    least = layout.STAMP_END[topic == "/markers"]
+    least = layout.stamp_end(topic)
     if len(data) < least:
         raise InvalidInput(f"{topic}: expected a message of at least {least} bytes with a stamp, got {len(data)}")
     seconds, nanoseconds = layout.stamp_of(topic, data)

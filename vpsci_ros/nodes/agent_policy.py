@@ -150,7 +150,8 @@ class AgentPolicy(GraphNode):
         """Ask the world for what was missed: before the first answer, and when nothing has come for a while."""
         now = time.perf_counter()
         if self._actions is None:
-            self.get_logger().info("waiting for weights on /policy/weights", throttle_duration_sec=5.0)
+            topic = self.full_name("/policy/weights")
+            self.get_logger().info(f"waiting for weights on {topic}", throttle_duration_sec=5.0)
             return
         waits = self._reply is not None and now - self._requested_at < REPLY_PATIENCE
         if waits or (self._caught_up and now - self._received_at < SILENCE):
@@ -166,7 +167,7 @@ class AgentPolicy(GraphNode):
             self._answer()
 
     def _service_patience(self) -> float:
-        writers = self.get_publishers_info_by_topic(self.resolve_topic_name("world/state"))
+        writers = self.get_publishers_info_by_topic(self.full_name("/world/state"))
         return OWN_PATIENCE if any(each.node_name == "world_simulator" for each in writers) else FOREIGN_PATIENCE
 
     def _on_history(self, reply: Any) -> None:

@@ -4,6 +4,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable
+from copy import copy
 from functools import partial
 from typing import Any, TypeVar
 
@@ -19,6 +20,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
@@ -61,7 +63,7 @@ class GraphNode(Node):
         self.stop = StopRequest()
         namespace = self.get_namespace().strip("/")
         self.frame_prefix = f"{namespace}/" if namespace else ""
-        """Before the frames of this graph's vehicle and pedestrian; `map` is the same for all."""
+        """Before the frames of this graph's vehicle and pedestrian, and its nodes' names in diagnostics."""
         self.simulated_time = Time()
         """Of the latest message that came or went: the stamp of this node's diagnostics; nodes keep it up to date."""
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -81,7 +83,7 @@ class GraphNode(Node):
     def output(self, topic: str) -> "Output":
         """Return an output for a topic of the table."""
         row = TOPICS[topic]
-        publisher = self.create_publisher(row.type, _resolved(topic), row.qos)
+        publisher = self.create_publisher(row.type, row.ros_name, copy(row.qos), qos_overriding_options=_overriding())
         return Output(self, topic, publisher, listeners(topic, self.peers), self.peer_timeout)
 
     def input(
@@ -89,17 +91,23 @@ class GraphNode(Node):
     ) -> Subscription:
         """Subscribe to a topic of the table."""
         row = TOPICS[topic]
-        given = self.create_subscription(row.type, _resolved(topic), callback, qos or row.qos, raw=raw)
+        given = self.create_subscription(
+            row.type, row.ros_name, callback, copy(qos or row.qos), raw=raw, qos_overriding_options=_overriding()
+        )
         self.intake.add(topic, given)
         return given
 
     def serve(self, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Offer a service of the table."""
-        self.create_service(SERVICES[name].type, _resolved(name), callback)
+        self.create_service(SERVICES[name].type, name.removeprefix("/"), callback)
 
     def client(self, name: str) -> Client:
         """Return a client of a service of the table."""
-        return self.create_client(SERVICES[name].type, _resolved(name))
+        return self.create_client(SERVICES[name].type, name.removeprefix("/"))
+
+    def full_name(self, topic: str) -> str:
+        """Return the name under which a topic of the table is found: with this node's namespace."""
+        return self.resolve_topic_name(TOPICS[topic].ros_name)
 
     def wall_timer(self, period: float, callback: Callable[[], None]) -> Timer:
         """Call back each `period` [s] of wall time, whatever `use_sim_time` says: simulated time stands still at first.
@@ -146,7 +154,8 @@ class GraphNode(Node):
         for output in self.diagnostics:
             text, pairs = self._tell()
             pairs += self.intake.pairs()
-            message = diagnostics_message(self.get_name(), text, pairs, self.simulated_time)
+            name = f"{self.frame_prefix}{self.get_name()}"
+            message = diagnostics_message(name, text, pairs, self.simulated_time)
             if wait:
                 output.publish(message)
             elif output.matched:
@@ -212,6 +221,11 @@ class Output:
         self.published = 0
 
     @property
+    def full_name(self) -> str:
+        """The topic's name with its namespace."""
+        return str(self._publisher.topic_name)
+
+    @property
     def matched(self) -> bool:
         """Whether every expected reader is there."""
         return self._publisher.get_subscription_count() >= len(self.expected)
@@ -219,7 +233,7 @@ class Output:
     @property
     def complete(self) -> bool:
         """Whether, besides, every other reader is there that is known of."""
-        known = self._node.count_subscribers(self._publisher.topic_name)
+        known = self._node.count_subscribers(self.full_name)
         return self._publisher.get_subscription_count() >= max(known, len(self.expected))
 
     def found(self) -> bool:
@@ -266,7 +280,7 @@ class Output:
             if now - begun > self._timeout:
                 raise self._nobody()
             if now - last_notice > 5.0:
-                self._node.get_logger().info(f"waiting for {' and '.join(self.expected)} on {self.topic}")
+                self._node.get_logger().info(f"waiting for {' and '.join(self.expected)} on {self.full_name}")
                 last_notice = now
             time.sleep(0.005)
         self._ready = True
@@ -274,7 +288,7 @@ class Output:
     def _nobody(self) -> VpsciError:
         return VpsciError(
             f"{self._node.get_name()}: waited {self._timeout:g} s for {' and '.join(self.expected)} to subscribe"
-            f" to {self._publisher.topic_name}; start them, or name only running nodes in the parameter 'peers'"
+            f" to {self.full_name}; start them, or name only running nodes in the parameter 'peers'"
         )
 
 
@@ -357,9 +371,9 @@ def _is_sequence(value: Any) -> bool:
     return not isinstance(value, str) and hasattr(value, "__len__")
 
 
-def _resolved(topic: str) -> str:
-    """Return the name to give to rclpy, relative to the node's namespace: two graphs in two namespaces share nothing.
+def _overriding() -> QoSOverridingOptions:
+    """Return what declares `qos_overrides.TOPIC.(publisher|subscription).(history|depth|reliability)` as parameters.
 
-    `/clock` and `/diagnostics` are no exceptions, although tools look for them at the root: two worlds have two times.
+    rclpy writes what they say into the profile that it is given, so that has to be a copy.
     """
-    return topic.removeprefix("/")
+    return QoSOverridingOptions.with_default_policies()

@@ -12,15 +12,17 @@ from typing import Any, TypeVar
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, Quaternion
+from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, SafetyState, Transition, WorldState
 from vpsci_ros.bags import layout
 from vpsci_ros.bags.layout import MAP
+from vpsci_ros.world.kinematics import WHEELBASE
 from vpsci_ros.world.observation import AGENTS
 
 Array = NDArray[Any]
@@ -112,15 +114,17 @@ def objects_message(objects: Array, tick: int, period: float) -> PointCloud2:
     )
 
 
-def odometry_messages(record: np.void, header: Header) -> tuple[Odometry, Odometry]:
-    """Return vehicle and pedestrian of one EPISODE record as odometry."""
-    vehicle, pedestrian = (_odometry(layout.motion_of(record, agent), agent, header) for agent in AGENTS)
+def odometry_messages(record: np.void, header: Header, prefix: str = "") -> tuple[Odometry, Odometry]:
+    """Return vehicle and pedestrian of one EPISODE record as odometry; `prefix` comes before their frames' names."""
+    frames = (f"{prefix}{agent}" for agent in AGENTS)
+    motions = (layout.motion_of(record, agent) for agent in AGENTS)
+    vehicle, pedestrian = (_odometry(motion, frame, header) for motion, frame in zip(motions, frames, strict=True))
     return vehicle, pedestrian
 
 
-def pedestrian_odometry(record: np.void, header: Header) -> Odometry:
+def pedestrian_odometry(record: np.void, header: Header, prefix: str = "") -> Odometry:
     """Return one of several pedestrians, an EPISODE record, as odometry in a frame with its number."""
-    return _odometry(layout.motion_of(record, "pedestrian"), f"pedestrian_{record['pedestrian']}", header)
+    return _odometry(layout.motion_of(record, "pedestrian"), f"{prefix}pedestrian_{record['pedestrian']}", header)
 
 
 def _odometry(motion: layout.PlanarMotion, frame: str, header: Header) -> Odometry:
@@ -130,6 +134,26 @@ def _odometry(motion: layout.PlanarMotion, frame: str, header: Header) -> Odomet
     message.twist.twist.linear.x = motion.speed
     message.twist.twist.angular.z = motion.yaw_rate
     return message
+
+
+def transforms(odometry: Iterable[Odometry]) -> TFMessage:
+    """Return the poses of odometry as transforms, from `map` to the frames of those who move."""
+    return TFMessage(transforms=[_transform(each.header, each.child_frame_id, each.pose.pose) for each in odometry])
+
+
+def _transform(header: Header, frame: str, pose: Pose) -> TransformStamped:
+    message = TransformStamped(header=header, child_frame_id=frame)
+    at = pose.position
+    message.transform.translation = Vector3(x=at.x, y=at.y, z=at.z)
+    message.transform.rotation = pose.orientation
+    return message
+
+
+def fixed_transforms(prefix: str = "") -> TFMessage:
+    """Return what never moves against the vehicle: its rear axle, which other tools take for its place."""
+    axle = Pose(position=Point(x=-0.5 * WHEELBASE), orientation=Quaternion(w=1.0))
+    header = Header(frame_id=f"{prefix}vehicle/base_link")
+    return TFMessage(transforms=[_transform(header, f"{prefix}vehicle/rear_axle", axle)])
 
 
 def yaw_quaternion(yaw: float) -> Quaternion:

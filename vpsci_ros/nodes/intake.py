@@ -34,8 +34,11 @@ class Intake:
             return convert(*arguments)
         except InvalidInput as error:
             self._refused[topic] += 1
+            text = str(error)
+            if topic in self._inputs:  # the layout of messages knows of no namespaces
+                text = text.replace(topic, self._inputs[topic].topic_name, 1)
             self._node.get_logger().warning(
-                f"refused {error} ({self._refused[topic]} so far)", throttle_duration_sec=5.0
+                f"refused {text} ({self._refused[topic]} so far)", throttle_duration_sec=5.0
             )
             return None
 
@@ -60,7 +63,7 @@ class Intake:
             if found:
                 self._second |= {f"{name} on {topic}" for name in found}
                 self._node.get_logger().warning(
-                    f"a second publisher on {topic}: {', '.join(found)}; is another graph in this domain?",
+                    f"a second publisher on {given.topic_name}: {', '.join(found)}; is another graph in this domain?",
                     throttle_duration_sec=5.0,
                 )
 

@@ -115,8 +115,8 @@ class Learner(GraphNode):
         refiner.add(rows)
         if refiner.refused > refused:
             self.get_logger().warning(
-                f"refused {refiner.refused - refused} transitions on /replay, {refiner.refused} so far: expected finite"
-                " numbers and a CurvTTC that is not negative; does somebody else publish /replay in this domain?",
+                f"refused {refiner.refused - refused} transitions, {refiner.refused} so far: expected finite numbers"
+                f" and a CurvTTC that is not negative; does somebody else publish {self.full_name('/replay')}?",
                 throttle_duration_sec=5.0,
             )
         while refiner.due and not refiner.finished and not self.stop.is_set():

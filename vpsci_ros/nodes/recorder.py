@@ -19,6 +19,7 @@ from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_re
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.nodes.base import GraphNode, run
 from vpsci_ros.nodes.config import NODES, RecorderConfig
+from vpsci_ros.nodes.ownership import is_own
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
 from vpsci_ros.world import load_scenarios
@@ -41,7 +42,9 @@ class Recorder(GraphNode):
         recorded = [row for row in TOPICS.values() if "recorder" in row.subscribers]
         # A topic without a publisher here is an external driving system's.
         wanted = [row for row in recorded if not (explicit and row.publishers) or speakers(row.name, self.peers)]
-        topics = [BagTopic(row.name, row.type_name, *describe(row.type_name)) for row in wanted]
+        topics = [
+            BagTopic(row.name, row.type_name, *describe(row.type_name), latched=row.qos is LATCHED) for row in wanted
+        ]
         sizes = {"chunk_size": config.chunk_size * 1024, "split_size": config.split_size}
         self._bag = BagWriter(config.bag, topics, **sizes)
         self._bag.describe(SOFTWARE, software_record())
@@ -79,6 +82,8 @@ class Recorder(GraphNode):
 
     def _on_message(self, topic: str, data: bytes) -> None:
         self._last_receipt = time.monotonic()
+        if TOPICS[topic].shared and not is_own(deserialize_message(data, TOPICS[topic].type), self.frame_prefix):
+            return
         at = self.intake.read(topic, received.stamp, topic, data)
         told = self.intake.read(topic, _events, data) if topic == EVENTS else (0, [])
         if at is None or told is None:

@@ -81,7 +81,9 @@ class Replayer(GraphNode):
         except (ImportError, AttributeError):
             self.get_logger().warning(f"{topic.name} is left out: its type {topic.type} is not installed here")
             return None
-        return self.create_publisher(kind, topic.name.removeprefix("/"), LATCHED if topic.latched else REPLAY)
+        shared = topic.name in TOPICS and TOPICS[topic.name].shared
+        name = topic.name if shared else topic.name.removeprefix("/")
+        return self.create_publisher(kind, name, LATCHED if topic.latched else REPLAY)
 
     def _read(self, bag: Bag, start: int) -> Iterator[RawMessage]:
         return bag.messages(self._outlets, start, ordered=True)

@@ -9,12 +9,10 @@ from std_msgs.msg import Header
 
 from vpsci_msgs.msg import AgentAction, SafetyState, VehicleControl
 from vpsci_ros.bags import layout
-from vpsci_ros.bags.layout import MAP
+from vpsci_ros.bags.layout import MAP, WORLD
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.world.lockstep import LockStep
-
-WORLD_STATE = "/world/state"
 
 
 class Respondents:
@@ -51,13 +49,14 @@ class Respondents:
 
     def deaf(self) -> set[str]:
         """Return the nodes that answer but are not yet known to read the world's state."""
-        readers = self._node.get_subscriptions_info_by_topic(self._node.resolve_topic_name("world/state"))
+        state = self._node.full_name(WORLD)
+        readers = self._node.get_subscriptions_info_by_topic(state)
         known = {(reader.node_namespace, reader.node_name) for reader in readers}
         found = set()
         for given in self._inputs.values():
             for writer in self._node.get_publishers_info_by_topic(given.topic_name):
                 if (writer.node_namespace, writer.node_name) not in known:
-                    found.add(f"{writer.node_name} to subscribe to {WORLD_STATE}")
+                    found.add(f"{writer.node_name} to subscribe to {state}")
         return found
 
     def _on_safety(self, message: SafetyState) -> None:
@@ -89,20 +88,21 @@ class Respondents:
                 external.refuse(values, f"its frame is {frame!r}; expected one of {', '.join(map(repr, own))}")
             external.accelerate(values, command_stamp(message.header))
 
-        self._hand_in("/vehicle/cmd_accel (linear.x, linear.y)", take)
+        self._hand_in("/vehicle/cmd_accel", take, " (linear.x, linear.y)")
 
     def _on_control(self, message: VehicleControl) -> None:
         assert self._lock_step.external is not None
         values = message.steer, message.throttle, message.brake
         take = partial(self._lock_step.external.control, values, command_stamp(message.header), message.tick)
-        self._hand_in("/vehicle/cmd_control (steer, throttle, brake)", take)
+        self._hand_in("/vehicle/cmd_control", take, " (steer, throttle, brake)")
 
-    def _hand_in(self, topic: str, take: Callable[[], None]) -> None:
+    def _hand_in(self, topic: str, take: Callable[[], None], fields: str = "") -> None:
         try:
             take()
         except InvalidInput as error:
-            who = f" ({', '.join(self._node.intake.publishers(topic.partition(' ')[0]))} publish it)"
-            self._node.get_logger().warning(f"refused {topic}: {error}{who}", throttle_duration_sec=5.0)
+            who = f" ({', '.join(self._node.intake.publishers(topic))} publish it)"
+            name = f"{self._node.full_name(topic)}{fields}"
+            self._node.get_logger().warning(f"refused {name}: {error}{who}", throttle_duration_sec=5.0)
         self._answered()
 
 

@@ -9,8 +9,9 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
-from std_msgs.msg import UInt64
+from std_msgs.msg import String, UInt64
 from std_srvs.srv import SetBool, Trigger
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, VehicleControl, WorldState
@@ -29,13 +30,22 @@ RECORDING = QoSProfile(depth=1000, history=HistoryPolicy.KEEP_ALL, reliability=R
 
 @dataclass(frozen=True)
 class Topic:
-    """A row of the table; `subscribers` are the nodes of this package that listen to it."""
+    """A row of the table; `subscribers` are the nodes of this package that listen to it.
+
+    :ivar shared: stays at the root where a graph has a namespace, since other tools look for it there.
+    """
 
     name: str
     type: Any
     publishers: tuple[str, ...]
     subscribers: tuple[str, ...]
     qos: QoSProfile
+    shared: bool = False
+
+    @property
+    def ros_name(self) -> str:
+        """The name to give to rclpy, relative to the node's namespace unless it is shared."""
+        return self.name if self.shared else self.name.removeprefix("/")
 
     @property
     def type_name(self) -> str:
@@ -72,7 +82,11 @@ TOPICS = {
         Topic("/replay/consumed", UInt64, ("learner",), ("world_simulator",), LATCHED),
         Topic("/policy/weights", PolicyWeights, ("learner",), _POLICIES, LATCHED),
         Topic("/markers", MarkerArray, ("world_simulator",), ("recorder",), LOCK_STEP),
-        Topic("/diagnostics", DiagnosticArray, NODES, ("recorder", "graph_watch"), LOCK_STEP),
+        Topic("/vehicle/robot_description", String, ("world_simulator",), (), LATCHED),
+        Topic("/pedestrian/robot_description", String, ("world_simulator",), (), LATCHED),
+        Topic("/tf", TFMessage, ("world_simulator",), ("recorder",), LOCK_STEP, shared=True),
+        Topic("/tf_static", TFMessage, ("world_simulator",), ("recorder",), LATCHED, shared=True),
+        Topic("/diagnostics", DiagnosticArray, NODES, ("recorder", "graph_watch"), LOCK_STEP, shared=True),
     )
 }
 

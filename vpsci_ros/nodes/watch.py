@@ -13,7 +13,7 @@ from std_srvs.srv import SetBool
 from vpsci_msgs.msg import EpisodeEvent
 from vpsci_ros.bags import received
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.nodes.config import GraphConfig
+from vpsci_ros.nodes.config import NODES, GraphConfig
 from vpsci_ros.nodes.intake import SECOND
 from vpsci_ros.nodes.topics import RECORDING
 from vpsci_ros.runs.config import RunConfig
@@ -51,7 +51,7 @@ class Watch:
         self._node = rclpy.create_node(WATCH, context=self._context, namespace=self._namespace or None)
         self._pause = self._node.create_client(SetBool, "world/pause")
         self._node.create_subscription(EpisodeEvent, "episode/event", self._on_event, RECORDING)
-        self._node.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, RECORDING)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RECORDING)
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._bars.__enter__()
@@ -121,16 +121,18 @@ class Watch:
         self._ended |= {key for key in keys if self._run and self._run.asks_for(*key)}
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
+        prefix = f"{self._namespace.strip('/')}/" if self._namespace else ""
+        for status in (each for each in message.status if each.name in {f"{prefix}{node}" for node in NODES}):
+            name = status.name.removeprefix(prefix)
             pairs = {pair.key: pair.value for pair in status.values}
             stands_still = status.message == "paused" and not self._held  # as somebody has asked for
             if status.name == "world_simulator":
                 self._paused_since = (self._paused_since or time.monotonic()) if stands_still else None
             # The recorder writes diagnostics down as well, its own among them, however long nothing happens.
-            moves_on = pairs != self._status.get(status.name) and status.name != "recorder"
+            moves_on = pairs != self._status.get(name) and name != "recorder"
             if stands_still or moves_on:
                 self._last = time.monotonic()
-            self._status[status.name] = pairs
+            self._status[name] = pairs
 
     def _show(self) -> None:
         learner = self._status.get("learner", {})

@@ -5,18 +5,20 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header, String
 
 from vpsci_msgs.msg import WorldState
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.markers import scene_markers
+from vpsci_ros.resources import robot_description
 from vpsci_ros.world import IDLE, Scenario, WorldConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Tick
 
 
 class WorldOutputs:
-    """`/clock`, `/world/state`, `/episode/event`, `/replay`, and with one episode at a time odometry and markers.
+    """`/clock`, `/world/state`, `/episode/event`, `/replay`; of one episode at a time odometry, transforms, markers.
 
     `/pedestrian/odometry` is that of the first pedestrian, `/pedestrians/odometry` of each, where there may be several.
 
@@ -47,8 +49,13 @@ class WorldOutputs:
         several = batch == 1 and config.pedestrians > 1 and pedestrian_odometry
         self._pedestrians = [node.output("/pedestrians/odometry")] if several else []
         self._markers = [node.output("/markers")] if batch == 1 else []
-        self.all = [self._time, self._state, self._event, *self._odometry, *self._pedestrians]
-        self.all += [*self._replay, *self._markers]
+        self._transforms = [node.output("/tf")] if batch == 1 else []
+        self._fixed = [node.output("/tf_static")] if batch == 1 else []
+        views = [*self._odometry, *self._pedestrians, *self._markers, *self._transforms, *self._fixed]
+        self.all = [self._time, self._state, self._event, *self._replay, *views]
+        for agent in AGENTS if batch == 1 else ():
+            node.output(f"/{agent}/robot_description").publish_now(String(data=robot_description(agent)))
+        self._fixed_published = False  # with the first tick, when a recorder is there
         self._message = WorldState()  # filled anew for every tick
 
     def absent(self) -> set[str]:
@@ -57,7 +64,7 @@ class WorldOutputs:
 
     def unread(self) -> set[str]:
         """Return readers that are only believed to be on their way."""
-        return {f"a reader of {output.topic}" for output in self.all if not output.complete}
+        return {f"a reader of {output.full_name}" for output in self.all if not output.complete}
 
     def pairs(self) -> list[tuple[str, int]]:
         """Return how many messages were published, by topic, to be compared with what a bag holds."""
@@ -71,17 +78,29 @@ class WorldOutputs:
             tick.state, tick.policy_frame, tick.number, self._period, into=self._message
         )
         self._state.publish(message)
-        record = tick.state[0]
-        if record["status"] != IDLE and any(output.has_readers for output in self._odometry):
-            pair = convert.odometry_messages(record, message.header)
-            for output, odometry in zip(self._odometry, pair, strict=False):
-                output.publish(odometry)
-        for output in self._pedestrians:
-            for pedestrian in tick.state[tick.state["status"] != IDLE] if output.has_readers else ():
-                output.publish(convert.pedestrian_odometry(pedestrian, message.header))
+        for output in self._fixed if not self._fixed_published else ():
+            output.publish(convert.fixed_transforms(self._node.frame_prefix))
+        self._fixed_published = True
+        self._tell_of_motion(tick, message.header)
         for output in self._markers:
             if output.has_readers:
                 output.publish(scene_markers(tick.state, self._scenarios, message.header))
+
+    def _tell_of_motion(self, tick: Tick, header: Header) -> None:
+        """Publish odometry of those whom others may know of, and the same as transforms, while anybody listens."""
+        record, prefix = tick.state[0], self._node.frame_prefix
+        moving = (*self._odometry, *self._pedestrians, *self._transforms)
+        if record["status"] == IDLE or not any(output.has_readers for output in moving):
+            return
+        told = list(convert.odometry_messages(record, header, prefix)[: len(self._odometry)])
+        for output, odometry in zip(self._odometry, told, strict=True):
+            output.publish(odometry)
+        for output in self._pedestrians:
+            for pedestrian in tick.state[tick.state["status"] != IDLE]:
+                told.append(convert.pedestrian_odometry(pedestrian, header, prefix))
+                output.publish(told[-1])
+        for output in self._transforms:
+            output.publish(convert.transforms(told))
 
     def events(self, events: NDArray[np.void], number: int) -> None:
         """Publish what happened up to the tick of this number, EVENT[n], n > 0."""

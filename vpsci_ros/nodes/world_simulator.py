@@ -186,7 +186,8 @@ class WorldSimulator(GraphNode):
             self._begin_when_all_are_here()
             return
         if self._lock_step.running and self._lock_step.behind:
-            self.get_logger().info("waiting for the learner to catch up on /replay", throttle_duration_sec=10.0)
+            topic = self.full_name("/replay")
+            self.get_logger().info(f"waiting for the learner to catch up on {topic}", throttle_duration_sec=10.0)
         self._go_on(time.monotonic())
 
     def _on_consumed(self, message: UInt64) -> None:
@@ -209,6 +210,10 @@ class WorldSimulator(GraphNode):
             self.get_logger().info(f"waiting for {', '.join(sorted(absent))}", throttle_duration_sec=5.0)
             return
         self._begun_at = self._reported_at = now
+        run = self._run
+        self.get_logger().info(
+            f"ready: {run.episodes} episodes of each scenario of {list(run.scenarios)}, {run.batch} at once"
+        )
         self._set_pace()
         self._publish(self._loop.world.take_started())
 
@@ -246,8 +251,11 @@ class WorldSimulator(GraphNode):
 
     def _count(self, events: NDArray[np.void]) -> None:
         first = events["slot"] % self._config.pedestrians == 0  # an episode counts once
-        for outcome in events["outcome"][(events["kind"] == codes.FINISHED) & first]:
-            self._counts[OUTCOME_NAMES[outcome]] += 1
+        for event in events[(events["kind"] == codes.FINISHED) & first]:
+            outcome = OUTCOME_NAMES[event["outcome"]]
+            self._counts[outcome] += 1
+            name, least = f"{event['scenario']}:{event['episode']}", f"{event['least_curvttc']:.2f} s"
+            self.get_logger().info(f"{name} ended: {outcome}, least CurvTTC {least}", throttle_duration_sec=10.0)
         for kind, name in MISSING.items():
             self._counts[name] += int(np.count_nonzero(events["kind"] == kind))
 
