@@ -29,6 +29,7 @@ from vpsci_ros.nodes.vehicle_policy import VehiclePolicy
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import save_weights
+from vpsci_ros.runs.signature import VARIABLE, new_secret, signature
 from vpsci_ros.world import EPISODE, RUNNING
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
@@ -143,6 +144,25 @@ def test_a_policy_that_waits_for_weights_refuses_what_is_none(context: Context, 
     policy._on_weights(policy._agent, PolicyWeights(version=3, safetensors=array("B", b"not weights")))
     assert shown(policy) == {"refused /policy/weights": 1}
     assert dict(policy._status())["policy_version"] == 0
+
+
+def test_a_policy_of_a_run_takes_weights_from_its_own_learner_only(
+    context: Context, stage: Callable[..., Stage], weights: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(VARIABLE, new_secret())
+    policy = VehiclePolicy(context=context)
+    stage(policy)
+    data = Path(weights).read_bytes()
+
+    def message(version: int, signed: str) -> PolicyWeights:
+        return PolicyWeights(version=version, safetensors=array("B", data), header=Header(frame_id=signed))
+
+    for stranger in ("", "0" * 64, "é", signature(8, data), signature(7, data[:-1])):
+        policy._on_weights(policy._agent, message(7, stranger))
+    assert shown(policy) == {"refused /policy/weights": 5}
+    assert dict(policy._status())["policy_version"] == 0
+    policy._on_weights(policy._agent, message(7, signature(7, data)))
+    assert dict(policy._status())["policy_version"] == 7
 
 
 def test_a_learner_refuses_transitions_that_are_ragged_or_not_numbers_and_learns_on(

@@ -1,16 +1,20 @@
 """What lies in the folder of a run beside its results, and which folders a run refuses."""
 
 import json
+import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, Stopped
+from vpsci_ros.runs import folder
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.folder import RunFolder
 from vpsci_ros.runs.progress import stopped_between_updates
+from vpsci_ros.runs.record import read_record
 from vpsci_ros.runs.sections import Sections
 
 SECTIONS = Sections({"learner": {"seed": 1, "episodes": 600, "near_misses": []}})
@@ -95,3 +99,16 @@ def test_a_signal_stops_a_run_between_two_updates_only(number: signal.Signals) -
             updates.append(update)
     assert updates == [0, 1, 2], "the update in which the signal came is whole"
     assert signal.getsignal(number) is before
+
+
+def test_a_request_to_stop_waits_until_the_record_is_written(tmp_path, monkeypatch) -> None:
+    def interrupted(path, **rest) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.01)  # a signal that were not held would raise here
+        write_record(path, **rest)
+
+    write_record = folder.write_record
+    monkeypatch.setattr(folder, "write_record", interrupted)
+    with pytest.raises(KeyboardInterrupt), RunFolder(tmp_path / "run", Sections({})) as run:
+        run.results["done"] = 1
+    assert read_record(tmp_path / "run" / "run.json")["results"] == {"done": 1}

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vpsci_ros.bags import layout
 from vpsci_ros.bags.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.runs.signature import require_signature
 from vpsci_ros.world.state import ENDED, EPISODE, OUTCOME_NAMES, SAFE_STOP, STARTED
 from vpsci_ros.world.tick import Tick
 
@@ -71,6 +72,16 @@ def events(message: Any, where: str = EVENTS) -> NDArray[np.void]:
     _require_codes(rows["kind"], SAFE_STOP, f"{where}: kind", least=STARTED)
     _require_codes(rows["outcome"], len(OUTCOME_NAMES) - 1, f"{where}: outcome")
     return rows
+
+
+def weights(message: Any, where: str = "/policy/weights") -> bytes:
+    """Return the bytes of a PolicyWeights, whose frame_id is the signature of the run's learner.
+
+    :raises InvalidInput: it has none, where the run has a secret; see `vpsci_ros.runs.signature`.
+    """
+    data = bytes(message.safetensors)
+    require_signature(message.header.frame_id, message.version, data, where)
+    return data
 
 
 def consumed(number: int, most: int) -> int:

@@ -101,9 +101,9 @@ class AgentPolicy(GraphNode):
         self._answer()
 
     def _on_weights(self, agent: PolicyAgent, message: PolicyWeights) -> None:
-        data = bytes(message.safetensors)
-        weights = self.intake.read("/policy/weights", weights_from_bytes, data, "/policy/weights")
-        if weights is None:
+        data = self.intake.read("/policy/weights", received.weights, message)
+        weights = data and self.intake.read("/policy/weights", weights_from_bytes, data, "/policy/weights")
+        if not weights:
             return
         self._take_up(agent, weights, message.version)
         self.get_logger().info(f"acts with weights of version {message.version}")

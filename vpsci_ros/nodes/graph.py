@@ -8,7 +8,6 @@ import contextlib
 import os
 import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -25,12 +24,14 @@ from vpsci_ros.nodes.config import GraphConfig, section_classes
 from vpsci_ros.nodes.watch import WATCH, Watch
 from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, table, values_of
 from vpsci_ros.resources import weights_path
+from vpsci_ros.runs import signature
 from vpsci_ros.runs.completeness import RecordedCounts, what_is_missing
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import require_empty_folder, sha256
 from vpsci_ros.runs.processes import ChildProcess, stop
 from vpsci_ros.runs.record import RECORD, room_for_record, write_record
 from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 from vpsci_ros.world import WorldConfig
 
 STOP_STEPS = ((signal.SIGINT, 30.0), (signal.SIGKILL, 30.0))  # asked, and given so long [s]
@@ -84,23 +85,24 @@ def run_graph(
     parameters.write_text(yaml.safe_dump(layout, sort_keys=False), encoding="utf-8")
     result = GraphResult(folder)
     begun = time.monotonic()
-    with room_for_record(folder):
-        processes = NodeProcesses(chosen.nodes, parameters, folder / "log", chosen.namespace)
-        _run_to_the_end(result, resolved, processes, quiet, stop_when)
-    result.wall_time = time.monotonic() - begun
-    near_misses = resolved.values.get("learner", {}).get("near_misses", [])
-    with _told_in(result):
-        write_record(
-            folder / RECORD,
-            begun=begun,
-            error=result.error,
-            results={
-                "progress": result.progress,
-                "exit_status": result.exits,
-                "second_publishers": result.second_publishers,
-            },
-            inputs=hashes | {path: sha256(path) for path in near_misses if Path(path).is_file()},
-        )
+    with stop_requested_by_signals() as requested:  # until the record is written: nothing cuts that short
+        with room_for_record(folder):
+            processes = NodeProcesses(chosen.nodes, parameters, folder / "log", chosen.namespace)
+            _run_to_the_end(result, resolved, processes, quiet, requested, stop_when)
+        result.wall_time = time.monotonic() - begun
+        near_misses = resolved.values.get("learner", {}).get("near_misses", [])
+        with _told_in(result):
+            write_record(
+                folder / RECORD,
+                begun=begun,
+                error=result.error,
+                results={
+                    "progress": result.progress,
+                    "exit_status": result.exits,
+                    "second_publishers": result.second_publishers,
+                },
+                inputs=hashes | {path: sha256(path) for path in near_misses if Path(path).is_file()},
+            )
     return result
 
 
@@ -109,16 +111,15 @@ def _run_to_the_end(
     resolved: Sections,
     processes: "NodeProcesses",
     quiet: bool,
+    requested: StopRequest,
     stop_when: Callable[[Watch], str] | None,
 ) -> None:
     """Start and watch the processes, stop them, and see to what they leave; `result` tells of it."""
-    with _interruptible(), processes:
+    with processes:
         try:
             with Watch(resolved, quiet=quiet) as watch:
-                result.error = _follow(processes, watch, resolved.get(GraphConfig, "graph"), stop_when)
+                result.error = _follow(processes, watch, resolved.get(GraphConfig, "graph"), requested, stop_when)
                 result.progress, result.second_publishers = watch.summary(), watch.second_publishers()
-        except KeyboardInterrupt:
-            result.error = "stopped on request"
         finally:
             result.exits = processes.stop()
     _settle(result, processes)
@@ -159,6 +160,7 @@ class NodeProcesses:
         self._arguments = ["--ros-args", "--params-file", str(parameters)]
         self._arguments += ["-r", f"__ns:={namespace}"] if namespace else []
         self.running: dict[str, ChildProcess] = {}
+        self._secret = signature.new_secret()
 
     def __enter__(self) -> "NodeProcesses":
         self.logs.mkdir()
@@ -170,7 +172,7 @@ class NodeProcesses:
         """Start a node; its log goes on where one of the same name has stopped."""
         command = [sys.executable, "-m", f"vpsci_ros.nodes.{node}", *self._arguments]
         # Idle threads of torch must not keep the nodes from a core.
-        environment = {"OMP_WAIT_POLICY": "PASSIVE"} | dict(os.environ)
+        environment = {"OMP_WAIT_POLICY": "PASSIVE"} | dict(os.environ) | {signature.VARIABLE: self._secret}
         self.running[node] = ChildProcess(command, self.logs / f"{node}.log", environment, holds_signals=True)
 
     def __exit__(self, *_: object) -> None:
@@ -194,12 +196,18 @@ class NodeProcesses:
 
 
 def _follow(
-    processes: NodeProcesses, watch: Watch, graph: GraphConfig, stop_when: Callable[[Watch], str] | None = None
+    processes: NodeProcesses,
+    watch: Watch,
+    graph: GraphConfig,
+    requested: StopRequest,
+    stop_when: Callable[[Watch], str] | None = None,
 ) -> str:
     """Wait for the end of the run; return what went wrong, or nothing."""
     restarts = graph.restarts
     while True:
         watch.spin(POLL)
+        if requested.is_set():
+            return "stopped on request"
         ended = processes.ended()
         if processes.leader in ended and ended[processes.leader] == 0:
             watch.drain()
@@ -272,24 +280,3 @@ def _recorded(bag: Path) -> RecordedCounts:
     run = bag_run(opened)
     held = {name: topic.messages for name, topic in opened.topics().items()}
     return RecordedCounts(run.count("seen"), run.count("refused"), run.count("written"), held)
-
-
-@contextlib.contextmanager
-def _interruptible() -> Iterator[None]:
-    """Have SIGINT and SIGTERM raise KeyboardInterrupt for as long as children have to be stopped in order.
-
-    Whatever was inherited: a background job of a shell, and some CI, start with SIGINT ignored.
-    """
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    if threading.current_thread() is not threading.main_thread():
-        yield  # signals go to the main thread
-        return
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

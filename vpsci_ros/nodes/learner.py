@@ -24,6 +24,7 @@ from vpsci_ros.nodes.topics import RECORDING
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
+from vpsci_ros.runs.signature import signature
 
 REPORT_PERIOD = 0.5  # [s] between diagnostics
 DRAIN_QUIET = 0.3  # [s]
@@ -136,7 +137,9 @@ class Learner(GraphNode):
     def _publish_weights(self, refiner: Refiner) -> None:
         message = PolicyWeights(version=refiner.version)
         message.header.stamp = self.simulated_time
-        message.safetensors.frombytes(refiner.weights())
+        data = refiner.weights()
+        message.safetensors.frombytes(data)
+        message.header.frame_id = signature(refiner.version, data)
         self._weights.publish(message)
 
     # ---- both

@@ -109,8 +109,10 @@ class Recorder(GraphNode):
             self._bag.describe(SCENARIO, record)
 
     def _on_weights(self, message: PolicyWeights) -> None:
-        digest = hashlib.sha256(bytes(message.safetensors)).hexdigest()
-        self._bag.describe(WEIGHTS, {"version": str(message.version), "sha256": digest})
+        data = self.intake.read("/policy/weights", received.weights, message)
+        if data is not None:
+            digest = hashlib.sha256(data).hexdigest()
+            self._bag.describe(WEIGHTS, {"version": str(message.version), "sha256": digest})
 
     def _pairs(self) -> list[tuple[str, Any]]:
         rows = self._bag.topics.values()

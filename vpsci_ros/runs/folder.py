@@ -20,6 +20,7 @@ from vpsci_ros.runs.files import require_empty_folder, sha256, write_text
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.record import RECORD, read_record, write_record
 from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.stop_request import uninterrupted
 
 PARAMETERS = "params.yaml"
 _GOES_ON = "checkpoint.safetensors"  # how the files end that a stopped run goes on from
@@ -63,15 +64,16 @@ class RunFolder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        write_record(
-            self._folder / RECORD,
-            begun=self._begun,
-            error="" if kind is None else str(error) or "stopped on request",
-            results=self.results,
-            inputs=self._inputs,
-            outputs={str(path.relative_to(self._folder)): sha256(path) for path in sorted(self._outputs())},
-            facts=self._facts,
-        )
+        with uninterrupted():
+            write_record(
+                self._folder / RECORD,
+                begun=self._begun,
+                error="" if kind is None else str(error) or "stopped on request",
+                results=self.results,
+                inputs=self._inputs,
+                outputs={str(path.relative_to(self._folder)): sha256(path) for path in sorted(self._outputs())},
+                facts=self._facts,
+            )
 
     def _finished(self) -> bool:
         record = read_record(self._folder / RECORD)

@@ -7,6 +7,7 @@ flag is one instruction and takes no lock; whoever waits asks for it again and a
 
 import contextlib
 import signal
+import threading
 from collections.abc import Iterator
 
 from vpsci_ros.errors import Stopped
@@ -59,8 +60,14 @@ class StopRequest:
 
 @contextlib.contextmanager
 def stop_requested_by_signals() -> Iterator[StopRequest]:
-    """Yield a request that SIGINT and SIGTERM make, in place of whatever they do elsewhere; in the main thread."""
+    """Yield a request that SIGINT and SIGTERM make, in place of whatever they do elsewhere, ignored or not.
+
+    In another thread than the main one, to which signals do not go, nobody makes it.
+    """
     request = StopRequest()
+    if threading.current_thread() is not threading.main_thread():
+        yield request
+        return
     before = {number: signal.signal(number, request.set) for number in REQUESTS}
     signal.pthread_sigmask(signal.SIG_UNBLOCK, REQUESTS)  # of one that came before, see `ChildProcess`
     try:
@@ -68,3 +75,23 @@ def stop_requested_by_signals() -> Iterator[StopRequest]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Have SIGINT and SIGTERM wait until the block is over: for what is short and must not be left half done.
+
+    By handlers, since a mask is each thread's own, and libraries start threads.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    made: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: made.append(number)) for number in REQUESTS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if made:
+            signal.raise_signal(made[0])

@@ -1,0 +1,38 @@
+"""Telling what a graph's own nodes sent from what anybody else did: a keyed hash, by a secret of the run.
+
+ROS 2 does not say who sent a message, unless DDS security is on. The graph makes a secret for each run and hands it to
+its processes by their environment, which no other user and no node can read; parameters are no place for it, since
+anybody may ask a node for them. A node that was started by hand has no secret, and believes what it gets.
+"""
+
+import hashlib
+import hmac
+import os
+import secrets
+
+from vpsci_ros.errors import InvalidInput
+
+VARIABLE = "VPSCI_RUN_SECRET"
+
+
+def new_secret() -> str:
+    """Return a secret for a run, 64 hexadecimal digits."""
+    return secrets.token_hex(32)
+
+
+def signature(version: int, data: bytes) -> str:
+    """Return the HMAC-SHA256 (RFC 2104) of a version and its bytes, as hexadecimal digits; empty without a secret."""
+    secret = os.environ.get(VARIABLE, "")
+    return hmac.new(secret.encode(), b"%d " % version + data, hashlib.sha256).hexdigest() if secret else ""
+
+
+def require_signature(given: str, version: int, data: bytes, where: str) -> None:
+    """Refuse what no process of this run has signed; without a secret nothing is refused.
+
+    :param where: the topic, which opens the message.
+    :raises InvalidInput: the signature is another one, or none.
+    """
+    if not hmac.compare_digest(given.encode(), signature(version, data).encode()) and os.environ.get(VARIABLE):
+        raise InvalidInput(
+            f"{where}: version {version} is not signed by this run's learner; does another one publish in this domain?"
+        )
