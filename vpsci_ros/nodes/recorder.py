@@ -15,6 +15,7 @@ from vpsci_ros.bags import received
 from vpsci_ros.bags.decoder import describe
 from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog, EventRow, event_rows
 from vpsci_ros.bags.layout import EVENTS
+from vpsci_ros.bags.padding import zeroed
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.nodes.base import GraphNode, run
@@ -85,13 +86,14 @@ class Recorder(GraphNode):
         if TOPICS[topic].shared and not is_own(deserialize_message(data, TOPICS[topic].type), self.frame_prefix):
             return
         at = self.intake.read(topic, received.stamp, topic, data)
+        clean = None if at is None else self.intake.read(topic, zeroed, TOPICS[topic].type_name, data, topic)
         told = self.intake.read(topic, _events, data) if topic == EVENTS else (0, [])
-        if at is None or told is None:
+        if at is None or clean is None or told is None:
             self._bag.refuse(topic)
             return
         if self._ended and at > self._ended[0].end_time:
             self._write_ended()
-        self._bag.write(topic, data, at, time.time_ns())
+        self._bag.write(topic, clean, at, time.time_ns())
         self._ended += self._episodes.add(told[0], at, told[1], self._bag.path.name)
         if topic != "/diagnostics" or self._untimed:
             self.simulated_time = Time(sec=at // 1_000_000_000, nanosec=at % 1_000_000_000)
