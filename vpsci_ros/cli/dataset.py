@@ -82,7 +82,7 @@ def generate(
         print(f"stopped; what is done is in {output}: the same command goes on there", file=sys.stderr)
         raise typer.Exit(130) from None
     kept = sum(row["kept"] for row in done.description["scenarios"].values())
-    print(f"{kept:,} episodes kept; written: {output}, described in datasheet.md and dataset.json")
+    print(f"{kept:,} episodes kept; written: {output}, described in README.md and dataset.json")
     if done.computed:
         simulating, writing = done.seconds
         rate = kept / (simulating + writing) * 3600.0

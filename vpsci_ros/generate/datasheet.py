@@ -1,12 +1,20 @@
-"""The datasheet of a generated dataset: what it holds, how it was made, where its limits are, in its own numbers."""
+"""The datasheet of a generated dataset: what it holds, how it was made, where its limits are, in its own numbers.
+
+It is the folder's README.md, and begins with what dataset hubs read: licence, files by scenario and split, columns.
+"""
 
 from collections.abc import Mapping
 from typing import Any
 
+import yaml
+
+from vpsci_ros.data.dataset_files import DATASET_COLUMNS
+from vpsci_ros.data.dataset_index import REJECTED
 from vpsci_ros.data.filters import REASONS
 from vpsci_ros.data.published import LEAST_CURVTTC, TABLE_10
 
-DATASHEET = "datasheet.md"
+DATASHEET = "README.md"
+LICENCE = "apache-2.0"  # that of the package and of the weights it ships; who publishes a dataset may choose another
 
 
 def datasheet(description: Mapping[str, Any]) -> str:
@@ -18,6 +26,7 @@ def datasheet(description: Mapping[str, Any]) -> str:
     return (
         "\n\n".join(
             [
+                f"---\n{yaml.safe_dump(_card(description), sort_keys=False)}---",
                 "# Vehicle-pedestrian safety-critical interactions, simulated",
                 _what(description),
                 _table(rows),
@@ -30,6 +39,34 @@ def datasheet(description: Mapping[str, Any]) -> str:
         )
         + "\n"
     )
+
+
+def _card(description: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the front matter: a configuration a scenario, with the splits `kept` and, where they are, `rejected`."""
+    names = list(description["scenarios"])
+    columns = [{"name": name, "dtype": str(column.dtype).lower()} for name, column in DATASET_COLUMNS.items()]
+    configs, info = [], []
+    for name in names:
+        splits = {
+            split: (path, description["files"][path])
+            for split, path in (("kept", f"{name}.parquet"), ("rejected", f"{REJECTED}/{name}.parquet"))
+            if path in description["files"]
+        }
+        files = [{"split": split, "path": path} for split, (path, _) in splits.items()]
+        counts = [
+            {"name": split, "num_bytes": entry["bytes"], "num_examples": entry["rows"]}
+            for split, (_, entry) in splits.items()
+        ]
+        if splits:
+            configs.append({"config_name": name, "data_files": files})
+            info.append({"config_name": name, "features": columns, "splits": counts})
+    return {
+        "license": LICENCE,
+        "pretty_name": "Vehicle-pedestrian safety-critical interactions, simulated",
+        "tags": ["trajectories", "automated driving", "pedestrians", "simulation"],
+        "configs": configs,
+        "dataset_info": info,
+    }
 
 
 def _what(description: Mapping[str, Any]) -> str:
