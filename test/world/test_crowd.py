@@ -63,13 +63,14 @@ def test_the_vehicle_is_the_same_in_all_rows_of_an_episode_to_the_bit(three):
             assert rows[name].tobytes() == np.repeat(rows[name][:, :1], 3, axis=1).tobytes(), name
 
 
-def test_bits_do_not_depend_on_the_batch_nor_on_threads(three, monkeypatch):
-    one = by_row(history(batch=1, pairs=PAIRS[:8]))
-    reference = by_row(three)
+def test_bits_do_not_depend_on_the_batch_nor_on_threads(monkeypatch):
+    config = WorldConfig(pedestrians=3, crowd=CrowdConfig(sizes=[1.0, 1.0, 2.0]))
+    reference = by_row(history(config, batch=7))
+    one = by_row(history(config, batch=1, pairs=PAIRS[:8]))
     assert one == {key: reference[key] for key in one}
     monkeypatch.setattr(compiled, "_PER_THREAD", 4)
     monkeypatch.setattr(compiled._pool, "size", 3)
-    assert by_row(history(batch=16)) == reference
+    assert by_row(history(config, batch=16)) == reference
 
 
 @pytest.mark.parametrize("spawn", ["human", "paper"])

@@ -21,6 +21,7 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.sharing import episode_rows
 from vpsci_ros.world.state import ENDED, FINISHED, IDLE, OUTCOME_NAMES, STARTED
 
 RECORD = "vpsci_episode"  # name of the records
@@ -156,9 +157,9 @@ def _from_ticks(bag: Bag, recover: bool) -> Iterator[BagEpisode]:
     for tick in read_bag(bag.path, recover=recover):
         if len(least) == 0:
             least = np.full(len(tick.state), math.inf)
-        for slot in np.flatnonzero((tick.state["status"] != IDLE) & (tick.state["pedestrian"] == 0)).tolist():
+        for rows in episode_rows(tick.state):
+            slot = int(rows[0])
             record = tick.state[slot]
-            rows = slice(slot, slot + _rows(tick.state, slot))
             key = int(record["scenario"]), int(record["episode"])
             if slot not in begun or begun[slot][0] != key:
                 begun[slot] = key, tick.number, tick.time
@@ -169,13 +170,6 @@ def _from_ticks(bag: Bag, recover: bool) -> Iterator[BagEpisode]:
                 _, start_tick, start_time = begun.pop(slot)
                 ends = start_tick, tick.number, start_time, tick.time
                 yield BagEpisode(*key, slot, *ends, OUTCOME_NAMES[record["outcome"]], float(least[slot]))
-
-
-def _rows(state: NDArray[np.void], first: int) -> int:
-    """Return how many rows of EPISODE[B] the episode has whose first one is given."""
-    following = state["pedestrian"][first + 1 :]
-    others = np.flatnonzero(following == 0)
-    return 1 + (int(others[0]) if len(others) else len(following))
 
 
 def chosen_episode(episodes: list[BagEpisode], text: str) -> BagEpisode:

@@ -14,14 +14,15 @@ _PEDESTRIAN = ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy")
 def recorded_from_bag(bag: str | Path) -> Recorded:
     """Return the motion of both agents in every episode of a recorded graph, for the replay drivers of a `World`.
 
-    The bag must have been recorded at the tick of the world that replays it. An episode that was cut off at the end of
-    the bag is replayed as far as it goes; beyond its recording an agent goes on straight.
+    Of several pedestrians it is the first one. The bag must have been recorded at the tick of the world that replays
+    it. An episode that was cut off at the end of the bag is replayed as far as it goes; beyond its recording an agent
+    goes on straight.
 
     :raises InvalidInput: no bag, a damaged one, or one without an episode.
     """
     frames: dict[tuple[int, int], list[tuple[list[float], list[float]]]] = {}
     for tick in read_bag(bag):
-        for record in tick.state[tick.state["status"] != IDLE]:
+        for record in tick.state[(tick.state["status"] != IDLE) & (tick.state["pedestrian"] == 0)]:
             motion = [float(record[name]) for name in _VEHICLE], [float(record[name]) for name in _PEDESTRIAN]
             frames.setdefault((int(record["scenario"]), int(record["episode"])), []).append(motion)
     return Recorded(

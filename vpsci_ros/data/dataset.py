@@ -58,7 +58,7 @@ class DatasetWriter:
         self._keep_rejected = keep_rejected
         self._formats, self._row_group = tuple(formats), row_group
         self._tables: dict[tuple[int, bool], EpisodeTable] = {}
-        self._waiting: dict[int, dict[int, tuple[bool, NDArray[np.float32]]]] = {}
+        self._waiting: dict[int, dict[int, tuple[bool, NDArray[np.float32], int]]] = {}
         self._index: list[tuple[NDArray[Any], ...]] = []
         self._closed = False
         self._tallies: dict[int, Tally] = {}
@@ -83,18 +83,26 @@ class DatasetWriter:
         for number in np.unique(batch.scenario).tolist():
             if number not in self._tallies:
                 self._open(number)
-            mine = batch.scenario == number
+            mine = batch.scenario[batch.first] == number
             paths = verdict.vehicle_path[mine], verdict.pedestrian_path[mine]
-            self._tallies[number].add(verdict.reason[mine], batch.outcome[mine], verdict.failed[mine], *paths)
-        for i in range(len(batch)):
+            outcome = batch.outcome[batch.first][mine]
+            self._tallies[number].add(verdict.reason[mine], outcome, verdict.failed[mine], *paths)
+        for i, (first, pedestrians) in enumerate(zip(batch.first, batch.pedestrians, strict=True)):
             kept = verdict.reason[i] == KEPT
-            waiting = self._waiting[int(batch.scenario[i])]
-            number = int(batch.episode[i])
+            waiting = self._waiting[int(batch.scenario[first])]
+            number = int(batch.episode[first])
             if number in waiting:
-                raise InvalidInput(f"episode {number} of scenario {batch.scenario[i]} came twice")
-            rows = batch.values[i, : batch.frames[i]] if kept or self._keep_rejected else batch.values[i, :0]
-            waiting[number] = (bool(kept), rows.copy())
-        columns = (batch.scenario, batch.episode, batch.outcome, verdict.reason, batch.frames)
+                raise InvalidInput(f"episode {number} of scenario {batch.scenario[first]} came twice")
+            rows = batch.rows(first, pedestrians if kept or self._keep_rejected else 0)
+            waiting[number] = (bool(kept), rows.copy(), int(pedestrians))
+        first = batch.first
+        columns = (
+            batch.scenario[first],
+            batch.episode[first],
+            batch.outcome[first],
+            verdict.reason,
+            batch.frames[first],
+        )
         lengths = (verdict.vehicle_path.astype(np.float32), verdict.pedestrian_path.astype(np.float32))
         self._index.append((*columns, verdict.least_curvttc, *lengths))
         self._release(batch.open_from)
@@ -116,9 +124,9 @@ class DatasetWriter:
     def _release(self, open_from: NDArray[np.int64]) -> None:
         for scenario, waiting in self._waiting.items():
             for number in sorted(n for n in waiting if n < open_from[scenario]):
-                kept, values = waiting.pop(number)
+                kept, values, pedestrians = waiting.pop(number)
                 if kept or self._keep_rejected:
-                    self._tables[scenario, kept].add(number, values)
+                    self._tables[scenario, kept].add(number, values, pedestrians)
 
     @property
     def counts(self) -> dict[int, dict[str, Any]]:

@@ -3,7 +3,8 @@
 CurvTTC is infinite where no contact is predicted within the horizon, in Parquet and in CSV ("inf", which pandas,
 polars, numpy and R all read as infinity); an empty cell would say that it was not observed. The authors publish no
 word on it. NaN are values that nobody saw. `count` is the number of the episode within its scenario, with which it can
-be simulated again; `veh_id` and `ped_id` are 2 count and 2 count + 1, so that no two agents of a file share one.
+be simulated again; `veh_id` and `ped_id` are 2 count and 2 count + 1, so that no two agents of a file share one. The
+pedestrian with number n in its episode has 2^33 n more, and its rows come after those of the one before.
 """
 
 import io
@@ -21,6 +22,7 @@ from vpsci_ros.data.episode_frames import QUANTITIES
 from vpsci_ros.data.parquet import Column, arrow_schema
 
 FORMATS = ("parquet", "csv")
+NEXT_PEDESTRIAN = 2**33  # from one pedestrian's `ped_id` to the next one's
 DATASET_COLUMNS: dict[str, Column] = {
     "count": Column(pl.Int64, "", "interaction episode index: number of the episode within its scenario"),
     "frame": Column(pl.Int32, "", "frame number within the episode, 0 at the spawn"),
@@ -49,19 +51,31 @@ INDEX_COLUMNS: dict[str, Column] = {
 }
 
 
-def episode_rows(numbers: Sequence[int], episodes: Sequence[NDArray[np.float32]]) -> pl.DataFrame:
-    """Return the rows of episodes, float32[frames, 10] each in the order of `QUANTITIES`, as a file holds them."""
-    rows = pl.from_arrow(_arrow_rows(numbers, episodes, arrow_schema(DATASET_COLUMNS, {})))
+def episode_rows(
+    numbers: Sequence[int], episodes: Sequence[NDArray[np.float32]], pedestrians: Sequence[int] | None = None
+) -> pl.DataFrame:
+    """Return the rows of episodes as a file holds them.
+
+    :param episodes: float32[rows, 10] each, in the order of `QUANTITIES`, one pedestrian after the other.
+    :param pedestrians: how many each has; None: one.
+    """
+    several = [1] * len(numbers) if pedestrians is None else pedestrians
+    rows = pl.from_arrow(_arrow_rows(numbers, episodes, several, arrow_schema(DATASET_COLUMNS, {})))
     assert isinstance(rows, pl.DataFrame)
     return rows
 
 
-def _arrow_rows(numbers: Sequence[int], episodes: Sequence[NDArray[np.float32]], schema: pa.Schema) -> pa.Table:
-    lengths = np.array([len(values) for values in episodes], np.int64)
-    count = np.repeat(np.array(numbers, np.int64), lengths)
+def _arrow_rows(
+    numbers: Sequence[int], episodes: Sequence[NDArray[np.float32]], pedestrians: Sequence[int], schema: pa.Schema
+) -> pa.Table:
+    several = np.array(pedestrians, np.int64)
+    lengths = np.repeat(np.array([len(values) for values in episodes], np.int64) // several, several)  # a pair each
+    count = np.repeat(np.repeat(np.array(numbers, np.int64), several), lengths)
+    person = np.repeat(np.concatenate([np.zeros(0, np.int64), *(np.arange(n) for n in several)]), lengths)
     frame = np.concatenate([np.zeros(0, np.int32), *(np.arange(n, dtype=np.int32) for n in lengths)])
     values = np.concatenate([np.zeros((0, len(QUANTITIES)), np.float32), *episodes])
-    columns = [count, frame, 2 * count, 2 * count + 1, *(np.ascontiguousarray(v) for v in values.T)]
+    ids = 2 * count, 2 * count + 1 + person * NEXT_PEDESTRIAN
+    columns = [count, frame, *ids, *(np.ascontiguousarray(v) for v in values.T)]
     return pa.table([pa.array(column) for column in columns], schema=schema)
 
 
@@ -95,12 +109,14 @@ class EpisodeTable:
         self._row_group = row_group
         self._numbers: list[int] = []
         self._episodes: list[NDArray[np.float32]] = []
+        self._pedestrians: list[int] = []
         self._buffered = 0
         self.rows = 0
 
-    def add(self, number: int, values: NDArray[np.float32]) -> None:
-        """Append an episode: its number and float32[frames, 10] in the order of `QUANTITIES`."""
+    def add(self, number: int, values: NDArray[np.float32], pedestrians: int = 1) -> None:
+        """Append an episode: its number and float32[rows, 10] in the order of `QUANTITIES`, see `episode_rows`."""
         self._numbers.append(number)
+        self._pedestrians.append(pedestrians)
         self._episodes.append(values)
         self._buffered += len(values)
         if self._buffered >= self._row_group:
@@ -109,7 +125,7 @@ class EpisodeTable:
     def _flush(self) -> None:
         if not self._buffered:
             return
-        rows = _arrow_rows(self._numbers, self._episodes, self._schema)
+        rows = _arrow_rows(self._numbers, self._episodes, self._pedestrians, self._schema)
         if self._parquet is not None:
             self._parquet.write_table(rows)
         if self._csv is not None:
@@ -117,7 +133,7 @@ class EpisodeTable:
             assert isinstance(frame_of_rows, pl.DataFrame)
             frame_of_rows.write_csv(self._csv, include_header=False)
         self.rows += self._buffered
-        self._numbers, self._episodes, self._buffered = [], [], 0
+        self._numbers, self._episodes, self._pedestrians, self._buffered = [], [], [], 0
 
     def close(self) -> list[tuple[Path, int]]:
         """Finish the files, give them their names, and return each with its number of rows."""

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
+from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS, NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_index import DESCRIPTION, FORM, INDEX, REJECTED
 from vpsci_ros.data.episode_frames import QUANTITIES
 from vpsci_ros.data.parquet import as_polars, read_parquet
@@ -21,9 +21,9 @@ from vpsci_ros.errors import InvalidInput
 
 @dataclass(frozen=True)
 class EpisodeArrays:
-    """n episodes of one scenario.
+    """n interactions of one scenario: an episode each, or of several pedestrians one each, one after the other.
 
-    :ivar count: int64[n], their numbers.
+    :ivar count: int64[n], the numbers of the episodes.
     :ivar lengths: int64[n], frames of each.
     :ivar values: float32[n, F, 10] in the order of `QUANTITIES`; NaN beyond an episode's length.
     """
@@ -31,6 +31,12 @@ class EpisodeArrays:
     count: NDArray[np.int64]
     lengths: NDArray[np.int64]
     values: NDArray[np.float32]
+    pedestrian: NDArray[np.int64] | None = None  # [n], number within the episode; None: there is one in each
+
+    @property
+    def first(self) -> NDArray[np.int64]:
+        """Return which of them is the first pedestrian of each episode, int64[m]."""
+        return np.arange(len(self.count)) if self.pedestrian is None else np.flatnonzero(self.pedestrian == 0)
 
     def __getitem__(self, name: str) -> NDArray[np.float32]:
         """Return one quantity, float32[n, F]."""
@@ -119,8 +125,8 @@ _SCHEMA = {name: column.dtype for name, column in DATASET_COLUMNS.items()}
 
 
 def _padded(rows: pl.DataFrame, path: Path) -> EpisodeArrays:
-    count = rows["count"].to_numpy()
-    starts = np.flatnonzero(np.diff(count, prepend=count[0] - 1))
+    count, walker = rows["count"].to_numpy(), rows["ped_id"].to_numpy()
+    starts = np.flatnonzero(np.diff(count, prepend=count[0] - 1) | np.diff(walker, prepend=walker[0]))
     lengths = np.diff(np.append(starts, len(count)))
     frame = np.arange(len(count)) - np.repeat(starts, lengths)
     if not np.array_equal(frame, rows["frame"].to_numpy()):
@@ -128,4 +134,4 @@ def _padded(rows: pl.DataFrame, path: Path) -> EpisodeArrays:
         raise InvalidInput(f"{path}: frame {rows['frame'][row]} of episode {count[row]}: expected frame {frame[row]}")
     values = np.full((len(starts), int(lengths.max()), len(QUANTITIES)), np.nan, np.float32)
     values[np.repeat(np.arange(len(starts)), lengths), frame] = rows.select(QUANTITIES).to_numpy()
-    return EpisodeArrays(count[starts], lengths, values)
+    return EpisodeArrays(count[starts], lengths, values, walker[starts] // NEXT_PEDESTRIAN)

@@ -32,7 +32,7 @@ Floats32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class EpisodeBatch:
-    """Episodes that ended, whole.
+    """Episodes that ended, whole: an entry each, or of several pedestrians one each, one after the other.
 
     :ivar scenario: uint8[n], 1 to 8.
     :ivar episode: int64[n], number within the scenario.
@@ -50,9 +50,24 @@ class EpisodeBatch:
     frames: NDArray[np.int64]
     values: Floats32
     open_from: NDArray[np.int64]
+    pedestrian: NDArray[np.uint8] | None = None  # [n], number within the episode; None: there is one in each
 
     def __len__(self) -> int:
         return len(self.episode)
+
+    @property
+    def first(self) -> NDArray[np.int64]:
+        """Return the entry of the first pedestrian of each of m episodes, int64[m]."""
+        return np.arange(len(self)) if self.pedestrian is None else np.flatnonzero(self.pedestrian == 0)
+
+    @property
+    def pedestrians(self) -> NDArray[np.int64]:
+        """Return how many pedestrians each of m episodes has, int64[m]."""
+        return np.diff(np.append(self.first, len(self)))
+
+    def rows(self, first: int, pedestrians: int) -> Floats32:
+        """Return the frames of an episode, float32[rows, 10], one pedestrian after the other, from its entry on."""
+        return self.values[first : first + pedestrians, : self.frames[first]].reshape(-1, len(QUANTITIES))
 
 
 class EpisodeFrames:
@@ -112,6 +127,7 @@ class EpisodeFrames:
             used,
             self._values[slots, : used.max(initial=0)],
             open_from,
+            state["pedestrian"][slots],
         )
 
 

@@ -2,7 +2,7 @@
 
 Every condition is judged for every episode, on the numbers as they are stored, and every rejection has a reason that
 is counted. The third condition also drops each collision before the 100th frame, since a collision ends its episode;
-how many is in the counts.
+how many is in the counts. An episode with several pedestrians is judged by one of them: it is kept if a pair is.
 """
 
 from dataclasses import dataclass
@@ -52,11 +52,11 @@ class FilterConfig:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the filters say of a batch of n episodes.
+    """What the filters say of a batch of n episodes; of several pedestrians, by the pair that decides.
 
     :ivar failed: bool[n, 5], the conditions `REASONS[1:]` that an episode fails, each judged on its own.
     :ivar reason: uint8[n], index into `REASONS` of the first that fails in the paper's order, `KEPT` for none.
-    :ivar least_curvttc: float32[n] [s].
+    :ivar least_curvttc: float32[n] [s], the least of all pairs.
     :ivar vehicle_path, pedestrian_path: float64[n] [m], lengths of the trajectories.
     """
 
@@ -68,7 +68,28 @@ class Judgement:
 
 
 def judge(batch: EpisodeBatch, config: FilterConfig) -> Judgement:
-    """Apply the four conditions to every episode of a batch."""
+    """Apply the four conditions to every episode of a batch.
+
+    Of the pairs of an episode that one decides which is kept, or, where none or several are, has the least CurvTTC.
+    """
+    pairs = _judge_pairs(batch, config)
+    first = batch.first
+    if len(first) == len(batch):
+        return pairs
+    of_episode = np.repeat(np.arange(len(first)), batch.pedestrians)
+    order = np.lexsort((pairs.least_curvttc, pairs.reason != KEPT, of_episode))
+    decides = order[first]
+    least = np.minimum.reduceat(pairs.least_curvttc, first)
+    return Judgement(
+        pairs.failed[decides],
+        pairs.reason[decides],
+        least,
+        pairs.vehicle_path[decides],
+        pairs.pedestrian_path[decides],
+    )
+
+
+def _judge_pairs(batch: EpisodeBatch, config: FilterConfig) -> Judgement:
     values = batch.values
     counted = np.arange(values.shape[1]) < batch.frames[:, None]
     ttc = np.where(counted & ~np.isnan(values[..., _TTC]), values[..., _TTC], np.inf)

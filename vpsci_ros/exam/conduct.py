@@ -150,7 +150,8 @@ def autopilot(exam: Exam, pedestrian: str) -> list[Drive]:
 
 def autopilot_met(exam: Exam, pedestrian: str) -> Met:
     """Return what a run of the rule-based autopilot with one pedestrian came to."""
-    frames = EpisodeFrames(min(_BATCH, len(exam.episodes)), exam.world.episode_ticks + 1)
+    rows = min(_BATCH, len(exam.episodes)) * exam.world.pedestrians
+    frames = EpisodeFrames(rows, exam.world.episode_ticks + 1)
     watcher, batches = Watcher(exam.scenarios), []
     for step in autopilot_loop(exam, pedestrian):
         watcher.add(step.tick.state, step.assessment.curvttc)

@@ -82,13 +82,21 @@ class Drive:
 
 
 def drives(batches: Iterable[EpisodeBatch]) -> list[Drive]:
-    """Return the episodes of batches, in the order of their keys."""
+    """Return the episodes of batches in the order of their keys, of several pedestrians with the most critical one."""
     found = [
         Drive(int(b.scenario[i]), int(b.episode[i]), int(b.outcome[i]), b.values[i, : b.frames[i]])
         for b in batches
-        for i in range(len(b))
+        for i in _most_critical(b)
     ]
     return sorted(found, key=lambda drive: drive.key)
+
+
+def _most_critical(batch: EpisodeBatch) -> list[int]:
+    """Return the entry of each episode's pedestrian with the least CurvTTC."""
+    ttc = batch.values[..., QUANTITIES.index("CurvTTC")]
+    least = np.where(np.isnan(ttc), np.inf, ttc).min(axis=1, initial=np.inf)
+    episodes = zip(batch.first.tolist(), batch.pedestrians.tolist(), strict=True)
+    return [first + int(least[first : first + several].argmin()) for first, several in episodes]
 
 
 def episode_table(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vpsci_ros.bags.reader import bag_files
 from vpsci_ros.bags.ticks import read_bag
@@ -14,7 +15,8 @@ from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.export.episode import Episode, Motion, motion
-from vpsci_ros.world import ENDED, IDLE, OUTCOME_NAMES, RUNNING, Scenario, load_scenario
+from vpsci_ros.world import ENDED, OUTCOME_NAMES, RUNNING, Scenario, load_scenario
+from vpsci_ros.world.sharing import episode_rows
 
 _EXAM = "exam.json"
 _ALONE = "alone"  # of an exam's runs the one without a pedestrian
@@ -60,8 +62,9 @@ def _of_dataset(folder: Path) -> Iterator[Episode]:
             continue
         road = _scenario(name)
         for arrays in dataset.episodes(name):
-            for count, frames, values in zip(arrays.count.tolist(), arrays.lengths, arrays.values, strict=True):
-                columns = values[:frames].astype(np.float64).T
+            for rows in np.split(np.arange(len(arrays.count)), arrays.first[1:]):
+                count, frames = int(arrays.count[rows[0]]), arrays.lengths[rows[0]]
+                columns = arrays.values[rows, :frames].astype(np.float64).transpose(0, 2, 1)
                 label = f"{name}_{count:06d}"
                 yield Episode(
                     name=label,
@@ -69,22 +72,22 @@ def _of_dataset(folder: Path) -> Iterator[Episode]:
                     scenario=road,
                     period=dataset.period,
                     outcome=outcomes[counts["number"], count],
-                    vehicle=motion(columns[:4], f"{folder}: vehicle of {label}"),
-                    pedestrians=(motion(columns[4:8], f"{folder}: pedestrian of {label}"),),
-                    curvttc=columns[9],
+                    vehicle=motion(columns[0, :4], f"{folder}: vehicle of {label}"),
+                    pedestrians=tuple(motion(each[4:8], f"{folder}: pedestrian of {label}") for each in columns),
+                    curvttc=columns[:, 9].min(axis=0),
                 )
 
 
 def _of_bag(bag: Path) -> Iterator[Episode]:
     """Yield the episodes of a bag as they end; an episode whose beginning was not recorded begins where it does."""
-    frames: dict[tuple[int, int], list[tuple[np.void, float]]] = {}
+    frames: dict[tuple[int, int], list[tuple[NDArray[np.void], float]]] = {}
     ended = 0
     for tick in read_bag(bag):
-        for slot in np.flatnonzero(tick.state["status"] != IDLE):
-            record = tick.state[slot]
+        for rows in episode_rows(tick.state):
+            record = tick.state[rows[0]]
             key = int(record["scenario"]), int(record["episode"])
             if record["status"] == RUNNING or key in frames:
-                frames.setdefault(key, []).append((record.copy(), float(tick.curvttc[slot])))
+                frames.setdefault(key, []).append((tick.state[rows], float(tick.curvttc[rows].min())))
             if record["status"] == ENDED and key in frames:
                 ended += 1
                 yield _from_records(bag, *key, tick.period, frames.pop(key))
@@ -92,13 +95,16 @@ def _of_bag(bag: Path) -> Iterator[Episode]:
         raise InvalidInput(f"{bag}: no episode ended while it was recorded")
 
 
-def _from_records(bag: Path, scenario: int, number: int, period: float, rows: list[tuple[np.void, float]]) -> Episode:
-    state: Any = np.array([record for record, _ in rows])
+def _from_records(
+    bag: Path, scenario: int, number: int, period: float, rows: list[tuple[NDArray[np.void], float]]
+) -> Episode:
+    people: Any = np.array([records for records, _ in rows])
+    state = people[:, 0]
     road = None if scenario == _ODOMETRY else _scenario(scenario)
     label = f"{road.name if road else 'odometry'}_{number:06d}"
     heading, speed = np.unwrap(state["vehicle_heading"]), state["vehicle_speed"]
     vehicle = Motion(state["vehicle_x"], state["vehicle_y"], heading, speed * np.cos(heading), speed * np.sin(heading))
-    columns = np.stack([state[f"pedestrian_{name}"] for name in ("x", "y", "vx", "vy")])
+    columns = np.stack([people[f"pedestrian_{name}"] for name in ("x", "y", "vx", "vy")])
     return Episode(
         name=label,
         number=number,
@@ -106,7 +112,7 @@ def _from_records(bag: Path, scenario: int, number: int, period: float, rows: li
         period=period,
         outcome=OUTCOME_NAMES[int(state["outcome"][-1])],
         vehicle=vehicle,
-        pedestrians=(motion(columns, f"{bag}: pedestrian of {label}"),),
+        pedestrians=tuple(motion(each, f"{bag}: pedestrian of {label}") for each in columns.transpose(2, 0, 1)),
         curvttc=np.array([curvttc for _, curvttc in rows]),
     )
 

@@ -106,7 +106,9 @@ def _assemble(
             starts = part.starts()
             for i in np.flatnonzero(part.stored):
                 if (kept := bool(part.kept[i])) in tables:
-                    tables[kept].add(int(part.number[i]), part.values[starts[i] : starts[i + 1]])
+                    tables[kept].add(
+                        int(part.number[i]), part.values[starts[i] : starts[i + 1]], int(part.pedestrians[i])
+                    )
             tally.add(part.reason, part.outcome, part.failed, part.vehicle_path, part.pedestrian_path)
             lengths = part.vehicle_path.astype(np.float32), part.pedestrian_path.astype(np.float32)
             of_scenario = np.full(len(part), scenario.number, np.uint8)

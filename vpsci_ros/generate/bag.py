@@ -5,7 +5,6 @@ serialised from the definitions in `msg_defs/`, without ROS.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.simulate import Simulator
 from vpsci_ros.generate.verify import job_of
+from vpsci_ros.parameters import values_of
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import AGENTS
@@ -40,10 +40,10 @@ def record_episodes(folder: Path, episodes: list[tuple[int, int]], bag: Path) ->
         if scenario not in known:
             raise InvalidInput(f"{folder}: no scenario {scenario}; it has {', '.join(map(str, known))}")
     run = {"seed": job.seed, "scenarios": sorted({scenario for scenario, _ in episodes}), "batch": 1}
-    nodes = [node_record("world_simulator", asdict(job.world) | run | {"queue": [list(each) for each in episodes]})]
-    nodes.append(node_record("safety_monitor", asdict(job.monitor)))
+    nodes = [node_record("world_simulator", values_of(job.world) | run | {"queue": [list(each) for each in episodes]})]
+    nodes.append(node_record("safety_monitor", values_of(job.monitor)))
     for agent, policy in job.policies.items():
-        nodes.append(node_record(f"{agent}_policy", asdict(policy.config), policy.digest))
+        nodes.append(node_record(f"{agent}_policy", values_of(policy.config), policy.digest))
     scenarios = [scenario for scenario in job.scenarios if scenario.number in {number for number, _ in episodes}]
     return write_ticks(Simulator(job, 1).loop(episodes), job.world, bag, {}, nodes, scenarios)
 

@@ -70,7 +70,7 @@ class Job:
             "seed": self.seed,
             "period": self.world.tick,
             "configuration": {
-                "world_simulator": {"scenarios": [s.number for s in self.scenarios], **asdict(self.world)},
+                "world_simulator": {"scenarios": [s.number for s in self.scenarios], **values_of(self.world)},
                 "safety_monitor": asdict(self.monitor),
                 **{f"{agent}_policy": _recorded(policy.config) for agent, policy in self.policies.items()},
                 "dataset": {"keep_rejected": self.keep_rejected, **asdict(self.filters)},

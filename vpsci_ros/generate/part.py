@@ -23,7 +23,9 @@ class Part:
         `vpsci_ros.data.filters.REASONS`; failed: bool[n, 5], each condition on its own.
     :ivar frames: int64[n]; least_curvttc: float32[n] [s]; vehicle_path, pedestrian_path: float64[n] [m].
     :ivar stored: bool[n], episodes whose frames are in `values`: the kept ones, or all.
-    :ivar values: float32[rows, 10], `QUANTITIES` of the stored episodes, one after the other.
+    :ivar values: float32[rows, 10], `QUANTITIES` of the stored episodes, one after the other, and in each one
+        pedestrian after the other.
+    :ivar pedestrians: int64[n], how many an episode has.
     """
 
     number: NDArray[np.int64]
@@ -36,6 +38,7 @@ class Part:
     pedestrian_path: NDArray[np.float64]
     stored: NDArray[np.bool_]
     values: NDArray[np.float32]
+    pedestrians: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.number)
@@ -47,7 +50,7 @@ class Part:
 
     def starts(self) -> NDArray[np.int64]:
         """Return int64[n + 1], where each episode's rows begin in `values` (an empty range where not stored)."""
-        return np.concatenate([[0], np.cumsum(np.where(self.stored, self.frames, 0))])
+        return np.concatenate([[0], np.cumsum(np.where(self.stored, self.frames * self.pedestrians, 0))])
 
     def head(self, episodes: int) -> "Part":
         """Return the first `episodes` of them."""
@@ -83,31 +86,32 @@ class PartCollector:
 
     def add(self, batch: EpisodeBatch, verdict: Judgement) -> None:
         """Take episodes that have ended."""
-        for i in range(len(batch)):
+        for i, (first, pedestrians) in enumerate(zip(batch.first, batch.pedestrians, strict=True)):
             stored = self._keep_rejected or verdict.reason[i] == KEPT
-            self._values.append(batch.values[i, : batch.frames[i] if stored else 0].copy())
+            self._values.append(batch.rows(first, pedestrians if stored else 0).copy())
         empty = np.zeros((0, 0, len(QUANTITIES)), np.float32)
         self._batches.append((dataclasses.replace(batch, values=empty), verdict))
 
     def part(self) -> Part:
         """Return all of them, in the order of their numbers."""
         batches, verdicts = [b for b, _ in self._batches], [v for _, v in self._batches]
-        number = _joined([b.episode for b in batches], np.int64)
+        number = _joined([b.episode[b.first] for b in batches], np.int64)
         order = np.argsort(number, kind="stable")
         reason = _joined([v.reason for v in verdicts], np.uint8)[order]
         failed = [np.zeros((0, len(REASONS) - 1), np.bool_), *(v.failed for v in verdicts)]
         values = [np.zeros((0, len(QUANTITIES)), np.float32), *(self._values[i] for i in order)]
         return Part(
             number=number[order],
-            outcome=_joined([b.outcome for b in batches], np.uint8)[order],
+            outcome=_joined([b.outcome[b.first] for b in batches], np.uint8)[order],
             reason=reason,
             failed=np.concatenate(failed)[order],
-            frames=_joined([b.frames for b in batches], np.int64)[order],
+            frames=_joined([b.frames[b.first] for b in batches], np.int64)[order],
             least_curvttc=_joined([v.least_curvttc for v in verdicts], np.float32)[order],
             vehicle_path=_joined([v.vehicle_path for v in verdicts], np.float64)[order],
             pedestrian_path=_joined([v.pedestrian_path for v in verdicts], np.float64)[order],
             stored=(reason == KEPT) | self._keep_rejected,
             values=np.concatenate(values),
+            pedestrians=_joined([b.pedestrians for b in batches], np.int64)[order],
         )
 
 

@@ -44,7 +44,7 @@ class Simulator:
     def run(self, unit: Unit) -> Part:
         """Simulate the unit's episodes and judge them."""
         job = self._job
-        frames = EpisodeFrames(self._batch, job.world.episode_ticks + 1)
+        frames = EpisodeFrames(self._batch * job.world.pedestrians, job.world.episode_ticks + 1)
         collector = PartCollector(job.keep_rejected)
         for step in self.loop((unit.scenario, number) for number in unit.numbers):
             ended = frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance)

@@ -156,7 +156,7 @@ class _FileCheck:
         starts = part.starts()
         chosen = np.flatnonzero(part.stored & (part.kept == self._kept))
         blocks = [part.values[starts[i] : starts[i + 1]] for i in chosen]
-        expected = episode_rows([int(part.number[i]) for i in chosen], blocks)
+        expected = episode_rows([int(part.number[i]) for i in chosen], blocks, part.pedestrians[chosen].tolist())
         try:
             found = self._take(int(part.number[-1]))
         except InvalidInput as error:

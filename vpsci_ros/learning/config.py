@@ -359,20 +359,24 @@ class RefineConfig:
     def require_known_world(self, world: WorldConfig) -> None:
         """Refuse a world in which a policy does not act, or that moves otherwise than the differentiable copy of it.
 
-        :raises InvalidInput: a driver is not the policy; or what transitions do not tell (`pedestrian_gain`,
+        :raises InvalidInput: a driver is not the policy; there are several pedestrians, or others than adults, whom the
+            policy does not always move; or what transitions do not tell (`pedestrian_gain`,
             `lane_following`, `policy_period`) is not as the objective takes for granted.
         """
-        known: dict[str, str | float] = {f"{agent}_driver": "policy" for agent in AGENTS}
+        known: dict[str, str | float] = {f"{agent}_driver": "policy" for agent in AGENTS} | {"pedestrians": 1}
         known |= find_objective(self.objective).known_world
         for name, expected in known.items():
             if (got := getattr(world, name)) != expected:
                 hint = (
                     "" if name.endswith("_driver") else ", since transitions do not tell it; set it so, or choose ddpg"
                 )
+                hint = "" if name == "pedestrians" else hint
                 raise InvalidInput(
                     f"world_simulator.{name} = {_text(got)}: stage 2 with learner.objective {self.objective} "
                     f"expects {_text(expected)}{hint}"
                 )
+        if sum(world.kinds.parts) > world.kinds.adult:
+            raise InvalidInput("world_simulator.kinds: stage 2 learns from adults, whom the policy moves at once")
 
 
 def _text(value: str | float) -> str:

@@ -11,15 +11,16 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.view.episodes import Episode, Floats, Size, Source, judged, named, spread
+from vpsci_ros.view.episodes import Episode, Floats, Size, Source, judged, most_critical, named, spread
 from vpsci_ros.view.grounds import scenario_names
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.scenario import own_scenarios
-from vpsci_ros.world.state import ENDED, IDLE, OUTCOME_NAMES
+from vpsci_ros.world.sharing import episode_rows
+from vpsci_ros.world.state import ENDED, OUTCOME_NAMES
 
 Key = tuple[int, int]
-_STATE = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature",
-          "pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy")  # fmt: skip
+_STATE = ["vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature",
+          "pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"]  # fmt: skip
 
 
 def bag_source(path: Path, limit: int, wanted: Sequence[str] = (), *, recover: bool = False) -> Source:
@@ -53,27 +54,28 @@ def episodes_of(
     :param own: scenarios of one's own among them.
     """
     places = scenario_names(own)
-    open_now: dict[Key, list[list[float]]] = {}
+    open_now: dict[Key, list[list[list[float]]]] = {}
     left = None if wanted is None else set(wanted)
     for state, curvttc in ticks:
-        for slot in np.flatnonzero(state["status"] != IDLE).tolist():
-            record = state[slot]
+        for rows in episode_rows(state):
+            record = state[rows[0]]
             key = int(record["scenario"]), int(record["episode"])
             if left is not None and key not in left:
                 continue
-            row = [float(record[name]) for name in _STATE] + [float(curvttc[slot]), float(record["controlled"])]
-            open_now.setdefault(key, []).append(row)
+            pairs = [[*map(float, state[_STATE][i]), float(curvttc[i]), float(state["controlled"][i])] for i in rows]
+            open_now.setdefault(key, []).append(pairs)
             if record["status"] == ENDED:
                 place = places.get(key[0], f"scenario {key[0]}")
                 outcome = OUTCOME_NAMES[record["outcome"]]
-                yield _episode(key, place, np.array(open_now.pop(key)), outcome, period)
+                yield _episode(key, place, np.array(open_now.pop(key)).transpose(1, 0, 2), outcome, period)
                 if left is not None:
                     left.remove(key)
         if left is not None and not left:
             return
 
 
-def _episode(key: Key, place: str, values: Floats, outcome: str, period: float) -> Episode:
+def _episode(key: Key, place: str, pairs: Floats, outcome: str, period: float) -> Episode:
+    values, others = most_critical(pairs)
     yielded, marks = judged(values, period, Size())
     name = f"{key[0]}:{key[1]}"
-    return Episode(name, place, key[0], outcome, yielded, values, Size(), marks)
+    return Episode(name, place, key[0], outcome, yielded, values, Size(), marks, others)

@@ -35,6 +35,7 @@ FIELDS = (
     "held",  # 1 while the policies hold the agents
 )
 """Columns of `Episode.values`."""
+_WALK = [FIELDS.index(name) for name in ("ped_x", "ped_y", "ped_vx", "ped_vy")]
 YIELDED = ("nobody", "vehicle", "pedestrian", "both")  # by the codes of `Yielded`
 RECORDED = "recorded"  # outcome of an interaction of real people, whose end nobody judged
 
@@ -49,7 +50,7 @@ class Size(NamedTuple):
 
 @dataclass(frozen=True)
 class Episode:
-    """One interaction of a vehicle and a pedestrian.
+    """One interaction of a vehicle and a pedestrian, of several the most critical one.
 
     :ivar name: by which links find it, unique in its source: "6:12", or the number of the interaction.
     :ivar group: the scenario's name, or the recording's; what the page filters by.
@@ -58,6 +59,7 @@ class Episode:
     :ivar yielded: who gave way, one of `YIELDED`.
     :ivar values: float64[T, 11], `FIELDS`.
     :ivar marks: further names that the page filters by, say "hard_braking".
+    :ivar others: float64[n, T, 4], x, y [m], vx, vy [m/s] of the other pedestrians.
     """
 
     name: str
@@ -68,6 +70,7 @@ class Episode:
     values: Floats
     size: Size = field(default_factory=Size)
     marks: tuple[str, ...] = ()
+    others: Floats = field(default_factory=lambda: np.zeros((0, 0, 4)))
 
     @property
     def curvttc(self) -> Floats:
@@ -112,6 +115,13 @@ def judged(values: Floats, period: float, size: Size) -> tuple[str, tuple[str, .
         "pedestrian_yields": int(code) & Yielded.PEDESTRIAN,
     }
     return YIELDED[int(code)], tuple(name for name, held in holds.items() if held)
+
+
+def most_critical(pairs: Floats) -> tuple[Floats, Floats]:
+    """Return of float64[n, T, 11], the pairs of one episode, that with the least CurvTTC, and the others' motion."""
+    curvttc = np.nan_to_num(pairs[..., FIELDS.index("curvttc")], nan=np.inf, posinf=np.inf)
+    chosen = int(curvttc.min(axis=1).argmin())
+    return pairs[chosen], np.delete(pairs, chosen, axis=0)[..., _WALK]
 
 
 def spread(total: int, limit: int) -> NDArray[np.int64]:

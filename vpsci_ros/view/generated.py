@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.dataset_reader import Dataset, EpisodeArrays
 from vpsci_ros.evaluation.yields import headings, seen
 from vpsci_ros.safety import curvature_from_yaw_rate
-from vpsci_ros.view.episodes import Episode, Floats, Size, Source, judged, named, spread
+from vpsci_ros.view.episodes import Episode, Floats, Size, Source, judged, most_critical, named, spread
 from vpsci_ros.world.scenario import own_scenarios
 
 _MOTION = ("position_x_av", "position_y_av", "velocity_x_av", "velocity_y_av")
@@ -34,12 +34,14 @@ def dataset_source(folder: Path, limit: int, wanted: Sequence[str] = ()) -> Sour
         if not any(scenario == number for scenario, _ in outcomes):
             continue
         for part in data.episodes(name):
-            for i in np.flatnonzero([(number, int(count)) in outcomes for count in part.count]):
-                values = _values(part, int(i), data.period)
+            for pairs in np.split(np.arange(len(part.count)), part.first[1:]):
+                key = number, int(part.count[pairs[0]])
+                if key not in outcomes:
+                    continue
+                values, others = most_critical(np.array([_values(part, int(i), data.period) for i in pairs]))
                 yielded, marks = judged(values, data.period, Size())
-                key = number, int(part.count[i])
                 called = f"{key[0]}:{key[1]}"
-                episodes.append(Episode(called, name, number, outcomes[key], yielded, values, Size(), marks))
+                episodes.append(Episode(called, name, number, outcomes[key], yielded, values, Size(), marks, others))
     own = own_scenarios(data.description.get("own_scenarios"), str(folder))
     title = f"{folder.resolve().name} (generated)"
     return Source(folder.resolve().name, title, data.period, episodes, len(names), own)

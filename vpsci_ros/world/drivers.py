@@ -133,7 +133,7 @@ def acceleration(episode, i, answers, tables, settings, pushes):  # type: ignore
     What the others of its episode push it, `pushes` [B, 2] [m/s2], is added to whatever moves it.
     """
     ax, ay, smooth = _intended(episode, i, answers, tables, settings)
-    if settings.pedestrians > 1:
+    if episode.pedestrians > 1:
         ax, ay = ax + pushes[i, 0], ay + pushes[i, 1]
     if smooth:
         ax, ay = step_towards(episode, ax, ay, settings.period)

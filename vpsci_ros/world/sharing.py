@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.state import IDLE
 
 
 @kernel
@@ -62,3 +63,9 @@ def leading_rows(state: NDArray[np.void], acting: NDArray[np.bool_], curvttc: ND
     leader = np.full(len(state), len(state))
     np.minimum.at(leader, first[leads], rows[leads])
     return np.where(leader[first] < len(state), leader[first], rows)
+
+
+def episode_rows(state: NDArray[np.void]) -> list[NDArray[np.int64]]:
+    """Return the rows of each episode in EPISODE[B], those of its first pedestrian first; idle rows belong to none."""
+    rows = np.flatnonzero(state["status"] != IDLE)
+    return np.split(rows, np.flatnonzero(state["pedestrian"][rows] == 0)[1:]) if len(rows) else []

@@ -7,12 +7,14 @@ class Source {
   constructor(packed) {
     Object.assign(this, packed);
     this.byName = new Map(this.episodes.map((episode, index) => [episode.name, index]));
-    let first = 0;
+    let first = 0, beside = 0;
     for (const episode of this.episodes) {
       episode.first = first;
+      episode.beside = beside;
       first += episode.frames;
+      beside += episode.frames * (episode.others ?? 0);
     }
-    this.codes = null;
+    this.codes = this.otherCodes = null;
   }
 
   // Return the quantities of an episode over time: name -> Float32Array, and what is known of it as a whole.
@@ -31,8 +33,19 @@ class Source {
     return {
       ...about, ...columns, index, source: this, period: this.period, groupName: this.groups[about.group],
       duration: (about.frames - 1) * this.period, ped_speed: walk, acceleration: slope(columns.speed, this.period),
-      ped_acceleration: slope(walk, this.period),
+      ped_acceleration: slope(walk, this.period), people: this.people(about),
     };
+  }
+
+  // Return the other pedestrians of an episode, each as name -> Float32Array over time.
+  people(about) {
+    if (!about.others) return [];
+    this.otherCodes ??= decoded(this.others);
+    return Array.from({ length: about.others }, (_, n) => {
+      const begin = about.beside + n * about.frames;
+      return Object.fromEntries(["x", "y", "vx", "vy"].map((name, column) => [name, Float32Array.from(
+        { length: about.frames }, (_, k) => this.otherCodes[(begin + k) * 4 + column] * this.other_steps[column])]));
+    });
   }
 }
 
@@ -59,5 +72,7 @@ function stateAt(episode, time) {
   const state = { frame: k, curvttc: episode.curvttc[k], held: episode.held[k] > 0 };
   for (const name of ["x", "y", "heading", "speed", "curvature", "ped_x", "ped_y", "ped_vx", "ped_vy", "ped_speed",
     "acceleration", "ped_acceleration"]) state[name] = between(name);
+  const mixed = (values) => values[k] + part * (values[next] - values[k]);
+  state.people = episode.people.map((one) => ({ x: mixed(one.x), y: mixed(one.y), vx: mixed(one.vx), vy: mixed(one.vy) }));
   return state;
 }

@@ -71,6 +71,10 @@ class Scene {
       xs.push(episode.x[k] - room, episode.x[k] + room, episode.ped_x[k] - 1, episode.ped_x[k] + 1);
       ys.push(episode.y[k] - room, episode.y[k] + room, episode.ped_y[k] - 1, episode.ped_y[k] + 1);
     }
+    for (const one of episode.people) {
+      xs.push(...one.x);
+      ys.push(...one.y);
+    }
     const [left, right, low, high] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
     this.view = { x: (left + right) / 2, y: (low + high) / 2, wide: Math.max(right - left, 8),
       tall: Math.max(high - low, 8) };
@@ -87,6 +91,7 @@ class Scene {
     if (this.ground) this.drawGround(shape);
     const state = stateAt(episode, time);
     if (this.options.trails) this.drawTrails(shape, state);
+    for (const one of state.people) this.drawPedestrian(shape, one, 1);
     this.drawPedestrian(shape, { x: state.ped_x, y: state.ped_y, vx: state.ped_vx, vy: state.ped_vy }, 1);
     this.drawVehicle(shape, state, 1);
     if (this.options.predict) this.drawPrediction(shape, state);

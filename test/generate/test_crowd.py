@@ -1,0 +1,87 @@
+"""A dataset of episodes with several pedestrians: rows of each, judged by one pair, and verified to the bit."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from generate.small import CONFIG, NETWORK
+
+from vpsci_ros.bags.ticks import read_episodes
+from vpsci_ros.bags.verify import verify_bag
+from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.export.sources import read_episodes as exported
+from vpsci_ros.generate.bag import record_episodes
+from vpsci_ros.generate.job import job_from
+from vpsci_ros.generate.run import generate
+from vpsci_ros.generate.verify import verify
+from vpsci_ros.generate.workers import Serial
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.policy.weights import save_weights
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.view.generated import dataset_source
+
+NAME = "LocationA_PedCross_S-N"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("crowd")
+    weights = folder / "small.safetensors"
+    save_weights(weights, Networks(NETWORK).weights({}, {}))
+    world = {"scenarios": [1], "pedestrians": 3, "crowd.sizes": [1.0, 1.0, 2.0], "kinds.child": 0.3}
+    policy = {"weights": str(weights)}
+    dataset = {"keep_rejected": True}
+    sections = Sections(
+        {"world_simulator": world, "vehicle_policy": policy, "pedestrian_policy": policy, "dataset": dataset}
+    )
+    job = job_from(sections)
+    generate(job, {1: 12}, folder / "dataset", CONFIG, lambda: Serial(job, 40))
+    return folder / "dataset"
+
+
+def test_rows_of_each_pedestrian_follow_each_other_under_a_name_of_its_own(made: Path) -> None:
+    rows = Dataset(made).rows(NAME)
+    assert (rows["veh_id"] == 2 * rows["count"]).all()
+    number = (rows["ped_id"] // NEXT_PEDESTRIAN).to_numpy()
+    assert set(number.tolist()) == {0, 1, 2}
+    assert (rows["ped_id"] % NEXT_PEDESTRIAN == 2 * rows["count"] + 1).all()
+    parts = list(Dataset(made).episodes(NAME))
+    assert sum(len(part.first) for part in parts) == 12
+    for part in parts:
+        for pairs in np.split(np.arange(len(part.count)), part.first[1:]):
+            assert part.pedestrian[pairs].tolist() == list(range(len(pairs)))
+            assert len(set(part.lengths[pairs].tolist())) == 1
+            same = part.values[pairs, :, :4]
+            assert np.array_equal(same, np.repeat(same[:1], len(pairs), axis=0), equal_nan=True)
+
+
+def test_an_episode_is_kept_with_all_of_its_pedestrians_when_one_pair_passes(made: Path) -> None:
+    index = Dataset(made).index().filter(scenario=1)
+    least = dict(zip(index["count"], index["least_curvttc"], strict=True))
+    data = Dataset(made)
+    for part in data.episodes(NAME):
+        for pairs in np.split(np.arange(len(part.count)), part.first[1:]):
+            ttc = np.nanmin(part["CurvTTC"][pairs])
+            assert ttc == pytest.approx(least[int(part.count[pairs[0]])])
+            assert ttc < 5.0
+
+
+def test_the_dataset_is_simulated_again_to_the_bit_and_so_is_a_bag_of_it(made: Path, tmp_path: Path) -> None:
+    assert verify(made, lambda job: Serial(job, 7)).findings == []
+    chosen = [(1, int(count)) for count in Dataset(made).index()["count"].head(3)]
+    record_episodes(made, chosen, tmp_path / "bag")
+    result = verify_bag(tmp_path / "bag", weights=str(next(made.glob("*.safetensors"))))
+    assert (result.difference, result.notes) == ("", ())
+    sizes = [len(batch) for batch in read_episodes(tmp_path / "bag")]
+    assert len(sizes) == 3
+    assert max(sizes) > 1
+
+
+def test_the_page_and_exports_show_all_pedestrians_of_an_episode_once(made: Path) -> None:
+    source = dataset_source(made, 100)
+    names = [episode.name for episode in source.episodes]
+    assert len(set(names)) == len(names) == 12
+    assert {len(episode.others) for episode in source.episodes} == {0, 1, 2}
+    episodes = list(exported(made))
+    assert sorted(len(each.pedestrians) for each in episodes) == sorted(len(e.others) + 1 for e in source.episodes)

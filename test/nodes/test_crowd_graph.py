@@ -1,0 +1,106 @@
+"""A graph with several pedestrians: what its bag holds is what the engine makes without nodes, to the bit."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from vpsci_ros.bags.episodes import bag_episodes, episode_ticks
+from vpsci_ros.bags.export import export_bag
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.ticks import read_episodes
+from vpsci_ros.bags.verify import verify_bag
+from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.export.sources import read_episodes as exported
+from vpsci_ros.nodes.composed import composed
+from vpsci_ros.nodes.graph import resolve
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.view.bag import bag_source
+
+NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
+
+
+def crowd(batch: int, **world: object) -> Sections:
+    policy = {"weights": "refined", "seed": 11}
+    settings = {"scenarios": [1, 6], "episodes": 2, "batch": batch, "seed": 11, "pedestrians": 3}
+    return Sections(
+        {
+            "graph": {"nodes": NODES},
+            "world_simulator": settings | {"crowd.sizes": [0.0, 1.0, 3.0], "kinds.older": 1.0} | world,
+            "vehicle_policy": policy,
+            "pedestrian_policy": policy,
+        }
+    )
+
+
+@pytest.fixture
+def bag(domain: int, tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    with composed(resolve(crowd(request.param), tmp_path)) as nodes:
+        told = dict(nodes["world_simulator"].status())
+    assert sum(told.get(name, 0) for name in ("collision", "goal", "timeout")) == 4
+    return tmp_path / "bag"
+
+
+@pytest.mark.parametrize("bag", [1, 3], indirect=True)
+def test_a_bag_of_several_pedestrians_is_simulated_again_to_the_bit(bag: Path) -> None:
+    result = verify_bag(bag)
+    assert (result.difference, result.absent, result.notes) == ("", 0, ())
+    assert result.episodes >= 4 * 2
+
+
+@pytest.mark.parametrize("bag", [1], indirect=True)
+def test_a_bag_tells_of_each_episode_once_and_of_every_pedestrian(bag: Path, tmp_path: Path) -> None:
+    episodes = bag_episodes(Bag(bag))
+    assert sorted(episode.key for episode in episodes) == [(1, 0), (1, 1), (6, 0), (6, 1)]
+    batches = {(int(b.scenario[0]), int(b.episode[0])): b for b in read_episodes(bag)}
+    for episode in episodes:
+        batch = batches[episode.key]
+        assert 2 <= len(batch) <= 3
+        assert batch.pedestrian.tolist() == list(range(len(batch)))
+        ticks = list(episode_ticks(bag, episode))
+        assert {len(tick.state) for tick in ticks} == {len(batch)}
+        least = min(float(tick.curvttc.min()) for tick in ticks)
+        assert episode.least_curvttc == (0.0 if episode.outcome == "collision" else pytest.approx(least))
+    several = sum(len(b) * int(b.frames[0]) for b in batches.values())
+    names = set()
+    with AnyReader([bag]) as reader:
+        wanted = [each for each in reader.connections if each.topic == "/pedestrians/odometry"]
+        for connection, _, data in reader.messages(wanted):
+            names.add(reader.deserialize(data, connection.msgtype).child_frame_id)
+            several -= 1
+    assert several == 0
+    assert names == {f"pedestrian_{n}/base_link" for n in range(max(map(len, batches.values())))}
+
+    source = bag_source(bag, 10)
+    assert sorted(len(each.others) + 1 for each in source.episodes) == sorted(map(len, batches.values()))
+    assert sorted(len(each.pedestrians) for each in exported(bag)) == sorted(map(len, batches.values()))
+    export_bag(bag, tmp_path / "dataset", keep_rejected=True, formats=("parquet",))
+    data = Dataset(tmp_path / "dataset")
+    for name in data.scenarios:
+        rows = data.rows(name)
+        assert (rows["ped_id"] % NEXT_PEDESTRIAN == 2 * rows["count"] + 1).all()
+    assert data.index().height == 4
+
+
+def test_a_learner_and_replayed_pedestrians_are_refused_by_name(domain: int, tmp_path: Path) -> None:
+    for values, message in (
+        ({"publish_transitions": True}, "publish_transitions: the learner learns from one pedestrian"),
+        ({"pedestrian_driver": "replay"}, "pedestrian_driver = replay"),
+    ):
+        with pytest.raises(InvalidInput, match=message), composed(resolve(crowd(1, **values), tmp_path)):
+            pytest.fail("it was begun")
+
+
+@pytest.mark.parametrize("bag", [1], indirect=True)
+def test_the_vehicle_of_a_recorded_crowd_can_be_replayed_as_one_motion(bag: Path) -> None:
+    from vpsci_ros.bags.recorded import recorded_from_bag
+
+    recorded = recorded_from_bag(bag)
+    for batch in read_episodes(bag):
+        row = recorded.row(int(batch.scenario[0]), int(batch.episode[0]))
+        assert recorded.arrays.frames[row] == batch.frames[0]
+        motion = recorded.arrays.vehicle[row, : batch.frames[0], :2]
+        assert np.allclose(motion, batch.values[0, : batch.frames[0], :2], atol=1e-4)
