@@ -14,7 +14,7 @@ from vpsci_ros.envs.rendering import Views
 from vpsci_ros.envs.simulation import Simulation, Snapshot
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.weights import Weights
-from vpsci_ros.world import OUTCOME_NAMES
+from vpsci_ros.world import OUTCOME_NAMES, WorldConfig
 from vpsci_ros.world.tables import tables_from
 from vpsci_ros.world.tick import Actions
 
@@ -33,6 +33,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     :param pedestrian: "policy", or a reference pedestrian: "autopilot", "constant_velocity", "social_force".
     :param weights: of the learned pedestrian: a file, a name shipped with the package, or the weights themselves.
     :param render_mode: "rgb_array" or None.
+    :param config: of the world, say with several `pedestrians` or other `kinds`; whoever is most critical is observed.
     :raises InvalidInput: an unknown scenario, pedestrian, weights file or render mode.
     """
 
@@ -44,11 +45,12 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         pedestrian: str = "policy",
         weights: str | Path | Weights = "refined",
         render_mode: str | None = None,
+        config: WorldConfig | None = None,
     ) -> None:
         check_render_mode(render_mode)
         self.render_mode = render_mode
         self.observation_space, self.action_space = OBSERVATION_SPACE, ACTION_SPACE
-        self._simulation = Simulation(scenarios, 1, pedestrian=pedestrian, weights=weights)
+        self._simulation = Simulation(scenarios, 1, pedestrian=pedestrian, weights=weights, config=config)
         self._tables = tables_from(self._simulation.scenarios)
         self._views = Views(self._simulation.scenarios)
         self._last: Snapshot | None = None

@@ -25,6 +25,8 @@ PEDESTRIANS = tuple(driver for driver in PEDESTRIAN_DRIVERS if driver != "replay
 class Snapshot:
     """Where each slot's episode is after a step, at the frame at which it ended if it did: arrays over slots.
 
+    Of several pedestrians an episode is shown with the one whose CurvTTC is least, the first of equal ones.
+
     :ivar state: EPISODE[B]; `status` ENDED where the world ended the episode within the step.
     :ivar curvttc: float64[B] [s], infinity where there is none.
     """
@@ -35,6 +37,8 @@ class Snapshot:
 
 class Simulation:
     """`batch` slots, each with an episode of its own, advanced by the policy period at each step.
+
+    Actions are one a slot, however many pedestrians there are: they are the vehicle's, or those of all of them.
 
     :param scenarios: numbers, names or files, taken in turn by each slot's episodes.
     :param pedestrian: "policy" (needs `weights`), or a reference pedestrian: "autopilot", "constant_velocity",
@@ -74,7 +78,7 @@ class Simulation:
         """Begin again with episode 0 of `seed` in this slot's row of episodes."""
         self._seeds[slot] = seed
         for agent in self._agents.values():
-            agent.set_seeds(np.array(self._seeds))
+            agent.set_seeds(np.repeat(self._seeds, self.config.pedestrians))
         self._next[slot] = itertools.count()
 
     def start(self, slots: Sequence[int], episode: tuple[int, int] | None = None) -> None:
@@ -88,15 +92,26 @@ class Simulation:
 
     def now(self) -> Snapshot:
         """Return where the episodes are."""
-        return Snapshot(self.world.state.copy(), self._loop.assessment.curvttc)
+        return self._shown(self.world.state.copy(), self._loop.assessment.curvttc)
 
     def step(self, given: Actions = NO_ACTIONS) -> Snapshot:
         """Move on by the policy period with these actions."""
-        world = self.world
+        world, several = self.world, self.config.pedestrians
+        if several > 1:
+            arrays = {name: value for name, value in vars(given).items() if value is not None}
+            given = Actions(**{name: np.repeat(value, several, axis=0) for name, value in arrays.items()})
         last, ttc = world.state.copy(), np.full(len(world.state), np.inf)
         for _ in range(self.config.policy_ticks):
             self._loop.step(given)
             present = world.state["status"] != IDLE
             last[present] = world.state[present]
             ttc[present] = self._loop.assessment.curvttc[present]
-        return Snapshot(last, ttc)
+        return self._shown(last, ttc)
+
+    def _shown(self, state: NDArray[np.void], curvttc: Floats) -> Snapshot:
+        several = self.config.pedestrians
+        if several == 1:
+            return Snapshot(state, curvttc)
+        first = np.arange(0, len(state), several)
+        faced = first + curvttc.reshape(-1, several).argmin(axis=1)
+        return Snapshot(state[faced], curvttc[faced])

@@ -16,6 +16,7 @@ from vpsci_ros.envs.right_turn import ACTION_SPACE, OBSERVATION_SPACE, check_ren
 from vpsci_ros.envs.simulation import Simulation, Snapshot
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.weights import Weights
+from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.tables import tables_from
 from vpsci_ros.world.tick import Actions
 
@@ -44,13 +45,14 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         pedestrian: str = "policy",
         weights: str | Path | Weights = "refined",
         render_mode: str | None = None,
+        config: WorldConfig | None = None,
     ) -> None:
         check_render_mode(render_mode)
         self.num_envs, self.render_mode = num_envs, render_mode
         self.single_observation_space, self.single_action_space = OBSERVATION_SPACE, ACTION_SPACE
         self.observation_space = batch_space(OBSERVATION_SPACE, num_envs)
         self.action_space = batch_space(ACTION_SPACE, num_envs)
-        self._simulation = Simulation(scenarios, num_envs, pedestrian=pedestrian, weights=weights)
+        self._simulation = Simulation(scenarios, num_envs, pedestrian=pedestrian, weights=weights, config=config)
         self._tables = tables_from(self._simulation.scenarios)
         self._views = Views(self._simulation.scenarios)
         self._last: Snapshot | None = None

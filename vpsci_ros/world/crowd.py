@@ -27,7 +27,7 @@ from vpsci_ros.world.kinds import TOP_SPEED
 MOST = 8  # pedestrians of an episode
 ROLES = ("alone", "group", "opposite", "follower")
 ALONE, GROUP, OPPOSITE, FOLLOWER = range(4)
-NEAREST, FURTHEST = 0.7, 2.0  # [m] from one member of a group to the next, centre to centre
+NEAREST, FURTHEST = 0.7, 1.6  # [m] from one member of a group to the next, centre to centre
 PACE_SPREAD = 0.03  # standard deviation of the walking speeds within a group, as a share
 STEP_OFF, STEP_OFF_SPREAD = 0.8, 0.5  # [s] median of a follower's delay, and the standard deviation of its logarithm
 ROOM, CAR_ROOM = 0.7, 3.0  # [m] between two who begin an episode, and from the car to a further one, at least
@@ -42,10 +42,10 @@ class CrowdConfig:
     sizes: list[float] = parameter(
         [], "parts of the episodes with 1, 2, ... pedestrians; empty: all have `pedestrians`", low=0.0, high=1e6
     )
-    group: float = parameter(0.4, "share of the further ones who walk with the first one", low=0.0, high=1.0)
-    opposite: float = parameter(0.3, "share who come from the other side", low=0.0, high=1.0)
+    group: float = parameter(0.7, "share of the further ones who walk with the first one", low=0.0, high=1.0)
+    opposite: float = parameter(0.14, "share who come from the other side", low=0.0, high=1.0)
     follower: float = parameter(
-        0.1, "share who wait at the kerb and step off because the first one did", low=0.0, high=1.0
+        0.06, "share who wait at the kerb and step off because the first one did", low=0.0, high=1.0
     )
 
     def __post_init__(self) -> None:
