@@ -27,6 +27,7 @@ def test_records_have_every_second_frame_of_our_motion_in_ten_hertz(episodes):
             assert state["position"][:, :2] == pytest.approx(np.column_stack([each.x, each.y])[::2], abs=1e-5)
             assert np.sin(state["heading"]) == pytest.approx(np.sin(each.heading[::2]), abs=1e-6)
             assert all(len(column) == found["length"] for column in state.values())
+        assert found["map_features"]["lane"]["polygon"].shape[1] == 2, "MetaDrive 0.4.3 takes no third coordinate"
         lane = episode.road.vehicle.path
         assert max(abs(lane.locate(*p)[1]) for p in found["map_features"]["lane"]["polyline"][:, :2]) < 0.01
 

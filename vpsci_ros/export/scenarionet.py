@@ -114,7 +114,7 @@ def _map(road: Scenario) -> dict[str, Any]:
         "lane": {
             "type": "LANE_SURFACE_STREET",
             "polyline": _flat(centre),
-            "polygon": _flat(np.concatenate([left, right[::-1]])),
+            "polygon": np.concatenate([left, right[::-1]]).astype(np.float32),  # MetaDrive 0.4.3 adds the height itself
             "entry_lanes": [],
             "exit_lanes": [],
             "left_neighbor": [],
