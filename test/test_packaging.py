@@ -71,6 +71,18 @@ def test_the_three_places_of_the_version_agree():
     assert versions == {vpsci_ros.__version__}
 
 
+@pytest.mark.filterwarnings("ignore:nodes.Node.traverse:DeprecationWarning")  # which catkin_pkg calls
+@pytest.mark.parametrize("folder", [".", "msg_defs"])
+def test_bloom_reads_the_versions_and_dates_of_the_changelog(folder):
+    changelog = pytest.importorskip("catkin_pkg.changelog").get_changelog_from_path(str(ROOT / folder))
+    headings = re.findall(r"^## (\S+) \((\S+)\)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    read = [(version, f"{date:%Y-%m-%d}") for version, date, _ in changelog.foreach_version()]
+    assert read == headings
+    assert headings[0][0] == vpsci_ros.__version__
+    name = manifest(f"{folder}/package.xml").findtext("name")
+    assert f"Changelog for package {name}" in (ROOT / folder / "CHANGELOG.rst").read_text()
+
+
 def test_package_xml_names_every_import_once():
     dependencies = [element.text for element in manifest().iter("exec_depend")]
     used = (imported("vpsci_ros") | imported("launch")) - OPTIONAL
