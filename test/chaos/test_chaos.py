@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from chaos import files, processes
+from chaos import files, processes, writes
 
 CASES = 40
 CORPUS = sorted(path for path in files.CORPUS.rglob("*") if path.is_file())
@@ -43,3 +43,36 @@ def test_a_disturbed_graph_is_complete_or_says_what_it_lacks(seed: int, tmp_path
     whole, lasts = processes.undisturbed()
     disturbed = processes.disturbance(seed, lasts)
     assert processes.defects(processes.run(tmp_path, disturbed), disturbed, whole) == [], disturbed
+
+
+@pytest.mark.parametrize("name", writes.WRITERS)
+@pytest.mark.parametrize("before", [None, b"what was there before"])
+def test_what_is_written_on_a_disk_that_fills_at_any_byte_is_whole_or_not_there(
+    name: str, before: bytes | None, tmp_path: Path
+) -> None:
+    path, write = tmp_path / "out" / "file", writes.WRITERS[name]
+    path.parent.mkdir()
+    write(path)
+    whole = path.read_bytes()
+    failed = 0
+    for size in [*range(0, len(whole), max(1, len(whole) // 12)), len(whole) - 1, len(whole)]:
+        path.unlink() if before is None else path.write_bytes(before)
+        succeeded = writes.attempt(write, path, writes.full_after(size))
+        failed += not succeeded
+        assert writes.defects(path, before, whole, succeeded) == [], f"full after {size} bytes"
+        path.touch()
+    assert failed > 5
+
+
+@pytest.mark.parametrize("name", writes.WRITERS)
+@pytest.mark.parametrize("call", writes.CALLS)
+def test_what_is_written_where_any_call_fails_is_whole_or_not_there(name: str, call: str, tmp_path: Path) -> None:
+    path, write = tmp_path / "out" / "file", writes.WRITERS[name]
+    path.parent.mkdir()
+    write(path)
+    whole, made = path.read_bytes(), []
+    assert writes.attempt(write, path, writes.failing(call, 0, made))
+    for number in range(1, made[0] + 1):
+        path.write_bytes(b"before")
+        succeeded = writes.attempt(write, path, writes.failing(call, number, []))
+        assert writes.defects(path, b"before", whole, succeeded) == [], f"call {number} of {call}"

@@ -35,9 +35,9 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     if path.is_dir():
         raise InvalidInput(f"{path}: expected a file to write, found a folder; give the name of a file")
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    os.close(handle)
     temporary = Path(name)
     try:
+        os.close(handle)
         yield temporary
         umask = os.umask(0)
         os.umask(umask)
