@@ -31,6 +31,7 @@ from vpsci_ros.runs.files import require_empty_folder, sha256
 from vpsci_ros.runs.processes import ChildProcess, stop
 from vpsci_ros.runs.record import RECORD, room_for_record, write_record
 from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.shared_memory import remove_left_behind
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 from vpsci_ros.world import WorldConfig
 
@@ -186,6 +187,7 @@ class NodeProcesses:
         """Ask all processes to stop, the recorder last; return their exit statuses. Those that do not are killed."""
         stop([process for node, process in self.running.items() if node != "recorder"], STOP_STEPS)
         stop([process for node, process in self.running.items() if node == "recorder"], STOP_STEPS)
+        remove_left_behind()
         return self.ended()
 
     def explain(self, node: str) -> str:
