@@ -6,6 +6,7 @@ it, and tells a C++ user the topics. `vpsci ads-test --ads "python my_ads.py"` p
 
 import contextlib
 import math
+import os
 import struct
 import sys
 
@@ -130,6 +131,7 @@ def people(objects: PointCloud2) -> list[Odometry]:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until it is stopped."""
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # as the graph's own nodes
     rclpy.init(args=args)
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(ExampleAds())
