@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.process import command_of, failure, files_of, running, silence
+from vpsci_ros.exam.process import command_of, failure, files_of, flood, running, silence
 from vpsci_ros.runs.processes import STEPS, stop
 
 
@@ -98,3 +98,32 @@ def test_an_ads_that_answers_nothing_for_the_limit_is_silent_and_not_before():
 
 def test_the_silence_of_one_graph_is_not_that_of_the_next():
     assert seen((900, 30), (10, 1), (100, 2)) == ""
+
+
+def test_silence_says_whether_commands_came_and_were_refused():
+    check = silence(20)
+    ticks = {"world_simulator.tick": 30.0, "world_simulator.vehicle_answers_missing": 30.0}
+    assert check(ticks).endswith("; none came")
+    refused = ticks | {"world_simulator.vehicle_commands_refused": 29.0}
+    assert check(refused).endswith("; the 29 that came were refused: late, not finite or out of range")
+
+
+def flooding(limit=100, late=False, **counts):
+    return flood({f"world_simulator.{name}": float(count) for name, count in counts.items()}, limit, late=late)
+
+
+def test_more_surplus_commands_a_tick_than_the_limit_are_a_flood():
+    assert flooding(tick=124, vehicle_commands_surplus=12500) == ""
+    assert flooding(tick=124, vehicle_commands_surplus=12501) == (
+        "the ADS floods: 12501 commands beyond the first one of a tick in 124 ticks, more than 100 a tick "
+        "(ads_test.surplus_limit)"
+    )
+    assert flooding(tick=2, vehicle_commands_surplus=2000) == "", "too few to tell"
+
+
+def test_commands_before_the_first_tick_are_a_flood_only_where_that_never_comes():
+    assert flooding(tick=0, vehicle_commands_early=9000) == ""
+    assert flooding(tick=5, vehicle_commands_early=9000, late=True) == ""
+    assert "9000 commands before the first tick, which never came" in flooding(
+        tick=0, vehicle_commands_early=9000, late=True
+    )

@@ -8,6 +8,7 @@ import contextlib
 import dataclasses
 import shutil
 import sys
+import time
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,7 +27,7 @@ from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.measures import Drive, Key, drives
-from vpsci_ros.exam.process import command_of, failure, running, silence
+from vpsci_ros.exam.process import command_of, failure, flood, running, silence
 from vpsci_ros.exam.report import Conduct
 from vpsci_ros.exam.sight import Sight, Watcher
 from vpsci_ros.generate.recorded_people import Motion, absent_pedestrians, recorded_people, spawns, write_motion
@@ -40,6 +41,7 @@ from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.record import RECORD, read_record
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import Recorded, Scenario, World, WorldConfig, load_scenarios
+from vpsci_ros.world.crowd import CrowdConfig
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.perception import PerceptionConfig
@@ -94,19 +96,22 @@ class Exam:
     def with_pedestrian(self, pedestrian: str, vehicle: str) -> WorldConfig:
         """Return the world's configuration with one of the pedestrians and this driver of the vehicle."""
         driver = "policy" if pedestrian in added_pedestrians() else DRIVERS.get(pedestrian, "replay")
-        return dataclasses.replace(self.world, vehicle_driver=vehicle, pedestrian_driver=driver)
+        world = dataclasses.replace(self.world, vehicle_driver=vehicle)
+        if driver == "replay":  # of one person each
+            world = dataclasses.replace(world, pedestrians=1, crowd=CrowdConfig())
+        return dataclasses.replace(world, pedestrian_driver=driver)
 
     def motion(self, pedestrian: str) -> Motion:
         """Return the motion of a pedestrian that is replayed: recorded people, or nobody."""
         begins = self.spawns()
         if pedestrian == ALONE:
             return absent_pedestrians(begins)
-        path = self.config.recorded
-        return recorded_people(read_near_misses(path), begins, self.scenarios, self.world, self.run.seed, path)
+        path, world = self.config.recorded, self.with_pedestrian(pedestrian, "external")
+        return recorded_people(read_near_misses(path), begins, self.scenarios, world, self.run.seed, path)
 
     def spawns(self) -> NDArray[np.void]:
         """Return the episodes as they begin, EPISODE[n]."""
-        return spawns(self.world, self.scenarios, self.episodes, self.run.seed)
+        return spawns(self.with_pedestrian(ALONE, "external"), self.scenarios, self.episodes, self.run.seed)
 
 
 class Met(NamedTuple):
@@ -150,10 +155,10 @@ def autopilot(exam: Exam, pedestrian: str) -> list[Drive]:
 
 def autopilot_met(exam: Exam, pedestrian: str) -> Met:
     """Return what a run of the rule-based autopilot with one pedestrian came to."""
-    rows = min(_BATCH, len(exam.episodes)) * exam.world.pedestrians
-    frames = EpisodeFrames(rows, exam.world.episode_ticks + 1)
+    loop = autopilot_loop(exam, pedestrian)
+    frames = EpisodeFrames(len(loop.world.state), exam.world.episode_ticks + 1)
     watcher, batches = Watcher(exam.scenarios), []
-    for step in autopilot_loop(exam, pedestrian):
+    for step in loop:
         watcher.add(step.tick.state, step.assessment.curvttc)
         batches.append(frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance))
     return Met(drives(batches), {}, Conduct(len(exam.episodes)), watcher.found)
@@ -185,6 +190,8 @@ def _meet(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     silent = silence(exam.config.silent_ticks)
     patience = exam.sections.get(GraphConfig, "graph").progress_timeout
     reasons: list[str] = []
+    begun = time.monotonic()
+    told: dict[str, float] = {}
     with contextlib.ExitStack() as stack:
         ads = None
         if exam.config.ads != EXTERNAL:
@@ -193,9 +200,13 @@ def _meet(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
 
         def failed(watch: Watch) -> str:
             seen = watch.summary()
-            absent = seen.get("world_simulator.tick") == 0.0 and watch.idle_time() > patience
+            told.update(seen)
+            spoke = any(seen.get(f"world_simulator.vehicle_commands{kind}") for kind in ("", "_refused", "_early"))
+            absent = seen.get("world_simulator.tick") == 0.0 and not spoke and watch.idle_time() > patience
             reasons.append(
-                (failure(ads) if ads else "") or (NEVER_CAME.format(patience) if ads and absent else silent(seen))
+                (failure(ads) if ads else "")
+                or flood(seen, exam.config.surplus_limit, late=time.monotonic() - begun > patience)
+                or (NEVER_CAME.format(patience) if ads and absent else silent(seen))
             )
             return reasons[-1]
 
@@ -203,7 +214,7 @@ def _meet(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     if result.error == _STOPPED:
         print(f"what is done is in {folder}: the same command goes on there", file=sys.stderr)
         raise KeyboardInterrupt
-    if result.error and not any(reasons):
+    if result.error and not any(reasons) and not told.get("world_simulator.tick"):
         raise VpsciError(f"{title_of(name)}: {result.error}; does the ADS publish /vehicle/cmd_accel or cmd_control?")
 
 
@@ -223,7 +234,12 @@ def _graph(exam: Exam, name: str, folder: Path) -> Sections:
         shutil.rmtree(bag, ignore_errors=True)
         write_motion(exam.motion(name), exam.spawns(), config, bag)
         world["recorded_bag"] = str(bag)
-    sections = exam.sections.changed("graph", {"nodes": nodes}).changed("world_simulator", world)
+    sections = exam.sections
+    if config.pedestrian_driver == "replay":
+        own = sections.values.get("world_simulator", {})
+        single = {name: value for name, value in own.items() if not name.startswith("crowd.")} | {"pedestrians": 1}
+        sections = Sections({**sections.values, "world_simulator": single})
+    sections = sections.changed("graph", {"nodes": nodes}).changed("world_simulator", world)
     if "pedestrian_policy" in nodes:
         sections = sections.changed("pedestrian_policy", {"agent": name})
     return sections
@@ -266,7 +282,8 @@ def _read(exam: Exam, bag: Path, conduct: Conduct) -> Met:
 
 def sight_in_bag(bag: Path, exam: Exam, *, recover: bool) -> Mapping[Key, Sight]:
     """Return what the ADS could see of each episode of a bag."""
-    watcher = Watcher(exam.scenarios, exam.perception, exam.world.tick)
+    watcher: Watcher | None = None
     for tick in read_bag(bag, recover=recover):
+        watcher = watcher or Watcher(exam.scenarios, exam.perception, exam.world.tick, len(tick.state))
         watcher.add(tick.state, tick.curvttc)
-    return watcher.found
+    return watcher.found if watcher else {}

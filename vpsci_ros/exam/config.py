@@ -60,6 +60,10 @@ class ExamConfig:
     silent_ticks: int = parameter(
         20, "an ADS that gives no usable command for so many ticks in a row has failed", low=1, high=1_000_000
     )
+    surplus_limit: int = parameter(
+        100, "an ADS that sends more commands a tick than this, beyond the first, has failed: it floods",
+        low=1, high=1_000_000,
+    )  # fmt: skip
     conflict: float = parameter(
         CONFLICT_TTC, "an episode is a conflict where CurvTTC falls below (section 4.5)", unit="s", low=0.0, high=10.0
     )

@@ -55,6 +55,8 @@ class Conduct:
 
 
 GROUPS = {
+    "kind": Group("kind of the pedestrian that became critical first", pl.col("critical")),
+    "group_size": Group("pedestrians of the episode", pl.col("critical")),
     "hidden": Group("hidden by parked vehicles as it became critical", pl.col("critical"), ("in sight", "hidden")),
 }
 """Column of the table of episodes -> what the results are given by, where it has more than one value."""

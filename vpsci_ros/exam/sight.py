@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import RUNNING, Scenario
+from vpsci_ros.world.kinds import KINDS
 from vpsci_ros.world.parked import in_sight, parked_from
 from vpsci_ros.world.perception import SEEN, Memory, PerceptionConfig, blank, perceive
 
@@ -20,10 +21,14 @@ class Sight:
     :ivar hidden: parked vehicles hid the pedestrian when CurvTTC first fell below 5 s.
     :ivar critical: ticks with a CurvTTC below 5 s.
     :ivar told: those of them at which the ADS was told of the pedestrian.
+    :ivar kind: of the pedestrian that became critical first, one of `KINDS`.
+    :ivar pedestrians: how many there were.
     :ivar first_critical, first_told: frames, -1 where there was none; the latter not before the former.
     """
 
     hidden: bool = False
+    kind: str = ""
+    pedestrians: int = 0
     critical: int = 0
     told: int = 0
     first_critical: int = -1
@@ -44,15 +49,20 @@ class Watcher:
 
     :param perception: of the ADS; None: it is told of everybody.
     :param period: of a tick [s].
+    :param pedestrians: rows of an episode.
     :ivar found: (scenario, episode) -> what could be seen.
     """
 
     def __init__(
-        self, scenarios: Sequence[Scenario], perception: PerceptionConfig | None = None, period: float = 0.05
+        self,
+        scenarios: Sequence[Scenario],
+        perception: PerceptionConfig | None = None,
+        period: float = 0.05,
+        pedestrians: int = 1,
     ) -> None:
         self.found: dict[tuple[int, int], Sight] = {}
         self._parked = parked_from(scenarios)
-        self._perception, self._period = perception, period
+        self._perception, self._period, self._most = perception, period, pedestrians
         self._memory: Memory | None = None
 
     def add(self, state: NDArray[np.void], curvttc: NDArray[np.float64]) -> None:
@@ -68,6 +78,7 @@ class Watcher:
             frame = int(record["frame"])
             if sight.first_critical < 0:
                 sight.first_critical, sight.hidden = frame, not visible[slot]
+                sight.kind, sight.pedestrians = KINDS[record["kind"]], max(1, int(record["pedestrians"]))
             if told[slot] and sight.first_told < 0:
                 sight.first_told = frame
             sight.critical += 1
@@ -77,6 +88,6 @@ class Watcher:
         if self._perception is None:
             return np.ones(len(state), np.bool_)
         self._memory = self._memory or blank(len(state), self._perception, self._period)
-        self._memory, objects = perceive(self._memory, state, self._perception, self._period, self._parked)
+        self._memory, objects = perceive(self._memory, state, self._perception, self._period, self._parked, self._most)
         told: NDArray[np.bool_] = objects["status"] == SEEN
         return told

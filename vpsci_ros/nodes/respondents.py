@@ -12,6 +12,7 @@ from vpsci_ros.bags import layout
 from vpsci_ros.bags.layout import MAP, WORLD
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.topics import COMMANDS
 from vpsci_ros.world.lockstep import LockStep
 
 
@@ -33,8 +34,8 @@ class Respondents:
         self._commands = []
         if lock_step.external:
             self._commands = [
-                node.input("/vehicle/cmd_accel", self._on_acceleration),
-                node.input("/vehicle/cmd_control", self._on_control),
+                node.input("/vehicle/cmd_accel", self._on_acceleration, COMMANDS),
+                node.input("/vehicle/cmd_control", self._on_control, COMMANDS),
             ]
             lock_step.external.present = self.commanded
 
@@ -88,13 +89,19 @@ class Respondents:
                 external.refuse(values, f"its frame is {frame!r}; expected one of {', '.join(map(repr, own))}")
             external.accelerate(values, command_stamp(message.header))
 
-        self._hand_in("/vehicle/cmd_accel", take, " (linear.x, linear.y)")
+        self._command("/vehicle/cmd_accel", take, " (linear.x, linear.y)")
 
     def _on_control(self, message: VehicleControl) -> None:
         assert self._lock_step.external is not None
         values = message.steer, message.throttle, message.brake
         take = partial(self._lock_step.external.control, values, command_stamp(message.header), message.tick)
-        self._hand_in("/vehicle/cmd_control", take, " (steer, throttle, brake)")
+        self._command("/vehicle/cmd_control", take, " (steer, throttle, brake)")
+
+    def _command(self, topic: str, take: Callable[[], None], fields: str) -> None:
+        if self._lock_step.tick is None:
+            self._lock_step.early_command()
+        else:
+            self._hand_in(topic, take, fields)
 
     def _hand_in(self, topic: str, take: Callable[[], None], fields: str = "") -> None:
         try:

@@ -24,6 +24,9 @@ LOCK_STEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """State that late joiners need: the last message is kept for them."""
 
+COMMANDS = QoSProfile(depth=32, reliability=ReliabilityPolicy.RELIABLE)
+"""What a driving system says, of which the newest counts: one that floods must not keep the world from its peers."""
+
 RECORDING = QoSProfile(depth=1000, history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
 """For a reader that must see every message, such as the recorder and the learner."""
 

@@ -142,6 +142,10 @@ class LockStep:
         if answer is not None:
             self.actions, self.versions[agent] = replace(self.actions, **{agent: answer.of(agent)}), version
 
+    def early_command(self) -> None:
+        """Count a command that came before the first tick, which answers nothing."""
+        self._counts["vehicle_commands_early"] += 1
+
     def answers(self) -> tuple[Assessment, Actions, NDArray[np.void]]:
         """Return the answers to the present tick as they are now, and the events of the external driver, EVENT[n]."""
         assert self.tick is not None, "answers() before begin()"

@@ -1,0 +1,73 @@
+"""What a driver could see of an episode, counted on worlds that run here."""
+
+import math
+
+import polars as pl
+import pytest
+
+from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.measures import drives, episode_table
+from vpsci_ros.exam.report import Conduct, make_report
+from vpsci_ros.exam.sight import Sight, Watcher
+from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.world import World, WorldConfig, load_scenarios
+from vpsci_ros.world.kinds import KindMixture
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.perception import PerceptionConfig
+
+EPISODES = 40
+
+
+def run(perception: PerceptionConfig | None = None, scenario: int = 104, **config: object):
+    """Return what was seen and the episodes of the rule-based pair."""
+    chosen = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", **config)
+    scenarios = load_scenarios([scenario])
+    world = World(chosen, scenarios, [(scenario, e) for e in range(EPISODES)], EPISODES, 3)
+    watcher = Watcher(scenarios, perception, chosen.tick, chosen.pedestrians)
+    frames, batches = EpisodeFrames(len(world.state)), []
+    for step in Loop(world):
+        watcher.add(step.tick.state, step.assessment.curvttc)
+        batches.append(frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance))
+    return watcher.found, drives(batches)
+
+
+def test_without_perception_the_ads_is_told_of_everybody_at_once() -> None:
+    found, driven = run()
+    critical = {drive.key for drive in driven if drive["CurvTTC"][:-1].min() < CRITICAL_TTC}
+    assert set(found) == critical
+    assert all((sight.told_share, sight.told_after(0.05)) == (1.0, 0.0) for sight in found.values())
+
+
+def test_where_vehicles_are_parked_some_are_hidden_as_it_becomes_critical_and_told_of_later() -> None:
+    found, _ = run(PerceptionConfig(least_visible=0.25))
+    hidden = [sight for sight in found.values() if sight.hidden]
+    assert 5 < len(hidden) < len(found)
+    told = [sight.told_after(0.05) for sight in hidden]
+    assert all(math.isnan(after) or after > 0.0 for after in told)
+    assert all(sight.told_after(0.05) == 0.0 for sight in found.values() if not sight.hidden)
+    assert not any(sight.hidden for sight in run(scenario=101)[0].values())
+
+
+def test_what_was_never_told_has_no_time() -> None:
+    found, _ = run(PerceptionConfig(missed=1.0))
+    assert all(sight.told_share == 0.0 and math.isnan(sight.told_after(0.05)) for sight in found.values())
+    assert math.isnan(Sight().told_share)
+
+
+def test_results_come_by_kind_by_group_and_by_who_was_hidden_where_these_differ() -> None:
+    found, driven = run(pedestrians=2, kinds=KindMixture(adult=1.0, child=1.0))
+    assert len(driven) == EPISODES, "an episode is one, however many pedestrians it has"
+    options = {"driver": "autopilot", "pedestrian": "walker"}
+    table = episode_table(driven, [], ExamConfig(), 0.05, **options, sight=found)
+    report = make_report(table, {"walker": Conduct(EPISODES)}, ExamConfig(pedestrians=["walker"], baseline=True))
+    groups = report["groups"]
+    assert set(groups) == {"kind", "hidden"}, "all groups are of two"
+    kinds = groups["kind"]["autopilot"]["walker"]
+    assert set(kinds) == {"adult", "child"}
+    critical = table.filter(pl.col("critical"))
+    assert sum(scores["episodes"] for scores in kinds.values()) == critical.height
+    children = critical.filter(pl.col("kind") == "child")
+    assert kinds["child"]["collision_rate"]["value"] == pytest.approx(children["collision"].mean())
+    assert set(critical["group_size"]) == {2}
+    assert set(groups["hidden"]["autopilot"]["walker"]) == {"in sight", "hidden"}
