@@ -82,7 +82,7 @@ if ! is_done messages constraints.txt tools/build_messages.sh msg_defs/*.* msg_d
     done_now
 fi
 
-if ! is_done data setup.py package.xml resource/* $(find launch params rviz urdf -name '*.py' -o -name '*.yaml' -o -name '*.rviz' -o -name '*.urdf' | sort); then
+if ! is_done data setup.py package.xml resource/* $(find launch params rviz urdf -name '*.py' -o -name '*.yaml' -o -name '*.rviz' -o -name '*.urdf' -o -name '*.xml' | sort); then
     "$venv/bin/python" -W ignore setup.py --quiet install_data --install-dir="$venv"
     done_now
 fi

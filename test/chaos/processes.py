@@ -35,7 +35,7 @@ LIMIT = 150.0  # [s] for a run, on a loaded machine
 ORPHANS = 10.0  # [s] after which nobody of a run may be alive
 SETTINGS = (
     *("world_simulator.scenarios=[1,8]", "world_simulator.episodes=4", "world_simulator.batch=2"),
-    *("graph.progress_timeout=20.0", "recorder.chunk_size=16"),
+    *("graph.progress_timeout=60.0", "recorder.chunk_size=16"),
 )
 COMPARED = (WORLD, SAFETY, "/vehicle/action", "/pedestrian/action")
 _MARK = "VPSCI_CHAOS"
