@@ -266,3 +266,17 @@ def test_set_up_names_in_one_line_what_the_machine_lacks(variable, named, tmp_pa
 def test_the_base_package_needs_no_ros_test_or_build_tool():
     base = [Requirement(line) for line in distribution("vpsci_ros").requires if "extra ==" not in line]
     assert {requirement.name for requirement in base} == {Requirement(line).name for line in SETUP["REQUIRED"]}
+
+
+def test_hashes_are_those_of_the_tested_versions() -> None:
+    hashed = [line.split(" --hash=sha256:") for line in lines(ROOT / "constraints-hashes.txt")]
+    assert all(re.fullmatch("[0-9a-f]{64}", digest) for _, digest in hashed)
+    tested = {line.partition(";")[0].strip() for line in lines(ROOT / "constraints.txt")}
+    assert [version for version, _ in hashed if version not in tested] == []
+    named = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
+    assert [version for version, _ in hashed if "| {} | {} |".format(*version.split("==")) not in named] == []
+
+
+def lines(path: Path) -> list[str]:
+    """Return the lines of a file of requirements, without comments."""
+    return [line for line in path.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#")]

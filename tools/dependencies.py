@@ -1,0 +1,99 @@
+#!/usr/bin/env python
+"""Write what is installed for what, its licences and its hashes, from a report of pip.
+
+    pip install --dry-run --ignore-installed --report report.json -c constraints.txt '.[ros,messages,rl,test]'
+    .venv/bin/python tools/dependencies.py report.json
+
+Writes docs/dependencies.md, and constraints-hashes.txt: the files that pip chose on this platform, each with its
+SHA-256. Builds whose version names one (torch's "+cpu") are left out of the latter: they are not what PyPI serves.
+"""
+
+import argparse
+import importlib.metadata
+import json
+import platform
+import re
+from pathlib import Path
+from typing import Any
+
+from packaging.requirements import Requirement
+
+ROOT = Path(__file__).parent.parent
+HEAD = """# Dependencies
+
+What `pip install '.[ros,messages,rl,realism,openscenario,osi,test]'` (`make setup`) installs, for what, and under which
+licence, as each package's own metadata say; written by `tools/dependencies.py`: {count} packages on {platform}.
+ROS 2's wheels state no licence; theirs are in their package.xml (Apache-2.0, a few BSD-3-Clause or MIT).
+
+The versions are those of `constraints.txt`, which is what is tested; `constraints-hashes.txt` holds the SHA-256 of the
+files for that platform, but for builds such as PyTorch's own for CPUs:
+
+    pip install --require-hashes --no-deps -r constraints-hashes.txt
+
+| package | version | licence | installed for |
+|---|---|---|---|
+"""
+
+
+def licence(metadata: dict[str, Any]) -> str:
+    """Return the licence in a package's metadata: its SPDX expression, its classifiers, or its first line."""
+    if expression := metadata.get("license_expression") or installed(metadata["name"], "License-Expression"):
+        return str(expression)
+    named = [text.split(" :: ")[-1] for text in metadata.get("classifier", []) if text.startswith("License ::")]
+    named = [name for name in named if name != "OSI Approved"]
+    text = (metadata.get("license") or "").strip().splitlines()
+    return ", ".join(named) or (text[0][:60] if text else "not stated")
+
+
+def installed(name: str, field: str) -> str:
+    """Return a field of the installed package's metadata, which older releases of pip leave out of their report."""
+    try:
+        return str(importlib.metadata.metadata(name).get(field, ""))
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def reasons(items: list[dict[str, Any]], root: str) -> dict[str, list[str]]:
+    """Return by package whose direct requirement it is: this package's extras first, else other packages."""
+    found: dict[str, list[str]] = {}
+    for item in sorted(items, key=lambda item: canonical(item["metadata"]["name"]) != root):
+        name = canonical(item["metadata"]["name"])
+        for text in item["metadata"].get("requires_dist", []):
+            requirement = Requirement(text)
+            extra = re.search(r'extra == "([\w-]+)"', str(requirement.marker or ""))
+            who = (f"extra {extra[1]}" if extra else "the package itself") if name == root else name
+            if name == root or not extra:
+                found.setdefault(canonical(requirement.name), []).append(who)
+    return found
+
+
+def canonical(name: str) -> str:
+    """Return a name as package indexes compare it."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def main() -> None:
+    """Write both files."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("report", type=Path, help="what `pip install --report` wrote")
+    items = json.loads(parser.parse_args().report.read_text(encoding="utf-8"))["install"]
+    root = canonical("vpsci_ros")
+    why = reasons(items, root)
+    rows, hashes = [], []
+    for item in sorted(items, key=lambda item: canonical(item["metadata"]["name"])):
+        name, version = canonical(item["metadata"]["name"]), item["metadata"]["version"]
+        if name == root:
+            continue
+        rows.append(f"| {name} | {version} | {licence(item['metadata'])} | {', '.join(why.get(name, [])[:3])} |")
+        digest = item["download_info"].get("archive_info", {}).get("hashes", {}).get("sha256")
+        if digest and "+" not in version:
+            hashes.append(f"{name}=={version} --hash=sha256:{digest}")
+    system = f"{platform.system()} {platform.machine()}, Python {platform.python_version()}"
+    head = HEAD.format(count=len(rows), platform=system)
+    (ROOT / "docs" / "dependencies.md").write_text(head + "\n".join(rows) + "\n", encoding="utf-8")
+    about = f"# Files of the tested packages for {system}, by tools/dependencies.py; see docs/dependencies.md.\n"
+    (ROOT / "constraints-hashes.txt").write_text(about + "\n".join(hashes) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
