@@ -39,7 +39,8 @@ NOTES = """
 - A policy that is killed and started again within `action_timeout` (the node alone, while the others wait) leaves the
   same bag: it asks the world for the frames that it has not seen and goes on as if it had been there.
   `graph.restarts` has `vpsci graph` do so by itself.
-- With one episode at a time (`batch: 1`) the world also publishes both odometries, transforms and `/markers`, for as
+- With one episode at a time (`batch: 1`) the world also publishes both odometries, with `pedestrians` above 1 one a
+  pedestrian on `/pedestrians/odometry` (frame `pedestrian_N/base_link`), transforms and `/markers`, for as
   long as anybody listens, and models of the car and the pedestrian. `rviz2 -d` with the package's `rviz/vpsci.rviz`
   (`rviz:=true` under launch) and Foxglove (layout: `docs/foxglove_layout.json`) show them. Frames are `map`,
   `vehicle/base_link`, the centre of the car's rectangle on the ground, `pedestrian/base_link`, whose x is where it

@@ -1,12 +1,12 @@
 """Agent-steps per second of the world without policies, beside other simulators measured in the same run.
 
-    python test/benchmarks/bench_world.py [--seconds 1.0] [--peers] [--json FILE]
+    python test/benchmarks/bench_world.py [--seconds 1.0] [--pedestrians 1] [--peers] [--json FILE]
 
-An agent-step is one tick of one vehicle or one pedestrian. Counted in are routes, autopilot and walker, CurvTTC of
-every slot at every tick, hand-over, events, the end of episodes and the start of fresh ones from the queue. In
-"rule-based" the autopilot and the walker act for whole episodes, in "handed over" both agents are under policies
-from CurvTTC < 5 s on, whose answers are zeros and cost nothing. Of several windows the best and the median are shown:
-other work on the machine can only slow a window down.
+An agent-step is one tick of one vehicle or one pedestrian; with `--pedestrians`, every episode has so many. Counted in
+are routes, autopilot and walker, CurvTTC of every slot at every tick, hand-over, events, the end of episodes and the
+start of fresh ones from the queue. In "rule-based" the autopilot and the walker act for whole episodes, in "handed over"
+both agents are under policies from CurvTTC < 5 s on, whose answers are zeros and cost nothing. Of several windows the
+best and the median are shown: other work on the machine can only slow a window down.
 
 Peers (benchmarks/peers.py) are VMAS, libsumo and highway-env, each in a process of its own; those that are not
 installed are left out with a note.
@@ -21,6 +21,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numba
@@ -43,7 +44,8 @@ def ticking(config: WorldConfig, batch: int) -> Callable[[], None]:
     """Return a function that takes `batch` slots through one tick; the queue never ends."""
     queue = ((scenario, number) for number in itertools.count() for scenario in range(1, 9))
     world = World(config, load_scenarios(range(1, 9)), queue, batch, 1)
-    loop, zeros = Loop(world), Actions(np.zeros((batch, 2)), np.zeros((batch, 2)))
+    rows = batch * config.pedestrians
+    loop, zeros = Loop(world), Actions(np.zeros((rows, 2)), np.zeros((rows, 2)))
 
     def tick() -> None:
         world.advance(loop.assessment, zeros)
@@ -79,6 +81,7 @@ def main() -> None:
     """Measure, print and, if asked to, write JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=1.0, help="spent on each number")
+    parser.add_argument("--pedestrians", type=int, default=1, help="of an episode")
     parser.add_argument("--peers", action="store_true", help="measure the other simulators too")
     parser.add_argument("--json", type=Path, help="write the numbers here")
     options = parser.parse_args()
@@ -91,7 +94,9 @@ def main() -> None:
         row: dict[str, object] = {"slots": batch}
         text = f"{batch:>8} "
         for name, config in CONFIGS.items():
-            found = [2e-6 * batch * rate for rate in rates(ticking(config, batch), options.seconds)]
+            several = replace(config, pedestrians=options.pedestrians)
+            agents = batch * (1 + options.pedestrians)
+            found = [1e-6 * agents * rate for rate in rates(ticking(several, batch), options.seconds)]
             row[name] = {"best": max(found), "median": float(np.median(found))}
             text += f"{max(found):>10.2f} ({np.median(found):5.2f}) "
         rows.append(row)

@@ -165,21 +165,30 @@ def decide(state, answers, settings, events):  # type: ignore[no-untyped-def]
             share_action(state, first, state[first].pedestrians, answers)
 
 
+@inlined
+def _advance(state, first, count, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
+    """Move a running episode in rows `first` to `first + count` to the next tick, and end it if it is over."""
+    _move(state, first, count, answers, tables, recordings, settings, pushes)
+    outcome = _arrive(state, first, count, tables, settings)
+    if outcome != NONE:
+        for i in range(first, first + count):
+            state[i].outcome, state[i].status = outcome, ENDED
+            events[i] = 1 << FINISHED
+
+
 @kernel
 def move(state, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
     """Move EPISODE[B] to the next tick and end what is over; events uint16[B] gets bits 1 << kind.
 
     :param pushes: float64[B, 2] to work with, of length 0 where each episode has one pedestrian.
     """
-    most = settings.pedestrians
-    for first in range(0, state.size, most):
-        for i in range(first, first + most):
-            events[i] = 0
+    events[:] = 0
+    if settings.pedestrians == 1:  # compiled without the loops over rows, it costs what one pedestrian costs
+        for i in range(state.size):
+            if state[i].status == RUNNING:
+                _advance(state, i, 1, answers, tables, recordings, settings, pushes, events)
+        return
+    for first in range(0, state.size, settings.pedestrians):
         if state[first].status == RUNNING:
             count = state[first].pedestrians
-            _move(state, first, count, answers, tables, recordings, settings, pushes)
-            outcome = _arrive(state, first, count, tables, settings)
-            if outcome != NONE:
-                for i in range(first, first + count):
-                    state[i].outcome, state[i].status = outcome, ENDED
-                    events[i] = 1 << FINISHED
+            _advance(state, first, count, answers, tables, recordings, settings, pushes, events)

@@ -21,8 +21,8 @@ from vpsci_ros.world.people import START_ACCELERATION
 KINDS = ("adult", "older", "child", "distracted", "wheelchair", "stroller")
 ADULT, CHILD = KINDS.index("adult"), KINDS.index("child")
 # in the order of KINDS; the speeds of an adult are the spawn's own
-SPEED = np.array([math.nan, 1.16, 2.60, 1.25, 1.08, 1.25])  # [m/s] mean
-SPEED_SPREAD = np.array([math.nan, 0.24, 0.40, 0.20, 0.25, 0.17])  # [m/s] standard deviation
+SPEED = np.array([math.nan, 1.16, 2.60, 1.04, 1.16, 1.08])  # [m/s] mean
+SPEED_SPREAD = np.array([math.nan, 0.23, 0.40, 0.20, 0.23, 0.17])  # [m/s] standard deviation
 TOP_SPEED = np.array([math.inf, 2.0, 4.5, 3.0, 2.0, 2.5])  # [m/s] under a policy, too
 SET_OFF = np.array([START_ACCELERATION, 0.6, 2.5, START_ACCELERATION, 0.6, 0.7])  # [m/s2] from the kerb
 REACTING = np.array([1.0, 0.9, 0.5, 0.8, 0.9, 1.0])  # share that reacts to the vehicle at all
