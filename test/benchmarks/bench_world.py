@@ -4,9 +4,9 @@
 
 An agent-step is one tick of one vehicle or one pedestrian; with `--pedestrians`, every episode has so many. Counted in
 are routes, autopilot and walker, CurvTTC of every slot at every tick, hand-over, events, the end of episodes and the
-start of fresh ones from the queue. In "rule-based" the autopilot and the walker act for whole episodes, in "handed over"
-both agents are under policies from CurvTTC < 5 s on, whose answers are zeros and cost nothing. Of several windows the
-best and the median are shown: other work on the machine can only slow a window down.
+start of fresh ones from the queue. In "rule-based" the autopilot and the walker act for whole episodes, in "handed
+over" both agents are under policies from CurvTTC < 5 s on, whose answers are zeros and cost nothing. Of several windows
+the best and the median are shown: other work on the machine can only slow a window down.
 
 Peers (benchmarks/peers.py) are VMAS, libsumo and highway-env, each in a process of its own; those that are not
 installed are left out with a note.
