@@ -14,6 +14,7 @@ from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import load_weights, resolved, weights_from_bytes
 from vpsci_ros.world import COLLISION, EVENT, GOAL, WorldConfig, load_scenarios
+from vpsci_ros.world.kinds import KindMixture
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import FINISHED, HANDED_OVER
 
@@ -254,6 +255,15 @@ def test_a_world_that_the_copy_of_it_does_not_match_is_refused(world, message):
         RefineConfig(objective="closed_loop").require_known_world(dataclasses.replace(HALVED, **world))
     if "vehicle_driver" not in world:
         RefineConfig(objective="ddpg").require_known_world(WorldConfig(**world))
+
+
+@pytest.mark.parametrize("objective", ["closed_loop", "ddpg"])
+def test_a_world_of_several_pedestrians_or_other_kinds_is_refused_by_name(objective):
+    config = RefineConfig(objective=objective)
+    with pytest.raises(InvalidInput, match="world_simulator.pedestrians = 3: stage 2 .* expects 1$"):
+        config.require_known_world(dataclasses.replace(HALVED, pedestrians=3))
+    with pytest.raises(InvalidInput, match="world_simulator.kinds: stage 2 learns from adults"):
+        config.require_known_world(dataclasses.replace(HALVED, kinds=KindMixture(older=0.5)))
 
 
 def test_a_checkpoint_of_another_simulation_is_refused(tmp_path, networks, near_misses):

@@ -79,3 +79,16 @@ def test_a_source_brings_the_grounds_of_its_own_scenarios() -> None:
     own = dataclasses.replace(source(motion(), 103), scenarios=[refuge])
     assert packed(own)["grounds"] == {103: ground(refuge)}
     assert grounds([own]) == {}
+
+
+def test_further_pedestrians_come_back_within_half_a_step_and_cost_nothing_where_there_are_none() -> None:
+    others = np.random.default_rng(3).normal(0.0, 2.0, (2, 50, 4))
+    alone = source(motion())
+    crowd = dataclasses.replace(alone, episodes=[dataclasses.replace(alone.episodes[0], others=others)])
+    row = packed(crowd)
+    assert row["episodes"][0]["others"] == 2
+    codes = np.frombuffer(base64.b64decode(row["others"]), "<i2").reshape(2, 50, 4)
+    back = codes * np.array(row["other_steps"]) + [*row["episodes"][0]["middle"], 0.0, 0.0]
+    assert (np.abs(back - others) <= 0.5001 * np.array(row["other_steps"])).all()
+    assert "others" not in packed(alone)
+    assert "others" not in packed(alone)["episodes"][0]
