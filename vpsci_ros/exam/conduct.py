@@ -49,6 +49,7 @@ from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
 
 _BATCH = 64  # episodes side by side, of the autopilot
 _STOPPED = "stopped on request"
+DYING = 1.0  # [s] from the last command of a system that ends to its end
 NEVER_CAME = "the ADS never published /vehicle/cmd_accel or /vehicle/cmd_control, in {:g} s (graph.progress_timeout)"
 
 
@@ -203,11 +204,12 @@ def _meet(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
             told.update(seen)
             spoke = any(seen.get(f"world_simulator.vehicle_commands{kind}") for kind in ("", "_refused", "_early"))
             absent = seen.get("world_simulator.tick") == 0.0 and not spoke and watch.idle_time() > patience
-            reasons.append(
-                (failure(ads) if ads else "")
-                or flood(seen, exam.config.surplus_limit, late=time.monotonic() - begun > patience)
-                or (NEVER_CAME.format(patience) if ads and absent else silent(seen))
-            )
+            late = time.monotonic() - begun > patience
+            reason = flood(seen, exam.config.surplus_limit, late=late)
+            reason = reason or (NEVER_CAME.format(patience) if ads and absent else silent(seen))
+            if reason and ads and not failure(ads):
+                time.sleep(DYING)  # who falls silent may be about to end with other words
+            reasons.append((failure(ads) if ads else "") or reason)
             return reasons[-1]
 
         result = run_graph(_graph(exam, name, folder), folder / "runs" / name, quiet=quiet, stop_when=failed)

@@ -1,0 +1,112 @@
+"""A policy trained with Stable-Baselines3 in the Gymnasium environment, then put to the exam as an ADS node.
+
+    python examples/trained_policy.py train out/policy.safetensors --steps 100000
+    vpsci ads-test --params params/ads_test.yaml -o out/trained \
+        --ads "python examples/trained_policy.py drive out/policy.safetensors"
+
+The node observes what the environment shows: it makes the observation of `/world/state` by the same function. So it
+knows where the pedestrian truly is, whatever perception says, and knows the package's own scenarios only.
+"""
+
+import argparse
+import contextlib
+from pathlib import Path
+
+import numpy as np
+from safetensors.torch import load_file, save_file
+from stable_baselines3 import PPO
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from vpsci_ros.bags import received
+from vpsci_ros.envs import driving
+from vpsci_ros.envs.right_turn import ACTION_SPACE, OBSERVATION_SPACE, RightTurnEnv
+from vpsci_ros.world import IDLE, load_scenarios
+from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.scenario import further_files, scenario_files
+from vpsci_ros.world.tables import tables_from
+
+ENVIRONMENTS = 8
+HOLD = 2  # ticks for which an action holds: the environment's step of 0.1 s
+
+
+def train(path: Path, steps: int, scenarios: list[int], seed: int) -> None:
+    """Train with PPO against walkers who do not react, and save the policy's weights."""
+    made = [lambda: RightTurnEnv(scenarios, pedestrian="autopilot") for _ in range(ENVIRONMENTS)]
+    model = PPO("MlpPolicy", DummyVecEnv(made), n_steps=256, batch_size=512, gamma=0.98, seed=seed, device="cpu")
+    model.learn(steps)
+    save_file(model.policy.state_dict(), path)
+
+
+def load(path: Path) -> ActorCriticPolicy:
+    """Return a policy with the weights of a file."""
+    policy = ActorCriticPolicy(OBSERVATION_SPACE, ACTION_SPACE, lr_schedule=lambda _: 0.0)
+    policy.load_state_dict(load_file(path))
+    return policy.eval()
+
+
+class Driver:
+    """What the policy does with one row of the world's state after the other."""
+
+    def __init__(self, policy: ActorCriticPolicy) -> None:
+        scenarios = load_scenarios([*scenario_files(), *further_files()])
+        self._policy = policy
+        self._tables = tables_from(scenarios)
+        self._row_of = {scenario.number: row for row, scenario in enumerate(scenarios)}
+        self._held = np.zeros(3)
+
+    def control(self, state: np.ndarray) -> np.ndarray:
+        """Return (steer, throttle, brake) for EPISODE[1]: chosen at every second frame, held at the others."""
+        if state["status"][0] == IDLE:  # between two episodes
+            return np.zeros(3)
+        if state["frame"][0] % HOLD == 0:
+            state["table"] = self._row_of[int(state["scenario"][0])]
+            path = self._tables.lane[state["table"][0]][: self._tables.rows["lane_count"][state["table"][0]]]
+            place = np.hypot(*(path - [state["vehicle_x"][0], state["vehicle_y"][0]]).T).argmin()
+            state["route_s"] = place * self._tables.rows["lane_step"][state["table"][0]]
+            observation = driving.observe(state, assess(state, MonitorConfig())[0], self._tables)
+            action, _ = self._policy.predict(observation, deterministic=True)
+            self._held = driving.controls(action)[0]
+        return self._held
+
+
+def drive(path: Path) -> None:
+    """Answer every tick of the world on `/vehicle/cmd_control` until stopped."""
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+
+    from vpsci_msgs.msg import VehicleControl, WorldState
+
+    rclpy.init()
+    node, driver = rclpy.create_node("trained_policy"), Driver(load(path))
+    command = node.create_publisher(VehicleControl, "vehicle/cmd_control", 10)
+
+    def on_state(message: WorldState) -> None:
+        steer, throttle, brake = (float(value) for value in driver.control(received.world_state(message).state[:1]))
+        command.publish(
+            VehicleControl(header=message.header, tick=message.tick, steer=steer, throttle=throttle, brake=brake)
+        )
+
+    node.create_subscription(WorldState, "world/state", on_state, 10)
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(node)
+    rclpy.try_shutdown()
+
+
+def main() -> None:
+    """Train, or drive."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=["train", "drive"])
+    parser.add_argument("weights", type=Path, help="safetensors file, written or read")
+    parser.add_argument("--steps", type=int, default=100_000, help="of 0.1 s, of all environments together")
+    parser.add_argument("--scenarios", type=int, nargs="+", default=[1, 5, 101, 102])
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    if given.what == "train":
+        train(given.weights, given.steps, given.scenarios, given.seed)
+    else:
+        drive(given.weights)
+
+
+if __name__ == "__main__":
+    main()

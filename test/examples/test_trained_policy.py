@@ -1,0 +1,70 @@
+"""A policy of Stable-Baselines3 drives through the node as it does in the environment, and sits the exam."""
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (extra: test)")
+pytest.importorskip("gymnasium", reason="needs gymnasium (extra: rl)")
+
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.envs.right_turn import RightTurnEnv
+from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.nodes.domain import own_domain
+from vpsci_ros.resources import params_dir
+
+PROGRAM = Path(__file__).parents[2] / "examples" / "trained_policy.py"
+
+
+@pytest.fixture(scope="module")
+def example() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("trained_policy", PROGRAM)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A policy that has learned for a moment: it moves, and no more is asked of it."""
+    path = tmp_path_factory.mktemp("trained") / "policy.safetensors"
+    command = [sys.executable, str(PROGRAM), "train", str(path), "--steps", "2048", "--scenarios", "1", "101"]
+    subprocess.run(command, check=True, timeout=120)
+    return path
+
+
+def test_the_node_does_what_the_policy_does_in_the_environment(example: ModuleType, weights: Path) -> None:
+    policy = example.load(weights)
+    driver = example.Driver(policy)
+    env = RightTurnEnv([101], pedestrian="autopilot")
+    observation, _ = env.reset(seed=4)
+    for _ in range(20):
+        action, _ = policy.predict(observation, deterministic=True)
+        expected = example.driving.controls(action[None])[0]
+        state: Any = env._last.state.copy()
+        state["table"], state["route_s"] = 0, 0.0  # which no message tells
+        np.testing.assert_allclose(driver.control(state), expected, atol=1e-5)
+        observation, _, ended, cut, _ = env.step(action)
+        if ended or cut:
+            break
+
+
+def test_it_sits_the_exam_and_answers_every_tick(weights: Path, tmp_path: Path) -> None:
+    exam = {"pedestrians": ["walker"], "baseline": False}
+    world = {"scenarios": [101], "episodes": 2, "episode_time": 4.0, "action_timeout": 30.0}
+    chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", exam)
+    with own_domain():
+        run_exam(prepare(chosen, f"{sys.executable} {PROGRAM} drive {weights}"), tmp_path / "exam", quiet=True)
+    report = json.loads((tmp_path / "exam" / "report.json").read_text())
+    assert report["conduct"]["walker"]["episodes_driven"] == 2
+    assert report["conduct"]["walker"]["commands_refused"] == 0
+    assert report["drivers"]["ads"]["walker"]["episodes"] == 2
