@@ -101,6 +101,18 @@ def _refuse_bombs(text: str) -> None:
             raise yaml.composer.ComposerError(None, None, f"nested deeper than {DEEPEST}", event.start_mark)
 
 
+class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
+    """Writes every value in place: what is read here, and by ROS 2 and readers in C++, has no aliases."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def dump_yaml(value: Any) -> str:
+    """Return plain values as YAML, in their own order, that `parse_yaml` reads."""
+    return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False))
+
+
 def read_yaml(path: str | Path) -> Any:
     """Return what a YAML file holds.
 

@@ -5,10 +5,10 @@ import re
 from pathlib import Path
 
 import pytest
-import yaml
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
+from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.report.dataset_info import print_info
 
@@ -16,7 +16,7 @@ from vpsci_ros.report.dataset_info import print_info
 @pytest.fixture
 def params(sections, tmp_path: Path) -> Path:
     path = tmp_path / "params.yaml"
-    path.write_text(yaml.safe_dump({name: {"ros__parameters": values} for name, values in sections.values.items()}))
+    path.write_text(dump_yaml({name: {"ros__parameters": values} for name, values in sections.values.items()}))
     return path
 
 

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import yaml
 from mcap.writer import CompressionType, Writer
 
 from vpsci_ros import __version__
+from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.runs.files import require_empty_folder, written_whole
 
@@ -170,7 +170,7 @@ class BagWriter:
         for topic in self.topics.values():
             if topic.type not in schemas:
                 schemas[topic.type] = self._writer.register_schema(topic.type, "ros2msg", topic.definition.encode())
-            profile = yaml.safe_dump([topic.qos()], sort_keys=False)
+            profile = dump_yaml([topic.qos()])
             details = {"offered_qos_profiles": profile, "topic_type_hash": topic.type_hash}
             topic.channel = self._writer.register_channel(topic.name, "cdr", schemas[topic.type], details)
         for name, values in self._described:
@@ -222,7 +222,7 @@ def write_metadata(folder: Path, files: list[BagFile], topics: list[BagTopic], c
         "ros_distro": "jazzy",
     }
     with written_whole(folder / "metadata.yaml") as path:
-        text = yaml.dump({"rosbag2_bagfile_information": information}, Dumper=_NoAliases, sort_keys=False)
+        text = dump_yaml({"rosbag2_bagfile_information": information})
         path.write_text(text, encoding="utf-8")
 
 
@@ -233,10 +233,3 @@ def _extent(file: BagFile) -> dict[str, object]:
         "starting_time": {"nanoseconds_since_epoch": file.first if count else 0},
         "message_count": count,
     }
-
-
-class _NoAliases(yaml.SafeDumper):  # type: ignore[misc]
-    """Readers of metadata.yaml in C++ get every value in place, not as a YAML alias."""
-
-    def ignore_aliases(self, data: object) -> bool:
-        return True

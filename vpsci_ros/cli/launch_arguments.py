@@ -5,9 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import yaml
-
 from vpsci_ros.cli.parameter_file import STAGES, load, stage_of
+from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import resolve
@@ -93,7 +92,7 @@ def prepare(params: str, output: str, given: Mapping[str, str], settings: str = 
         sections = sections.changed(name, {"peers": list(graph.nodes)})  # no list twice: ROS 2 reads no YAML aliases
     parameters = require_empty_folder(folder) / "params.yaml"
     layout = as_ros_parameters(sections.values, any_namespace=True)
-    parameters.write_text(yaml.safe_dump(layout, sort_keys=False), encoding="utf-8")
+    parameters.write_text(dump_yaml(layout), encoding="utf-8")
     return LaunchedRun(folder, parameters, graph.nodes, graph.namespace)
 
 

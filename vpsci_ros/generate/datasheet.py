@@ -6,12 +6,11 @@ It is the folder's README.md, and begins with what dataset hubs read: licence, f
 from collections.abc import Mapping
 from typing import Any
 
-import yaml
-
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS
 from vpsci_ros.data.dataset_index import REJECTED
 from vpsci_ros.data.filters import REASONS
 from vpsci_ros.data.published import LEAST_CURVTTC, TABLE_10
+from vpsci_ros.documents import dump_yaml
 
 DATASHEET = "README.md"
 LICENCE = "apache-2.0"  # that of the package and of the weights it ships; who publishes a dataset may choose another
@@ -26,7 +25,7 @@ def datasheet(description: Mapping[str, Any]) -> str:
     return (
         "\n\n".join(
             [
-                f"---\n{yaml.safe_dump(_card(description), sort_keys=False)}---",
+                f"---\n{dump_yaml(_card(description))}---",
                 "# Vehicle-pedestrian safety-critical interactions, simulated",
                 _what(description),
                 _table(rows),

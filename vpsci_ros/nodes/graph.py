@@ -13,11 +13,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import yaml
-
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.bags.run_record import bag_run
+from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.learning.config import LearnerConfig, RefineConfig
 from vpsci_ros.nodes.config import GraphConfig, section_classes
@@ -83,7 +82,7 @@ def run_graph(
     parameters = folder / "params.yaml"
     chosen = resolved.get(GraphConfig, "graph")
     layout = as_ros_parameters(resolved.values, any_namespace=bool(chosen.namespace))
-    parameters.write_text(yaml.safe_dump(layout, sort_keys=False), encoding="utf-8")
+    parameters.write_text(dump_yaml(layout), encoding="utf-8")
     result = GraphResult(folder)
     begun = time.monotonic()
     with stop_requested_by_signals() as requested:  # until the record is written: nothing cuts that short

@@ -11,9 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import yaml
-
-from vpsci_ros.documents import read_yaml, reason
+from vpsci_ros.documents import dump_yaml, parse_yaml, read_yaml, reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import as_ros_parameters, flat
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_text
@@ -49,10 +47,10 @@ class RunFolder:
         self.results: dict[str, Any] = {}
         """What the run came to, JSON values; goes into the record."""
         parameters = folder / PARAMETERS
-        text = yaml.safe_dump(as_ros_parameters(sections.values), sort_keys=False)
+        text = dump_yaml(as_ros_parameters(sections.values))
         if parameters.exists():
             found = _values(parameters)
-            require_same(parameters, found, dict.fromkeys(found) | _flat(yaml.safe_load(text)))
+            require_same(parameters, found, dict.fromkeys(found) | _flat(parse_yaml(text, str(parameters))))
         elif not any(folder.glob(f"*{_GOES_ON}")):
             require_empty_folder(folder)
         self._inputs = {str(path): sha256(path) for path in inputs}

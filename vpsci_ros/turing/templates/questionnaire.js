@@ -26,7 +26,7 @@ function orderFor(text) {
 function episodeOf(clip) {
   const columns = [0, 1, 2, 3, 4].map((column) => clip.values.map((row) => row[column]));
   const [x, y, heading, ped_x, ped_y] = columns, zero = x.map(() => 0);
-  return { x, y, heading, ped_x, ped_y, speed: zero, curvature: zero, ped_vx: zero, ped_vy: zero, ped_speed: zero,
+  return { people: [], x, y, heading, ped_x, ped_y, speed: zero, curvature: zero, ped_vx: zero, ped_vy: zero, ped_speed: zero,
     acceleration: zero, ped_acceleration: zero, curvttc: x.map(() => Infinity), held: zero, frames: x.length,
     period: kit.period, duration: (x.length - 1) * kit.period, size: kit.size, middle: [0, 0] };
 }
