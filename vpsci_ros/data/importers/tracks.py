@@ -1,5 +1,6 @@
 """Tracks of one clip: read from CSV with every value checked, cut at gaps, and resampled to the 0.1 s grid."""
 
+import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -106,19 +107,25 @@ def resample(table: pl.DataFrame, frame_rate: float, angle: str | None = None) -
 
     :param frame_rate: of the recording [1/s].
     """
-    for part in table.partition_by("id", maintain_order=True):
-        times = part["frame"].to_numpy() / frame_rate
-        for piece in np.split(np.arange(len(times)), np.flatnonzero(np.diff(times) > MAX_GAP) + 1):
-            own = times[piece]
-            first = int(np.ceil(own[0] / STEP - _GRID))
-            steps = np.arange(first, int(np.floor(own[-1] / STEP + _GRID)) + 1)
-            if len(steps) == 0:
-                continue
-            values = {}
-            for name in part.columns[2:]:
-                raw = part[name].to_numpy()[piece]
-                values[name] = np.interp(steps * STEP, own, np.unwrap(raw) if name == angle else raw)
-            yield Track(int(part["id"][0]), first, values)
+    if table.is_empty():
+        return
+    columns = {name: table[name].to_numpy() for name in table.columns}
+    _, begins, which = np.unique(columns["id"], return_index=True, return_inverse=True)
+    order = np.argsort(begins[which], kind="stable")  # ids as they first appear, the rows of each together
+    number, time = columns["id"][order], columns["frame"][order] / frame_rate
+    raw = {name: columns[name][order] for name in table.columns[2:]}
+    cuts = np.flatnonzero((np.diff(number) != 0) | (np.diff(time) > MAX_GAP)) + 1
+    for begin, end in itertools.pairwise([0, *cuts.tolist(), len(time)]):
+        own = time[begin:end]
+        first = int(np.ceil(own[0] / STEP - _GRID))
+        steps = np.arange(first, int(np.floor(own[-1] / STEP + _GRID)) + 1)
+        if len(steps) == 0:
+            continue
+        values = {}
+        for name, column in raw.items():
+            piece = column[begin:end]
+            values[name] = np.interp(steps * STEP, own, np.unwrap(piece) if name == angle else piece)
+        yield Track(int(number[begin]), first, values)
 
 
 def slope(values: Floats, half_window: int = 2) -> Floats:
