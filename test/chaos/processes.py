@@ -34,7 +34,7 @@ PATIENT = 60.0  # [s] longer than any node of an undisturbed run is kept from th
 LIMIT = 150.0  # [s] for a run, on a loaded machine
 ORPHANS = 10.0  # [s] after which nobody of a run may be alive
 SETTINGS = (
-    *("world_simulator.scenarios=[1,8]", "world_simulator.episodes=4", "world_simulator.batch=2"),
+    *("world_simulator.scenarios=[1,8]", "world_simulator.episodes=2", "world_simulator.batch=2"),
     *("graph.progress_timeout=60.0", "recorder.chunk_size=16"),
 )
 COMPARED = (WORLD, SAFETY, "/vehicle/action", "/pedestrian/action")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from chaos import files, processes, writes
 
-CASES = 40
+CASES = 20
 CORPUS = sorted(path for path in files.CORPUS.rglob("*") if path.is_file())
 
 
@@ -38,10 +38,9 @@ def test_a_defect_would_be_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "without a word" in files.judged("parameters", b"a: 1", whole, target)
 
 
-@pytest.mark.parametrize("seed", [3, 5])
-def test_a_disturbed_graph_is_complete_or_says_what_it_lacks(seed: int, tmp_path: Path) -> None:
+def test_a_disturbed_graph_is_complete_or_says_what_it_lacks(tmp_path: Path) -> None:
     whole, lasts = processes.undisturbed()
-    disturbed = processes.disturbance(seed, lasts)
+    disturbed = processes.disturbance(3, lasts)  # SIGSTOP to a policy, for 2.7 s in the middle of it
     assert processes.defects(processes.run(tmp_path, disturbed), disturbed, whole) == [], disturbed
 
 
