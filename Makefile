@@ -2,7 +2,7 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
-# Two processes, a file of tests to each: half of the time is spent waiting for graphs. `make test JOBS=0`: one.
+# Two processes, which take tests from each other in the end: half of the time is spent waiting for graphs. `make test JOBS=0`: one.
 JOBS ?= 2
 PYTEST_ARGS ?=
 # Real recordings (vci_dut/, vci_citr/) for the demo; where there are none, a synthetic sample stands in.
@@ -24,12 +24,12 @@ demo: setup  ## run all three stages, small; leaves bags, tables and a page that
 	@$(BIN)/vpsci demo --force $(if $(VPSCI_DATA),--data $(VPSCI_DATA))
 
 test: setup  ## run the tests
-	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist loadfile $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
 
 check: setup  ## what a change has to pass: ruff, mypy, tests
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
-	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist loadfile $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
 
 chaos: setup  ## damage thousands of files and a hundred graphs, and count what does not hold (two hours)
 	@$(BIN)/python test/chaos/campaign.py files -o out/chaos/files

@@ -57,7 +57,7 @@ def test_a_state_without_episodes_is_refused() -> None:
     ("changed", "message"),
     [
         ({"slot": np.zeros(2, np.uint32)}, "expected 1 entries in slot, got 2"),
-        ({"outcome": np.array([200], np.uint8)}, "outcome: expected codes from 0 to 3, got 200"),
+        ({"outcome": np.array([200], np.uint8)}, "outcome: expected codes from 0 to 4, got 200"),
         ({"kind": np.array([0], np.uint8)}, "kind: expected codes from 1 to 8, got 0"),
     ],
 )

@@ -155,9 +155,14 @@ def _alive_after(seconds: float, mark: str) -> list[str]:
 
 
 def content(bag: Path) -> dict[str, str]:
-    """Return a hash of every compared message of a bag by topic and stamp; what is whole of one that is damaged."""
-    messages = Bag(bag, recover=True).messages(COMPARED)
-    return {f"{raw.topic} {raw.time}": hashlib.sha256(raw.data[12:]).hexdigest() for raw in messages}
+    """Return a hash of every compared message of a bag by topic and stamp; what is whole of one that is damaged.
+
+    The answers to the last tick are left out: the world is done then, and waits for nobody.
+    """
+    messages = list(Bag(bag, recover=True).messages(COMPARED))
+    end = max((raw.time for raw in messages), default=0)
+    waited_for = [raw for raw in messages if raw.time < end or raw.topic == WORLD]
+    return {f"{raw.topic} {raw.time}": hashlib.sha256(raw.data[12:]).hexdigest() for raw in waited_for}
 
 
 def defects(case: Run, disturbed: Disturbance, undisturbed: dict[str, str]) -> list[str]:

@@ -133,7 +133,7 @@ def test_a_file_of_an_earlier_version_without_a_checksum_is_read(networks):
     weights = networks().weights({}, {})
     data = weights_to_bytes(weights)
     stripped = re.sub(
-        rb'"tensors_sha256":"[0-9a-f]{64}"', lambda m: b'"older":"' + b"1" * (len(m[0]) - 10) + b'"', data
+        rb'"tensors_sha256":"[0-9a-f]{64}"', lambda m: b'"older":"0.' + b"1" * (len(m[0]) - 12) + b'"', data
     )
     assert stripped != data
     assert weights_from_bytes(stripped).digest() == weights.digest()
