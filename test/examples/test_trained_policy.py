@@ -58,6 +58,7 @@ def test_the_node_does_what_the_policy_does_in_the_environment(example: ModuleTy
             break
 
 
+@pytest.mark.slow
 def test_it_sits_the_exam_and_answers_every_tick(weights: Path, tmp_path: Path) -> None:
     exam = {"pedestrians": ["walker"], "baseline": False}
     world = {"scenarios": [101], "episodes": 2, "episode_time": 4.0, "action_timeout": 30.0}

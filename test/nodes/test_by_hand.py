@@ -151,6 +151,7 @@ def test_two_graphs_in_two_namespaces_do_not_see_each_other_and_follow_the_param
     assert ticks[0] != ticks[1]
 
 
+@pytest.mark.slow
 def test_every_node_says_for_whom_it_waits(by_hand: Callable[..., ByHand]) -> None:
     graph = by_hand("waits")
     graph.start("world_simulator", "vehicle_policy")

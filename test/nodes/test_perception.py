@@ -127,6 +127,7 @@ def test_the_exams_ads_is_told_of_objects_and_never_the_truth(domain: int, tmp_p
     assert said.count("objects") > 50
 
 
+@pytest.mark.slow
 def test_the_report_says_what_the_ads_was_told_and_by_group_who_was_hidden(domain: int, tmp_path: Path) -> None:
     """The example sees nobody beyond 8 m, so it is told late."""
     folder = tmp_path / "exam"
