@@ -38,6 +38,7 @@ def test_a_defect_would_be_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "without a word" in files.judged("parameters", b"a: 1", whole, target)
 
 
+@pytest.mark.slow
 def test_a_disturbed_graph_is_complete_or_says_what_it_lacks(tmp_path: Path) -> None:
     whole, lasts = processes.undisturbed()
     disturbed = processes.disturbance(3, lasts)  # SIGSTOP to a policy, for 2.7 s in the middle of it

@@ -72,6 +72,7 @@ def test_every_parameter_file_of_the_package_is_accepted(path: Path) -> None:
     assert all(sections.get(kind, node) for node in sections.values for kind in kinds[node])
 
 
+@pytest.mark.slow
 def test_pretraining_writes_weights_that_evaluation_reads(tmp_path: Path) -> None:
     small = [
         f"learner.{name}" for name in ("episodes=2", "imitation.rollouts=4", "replay.batch_size=16", "evaluate_every=2")

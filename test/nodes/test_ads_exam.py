@@ -131,6 +131,7 @@ def test_an_ads_that_never_speaks_fails_the_exam_after_the_graph_s_patience(doma
     assert read(tmp_path / "exam")[0]["conduct"]["alone"]["episodes_driven"] == 0
 
 
+@pytest.mark.slow
 def test_what_a_flooding_ads_sends_wrongly_is_refused_and_counted_and_the_exam_goes_on(
     domain: int, tmp_path: Path, odd: str
 ) -> None:

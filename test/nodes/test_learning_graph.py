@@ -38,6 +38,7 @@ SMALL_STAGE_2 = {
 }
 
 
+@pytest.mark.slow
 def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph_runs(
     domain: int, tmp_path: Path
 ) -> None:

@@ -118,6 +118,7 @@ rclpy.spin(node)
 """
 
 
+@pytest.mark.slow
 def test_the_exams_ads_is_told_of_objects_and_never_the_truth(domain: int, tmp_path: Path) -> None:
     script = tmp_path / "blind.py"
     script.write_text(BLIND)

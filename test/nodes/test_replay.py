@@ -31,6 +31,7 @@ def motion(bag: Path, names: tuple[str, ...]) -> np.ndarray:
     return np.array([[row[name] for name in ("episode", "frame", *names)] for part in rows for row in part])
 
 
+@pytest.mark.slow
 def test_a_recorded_vehicle_drives_again_against_another_pedestrian(domain: int, tmp_path: Path) -> None:
     first = run_graph(sections(vehicle_driver="autopilot"), tmp_path / "first", quiet=True)
     assert first.error == ""
