@@ -8,13 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, UInt64
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, WorldState
+from vpsci_msgs.srv import History
 from vpsci_ros.bags.info import bag_info
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.transitions import TRANSITION
@@ -31,6 +36,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.signature import VARIABLE, new_secret, signature
 from vpsci_ros.world import EPISODE, RUNNING
+from vpsci_ros.world.lockstep import LockStepConfig
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 PERIOD = 0.05
@@ -136,6 +142,70 @@ def test_a_policy_refuses_bad_messages_and_a_tick_of_2_to_the_40_and_answers_the
     policy._on_safety(safety(2))
     here.spin_until(lambda: answered == [0, 2])
     assert shown(policy) == {"refused /world/state": 4, "refused /safety/state": 2}
+
+
+def test_a_policy_keeps_to_the_first_state_of_a_tick(
+    context: Context, stage: Callable[..., Stage], weights: str
+) -> None:
+    policy = VehiclePolicy(context=context, parameter_overrides=[Parameter("weights", value=weights)])
+    stage(policy)
+    for again in (state(3), state(3), state(3, vehicle_x=array("d", [9.0]))):
+        policy._on_state(again)
+    assert policy._state is not None
+    assert policy._state.tick.state["vehicle_x"][0] == 0.0
+    assert shown(policy) == {"refused /world/state": 1}
+
+
+@pytest.mark.parametrize(("heard_since", "known"), [(False, 2), (True, 500)])
+def test_a_policy_that_believed_in_a_tick_to_come_goes_back_to_the_worlds_where_nothing_else_is_heard(
+    context: Context, stage: Callable[..., Stage], weights: str, heard_since: bool, known: int
+) -> None:
+    policy = VehiclePolicy(context=context, parameter_overrides=[Parameter("weights", value=weights)])
+    stage(policy)
+    policy._known, policy._reply = 500, Future()
+    policy._requested_at, policy._received_at = 10.0, 11.0 if heard_since else 9.0
+    policy._reply.set_result(History.Response(running=True, tick=3))
+    policy._on_history(policy._reply)
+    assert policy._known == known
+
+
+def test_a_recorder_refuses_bytes_that_are_no_message(
+    context: Context, stage: Callable[..., Stage], tmp_path: Path
+) -> None:
+    recorder = Recorder(context=context, parameter_overrides=[Parameter("bag", value=str(tmp_path / "bag"))])
+    stage(recorder)
+    for topic in ("/tf", "/tf_static", "/diagnostics", "/episode/event"):
+        recorder._on_message(topic, b"\x00\x01\x00\x00" + b"\xff" * 40)
+    refused = {"refused /tf": 1, "refused /tf_static": 1, "refused /diagnostics": 1, "refused /episode/event": 1}
+    assert shown(recorder) == refused
+    recorder.close()
+
+
+CODES = [*range(11), 255]  # of types of a parameter's value; 10 and 255 are none
+
+
+def test_a_node_refuses_parameters_that_are_none_and_takes_those_that_are(
+    context: Context, stage: Callable[..., Stage]
+) -> None:
+    world = WorldSimulator(context=context)
+    here = stage(world)
+    one = here.peer.create_client(SetParameters, "world_simulator/set_parameters")
+    all_at_once = here.peer.create_client(SetParametersAtomically, "world_simulator/set_parameters_atomically")
+    here.spin_until(lambda: one.service_is_ready() and all_at_once.service_is_ready())
+
+    def ask(client: Any, kind: Any, given: list[Any]) -> Any:
+        reply = client.call_async(kind.Request(parameters=given))
+        here.spin_until(reply.done)
+        return reply.result()
+
+    for name in ("", "action_timeout", "seed", "no_such"):
+        odd = [ParameterMessage(name=name, value=ParameterValue(type=code)) for code in CODES]
+        replies = ask(one, SetParameters, odd).results
+        assert [code for code, reply in zip(CODES, replies, strict=True) if reply.successful] == [], name
+        assert not any(ask(all_at_once, SetParametersAtomically, [each]).result.successful for each in odd)
+    good = Parameter("action_timeout", value=7.0).to_parameter_msg()
+    assert [each.successful for each in ask(one, SetParameters, [odd[-1], good]).results] == [False, True]
+    assert world.config(LockStepConfig).action_timeout == 7.0
 
 
 def test_a_policy_that_waits_for_weights_refuses_what_is_none(context: Context, stage: Callable[..., Stage]) -> None:

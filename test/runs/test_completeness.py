@@ -33,6 +33,10 @@ def test_answers_of_an_agent_that_is_no_node_of_the_graph_may_be_missing() -> No
             {"world_simulator.vehicle_answers_contradicted": 4.0},
             "4 answers contradict those of vehicle_policy: somebody else answered, too",
         ),
+        (
+            {"world_simulator.safety_answers_early": 2.0},
+            "2 answers for safety_monitor came before their tick: somebody else published, too",
+        ),
         ({"world_simulator.published /clock": 7.0}, "the bag holds 0 of 7 messages on /clock"),
     ],
 )

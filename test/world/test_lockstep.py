@@ -73,13 +73,26 @@ def test_between_policy_ticks_nobody_waits_for_policies(session: Session) -> Non
     assert session.lock_step.may_advance()
 
 
-def test_answers_to_other_ticks_are_passed_over(session: Session) -> None:
-    session.answer()
+def test_answers_to_earlier_ticks_are_passed_over(session: Session) -> None:
     session.begin(4)
     session.answer(2)
     assert session.lock_step.assessment is None
     assert session.lock_step.actions == Actions()
     assert not session.counts
+
+
+@pytest.mark.parametrize("begun", [False, True], ids=["before the first tick", "at a tick"])
+def test_an_answer_to_a_tick_that_is_still_to_come_is_refused_and_counted(session: Session, begun: bool) -> None:
+    if begun:
+        session.begin()
+    for answer in (session.monitor, lambda number: session.agent("vehicle", number)):
+        with pytest.raises(InvalidInput, match="expected no answer to tick 3 yet, which is still to come"):
+            answer(3)
+    assert session.counts == {"safety_answers_early": 1, "vehicle_answers_early": 1}
+    session.begin(3)
+    session.answer(3)
+    assert session.lock_step.may_advance()
+    assert session.lock_step.versions == {"vehicle": 7, "pedestrian": 7}
 
 
 def test_a_tick_forgets_the_answers_to_the_last_one(session: Session) -> None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.resources import messages_dir
+from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.state import EPISODE, EVENT, IDLE
 from vpsci_ros.world.tick import Assessment, Tick
 
@@ -44,19 +45,21 @@ _NEEDED = (
 )
 
 
-def _sequences(message: str, record: np.dtype[Any]) -> dict[str, tuple[int, ...]]:
-    """Return the sequences of a message that are also fields of a record, in the order of its definition: their shapes.
-
-    The shape is that of the field in one record.
-    """
+def sequences(message: str) -> dict[str, str]:
+    """Return the sequences of numbers of a message of this package in the order of its definition: name -> type."""
     lines = (messages_dir() / f"{message}.msg").read_text(encoding="utf-8").splitlines()
-    names = [line.split()[1] for line in lines if "[]" in line.partition("#")[0]]
-    return {name: record[name].shape for name in names if name in (record.names or ())}
+    fields = [line.split()[:2] for line in lines if "[]" in line.partition("#")[0]]
+    return {name: kind.removesuffix("[]") for kind, name in fields}
 
 
-_STATE = _sequences("WorldState", EPISODE)
-_EVENT = _sequences("EpisodeEvent", EVENT)
-_TRANSITION = _sequences("Transition", TRANSITION)
+def _shapes(message: str, record: np.dtype[Any]) -> dict[str, tuple[int, ...]]:
+    """Return the shape in one record of each sequence of a message that is also a field of the record."""
+    return {name: record[name].shape for name in sequences(message) if name in (record.names or ())}
+
+
+_STATE = _shapes("WorldState", EPISODE)
+_EVENT = _shapes("EpisodeEvent", EVENT)
+_TRANSITION = _shapes("Transition", TRANSITION)
 _DTYPES = {code: np.dtype(code) for code in "BIQfd"}
 _VERSIONS = ("vehicle_policy_version", "pedestrian_policy_version")
 
@@ -164,18 +167,26 @@ def world_state(message: Any, where: str = WORLD) -> Tick:
     state = _records(message, _STATE, np.zeros(len(message.scenario), EPISODE), where, _NEEDED)
     flags = getattr(message, "policy_frame", None)
     frame = np.zeros(len(state), bool) if flags is None else checked(flags, len(state), where, "policy_frame") != 0
-    state["pedestrian"] = _numbers(state)
+    number_pedestrians(state)
     return Tick(number=int(message.tick), state=state, policy_frame=frame)
 
 
-def _numbers(state: Array) -> Array:
-    """Return the number of each pedestrian within its episode, int64[B], of EPISODE[B] records."""
-    rows = np.arange(len(state))
-    another = np.ones(len(state), np.bool_)
-    another[1:] = state["status"][1:] == IDLE
-    for name in ("episode", "scenario", "vehicle_x", "vehicle_y"):
-        another[1:] |= state[name][1:] != state[name][:-1]
-    return rows - np.maximum.accumulate(np.where(another, rows, 0))
+@kernel
+def number_pedestrians(state):  # type: ignore[no-untyped-def]
+    """Set the number of each pedestrian within its episode, in EPISODE[B] records."""
+    first = 0  # of the episode
+    for i in range(state.size):
+        if i > 0:
+            slot, last = state[i], state[i - 1]
+            if (
+                slot.status == IDLE
+                or slot.episode != last.episode
+                or slot.scenario != last.scenario
+                or slot.vehicle_x != last.vehicle_x
+                or slot.vehicle_y != last.vehicle_y
+            ):
+                first = i
+        state[i].pedestrian = i - first
 
 
 def safety_state(message: Any, batch: int, where: str = SAFETY) -> tuple[Array, Array, Array]:
@@ -202,8 +213,10 @@ def action(message: Any, batch: int, where: str) -> Array:
 
     :raises InvalidInput: not one pair of numbers per episode.
     """
-    along = checked(message.longitudinal, batch, where, "longitudinal")
-    return np.stack([along, checked(message.lateral, batch, where, "lateral")], axis=1)
+    pairs = np.empty((batch, 2))
+    for column, name in enumerate(("longitudinal", "lateral")):
+        pairs[:, column] = checked(getattr(message, name), batch, where, name)
+    return pairs
 
 
 def events(message: Any, where: str = EVENTS) -> Array:

@@ -95,6 +95,8 @@ def job_from(
     """
     run = sections.get(RunConfig, "world_simulator")
     world = sections.get(WorldConfig, "world_simulator")
+    if run.only:
+        raise InvalidInput("world_simulator.only: a dataset has the episodes that it keeps; take it out")
     policies = {}
     for agent in AGENTS:
         driver = getattr(world, f"{agent}_driver")

@@ -10,9 +10,12 @@ from rclpy.task import Future
 from vpsci_msgs.msg import PolicyWeights, SafetyState, WorldState
 from vpsci_msgs.srv import History
 from vpsci_ros.bags import layout, received
-from vpsci_ros.nodes import convert
+from vpsci_ros.bags.wire import WireHeader
+from vpsci_ros.bags.wire_answers import SerializedSafety, write_action
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode, Output
 from vpsci_ros.nodes.meter import Meter
+from vpsci_ros.nodes.serialized import Shown, safety_state, shown, time_of, warm_up
 from vpsci_ros.nodes.topics import LATCHED
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
@@ -41,13 +44,14 @@ class AgentPolicy(GraphNode):
     ) -> None:
         super().__init__(f"{agent}_policy", context=context, parameter_overrides=parameter_overrides)
         config = self.config(PolicyConfig)
+        warm_up()
         self._topic = f"/{agent}/action"
         self._version = 0  # of the weights
         self._actions: Output | None = None
         self._agent = make_agent(agent, config)
-        self._state: tuple[WorldState, Tick] | None = None
+        self._state: Shown | None = None
         self._ticks = received.TickSequence()
-        self._safety: SafetyState | None = None
+        self._safety: SafetyState | SerializedSafety | None = None
         self._known = -1  # tick of the latest policy frame that was worked through
         self._meter = Meter()
         self._caught_up = False
@@ -62,8 +66,8 @@ class AgentPolicy(GraphNode):
         else:
             learned = self._agent
             self.input("/policy/weights", lambda message: self._on_weights(learned, message), LATCHED)
-        self.input("/world/state", self._on_state)
-        self.input("/safety/state", self._on_safety)
+        self.input("/world/state", self._on_state, raw=True)
+        self.input("/safety/state", self._on_safety, raw=True)
         self._history = self.client("/world/history")
         self.wall_timer(0.1, self._keep_up)
         self.diagnose(self._status, lambda: "running" if self._caught_up else "waiting")
@@ -82,22 +86,29 @@ class AgentPolicy(GraphNode):
         if self._actions is None:
             self._actions = self.output(self._topic)
 
-    def _on_state(self, message: WorldState) -> None:
-        tick = self.intake.read("/world/state", received.world_state, message)
-        anew = None if tick is None else self.intake.read("/world/state", self._ticks.take, tick)
-        if tick is None or anew is None:
+    def _on_state(self, message: WorldState | bytes) -> None:
+        told = self.intake.read("/world/state", shown, message)
+        anew = None if told is None else self.intake.read("/world/state", self._ticks.take, told.tick)
+        if told is None or anew is None:
+            return
+        number = told.tick.number
+        if not anew and self._state is not None and number == self._state.tick.number:
+            self.intake.read("/world/state", _require_same, self._state.tick, told.tick)  # the first stands
             return
         if anew:
-            self._known = min(self._known, tick.number - 1)  # another world, or what was known was nobody's
-        self._state = message, tick
-        self._meter.tick(message.tick)
+            self._known = min(self._known, number - 1)  # another world, or what was known was nobody's
+        self._state = told
+        self._meter.tick(number)
         self._answer()
 
-    def _on_safety(self, message: SafetyState) -> None:
-        batch = len(self._state[1].state) if self._state and message.tick > 0 else len(message.curvttc)
-        if self.intake.read("/safety/state", received.safety_state, message, batch) is None:
+    def _on_safety(self, message: SafetyState | bytes) -> None:
+        told = self.intake.read("/safety/state", safety_state, message)
+        if told is None:
             return
-        self._safety = message
+        batch = len(self._state.tick.state) if self._state and told.tick > 0 else len(told.curvttc)
+        if self.intake.read("/safety/state", received.safety_state, told, batch) is None:
+            return
+        self._safety = told
         self._answer()
 
     def _on_weights(self, agent: PolicyAgent, message: PolicyWeights) -> None:
@@ -119,30 +130,32 @@ class AgentPolicy(GraphNode):
         safety = self._safety
         if self._actions is None or self._state is None or safety is None:
             return
-        world, tick = self._state
-        if world.tick != safety.tick or world.tick <= self._known:
+        header, tick = self._state
+        if tick.number != safety.tick or tick.number <= self._known:
             return
         if not self._caught_up:
             self._first_received_at = self._first_received_at or arrived
             self._keep_up()
             return
-        self.simulated_time = world.header.stamp
-        message = self._act(world, tick, safety)
+        self.simulated_time = time_of(header)
+        message = self._act(header, tick, safety)
         if message is not None:
             self._actions.publish(message)
             self._meter.answered(arrived)
 
-    def _act(self, world: WorldState, tick: Tick, safety: SafetyState) -> Any:
-        """Take one tick in; return the answer, or None where none is wanted."""
+    def _act(self, header: WireHeader, tick: Tick, safety: SafetyState | SerializedSafety) -> bytes | None:
+        """Take one tick in; return the answer, serialized, or None where none is wanted."""
+        if not tick.policy_frame.any():
+            if self.intake.read("/safety/state", received.safety_state, safety, len(tick.state)) is not None:
+                self._known = tick.number
+            return None
         assessment = self.intake.read("/safety/state", layout.assessment, safety, tick)
         if assessment is None:
             return None
         self._known = tick.number
-        if not tick.policy_frame.any():
-            return None
         action = self._agent.act(tick, assessment).astype(np.float64)
         Actions(pedestrian=action)  # refuses another shape, and numbers that are not finite
-        return convert.action_message(world.header, world.tick, action, self._version)
+        return write_action(header, tick.number, action, self._version)
 
     # ---- catching up
 
@@ -175,15 +188,24 @@ class AgentPolicy(GraphNode):
         if reply is not self._reply:
             return  # an earlier one, given up
         self._reply = None
+        if response.running and response.tick < self._known and self._received_at < self._requested_at:
+            self._known = response.tick - 1  # nothing came since it asked: what it knew of was somebody else's
         self._received_at = time.perf_counter()
         self._caught_up = True
         for world, safety in zip(response.states, response.safeties, strict=True):
-            tick = self.intake.read("/world/history", received.world_state, world, "/world/history")
-            if tick is None:
+            told = self.intake.read("/world/history", shown, world, "/world/history")
+            if told is None:
                 continue
-            if world.tick == response.tick and (self._state is None or self._state[0].tick <= world.tick):
-                self._state, self._safety = (world, tick), safety
-            elif self._known < world.tick < response.tick:
-                self._act(world, tick, safety)
+            number = told.tick.number
+            if number == response.tick and (self._state is None or self._state.tick.number <= number):
+                self._state, self._safety = told, safety
+            elif self._known < number < response.tick:
+                self._act(*told, safety)
                 self._recalled += 1
         self._answer()
+
+
+def _require_same(first: Tick, second: Tick) -> None:
+    """Refuse a second state of one tick, unless it says the same."""
+    if first.state.tobytes() != second.state.tobytes():
+        raise InvalidInput(f"{layout.WORLD}: expected one state of tick {first.number}, got another that differs")

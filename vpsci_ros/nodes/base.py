@@ -29,6 +29,7 @@ from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, PeerConfig, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.intake import Intake
+from vpsci_ros.nodes.parameter_service import RefusingParameterService
 from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
 from vpsci_ros.parameters import Parameter, pick, refuse_unknown, table
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
@@ -52,7 +53,9 @@ class GraphNode(Node):
     essential_peers: tuple[str, ...] = ("world_simulator",)
 
     def __init__(self, name: str, *, context: Context | None = None, parameter_overrides: list[Any] | None = None):
-        super().__init__(name, context=context, parameter_overrides=parameter_overrides or [])
+        overrides = parameter_overrides or []
+        super().__init__(name, context=context, parameter_overrides=overrides, start_parameter_services=False)
+        self._parameter_service = RefusingParameterService(self)  # in place of rclpy's
         self._section = name
         self._values = self._declare()
         peer_config = self.config(PeerConfig)

@@ -42,9 +42,9 @@ class FrameHistory:
 
     def note(self, tick: Tick, assessment: Assessment) -> None:
         """Keep the episodes in which the policies act at this tick, with all of their pedestrians."""
-        acts = assessment.acting.reshape(-1, self._most).any(axis=1)
-        slots = np.flatnonzero(np.repeat(acts, self._most))
-        if len(slots) and assessment.answered:
+        if assessment.answered and assessment.acting.any():
+            acts = assessment.acting.reshape(-1, self._most).any(axis=1)
+            slots = np.flatnonzero(np.repeat(acts, self._most))
             self._frames.append(
                 _Frame(
                     tick=tick.number,

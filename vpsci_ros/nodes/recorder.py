@@ -8,7 +8,6 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from rclpy.context import Context
-from rclpy.serialization import deserialize_message
 
 from vpsci_msgs.msg import EpisodeEvent, PolicyWeights
 from vpsci_ros.bags import received
@@ -22,6 +21,7 @@ from vpsci_ros.nodes.base import GraphNode, run
 from vpsci_ros.nodes.config import NODES, RecorderConfig
 from vpsci_ros.nodes.ownership import is_own
 from vpsci_ros.nodes.peer_parameters import PeerParameters
+from vpsci_ros.nodes.serialized import message_of
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
 from vpsci_ros.world import load_scenarios
 
@@ -83,11 +83,13 @@ class Recorder(GraphNode):
 
     def _on_message(self, topic: str, data: bytes) -> None:
         self._last_receipt = time.monotonic()
-        if TOPICS[topic].shared and not is_own(deserialize_message(data, TOPICS[topic].type), self.frame_prefix):
-            return
+        if TOPICS[topic].shared:
+            shared = self.intake.read(topic, message_of, data, TOPICS[topic].type, topic)
+            if shared is None or not is_own(shared, self.frame_prefix):
+                return
         at = self.intake.read(topic, received.stamp, topic, data)
         clean = None if at is None else self.intake.read(topic, zeroed, TOPICS[topic].type_name, data, topic)
-        told = self.intake.read(topic, _events, data) if topic == EVENTS else (0, [])
+        told = self.intake.read(topic, _events, data) if topic == EVENTS and clean is not None else (0, [])
         if at is None or clean is None or told is None:
             self._bag.refuse(topic)
             return
@@ -139,7 +141,7 @@ class Recorder(GraphNode):
 
 def _events(data: bytes) -> tuple[int, list[EventRow]]:
     """Return the tick and the events of a serialized EpisodeEvent."""
-    message = deserialize_message(data, EpisodeEvent)
+    message = message_of(data, EpisodeEvent, EVENTS)
     return message.tick, event_rows(received.events(message))
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import partial
 
 from geometry_msgs.msg import AccelStamped
+from rclpy.subscription import Subscription
 from rclpy.time import Time
 from std_msgs.msg import Header
 
@@ -12,6 +13,7 @@ from vpsci_ros.bags import layout
 from vpsci_ros.bags.layout import MAP, WORLD
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.serialized import action, safety_state
 from vpsci_ros.nodes.topics import COMMANDS
 from vpsci_ros.world.lockstep import LockStep
 
@@ -26,11 +28,11 @@ class Respondents:
         self._node = node
         self._lock_step = lock_step
         self._answered = answered
-        self._inputs = {"safety_monitor": node.input("/safety/state", self._on_safety)}
+        self._inputs = {"safety_monitor": node.input("/safety/state", self._on_safety, raw=True)}
         for agent in lock_step.policies:
-            self._inputs[f"{agent}_policy"] = node.input(f"/{agent}/action", partial(self._on_action, agent))
+            self._inputs[f"{agent}_policy"] = self._listen(agent)
         for agent in lock_step.walkers:
-            self._inputs[f"an external {agent}"] = node.input(f"/{agent}/action", partial(self._on_action, agent))
+            self._inputs[f"an external {agent}"] = self._listen(agent)
         self._commands = []
         if lock_step.external:
             self._commands = [
@@ -60,21 +62,26 @@ class Respondents:
                     found.add(f"{writer.node_name} to subscribe to {state}")
         return found
 
-    def _on_safety(self, message: SafetyState) -> None:
+    def _listen(self, agent: str) -> Subscription:
+        return self._node.input(f"/{agent}/action", partial(self._on_action, agent), raw=True)
+
+    def _on_safety(self, message: SafetyState | bytes) -> None:
         def take() -> None:
-            self._lock_step.take_assessment(message.tick, lambda tick: layout.assessment(message, tick))
+            told = safety_state(message)
+            self._lock_step.take_assessment(told.tick, lambda tick: layout.assessment(told, tick))
 
         self._hand_in("/safety/state", take)
 
-    def _on_action(self, agent: str, message: AgentAction) -> None:
+    def _on_action(self, agent: str, message: AgentAction | bytes) -> None:
         topic = f"/{agent}/action"
 
         def take() -> None:
+            told = action(message, topic)
             self._lock_step.take_action(
-                message.tick,
+                told.tick,
                 agent,
-                message.policy_version,
-                lambda tick: layout.action(message, len(tick.state), topic),
+                told.policy_version,
+                lambda tick: layout.action(told, len(tick.state), topic),
             )
 
         self._hand_in(topic, take)

@@ -7,10 +7,11 @@ from typing import Any
 from rclpy.context import Context
 
 from vpsci_msgs.msg import WorldState
-from vpsci_ros.bags import received
-from vpsci_ros.nodes import convert
+from vpsci_ros.bags.wire_answers import write_safety_state
 from vpsci_ros.nodes.base import GraphNode, run
 from vpsci_ros.nodes.meter import Meter
+from vpsci_ros.nodes.serialized import shown, time_of
+from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
 from vpsci_ros.world.monitor import MonitorConfig, assess, warm_up
 
 
@@ -20,21 +21,23 @@ class SafetyMonitor(GraphNode):
     def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
         super().__init__("safety_monitor", context=context, parameter_overrides=parameter_overrides)
         self._config = self.config(MonitorConfig)
+        warm_up_reading()
         warm_up(self._config)  # before the topic is there, for which the world waits
         self._meter = Meter()
         self._safety = self.output("/safety/state")
-        self.input("/world/state", self._on_state)
+        self.input("/world/state", self._on_state, raw=True)
         self.diagnose(self._meter.pairs)
 
-    def _on_state(self, message: WorldState) -> None:
+    def _on_state(self, message: WorldState | bytes) -> None:
         arrived = time.perf_counter()
-        tick = self.intake.read("/world/state", received.world_state, message)
-        if tick is None:
+        told = self.intake.read("/world/state", shown, message)
+        if told is None:
             return
+        header, tick = told
         curvttc, distance, critical = assess(tick.state, self._config)
-        self._safety.publish(convert.safety_message(message.header, message.tick, curvttc, distance, critical))
-        self.simulated_time = message.header.stamp
-        self._meter.tick(message.tick)
+        self._safety.publish(write_safety_state(header, tick.number, curvttc, distance, critical))
+        self.simulated_time = time_of(header)
+        self._meter.tick(tick.number)
         self._meter.answered(arrived)
 
 

@@ -1,5 +1,6 @@
 """Watching a run from outside: counts ended episodes, reads the nodes' diagnostics, and shows progress."""
 
+import math
 import os
 import time
 
@@ -36,7 +37,7 @@ class Watch:
         self._namespace = resolved.get(GraphConfig, "graph").namespace
         self._held: dict[str, set[bytes]] = {}  # policies that are awaited, and whoever spoke in their place before
         self._run = resolved.get(RunConfig, "world_simulator") if "world_simulator" in resolved.values else None
-        self._total = len(self._run.scenarios) * self._run.episodes if self._run else 0
+        self._total = self._run.total if self._run else 0
         self._ended: set[tuple[int, int]] = set()
         self._refused = 0
         self._last = time.monotonic()
@@ -135,12 +136,13 @@ class Watch:
             self._status[name] = pairs
 
     def _show(self) -> None:
-        learner = self._status.get("learner", {})
-        world = self._status.get("world_simulator", {})
-        done = len(self._ended) if self._total else int(float(learner.get("episode", 0)))
-        total = self._total or int(float(learner.get("episodes", 0))) or None
-        parts = [f"{world['ticks_per_second']} ticks/s"] if "ticks_per_second" in world else []
-        parts += [f"{key.replace('_', ' ')} {learner[key]}" for key in WORTH_SHOWING if key in learner]
+        told = self.summary()
+        done = len(self._ended) if self._total else int(told.get("learner.episode", 0))
+        total = self._total or int(told.get("learner.episodes", 0)) or None
+        rate = told.get("world_simulator.ticks_per_second")
+        parts = [] if rate is None else [f"{rate:g} ticks/s"]
+        learned = {key: told.get(f"learner.{key}") for key in WORTH_SHOWING}
+        parts += [f"{key.replace('_', ' ')} {value:g}" for key, value in learned.items() if value is not None]
         note = ", ".join(parts)
         self._bars.bar("episodes", done, total, note)
         self._bars.line(f"{done} of {total or '?'}; {note}")
@@ -148,7 +150,6 @@ class Watch:
 
 def _is_number(text: str) -> bool:
     try:
-        float(text)
+        return math.isfinite(float(text))
     except ValueError:
         return False
-    return True

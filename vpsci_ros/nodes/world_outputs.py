@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, String
 
-from vpsci_msgs.msg import WorldState
+from vpsci_ros.bags.layout import MAP
+from vpsci_ros.bags.wire import WireHeader
+from vpsci_ros.bags.wire_state import SerializedState, warm_up, write_world_state
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.markers import scene_markers
@@ -56,7 +58,7 @@ class WorldOutputs:
         for agent in AGENTS if batch == 1 else ():
             node.output(f"/{agent}/robot_description").publish_now(String(data=robot_description(agent)))
         self._fixed_published = False  # with the first tick, when a recorder is there
-        self._message = WorldState()  # filled anew for every tick
+        warm_up()
 
     def absent(self) -> set[str]:
         """Return the nodes that are expected to read something and do not yet."""
@@ -74,17 +76,16 @@ class WorldOutputs:
         """Publish a tick."""
         self._node.simulated_time = convert.stamp(tick.number, self._period)
         self._time.publish(Clock(clock=self._node.simulated_time))
-        message = convert.world_state_message(
-            tick.state, tick.policy_frame, tick.number, self._period, into=self._message
-        )
-        self._state.publish(message)
+        header = Header(stamp=self._node.simulated_time, frame_id=MAP)
+        serialized = WireHeader(header.stamp.sec, header.stamp.nanosec, MAP)
+        self._state.publish(write_world_state(SerializedState(serialized, tick, self._period)))
         for output in self._fixed if not self._fixed_published else ():
             output.publish(convert.fixed_transforms(self._node.frame_prefix))
         self._fixed_published = True
-        self._tell_of_motion(tick, message.header)
+        self._tell_of_motion(tick, header)
         for output in self._markers:
             if output.has_readers:
-                output.publish(scene_markers(tick.state, self._scenarios, message.header))
+                output.publish(scene_markers(tick.state, self._scenarios, header))
 
     def _tell_of_motion(self, tick: Tick, header: Header) -> None:
         """Publish odometry of those whom others may know of, and the same as transforms, while anybody listens."""

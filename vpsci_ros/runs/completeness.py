@@ -35,13 +35,16 @@ def what_is_missing(
     if ended < asked:
         missing.append(f"{ended} of {asked} episodes ended")
     for node, sender in ANSWERS.items():
-        absent, other = (
-            int(progress.get(f"world_simulator.{sender}_answers_{what}", 0)) for what in ("missing", "contradicted")
+        absent, other, early = (
+            int(progress.get(f"world_simulator.{sender}_answers_{what}", 0))
+            for what in ("missing", "contradicted", "early")
         )
         if node in nodes and absent:
             missing.append(f"{absent} answers of {node} are missing")
         if other:
             missing.append(f"{other} answers contradict those of {node}: somebody else answered, too")
+        if early:
+            missing.append(f"{early} answers for {node} came before their tick: somebody else published, too")
     return missing + (_not_recorded(progress, recorded) if recorded else [])
 
 

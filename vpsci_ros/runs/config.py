@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
@@ -21,6 +22,13 @@ class RunConfig:
     scenario_files: list[str] = parameter([], "YAML files of scenarios of your own, with numbers from 9 to 255")
     episodes: int = parameter(8, "episodes to simulate in each scenario", low=1, high=4_000_000_000)
     first_episode: int = parameter(0, "number of the first episode of each scenario", low=0, high=4_000_000_000)
+    only: list[int] = parameter(
+        [],
+        "simulate these episodes alone: scenario and number of each, [1, 17, 8, 40] for 17 of scenario 1 and 40 of 8; "
+        "empty: those of first_episode and episodes",
+        low=0,
+        high=2**32 - 1,
+    )
     batch: int = parameter(16, "episodes simulated in parallel, one message for all", low=1, high=65536)
 
     def __post_init__(self) -> None:
@@ -30,13 +38,42 @@ class RunConfig:
             raise InvalidInput(
                 f"first_episode + episodes = {self.first_episode + self.episodes} exceeds 2^32, the largest number"
             )
+        self._require_pairs()
+
+    def _require_pairs(self) -> None:
+        if len(self.only) % 2:
+            raise InvalidInput(f"only must hold a scenario and a number for each episode, got {len(self.only)} values")
+        last: dict[int, int] = {}
+        for scenario, episode in zip(self.only[::2], self.only[1::2], strict=True):
+            if scenario not in self.scenarios:
+                raise InvalidInput(f"only names scenario {scenario}, but scenarios are {self.scenarios}")
+            if episode <= last.get(scenario, -1):
+                raise InvalidInput(
+                    f"only must name each episode once, those of a scenario by rising number; got episode {episode} of "
+                    f"scenario {scenario} after {last[scenario]}"
+                )
+            last[scenario] = episode
 
     def queue(self) -> Iterator[tuple[int, int]]:
-        """Yield (scenario, episode number), scenarios in turn, so that every scenario grows at the same pace."""
+        """Yield (scenario, episode number): those of `only`, else all, every scenario growing at the same pace."""
+        if self.only:
+            yield from zip(self.only[::2], self.only[1::2], strict=True)
+            return
         for episode in range(self.first_episode, self.first_episode + self.episodes):
             for scenario in self.scenarios:
                 yield scenario, episode
 
+    @property
+    def total(self) -> int:
+        """How many episodes that are."""
+        return len(self.only) // 2 or len(self.scenarios) * self.episodes
+
     def asks_for(self, scenario: int, episode: int) -> bool:
         """Return whether this episode is among those to simulate."""
+        if self.only:
+            return (scenario, episode) in self._only
         return scenario in self.scenarios and 0 <= episode - self.first_episode < self.episodes
+
+    @cached_property
+    def _only(self) -> frozenset[tuple[int, int]]:
+        return frozenset(self.queue())

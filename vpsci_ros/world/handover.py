@@ -35,8 +35,17 @@ def acting(
     :param on_frame: bool[B], `policy_frame` of the same tick.
     :param critical: bool[B] or uint8[B], from the safety monitor, of the same tick.
     """
-    kept = (state["controlled"] != 0) & (state["hold"] > 0)
-    return on_frame & (state["status"] == RUNNING) & ((critical != 0) | kept)
+    out = np.empty(len(state), np.bool_)
+    _acting(state, on_frame, critical, out)
+    return out
+
+
+@kernel
+def _acting(state, on_frame, critical, out):  # type: ignore[no-untyped-def]
+    for i in range(state.size):
+        slot = state[i]
+        kept = slot.controlled != 0 and slot.hold > 0
+        out[i] = on_frame[i] and slot.status == RUNNING and (critical[i] != 0 or kept)
 
 
 @kernel

@@ -52,10 +52,11 @@ class LockStepConfig:
 
 
 class LockStep:
-    """Gathers the answers to a tick; answers to other ticks are passed over, and bad ones count as missing.
+    """Gathers the answers to a tick; those to earlier ticks are passed over, and bad ones count as missing.
 
     The first answer stands. A second one from the same side that says something else is refused and counted, also when
-    the world has gone on meanwhile: then somebody else answers, too, and who was first is chance.
+    the world has gone on meanwhile: then somebody else answers, too, and who was first is chance. So is one to a tick
+    that is still to come: its sender has read somebody else's state, or speaks in the place of who has not.
 
     The world moves on when everybody has answered, or has been waited for in vain (`action_timeout`); not while it is
     paused, unless a step was asked for; not before the wall clock says so, where it sets the pace; and not while the
@@ -91,7 +92,7 @@ class LockStep:
         self._running = False  # some episode is
         self._wanted: set[str] = set()
         self._answered: set[str] = set()
-        self._taken: dict[tuple[str, int], Any] = {}  # answers by sender and tick, of the last ticks
+        self._taken: dict[int, dict[str, Any]] = {}  # tick -> sender -> answer, of the last ticks in their order
         self._over = False
         self._step = False  # one is to be taken while paused
         self._paced = False
@@ -108,7 +109,8 @@ class LockStep:
         policies = self.policies if tick.policy_frame.any() else []
         self._wanted = {SAFETY, *policies, *(self.walkers if self._running else ())}
         self._answered.clear()
-        self._taken = {key: answer for key, answer in self._taken.items() if key[1] > tick.number - REMEMBERED}
+        while self._taken and (oldest := next(iter(self._taken))) <= tick.number - REMEMBERED:
+            del self._taken[oldest]
         self.versions.clear()
         self._step, self._due = False, not self._paced
         if self.external:
@@ -156,12 +158,16 @@ class LockStep:
         return assessment, replace(command, pedestrian=self.actions.pedestrian), events
 
     def _read(self, sender: str, number: int, read: Callable[[Tick], T]) -> T | None:
-        if self.tick is None or self._over:
+        if self._over:
             return None
-        first = self._taken.get((sender, number))
+        if self.tick is None:
+            self._require_over(sender, number, -1)
+            return None
+        first = self._taken.get(number, {}).get(sender)
         if number == self.tick.number:
             self._answered.add(sender)
         elif first is None:
+            self._require_over(sender, number, self.tick.number)
             return None
         try:
             answer = read(self.tick)
@@ -169,12 +175,21 @@ class LockStep:
             self._counts[f"{sender}_answers_refused"] += 1
             raise
         if first is None:
-            self._taken[sender, number] = answer
+            self._taken.setdefault(number, {})[sender] = answer
             return answer
         if not _same(first, answer):
             self._counts[f"{sender}_answers_contradicted"] += 1
             raise InvalidInput(f"expected one answer to tick {number}, got another that differs; the first stands")
         return None
+
+    def _require_over(self, sender: str, number: int, now: int) -> None:
+        """Refuse an answer to a tick that is still to come: either is somebody else's, and others may believe it.
+
+        :raises InvalidInput: it is.
+        """
+        if number > now:
+            self._counts[f"{sender}_answers_early"] += 1
+            raise InvalidInput(f"expected no answer to tick {number} yet, which is still to come; got one")
 
     # ---- may it go on?
 

@@ -3,6 +3,7 @@
 Who acts and whether an answer can be used is found out once, where the value is made; whoever takes it relies on it.
 """
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import handover
+from vpsci_ros.world.compiled import kernel
 
 Floats = NDArray[np.float64]
 
@@ -41,7 +43,7 @@ class Tick(NamedTuple):
         """
         batch = len(self.state)
         ttc = _floats("curvttc", curvttc, (batch,))
-        if np.isnan(ttc).any():
+        if has_nan(ttc):
             raise InvalidInput(f"curvttc of slot {int(np.argmax(np.isnan(ttc)))} is not a number")
         alarms = np.asarray(critical)
         if alarms.shape != (batch,):
@@ -68,7 +70,7 @@ class Tick(NamedTuple):
         )
 
     def _acting(self, critical: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        if self.by_policies and self.policy_frame.any():
+        if self.by_policies:
             return handover.acting(self.state, self.policy_frame, critical)
         return np.zeros(len(self.state), np.bool_)
 
@@ -106,6 +108,24 @@ class Step(NamedTuple):
     events: NDArray[np.void]  # EVENT[n] of the move to the next tick
 
 
+@kernel
+def has_nan(values):  # type: ignore[no-untyped-def]
+    """Return whether one of some numbers, float64[n], is none."""
+    found = False
+    for value in values:
+        found |= math.isnan(value)
+    return found
+
+
+@kernel
+def _all_finite(rows):  # type: ignore[no-untyped-def]
+    for i in range(rows.shape[0]):
+        for j in range(rows.shape[1]):
+            if not math.isfinite(rows[i, j]):
+                return False
+    return True
+
+
 def _floats(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Floats:
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.shape != shape:
@@ -117,7 +137,7 @@ def _finite(name: str, values: ArrayLike, columns: int) -> Floats:
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.shape != (len(array), columns):
         raise InvalidInput(f"actions.{name}: expected shape ({len(array)}, {columns}), got {array.shape}")
-    if not np.isfinite(array).all():
+    if not _all_finite(array):
         slot = int(np.argwhere(~np.isfinite(array))[0, 0])
         raise InvalidInput(f"actions.{name} of slot {slot}: expected finite numbers, got {array[slot]}")
     return array

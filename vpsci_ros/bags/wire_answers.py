@@ -1,0 +1,96 @@
+"""Serialized `vpsci_msgs/SafetyState` and `vpsci_msgs/AgentAction` to arrays and back, without a message object.
+
+The objects returned have the fields of the messages that `vpsci_ros.bags.layout` reads.
+"""
+
+import struct
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.bags.wire import WireHeader, aligned, read_start, write_start
+
+Floats = NDArray[np.float64]
+_U32 = struct.Struct("<I")
+
+
+class SerializedSafety(NamedTuple):
+    """A SafetyState."""
+
+    tick: int
+    curvttc: Floats  # [s]
+    distance: Floats  # [m]
+    critical: NDArray[np.uint8]
+
+
+class SerializedAction(NamedTuple):
+    """An AgentAction."""
+
+    tick: int
+    longitudinal: Floats  # [m/s2]
+    lateral: Floats  # [m/s2]
+    policy_version: int
+
+
+def read_safety_state(data: bytes) -> SerializedSafety | None:
+    """Return what a serialized SafetyState says; None where the bytes are not as ROS writes them."""
+    start = read_start(data)
+    try:
+        if start is None:
+            return None
+        curvttc, at = _floats(data, start[2])
+        distance, at = _floats(data, at)
+        (count,) = _U32.unpack_from(data, aligned(at, 4))
+        critical = np.frombuffer(data, np.uint8, count, aligned(at, 4) + 4) if count else np.zeros(0, np.uint8)
+    except (struct.error, ValueError):  # shorter than its lengths say
+        return None
+    return SerializedSafety(start[1], curvttc, distance, critical)
+
+
+def read_action(data: bytes) -> SerializedAction | None:
+    """Return what a serialized AgentAction says; None where the bytes are not as ROS writes them."""
+    start = read_start(data)
+    try:
+        if start is None:
+            return None
+        longitudinal, at = _floats(data, start[2])
+        lateral, at = _floats(data, at)
+        (version,) = _U32.unpack_from(data, aligned(at, 4))
+    except (struct.error, ValueError):
+        return None
+    return SerializedAction(start[1], longitudinal, lateral, version)
+
+
+def write_safety_state(
+    header: WireHeader, tick: int, curvttc: Floats, distance: Floats, critical: NDArray[np.bool_]
+) -> bytes:
+    """Return a serialized SafetyState of CurvTTC [s], distance [m] (float64[B]) and critical (bool[B]), B > 0."""
+    data = _with_floats(_with_floats(write_start(header, tick), curvttc), distance)
+    return data + _U32.pack(len(critical)) + critical.tobytes()
+
+
+def write_action(header: WireHeader, tick: int, action: Floats, policy_version: int) -> bytes:
+    """Return a serialized AgentAction of float64[B, 2] as (longitudinal, lateral) [m/s2], B > 0."""
+    data = _with_floats(_with_floats(write_start(header, tick), action[:, 0]), action[:, 1])
+    return data + _U32.pack(policy_version)
+
+
+def _floats(data: bytes, at: int) -> tuple[Floats, int]:
+    """Return the float64[] that begins at or behind an offset, and the offset behind it.
+
+    :raises struct.error, ValueError: the message ends before.
+    """
+    at = aligned(at, 4)
+    (count,) = _U32.unpack_from(data, at)
+    if count == 0:
+        return np.zeros(0), at + 4
+    at = aligned(at + 4, 8)
+    # Copied, since in a message it does not stand where memory wants a float64.
+    return np.frombuffer(data, np.float64, count, at).copy(), at + 8 * count
+
+
+def _with_floats(data: bytes, values: Floats) -> bytes:
+    """Return the message so far with a float64[n], n > 0, behind it."""
+    data += _U32.pack(len(values))
+    return data + bytes(-(len(data) - 4) % 8) + values.tobytes()

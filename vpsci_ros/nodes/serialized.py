@@ -1,0 +1,83 @@
+"""What the nodes of the lock-step tell each other comes as bytes, which `vpsci_ros.bags` reads without message objects.
+
+Bytes that it does not know, of another implementation of DDS, say, the middleware turns into a message.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from rclpy.serialization import deserialize_message
+
+from vpsci_msgs.msg import AgentAction, SafetyState, WorldState
+from vpsci_ros.bags import received, wire_state
+from vpsci_ros.bags.layout import SAFETY, WORLD
+from vpsci_ros.bags.wire import WireHeader
+from vpsci_ros.bags.wire_answers import SerializedAction, SerializedSafety, read_action, read_safety_state
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.state import EPISODE
+from vpsci_ros.world.tick import Tick
+
+
+class Shown(NamedTuple):
+    """The world as a node is shown it, and the header that the answers to it bear."""
+
+    header: WireHeader
+    tick: Tick
+
+
+def shown(message: WorldState | bytes, where: str = WORLD) -> Shown:
+    """Return what a WorldState says.
+
+    :raises InvalidInput: it is none, or as `vpsci_ros.bags.received.world_state`.
+    """
+    if isinstance(message, bytes):
+        told = wire_state.read_world_state(message)
+        if told is not None:
+            return Shown(told.header, received.credible(told.tick, where))
+        message = message_of(message, WorldState, where)
+    stamp = message.header.stamp
+    header = WireHeader(stamp.sec, stamp.nanosec, message.header.frame_id)
+    return Shown(header, received.world_state(message, where))
+
+
+def safety_state(message: SafetyState | bytes, where: str = SAFETY) -> SafetyState | SerializedSafety:
+    """Return a SafetyState with its fields, which nobody has checked yet.
+
+    :raises InvalidInput: it is none.
+    """
+    if not isinstance(message, bytes):
+        return message
+    return read_safety_state(message) or message_of(message, SafetyState, where)
+
+
+def action(message: AgentAction | bytes, where: str) -> AgentAction | SerializedAction:
+    """Return an AgentAction with its fields, which nobody has checked yet.
+
+    :raises InvalidInput: it is none.
+    """
+    if not isinstance(message, bytes):
+        return message
+    return read_action(message) or message_of(message, AgentAction, where)
+
+
+def time_of(header: WireHeader) -> Time:
+    """Return the stamp of a header."""
+    return Time(sec=header.seconds, nanosec=header.nanoseconds)
+
+
+def message_of(data: bytes, kind: Any, where: str) -> Any:
+    """Return the message that bytes are.
+
+    :raises InvalidInput: they are none.
+    """
+    try:
+        return deserialize_message(data, kind)
+    except Exception as error:  # noqa: BLE001  the middleware says in ways of its own that these bytes are none
+        raise InvalidInput(f"{where}: {len(data)} bytes that are no {kind.__name__}: {error}") from None
+
+
+def warm_up() -> None:
+    """Have what reads and checks a state compiled (or loaded), so that no tick waits for it."""
+    wire_state.warm_up()
+    received.credible(Tick(0, np.zeros(1, EPISODE), np.zeros(1, np.bool_)))
