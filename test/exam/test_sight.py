@@ -1,18 +1,23 @@
 """What a driver could see of an episode, counted on worlds that run here."""
 
 import math
+from pathlib import Path
 
 import polars as pl
 import pytest
 
 from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.exam.conduct import autopilot_met, sight_in_bag
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.measures import drives, episode_table
 from vpsci_ros.exam.report import Conduct, make_report
+from vpsci_ros.exam.run import prepare
 from vpsci_ros.exam.sight import Sight, Watcher
+from vpsci_ros.generate.bag import write_ticks
+from vpsci_ros.runs.sections import Sections
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import World, WorldConfig, load_scenarios
-from vpsci_ros.world.kinds import KindMixture
+from vpsci_ros.world.kinds import KINDS, KindMixture
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.perception import PerceptionConfig
 
@@ -47,6 +52,18 @@ def test_where_vehicles_are_parked_some_are_hidden_as_it_becomes_critical_and_to
     assert all(math.isnan(after) or after > 0.0 for after in told)
     assert all(sight.told_after(0.05) == 0.0 for sight in found.values() if not sight.hidden)
     assert not any(sight.hidden for sight in run(scenario=101)[0].values())
+
+
+def test_kinds_and_groups_are_those_of_the_episodes_where_the_bag_tells_of_neither(tmp_path: Path) -> None:
+    kinds = {f"kinds.{name}": 1.0 for name in KINDS}
+    world = {"scenarios": [1, 104], "episodes": 6, "seed": 5, "pedestrians": 3, "crowd.sizes": [1.0, 1.0, 1.0]} | kinds
+    exam = prepare(Sections({"world_simulator": world, "ads_test": {"pedestrians": ["walker"]}}), "external")
+    config = exam.with_pedestrian("walker", "autopilot")
+    write_ticks(Loop(World(config, exam.scenarios, exam.episodes, 1, 5)), config, tmp_path / "bag", {})
+    found, expected = sight_in_bag(tmp_path / "bag", exam, "walker", recover=False), autopilot_met(exam, "walker").sight
+    assert found == expected
+    assert {sight.pedestrians for sight in found.values()} == {1, 2, 3}
+    assert len({sight.kind for sight in found.values()}) > 2
 
 
 def test_what_was_never_told_has_no_time() -> None:

@@ -131,7 +131,6 @@ def test_an_ads_that_never_speaks_fails_the_exam_after_the_graph_s_patience(doma
     assert read(tmp_path / "exam")[0]["conduct"]["alone"]["episodes_driven"] == 0
 
 
-@pytest.mark.slow
 def test_what_a_flooding_ads_sends_wrongly_is_refused_and_counted_and_the_exam_goes_on(
     domain: int, tmp_path: Path, odd: str
 ) -> None:
@@ -165,4 +164,7 @@ def test_bad_input_is_refused_before_anything_is_written(tmp_path: Path) -> None
     ):
         with pytest.raises(InvalidInput, match=said):
             run_exam(prepare(sections(**exam)), tmp_path / "exam", criteria, quiet=True)
+    with pytest.raises(InvalidInput, match="hears of the first pedestrian only"):
+        prepare(sections().changed("world_simulator", {"pedestrians": 3}))
+    assert prepare(sections(perception=True).changed("world_simulator", {"pedestrians": 3})).world.pedestrians == 3
     assert not (tmp_path / "exam").exists()

@@ -1,11 +1,13 @@
 """The command that puts a driving system to the exam: `vpsci ads-test`."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections
+from vpsci_ros.errors import InvalidInput
 
 
 def ads_test(
@@ -21,7 +23,21 @@ def ads_test(
         ),
     ] = None,
     episodes: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Episodes in each scenario, with each pedestrian.")
+        str | None,
+        typer.Option(
+            metavar="N|FILE",
+            help="Episodes in each scenario, with each pedestrian; or a list of episodes, as --search leaves it.",
+        ),
+    ] = None,
+    search: Annotated[
+        bool,
+        typer.Option(
+            "--search",
+            help="Find the episodes in which it fails, and how often it does (ads_test.search, docs/search.md).",
+        ),
+    ] = False,
+    budget: Annotated[
+        int | None, typer.Option(min=40, metavar="N", help="With --search: episodes that it may drive.")
     ] = None,
     recorded: Annotated[
         Path | None,
@@ -42,12 +58,31 @@ def ads_test(
 
     Exit status: 0 passed; 1 a --fail-if holds, or the driving system did not drive all episodes; 2 bad input.
     """
+    from vpsci_ros.exam.episode_list import with_episode_list
     from vpsci_ros.exam.run import prepare, run_exam
+    from vpsci_ros.exam.search.run import run_search
 
     sections = read_sections(params, settings)
-    if episodes is not None:
-        sections = sections.changed("world_simulator", {"episodes": episodes})
+    if episodes is not None and episodes.isdecimal():
+        sections = sections.changed("world_simulator", {"episodes": int(episodes)})
+    elif episodes is not None:
+        sections = with_episode_list(sections, Path(episodes))
+    if budget is not None:
+        sections = sections.changed("ads_test", {"search.budget": budget})
     if recorded is not None:
         sections = sections.changed("ads_test", {"recorded": str(recorded)})
-    if run_exam(prepare(sections, ads), output, fail_if or [], quiet=quiet):
+    if search:
+        if fail_if or recorded or episodes:
+            raise InvalidInput(
+                "--search goes without --fail-if, --recorded and --episodes; put what it finds to an exam with these: "
+                "--episodes failures.json"
+            )
+        failures = run_search(prepare(sections, ads), output, quiet=quiet)
+        for reason in failures:
+            print(f"failed: {reason}", file=sys.stderr)
+    elif budget is not None:
+        raise InvalidInput("--budget is of --search; --episodes N says how many episodes an exam has")
+    else:
+        failures = run_exam(prepare(sections, ads), output, fail_if or [], quiet=quiet)
+    if failures:
         raise typer.Exit(1)

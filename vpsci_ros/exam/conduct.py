@@ -40,7 +40,7 @@ from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.record import RECORD, read_record
 from vpsci_ros.runs.sections import Sections
-from vpsci_ros.world import Recorded, Scenario, World, WorldConfig, load_scenarios
+from vpsci_ros.world import IDLE, Recorded, Scenario, World, WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import CrowdConfig
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.monitor import MonitorConfig
@@ -110,9 +110,9 @@ class Exam:
         path, world = self.config.recorded, self.with_pedestrian(pedestrian, "external")
         return recorded_people(read_near_misses(path), begins, self.scenarios, world, self.run.seed, path)
 
-    def spawns(self) -> NDArray[np.void]:
-        """Return the episodes as they begin, EPISODE[n]."""
-        return spawns(self.with_pedestrian(ALONE, "external"), self.scenarios, self.episodes, self.run.seed)
+    def spawns(self, pedestrian: str = ALONE) -> NDArray[np.void]:
+        """Return the episodes as they begin, EPISODE[n * P], P rows for each where there are several pedestrians."""
+        return spawns(self.with_pedestrian(pedestrian, "external"), self.scenarios, self.episodes, self.run.seed)
 
 
 class Met(NamedTuple):
@@ -134,19 +134,34 @@ def hold(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, Met]:
 
     met: dict[str, Met] = {}
     names = [ALONE, *exam.config.met]
-    for name in ("runs", "logs"):
-        (folder / name).mkdir(exist_ok=True)
     with contextlib.nullcontext() if exam.config.ads == EXTERNAL else own_domain():
         for n, name in enumerate(names, 1):
-            if _conduct(exam, folder, name).failure:
-                if not quiet:
-                    print(f"{n} of {len(names)}: {title_of(name)}, {len(exam.episodes)} episodes", file=sys.stderr)
-                shutil.rmtree(folder / "runs" / name, ignore_errors=True)
-                _meet(exam, name, folder, quiet)
-            met[name] = _read(exam, folder / "runs" / name / "bag", _conduct(exam, folder, name))
+            met[name] = meet(exam, name, folder, f"{n} of {len(names)}", quiet=quiet)
             if not met[name].drives:
                 break  # it does not drive at all: no need to have that said once for each pedestrian
     return met
+
+
+def meet(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) -> Met:
+    """Have the ADS meet one pedestrian in `folder`, unless it has done so there, and return what it came to.
+
+    :param which: of the runs this is, for who waits.
+    :raises VpsciError: a node has failed.
+    :raises KeyboardInterrupt: stopped on request.
+    """
+    for part in ("runs", "logs"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    if _conduct(exam, folder, name).failure:
+        if not quiet:
+            print(f"{which}: {title_of(name)}, {len(exam.episodes)} episodes", file=sys.stderr)
+        shutil.rmtree(folder / "runs" / name, ignore_errors=True)
+        _meet(exam, name, folder, quiet)
+    return _read(exam, name, bag_of(folder, name), _conduct(exam, folder, name))
+
+
+def bag_of(folder: Path, name: str) -> Path:
+    """Return where the bag of a run with one pedestrian is."""
+    return folder / "runs" / name / "bag"
 
 
 def autopilot(exam: Exam, pedestrian: str) -> list[Drive]:
@@ -167,7 +182,16 @@ def autopilot_met(exam: Exam, pedestrian: str) -> Met:
 
 def autopilot_loop(exam: Exam, pedestrian: str) -> Loop:
     """Return the loop in which the rule-based autopilot drives the episodes, many side by side."""
-    config = exam.with_pedestrian(pedestrian, "autopilot")
+    return loop_with(exam, pedestrian, "autopilot", exam.episodes, _BATCH)
+
+
+def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], batch: int) -> Loop:
+    """Return the loop in which a driver of the world's meets a pedestrian in this process.
+
+    :param vehicle: the world's `vehicle_driver`.
+    :param batch: episodes side by side, at most.
+    """
+    config = exam.with_pedestrian(pedestrian, vehicle)
     recorded = None
     if config.pedestrian_driver == "replay":
         motion = exam.motion(pedestrian)
@@ -177,8 +201,7 @@ def autopilot_loop(exam: Exam, pedestrian: str) -> Loop:
         agents["pedestrian"] = agent = make_agent("pedestrian", exam.policy(pedestrian))
         if isinstance(agent, PolicyAgent):
             agent.load(load_weights(exam.weights), version=1)
-    episodes = exam.episodes
-    world = World(config, exam.scenarios, episodes, min(_BATCH, len(episodes)), exam.run.seed, recorded)
+    world = World(config, exam.scenarios, episodes, min(batch, len(episodes)), exam.run.seed, recorded)
     monitor = exam.sections.get(MonitorConfig, "safety_monitor")
     return Loop(world, monitor, agents)
 
@@ -259,7 +282,7 @@ def _conduct(exam: Exam, folder: Path, name: str) -> Conduct:
     return Conduct(wanted, refused, surplus, stops, failure)
 
 
-def _read(exam: Exam, bag: Path, conduct: Conduct) -> Met:
+def _read(exam: Exam, name: str, bag: Path, conduct: Conduct) -> Met:
     """Return what a bag holds: the episodes that ended, without those that were left to the autopilot."""
     silent_ticks = exam.config.silent_ticks
     if conduct.failure and not bag.is_dir():
@@ -274,7 +297,7 @@ def _read(exam: Exam, bag: Path, conduct: Conduct) -> Met:
         for event in layout.events(decode(raw, bag)):
             unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
     found = drives(read_episodes(bag, recover=bool(conduct.failure)))
-    sight = sight_in_bag(bag, exam, recover=bool(conduct.failure))
+    sight = sight_in_bag(bag, exam, name, recover=bool(conduct.failure))
     own = [drive for drive in found if unanswered[drive.key] < silent_ticks]
     if len(own) < len(found) and not conduct.failure:
         left = f"{len(found) - len(own)} episodes were left to the autopilot for {silent_ticks} ticks or more"
@@ -282,10 +305,23 @@ def _read(exam: Exam, bag: Path, conduct: Conduct) -> Met:
     return Met(own, dict(+unanswered), conduct, sight)
 
 
-def sight_in_bag(bag: Path, exam: Exam, *, recover: bool) -> Mapping[Key, Sight]:
-    """Return what the ADS could see of each episode of a bag."""
+def sight_in_bag(bag: Path, exam: Exam, pedestrian: str, *, recover: bool) -> Mapping[Key, Sight]:
+    """Return what the ADS could see of each episode of a bag, in which it met one of the pedestrians.
+
+    Messages tell neither of what kind the pedestrians are nor how many: that is drawn again.
+    """
     watcher: Watcher | None = None
+    spawned = exam.spawns(pedestrian)
+    begun = {
+        (int(row["scenario"]), int(row["episode"]), int(row["pedestrian"])): row
+        for row in spawned[spawned["status"] != IDLE]
+    }
     for tick in read_bag(bag, recover=recover):
-        watcher = watcher or Watcher(exam.scenarios, exam.perception, exam.world.tick, len(tick.state))
-        watcher.add(tick.state, tick.curvttc)
+        state = tick.state.copy()
+        for number, row in enumerate(state):
+            if row["status"] != IDLE:
+                begin = begun[int(row["scenario"]), int(row["episode"]), number]
+                row["kind"], row["pedestrians"] = begin["kind"], begin["pedestrians"]
+        watcher = watcher or Watcher(exam.scenarios, exam.perception, exam.world.tick, len(state))
+        watcher.add(state, tick.curvttc)
     return watcher.found if watcher else {}

@@ -1,6 +1,6 @@
 """What an exam asks of a driving system, and with whom."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
@@ -37,6 +37,33 @@ def added_pedestrians() -> tuple[str, ...]:
 def title_of(pedestrian: str) -> str:
     """Return what a report calls a pedestrian."""
     return TITLES.get(pedestrian, pedestrian)
+
+
+FAILURES = ("moving_collision", "collision", "conflict", "severe_conflict")
+"""What can be searched for: columns of the table of episodes."""
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """The search for failures (`vpsci ads-test --search`): of which kind, with whom, among how many episodes."""
+
+    failure: str = parameter("moving_collision", "what counts as a failure", choices=FAILURES)
+    pedestrian: str = parameter(LEARNED, "pedestrian to meet, any of `pedestrians` but recorded people")
+    pool: int = parameter(
+        20_000, "episodes to search, the first ones of each scenario: rehearsed in this process, not driven",
+        low=100, high=10_000_000,
+    )  # fmt: skip
+    budget: int = parameter(1000, "episodes that the ADS drives", low=40, high=1_000_000)
+    shown: int = parameter(50, "failures, the worst ones, that are driven again for report and page", low=1, high=1000)
+
+    def __post_init__(self) -> None:
+        known = [name for name in (*DRIVERS, *added_pedestrians()) if name != "recorded"]
+        if self.pedestrian not in known:
+            raise InvalidInput(f"search.pedestrian: unknown {self.pedestrian!r}; expected {', '.join(known)}")
+        if self.budget > self.pool:
+            raise InvalidInput(
+                f"search.budget = {self.budget} exceeds search.pool = {self.pool}; there is nothing to search then"
+            )
 
 
 @dataclass(frozen=True)
@@ -84,6 +111,7 @@ class ExamConfig:
         high=5.0,
     )
     fail_if: list[str] = parameter([], "criteria as for --fail-if, checked in addition")
+    search: SearchConfig = field(default_factory=SearchConfig)
 
     def __post_init__(self) -> None:
         if not self.ads.strip():

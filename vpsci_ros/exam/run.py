@@ -25,7 +25,7 @@ from vpsci_ros.exam.config import ALONE, EXTERNAL, ExamConfig, added_pedestrians
 from vpsci_ros.exam.criteria import Verdict, judge, parse
 from vpsci_ros.exam.measures import COLUMNS, episode_table
 from vpsci_ros.exam.page import write_page
-from vpsci_ros.exam.process import command_of, files_of
+from vpsci_ros.exam.process import OWN, command_of, files_of
 from vpsci_ros.exam.report import ADS, BASELINE, make_report
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.policy.agent_types import AGENT_TYPES
@@ -58,6 +58,11 @@ def prepare(sections: Sections, ads: str | None = None) -> Exam:
     exam = Exam(chosen, config, run, world)
     if config.ads != EXTERNAL:
         command_of(config.ads)
+    if config.ads.strip() == OWN and world.pedestrians > 1 and not config.perception:
+        raise InvalidInput(
+            f"ads_test.ads = {OWN}: hears of the first pedestrian only on /pedestrian/odometry, and "
+            f"world_simulator.pedestrians = {world.pedestrians}; set ads_test.perception to true, which tells it of all"
+        )
     if config.recorded and not Path(config.recorded).is_file():
         raise InvalidInput(f"ads_test.recorded = {config.recorded}: no such file; expected a near-miss table (Parquet)")
     _ = exam.weights, exam.scenarios
@@ -73,8 +78,8 @@ def run_exam(exam: Exam, folder: Path, criteria: Sequence[str] = (), *, quiet: b
     """
     pedestrians = exam.config.met
     parsed = [parse(text, pedestrians) for text in (*exam.config.fail_if, *criteria)]
-    identity = _identity(exam)
-    _take(folder, identity)
+    identity = identity_of(exam)
+    take_folder(folder, identity)
     met = hold(exam, folder, quiet=quiet)
     table = _ads_rows(exam, met)
     if exam.config.baseline:
@@ -145,9 +150,10 @@ def _rows(exam: Exam, met: Met, alone: Met, driver: str, pedestrian: str) -> pl.
     )
 
 
-def _identity(exam: Exam) -> dict[str, Any]:
+def identity_of(exam: Exam) -> dict[str, Any]:
     """Return what makes two exams the same: with equal ones, runs of the one serve the other."""
-    examined = {name: value for name, value in dataclasses.asdict(exam.config).items() if name != "fail_if"}
+    left_out = ("fail_if", "search")
+    examined = {name: value for name, value in dataclasses.asdict(exam.config).items() if name not in left_out}
     nodes = ("world_simulator", "safety_monitor", "pedestrian_policy", *(["perception"] if exam.perception else []))
     return {
         "ads": exam.config.ads,
@@ -163,9 +169,13 @@ def _identity(exam: Exam) -> dict[str, Any]:
     }
 
 
-def _take(folder: Path, identity: dict[str, Any]) -> None:
-    """Make the folder this exam's, or go on in it."""
-    path = folder / IDENTITY
+def take_folder(folder: Path, identity: dict[str, Any], name: str = IDENTITY) -> None:
+    """Make the folder this exam's, or go on in it.
+
+    :param name: of the file that says what it is.
+    :raises InvalidInput: it holds something else.
+    """
+    path = folder / name
     if not path.is_file():
         require_empty_folder(folder)
         write_json(path, identity)

@@ -1,5 +1,6 @@
 """Which episodes a picture shows: one of each scenario, typical in how near it came and in who gave way."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +26,7 @@ class Panel:
     :ivar vehicle_speed, pedestrian_speed: float64[T] [m/s].
     :ivar heading: float64[T] of the vehicle [rad].
     :ivar nearest: step of the least CurvTTC.
+    :ivar others: positions and speeds of further pedestrians, likewise.
     """
 
     title: str
@@ -35,6 +37,7 @@ class Panel:
     pedestrian: Floats
     pedestrian_speed: Floats
     nearest: int
+    others: Sequence[tuple[Floats, Floats]] = ()
 
 
 def typical_panels(folder: str | Path) -> list[Panel]:

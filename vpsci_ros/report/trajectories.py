@@ -80,11 +80,13 @@ def draw_panel(axis: Axes, one: Panel, ground: Scenario | None) -> None:
     if ground is not None:
         _draw_ground(axis, ground)
     _draw_path(axis, one.vehicle, one.vehicle_speed, BLUES, "#08306b")
-    _draw_path(axis, one.pedestrian, one.pedestrian_speed, REDS, "#67000d")
+    walkers = [(one.pedestrian, one.pedestrian_speed), *one.others]
+    for way, speed in walkers:
+        _draw_path(axis, way, speed, REDS, "#67000d")
     _draw_outlines(axis, one)
-    for begin in (one.vehicle[0], one.pedestrian[0]):
+    for begin in (one.vehicle[0], *(way[0] for way, _ in walkers)):
         axis.plot(*begin, "o", color=START, markersize=6, markeredgecolor="white", markeredgewidth=0.8, zorder=6)
-    _frame(axis, np.concatenate([one.vehicle, one.pedestrian]))
+    _frame(axis, np.concatenate([one.vehicle, *(way for way, _ in walkers)]))
 
 
 def _draw_ground(axis: Axes, ground: Scenario) -> None:
@@ -132,7 +134,8 @@ def _draw_outlines(axis: Axes, one: Panel) -> None:
     rectangle = corners @ np.array([[cos, sin], [-sin, cos]]) + one.vehicle[k]
     look: dict[str, Any] = {"facecolor": "none", "linewidth": 0.9, "zorder": 4}
     axis.add_patch(Polygon(rectangle, closed=True, edgecolor="#08306b", **look))
-    axis.add_patch(Circle((one.pedestrian[k, 0], one.pedestrian[k, 1]), PEDESTRIAN_RADIUS, edgecolor="#67000d", **look))
+    for way in (one.pedestrian, *(way for way, _ in one.others)):
+        axis.add_patch(Circle((way[k, 0], way[k, 1]), PEDESTRIAN_RADIUS, edgecolor="#67000d", **look))
 
 
 def _frame(axis: Axes, points: Floats, margin: float = 3.5) -> None:

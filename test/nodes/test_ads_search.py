@@ -1,0 +1,67 @@
+"""The search through the real graph: failures found, driven again, listed, and the same command goes on with it."""
+
+import json
+import sys
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.exam.episode_list import with_episode_list
+from vpsci_ros.exam.run import prepare
+from vpsci_ros.exam.search import plan
+from vpsci_ros.exam.search.run import run_search
+from vpsci_ros.resources import params_dir
+
+CARELESS = """
+import rclpy
+from geometry_msgs.msg import AccelStamped
+from nav_msgs.msg import Odometry
+
+def on_vehicle(odometry):
+    message = AccelStamped(header=odometry.header)
+    message.accel.linear.x = 2.0 * (5.0 - odometry.twist.twist.linear.x)
+    command.publish(message)
+
+rclpy.init()
+node = rclpy.create_node("careless_ads")
+command = node.create_publisher(AccelStamped, "vehicle/cmd_accel", 10)
+node.create_subscription(Odometry, "vehicle/odometry", on_vehicle, 10)
+rclpy.spin(node)
+"""
+
+
+def test_a_search_finds_failures_lists_them_and_has_them_driven_again_to_the_bit(
+    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(plan, "ROUNDS", 1)
+    script, folder = tmp_path / "careless.py", tmp_path / "search"
+    script.write_text(CARELESS)
+    found = load(params_dir() / "ads_test.yaml")
+    found = found.changed("world_simulator", {"scenarios": [1], "episode_time": 6.0, "action_timeout": 30.0})
+    search = {"search.pedestrian": "walker", "search.pool": 100, "search.budget": 40, "search.shown": 3}
+    exam = prepare(found.changed("ads_test", search | {"baseline": False}), f"{sys.executable} {script}")
+
+    assert run_search(exam, folder, quiet=True) == []
+
+    report = json.loads((folder / "report.json").read_text())
+    assert (report["driven"], report["pool"]) == (40, 100)
+    table = pl.read_parquet(folder / "episodes.parquet")
+    assert table.height == 40
+    assert table.select("scenario", "episode").is_unique().all()
+    hits = table.filter("moving_collision")
+    assert hits.height == report["failures"] > 3
+    assert report["count"]["failures_low"] >= hits.height
+    assert report["again"] == {"driven": 3, "failed": 3, "same": 3}
+    listed = [entry["episode"] for entry in json.loads((folder / "failures.json").read_text())["episodes"]]
+    assert sorted(listed) == sorted(hits["episode"].to_list())
+    assert set(prepare(with_episode_list(found, folder / "failures.json")).episodes) == {(1, n) for n in listed}
+    assert "failures/view.html" in (folder / "report.html").read_text()
+    assert (folder / "failures" / "view.html").is_file()
+
+    before = capfd.readouterr().out
+    records = {path: path.stat().st_mtime_ns for path in folder.rglob("run.json")}
+    assert run_search(exam, folder, quiet=True) == []
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("run.json")} == records, "nothing is driven again"
+    assert capfd.readouterr().out == before

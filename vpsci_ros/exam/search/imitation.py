@@ -1,0 +1,141 @@
+"""How a driving system drives, learned from episodes that it has driven: a stand-in with which to rehearse others.
+
+Behavioural cloning (Pomerleau 1989, "ALVINN") of the acceleration alone, by gradient-boosted trees, from what could be
+seen of the last half second: place and velocity of the nearest pedestrian in the vehicle's frame, CurvTTC, its own
+speed and curvature, and where on the map it is. The world keeps the stand-in in its lane. It need not be right: it says
+where to look, and how often it is wrong shows in the episodes that the driving system then drives itself.
+"""
+
+import contextlib
+from collections.abc import Iterable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.bags.tick import RecordedTick
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety import HORIZON, clearance
+from vpsci_ros.world import IDLE, RUNNING
+
+Floats32 = NDArray[np.float32]
+LAGS = (0, 2, 4, 6, 8, 10)  # [ticks]
+_NOW = ("vehicle_curvature", "vehicle_acceleration", "vehicle_x", "vehicle_y", "scenario")
+HOLDING = -2.0  # [m/s2] what a vehicle that stays where it stands is taken to do, so that its stand-in does not creep
+_AHEAD = 10.0  # [s] of the time to reach the pedestrian, as far as it is told apart
+
+
+class Recent:
+    """The last ticks of each episode, as features.
+
+    :param pedestrians: records of an episode.
+    """
+
+    def __init__(self, pedestrians: int = 1) -> None:
+        self._most = pedestrians
+        self._past: list[Floats32] = []
+        self._key: NDArray[np.int64] | None = None
+
+    def features(self, state: NDArray[np.void], curvttc: NDArray[np.float64]) -> tuple[Floats32, NDArray[np.int64]]:
+        """Return float32[E, 43] of the E episodes of EPISODE[B], and the record of each one's nearest pedestrian.
+
+        :param curvttc: float64[B] [s].
+        """
+        rows = nearest(state, self._most)
+        near = state[rows]
+        seen = _seen(near, np.fmin(curvttc[rows], HORIZON))
+        key = np.stack([near["scenario"], near["episode"]]).astype(np.int64)
+        if self._key is not None:
+            begun = (key != self._key).any(axis=0) | (near["frame"] == 0)
+            for past in self._past:
+                past[begun] = seen[begun]
+        self._key = key
+        self._past = [*self._past[-max(LAGS) :], seen]
+        history = [self._past[max(len(self._past) - 1 - lag, 0)] for lag in LAGS]
+        forward, left, along, across, speed, _ = seen.T
+        time = np.clip(forward / np.maximum(speed - along, 0.1), -_AHEAD, _AHEAD)
+        now = (near[name] for name in _NOW)
+        return np.column_stack([*history, *now, time, left + across * time]).astype(np.float32), rows
+
+
+def nearest(state: NDArray[np.void], pedestrians: int) -> NDArray[np.int64]:
+    """Return the record of the pedestrian nearest the vehicle in each episode of EPISODE[B], int64[B / pedestrians]."""
+    first = np.arange(0, len(state), pedestrians)
+    if pedestrians == 1:
+        return first
+    place = ("vehicle_x", "vehicle_y", "vehicle_heading", "pedestrian_x", "pedestrian_y")
+    gap = np.where(state["status"] == IDLE, np.inf, clearance(*(state[name] for name in place)))
+    chosen: NDArray[np.int64] = first + gap.reshape(-1, pedestrians).argmin(axis=1)
+    return chosen
+
+
+def _seen(state: NDArray[np.void], curvttc: NDArray[np.float64]) -> Floats32:
+    """Return the pedestrian in the vehicle's frame [m, m/s], the vehicle's speed and CurvTTC [s], float32[E, 6]."""
+    cos, sin = np.cos(state["vehicle_heading"]), np.sin(state["vehicle_heading"])
+    x, y = (state[f"pedestrian_{axis}"] - state[f"vehicle_{axis}"] for axis in "xy")
+    vx, vy = state["pedestrian_vx"], state["pedestrian_vy"]
+    columns = (
+        cos * x + sin * y,
+        cos * y - sin * x,
+        cos * vx + sin * vy,
+        cos * vy - sin * vx,
+        state["vehicle_speed"],
+        curvttc,
+    )
+    return np.stack(columns, axis=1).astype(np.float32)
+
+
+def lessons(ticks: Iterable[RecordedTick], pedestrians: int) -> tuple[Floats32, Floats32]:
+    """Return what the vehicle saw and what it did about it: features float32[n, 43], acceleration float32[n] [m/s2].
+
+    :param ticks: of a bag, one episode at a time.
+    """
+    recent, seen, done = Recent(pedestrians), [], []
+    before: tuple[Floats32, tuple[int, int], float] | None = None
+    for tick in ticks:
+        features, rows = recent.features(tick.state, tick.curvttc)
+        record = tick.state[rows[0]]
+        key = int(record["scenario"]), int(record["episode"])
+        if before is not None and before[1] == key:
+            stays = record["vehicle_speed"] == 0.0 and before[2] == 0.0
+            seen.append(before[0])
+            done.append(HOLDING if stays else float(record["vehicle_acceleration"]))
+        running = record["status"] == RUNNING
+        before = (features[0], key, float(record["vehicle_speed"])) if running else None
+    return np.array(seen, np.float32), np.array(done, np.float32)
+
+
+class Imitation:
+    """A driver that does what the driving system did where it saw the like.
+
+    :param seen, done: of `lessons`.
+    :raises InvalidInput: scikit-learn is not installed.
+    """
+
+    def __init__(self, seen: Floats32, done: Floats32, seed: int) -> None:
+        try:
+            from sklearn.ensemble import HistGradientBoostingRegressor
+            from threadpoolctl import threadpool_limits
+        except ImportError:
+            raise InvalidInput(
+                "the search needs scikit-learn, which is not installed: pip install 'vpsci_ros[search]'"
+            ) from None
+        model: Any = HistGradientBoostingRegressor(
+            max_iter=200, learning_rate=0.12, max_leaf_nodes=63, min_samples_leaf=10, l2_regularization=1.0,
+            early_stopping=False, random_state=seed % 2**32,
+        )  # fmt: skip
+        self._one_thread = partial(threadpool_limits, 1)  # several wait for each other, for ever on a busy machine
+        with self._one_thread():
+            self._model = model.fit(seen, done)
+
+    @contextlib.contextmanager
+    def at_the_wheel(self) -> Iterator[None]:
+        """Call `drive` within this: in one thread, so that it gives the same numbers whatever the machine."""
+        with self._one_thread():
+            yield
+
+    def drive(self, features: Floats32) -> Floats32:
+        """Return accelerations [m/s2], float32[E], for features float32[E, 43]."""
+        answer: Floats32 = self._model.predict(features).astype(np.float32)
+        return answer

@@ -1,0 +1,69 @@
+"""How near an episode came to a failure: its margin, negative where it is one, to the accuracy of a tick."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.measures import Key
+from vpsci_ros.safety import HORIZON, clearance
+from vpsci_ros.world import ENDED, IDLE
+
+Floats = NDArray[np.float64]
+STANDING = (
+    1.0  # [m] added to the clearance while the vehicle stands: who then walks into it is no failure of the vehicle
+)
+
+
+class Watched(NamedTuple):
+    """What counts as a failure, by the thresholds of the exam.
+
+    The margin of a collision is the clearance between the footprints [m], of one with a moving vehicle a metre more
+    while it stands; that of a conflict is CurvTTC less the threshold [s].
+    """
+
+    config: ExamConfig
+
+    @property
+    def failure(self) -> str:
+        """The column of the exam's table that tells of it."""
+        return self.config.search.failure
+
+    def margin(self, state: NDArray[np.void], curvttc: Floats) -> Floats:
+        """Return the margin of each record of EPISODE[B] at this tick, float64[B]; infinity where none runs.
+
+        :param curvttc: float64[B] [s].
+        """
+        if self.failure.endswith("conflict"):
+            threshold = self.config.conflict if self.failure == "conflict" else self.config.severe
+            found = np.fmin(curvttc, HORIZON) - threshold
+        else:
+            place = ("vehicle_x", "vehicle_y", "vehicle_heading", "pedestrian_x", "pedestrian_y")
+            found = clearance(*(state[name] for name in place))
+            if self.failure == "moving_collision":
+                found = np.where(state["vehicle_speed"] > self.config.moving, found, found + STANDING)
+        margin: Floats = np.where(state["status"] == IDLE, np.inf, found)
+        return margin
+
+
+class LeastMargins:
+    """The least margin of each episode, gathered tick by tick.
+
+    :ivar found: (scenario, episode) -> the least over all its pedestrians, of the episodes that have ended.
+    """
+
+    def __init__(self, watched: Watched) -> None:
+        self.found: dict[Key, float] = {}
+        self._watched = watched
+        self._least: Floats = np.zeros(0)
+
+    def add(self, state: NDArray[np.void], curvttc: Floats) -> None:
+        """Take in EPISODE[B] and CurvTTC [s], float64[B], of the next tick."""
+        if not len(self._least):
+            self._least = np.full(len(state), np.inf)
+        self._least[state["frame"] == 0] = np.inf
+        np.fmin(self._least, self._watched.margin(state, curvttc), out=self._least)
+        for slot in np.flatnonzero(state["status"] == ENDED):
+            key = int(state["scenario"][slot]), int(state["episode"][slot])
+            self.found[key] = min(self.found.get(key, np.inf), float(self._least[slot]))

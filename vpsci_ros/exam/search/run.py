@@ -1,0 +1,207 @@
+"""The search held with a driving system through the graph of nodes, and what is left of it in a folder.
+
+search.json (what is searched, and by which parameters and versions), parts/ (the runs, as an exam's), episodes.parquet
+(a row for each that was driven), failures.json (a list for --episodes), failures/ (the worst of them driven again, as
+an exam with report and page), report.json, report.html. The same command goes on with a search that was stopped.
+"""
+
+import contextlib
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.data.parquet import Column, read_parquet, write_parquet
+from vpsci_ros.documents import read_json
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.statistics import wilson_interval
+from vpsci_ros.exam.conduct import Exam, bag_of, meet
+from vpsci_ros.exam.config import EXTERNAL
+from vpsci_ros.exam.episode_list import flat, write_episode_list
+from vpsci_ros.exam.measures import COLUMNS, Key, episode_table
+from vpsci_ros.exam.report import ADS
+from vpsci_ros.exam.run import EPISODES, identity_of, run_exam, take_folder
+from vpsci_ros.exam.search.imitation import lessons
+from vpsci_ros.exam.search.page import write_search_page
+from vpsci_ros.exam.search.plan import Plan
+from vpsci_ros.exam.search.risk import Count
+from vpsci_ros.exam.search.seek import Driven, seek
+from vpsci_ros.runs.files import write_json, write_text
+from vpsci_ros.runs.progress import Bars
+
+IDENTITY, FAILURES = "search.json", "failures.json"
+_TOLD = ("scenario", "episode", "outcome", "impact_speed", "least_curvttc")
+_SAME = ("outcome", "duration", "driven", "impact_speed", "least_curvttc", "hardest_braking")
+_MORE = {
+    "part": Column(
+        pl.String, "", "of the search in which it was driven: a pilot at random, then where failures were likely"
+    ),
+    "margin": Column(pl.Float64, "m or s", "least margin in the last rehearsal before it was driven; NaN: it had none"),
+}
+
+
+class _Failed(Exception):
+    """The driving system did not drive a part to its end."""
+
+
+def run_search(exam: Exam, folder: Path, *, quiet: bool = False) -> list[str]:
+    """Search, write and print what is found; return why the ADS did not drive what it was given, or nothing.
+
+    :raises InvalidInput: a parameter is refused, or `folder` holds something else; nothing has been run then.
+    :raises VpsciError: a node has failed.
+    """
+    from vpsci_ros.nodes.domain import own_domain
+
+    search = exam.config.search
+    if exam.run.only:
+        raise InvalidInput("--search and a list of episodes exclude each other; take the list out")
+    identity = identity_of(exam) | {"search": dataclasses.asdict(search)}
+    take_folder(folder, identity, IDENTITY)
+    pool = _pool(exam)
+    tables: dict[str, pl.DataFrame] = {}
+
+    def drive(name: str, keys: list[Key]) -> Driven:
+        bars.clear()
+        where = folder / "parts" / name
+        keys = _chosen(where, keys)
+        part = _only(exam, keys)
+        met = meet(part, search.pedestrian, where, f"part {name} of the search", quiet=quiet)
+        if met.conduct.failure:
+            raise _Failed(met.conduct.failure)
+        table = episode_table(
+            met.drives, [], exam.config, exam.world.tick, driver=ADS, pedestrian=search.pedestrian,
+            unanswered=met.unanswered, sight=met.sight,
+        )  # fmt: skip
+        tables[name] = table
+        failed = dict(zip(table.select("scenario", "episode").iter_rows(), table[search.failure], strict=True))
+        seen, done = lessons(read_bag(bag_of(where, search.pedestrian)), exam.world.pedestrians)
+        return Driven(keys, np.array([failed[key] for key in keys]), seen, done)
+
+    try:
+        with contextlib.nullcontext() if exam.config.ads == EXTERNAL else own_domain(), Bars(quiet=quiet) as bars:
+            plan = seek(exam, pool, drive, bars.bar)
+    except _Failed as error:
+        return [str(error)]
+    count = plan.count()
+    table = _table(tables, plan, pool)
+    write_parquet(table, folder / EPISODES, COLUMNS | _MORE, content="episodes of a search", search=identity)
+    failures = worst_first(table.filter(pl.col(search.failure)))
+    rows = [{name: _plain(row[name]) for name in _TOLD} for row in failures.to_dicts()]
+    write_episode_list(folder / FAILURES, rows, exam.run, exam.world, exam.scenarios)
+    report = {
+        "search": identity,
+        "driven": int(plan.driven.sum()),
+        "failures": len(rows),
+        "pool": len(pool),
+        "count": count._asdict(),
+        "by_part": _by_part(tables, search.failure),
+        "plain": plain(count, int(plan.driven.sum())),
+        "again": _again(exam, folder, failures, quiet) if rows else None,
+    }
+    write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
+    write_search_page(folder / "report.html", report, plan, rows)
+    _print(report, folder)
+    return []
+
+
+def worst_first(table: pl.DataFrame) -> pl.DataFrame:
+    """Return episodes with the fastest impact first, those without one by their least CurvTTC."""
+    keys = [pl.col("impact_speed").fill_nan(-1.0), pl.col("least_curvttc"), pl.col("scenario"), pl.col("episode")]
+    return table.sort(keys, descending=[True, False, False, False])
+
+
+def plain(count: Count, driven: int) -> dict[str, float]:
+    """Return how many episodes drawn at random would give an interval as narrow, and how many times as many they are.
+
+    By the normal approximation, n = z^2 p (1 - p) / h^2 for half the interval's width h.
+    """
+    half = (count.rate_high - count.rate_low) / 2.0
+    needed = 1.96**2 * count.rate * (1.0 - count.rate) / half**2
+    return {"episodes": needed, "saving": needed / driven}
+
+
+def _pool(exam: Exam) -> list[Key]:
+    scenarios, first = exam.run.scenarios, exam.run.first_episode
+    numbers = math.ceil(exam.config.search.pool / len(scenarios))
+    return [(scenario, first + number) for number in range(numbers) for scenario in scenarios]
+
+
+def _only(exam: Exam, keys: list[Key]) -> Exam:
+    """Return the exam on these episodes alone."""
+    listed = flat(keys)
+    sections = exam.sections.changed("world_simulator", {"only": listed})
+    return dataclasses.replace(exam, sections=sections, run=dataclasses.replace(exam.run, only=listed))
+
+
+def _chosen(where: Path, keys: list[Key]) -> list[Key]:
+    """Return the episodes of a part: those with which it was begun, or these, which are written down for the next time.
+
+    Rehearsals on another number of threads differ in their last bits, and so may what they choose.
+    """
+    path = where / "chosen.json"
+    if path.is_file():
+        return [(int(scenario), int(episode)) for scenario, episode in read_json(path)]
+    where.mkdir(parents=True, exist_ok=True)
+    write_json(path, keys)
+    return keys
+
+
+def _table(tables: Mapping[str, pl.DataFrame], plan: Plan, pool: list[Key]) -> pl.DataFrame:
+    margin = pl.DataFrame(
+        {
+            "scenario": [key[0] for key in pool],
+            "episode": [key[1] for key in pool],
+            "margin": plan.margin_before,
+        }
+    )
+    found = pl.concat([table.with_columns(part=pl.lit(name)) for name, table in tables.items()])
+    return found.join(margin, on=["scenario", "episode"], how="left", maintain_order="left")
+
+
+def _by_part(tables: Mapping[str, pl.DataFrame], failure: str) -> list[dict[str, Any]]:
+    rows = []
+    for name, table in tables.items():
+        failed = int(table[failure].sum())
+        low, high = wilson_interval(failed, table.height)
+        rows.append({"part": name, "driven": table.height, "failures": failed, "low": low, "high": high})
+    return rows
+
+
+def _again(exam: Exam, folder: Path, failures: pl.DataFrame, quiet: bool) -> dict[str, int]:
+    """Drive the worst failures again, as an exam of their own, and say how many came out the same."""
+    search = exam.config.search
+    chosen = failures.head(search.shown)
+    keys = sorted(chosen.select("scenario", "episode").iter_rows(), key=lambda key: (key[1], key[0]))
+    alone = _only(exam, keys)
+    sections = alone.sections.changed("ads_test", {"pedestrians": [search.pedestrian], "recorded": ""})
+    alone = dataclasses.replace(alone, sections=sections, config=sections.get(type(exam.config), "ads_test"))
+    run_exam(alone, folder / "failures", quiet=quiet)
+    table = read_parquet(folder / "failures" / EPISODES, "the failures driven again", COLUMNS)
+    again = table.filter((pl.col("driver") == ADS) & (pl.col("pedestrian") == search.pedestrian))
+    both = chosen.join(again, on=["scenario", "episode"], suffix="_again")
+    same = both.filter(pl.all_horizontal(pl.col(name).eq_missing(pl.col(f"{name}_again")) for name in _SAME))
+    failed = int(both[f"{search.failure}_again"].sum())
+    return {"driven": chosen.height, "failed": failed, "same": same.height}
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def _print(report: Mapping[str, Any], folder: Path) -> None:
+    count, again = report["count"], report["again"]
+    print(
+        f"{report['failures']} failures in {report['driven']} episodes driven; of the {report['pool']:,} searched "
+        f"{count['failures']:.0f} [{count['failures_low']:.0f}, {count['failures_high']:.0f}] fail\n"
+        f"failure rate {count['rate']:.3%} [{count['rate_low']:.3%}, {count['rate_high']:.3%}]; drawn at random, an "
+        f"interval as narrow takes {report['plain']['episodes']:,.0f}, {report['plain']['saving']:.1f} times as many"
+    )
+    if again:
+        print(f"driven again: {again['failed']} of the {again['driven']} worst failed, {again['same']} quite as before")
+    print(f"report: {folder / 'report.html'}; the failures as a list: {folder / FAILURES}")

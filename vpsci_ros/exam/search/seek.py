@@ -1,0 +1,65 @@
+"""The search itself: drive, learn how the driving system drives, rehearse, drive where it may fail, and count."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.exam.conduct import Exam
+from vpsci_ros.exam.measures import Key
+from vpsci_ros.exam.search.imitation import Floats32, Imitation
+from vpsci_ros.exam.search.margin import Watched
+from vpsci_ros.exam.search.plan import Plan
+from vpsci_ros.exam.search.rehearsal import rehearse
+
+Report = Callable[[str, int, int], None]
+"""Called with what is done, how much of it, and how much there is."""
+
+
+class Driven(NamedTuple):
+    """What a part came to.
+
+    :ivar episodes: that were driven: those asked for, or those of the same part before the search was stopped.
+    :ivar failed: bool[k].
+    :ivar seen, done: what the vehicle saw and did, see `imitation.lessons`.
+    """
+
+    episodes: list[Key]
+    failed: NDArray[np.bool_]
+    seen: Floats32
+    done: Floats32
+
+
+def seek(exam: Exam, pool: list[Key], drive: Callable[[str, list[Key]], Driven], report: Report) -> Plan:
+    """Search a pool of episodes, and return what has been driven and what is known of the rest.
+
+    :param drive: has the driving system drive the episodes of a part, by its name.
+    """
+    search, watched = exam.config.search, Watched(exam.config)
+    place = {key: number for number, key in enumerate(pool)}
+    plan = Plan(len(pool), search.budget, exam.run.seed)
+    seen, done = [], []
+    for part in plan.parts():
+        driven = drive(part.name, [pool[number] for number in part.chosen])
+        plan.take(np.array([place[key] for key in driven.episodes]), driven.failed)
+        if not part.learns:
+            continue
+        seen.append(driven.seen)
+        done.append(driven.done)
+        report("learning how it drives", 0, 1)
+        stand_in = Imitation(np.concatenate(seen), np.concatenate(done), exam.run.seed)
+        report("learning how it drives", 1, 1)
+        rest = np.flatnonzero(~plan.driven)
+        margin = np.full(len(pool), np.nan)
+        margin[rest] = rehearse(
+            exam, search.pedestrian, [pool[number] for number in rest], stand_in, watched,
+            partial(_tell, report, len(rest)),
+        )  # fmt: skip
+        plan.rehearsed(margin)
+    return plan
+
+
+def _tell(report: Report, total: int, done: int) -> None:
+    report("rehearsing", done, total)
