@@ -88,11 +88,15 @@ EXTRAS = {
     ],
     # `vpsci realism`: the two-sample test by a classifier.
     "realism": ["scikit-learn>=1.4,<2"],
+    # `vpsci ads-test --search`: the stand-in of the driving system.
+    "search": ["scikit-learn>=1.4,<2", "threadpoolctl>=3.1,<4"],
     # `vpsci export --to openscenario, osi, commonroad`; the last two need different protobufs, so they exclude
     # each other in one environment.
     "openscenario": ["scenariogeneration>=0.16,<0.17"],
     "osi": ["asam-osi-utilities>=0.4,<0.5", "osi-python>=3.8,<4"],
     "commonroad": ["commonroad-io>=2024.3,<2025"],
+    # examples/motion_planner.py: a public motion planner, as a driving system in the exam.
+    "planner": ["fiss-planner>=1,<2"],
     # `vpsci generate --ray ADDRESS`: the same work over a cluster.
     "ray": ["ray>=2.9,<3"],
     "test": [
@@ -154,7 +158,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10,<3.13",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["models/*.safetensors", "models/*.md", "*/templates/*"]},
+    package_data={NAME: ["models/*.safetensors", "models/*.md", "*/templates/*", "exam/search/templates/*"]},
     data_files=data_files(),
     install_requires=REQUIRED,
     extras_require=EXTRAS,

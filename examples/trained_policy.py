@@ -56,7 +56,11 @@ class Driver:
         self._held = np.zeros(3)
 
     def control(self, state: np.ndarray) -> np.ndarray:
-        """Return (steer, throttle, brake) for EPISODE[1]: chosen at every second frame, held at the others."""
+        """Return (steer, throttle, brake) for EPISODE[P], of one vehicle and P pedestrians.
+
+        They are chosen at every second frame and held at the others. As in the environment, the pedestrian that is
+        observed is the one whose CurvTTC is least.
+        """
         if state["status"][0] == IDLE:  # between two episodes
             return np.zeros(3)
         if state["frame"][0] % HOLD == 0:
@@ -64,7 +68,8 @@ class Driver:
             path = self._tables.lane[state["table"][0]][: self._tables.rows["lane_count"][state["table"][0]]]
             place = np.hypot(*(path - [state["vehicle_x"][0], state["vehicle_y"][0]]).T).argmin()
             state["route_s"] = place * self._tables.rows["lane_step"][state["table"][0]]
-            observation = driving.observe(state, assess(state, MonitorConfig())[0], self._tables)
+            curvttc = assess(state, MonitorConfig())[0]
+            observation = driving.observe(state, curvttc, self._tables)[[curvttc.argmin()]]
             action, _ = self._policy.predict(observation, deterministic=True)
             self._held = driving.controls(action)[0]
         return self._held
@@ -82,7 +87,7 @@ def drive(path: Path) -> None:
     command = node.create_publisher(VehicleControl, "vehicle/cmd_control", 10)
 
     def on_state(message: WorldState) -> None:
-        steer, throttle, brake = (float(value) for value in driver.control(received.world_state(message).state[:1]))
+        steer, throttle, brake = (float(value) for value in driver.control(received.world_state(message).state))
         command.publish(
             VehicleControl(header=message.header, tick=message.tick, steer=steer, throttle=throttle, brake=brake)
         )

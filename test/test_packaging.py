@@ -32,7 +32,14 @@ REQUIREMENTS = [
 # Names that differ between an import and the package that brings it: (requirement in setup.py, key of rosdep or None).
 NAMES = {"yaml": ("pyyaml", "python3-yaml"), "rosbags": ("rosbags", "python3-rosbags-pip")}
 NO_ROSDEP_KEY = {"mcap", "polars", "pyarrow", "safetensors", "zstandard"}
-OPTIONAL = {"gymnasium", "pettingzoo", "PIL", "ray", "sklearn"}  # extras: envs, generation on a cluster, realism
+OPTIONAL = {
+    "gymnasium",
+    "pettingzoo",
+    "PIL",
+    "ray",
+    "sklearn",
+    "threadpoolctl",
+}  # extras: envs, generation on a cluster, realism, search
 OPTIONAL |= {"commonroad", "google", "osi3", "osi_utilities", "scenariogeneration"}  # and formats of vpsci_ros/export
 NOT_REQUIRED = {"builtin_interfaces", "rcl_interfaces", "tf2_msgs", "vpsci_msgs"}  # with rclpy and this repository
 ROS = {"domain_coordinator", "launch", "launch_ros", "rclpy", "std_srvs"}  # and whatever ends in _msgs or _interfaces

@@ -24,6 +24,9 @@ from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.cli.bag import bag_app
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.generate.bag import write_ticks
+from vpsci_ros.world import World, WorldConfig, load_scenarios
+from vpsci_ros.world.loop import Loop
 
 ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
 
@@ -151,6 +154,18 @@ def test_plot_draws_both_ways_and_series(own_bag: Path, foreign: Path, tmp_path:
         red, green, blue = np.moveaxis(picture[..., :3], -1, 0)
         assert ((blue > red + 0.2) & (blue > green + 0.1)).sum() > 500  # the vehicle
         assert ((red > blue + 0.2) & (red > green + 0.2)).sum() > 200  # the pedestrian
+
+
+def test_plot_draws_every_pedestrian_of_a_crowd(tmp_path: Path) -> None:
+    reds = []
+    for several in (1, 4):
+        config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", pedestrians=several)
+        world = World(config, load_scenarios([101]), [(101, 3)], 1, 1)
+        write_ticks(Loop(world), config, tmp_path / f"bag{several}", {}, scenarios=world.scenarios)
+        save_episode(tmp_path / f"bag{several}", "3", tmp_path / "one.png")
+        red, green, blue = np.moveaxis(imread(tmp_path / "one.png")[:, :575, :3], -1, 0)
+        reds.append(((red > blue + 0.2) & (red > green + 0.2)).sum())
+    assert reds[1] > 2 * reds[0]
 
 
 def test_plot_of_an_episode_that_is_not_there_names_those_that_are(own_bag: Path, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import importlib.util
 import json
-import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -19,6 +18,7 @@ from vpsci_ros.envs.right_turn import RightTurnEnv
 from vpsci_ros.exam.run import prepare, run_exam
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.resources import params_dir
+from vpsci_ros.world import WorldConfig
 
 PROGRAM = Path(__file__).parents[2] / "examples" / "trained_policy.py"
 
@@ -34,31 +34,38 @@ def example() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def weights(example: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A policy that has learned for a moment: it moves, and no more is asked of it."""
     path = tmp_path_factory.mktemp("trained") / "policy.safetensors"
-    command = [sys.executable, str(PROGRAM), "train", str(path), "--steps", "2048", "--scenarios", "1", "101"]
-    subprocess.run(command, check=True, timeout=120)
+    command = [str(PROGRAM), "train", str(path), "--steps", "2048", "--scenarios", "1", "101"]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(sys, "argv", command)
+        example.main()
     return path
 
 
-def test_the_node_does_what_the_policy_does_in_the_environment(example: ModuleType, weights: Path) -> None:
+@pytest.mark.parametrize("pedestrians", [1, 3])
+def test_the_node_does_what_the_policy_does_in_the_environment(
+    example: ModuleType, weights: Path, pedestrians: int
+) -> None:
     policy = example.load(weights)
     driver = example.Driver(policy)
-    env = RightTurnEnv([101], pedestrian="autopilot")
+    env = RightTurnEnv([101], pedestrian="autopilot", config=WorldConfig(pedestrians=pedestrians))
     observation, _ = env.reset(seed=4)
+    observed = set()
     for _ in range(20):
         action, _ = policy.predict(observation, deterministic=True)
         expected = example.driving.controls(action[None])[0]
-        state: Any = env._last.state.copy()
+        state: Any = env._simulation.world.state.copy()
+        observed.add(int(env._last.state["pedestrian"][0]))
         state["table"], state["route_s"] = 0, 0.0  # which no message tells
         np.testing.assert_allclose(driver.control(state), expected, atol=1e-5)
         observation, _, ended, cut, _ = env.step(action)
         if ended or cut:
             break
+    assert len(observed) == min(pedestrians, 2), "of several, one and then another was the most critical"
 
 
-@pytest.mark.slow
 def test_it_sits_the_exam_and_answers_every_tick(weights: Path, tmp_path: Path) -> None:
     exam = {"pedestrians": ["walker"], "baseline": False}
     world = {"scenarios": [101], "episodes": 2, "episode_time": 4.0, "action_timeout": 30.0}

@@ -1,4 +1,7 @@
-"""One episode of a bag as a picture: both ways on the scenario's ground, CurvTTC, speeds and distance over time."""
+"""One episode of a bag as a picture: all ways on the scenario's ground, CurvTTC, speeds and distance over time.
+
+Of several pedestrians CurvTTC and distance are the least at each time.
+"""
 
 from pathlib import Path
 
@@ -35,8 +38,9 @@ def save_episode(bag: str | Path, episode: str, path: str | Path, *, recover: bo
         raise InvalidInput(
             f"{bag}: episode {episode} has {len(ticks)} frames in the bag, expected at least two to draw"
         )
-    state = np.concatenate([tick.state for tick in ticks])
-    curvttc, distance = (np.concatenate([getattr(tick, name) for tick in ticks]) for name in ("curvttc", "distance"))
+    state = np.stack([tick.state for tick in ticks])  # [T, pedestrians]
+    curvttc, distance = (np.stack([getattr(tick, name) for tick in ticks]) for name in ("curvttc", "distance"))
+    curvttc = np.where(np.isnan(curvttc), np.inf, curvttc)
     time = _time(ticks)
     own = bag_run(Bag(bag, recover=recover)).own_scenarios
     scenarios = {scenario.number: scenario for scenario in every_scenario(own, str(bag))}
@@ -51,16 +55,16 @@ def save_episode(bag: str | Path, episode: str, path: str | Path, *, recover: bo
     for row in range(3):
         series.append(figure.add_subplot(grid[row, 1], sharex=series[0] if series else None))
     draw_speed_bars(figure, where, series)
-    _draw_curvttc(series[0], time, curvttc)
+    _draw_curvttc(series[0], time, curvttc.min(axis=1))
     _draw_speeds(series[1], time, state)
-    series[2].plot(time, distance, color=TTC, linewidth=1.4)
+    series[2].plot(time, np.fmin.reduce(distance, axis=1), color=TTC, linewidth=1.4)
     series[2].set_ylabel("distance of centres [m]", fontsize=8)
     series[2].set_ylim(bottom=0.0)
     series[2].set_xlabel("time since the spawn [s]", fontsize=8)
     for axis in series:
         _mark(axis, time, state)
     series[0].legend(fontsize=7, loc="upper right")
-    series[1].legend(handles=series[1].get_lines(), fontsize=7, loc="upper right")
+    series[1].legend(handles=series[1].get_lines()[:2], fontsize=7, loc="upper right")
     with written_whole(path) as part:
         figure.savefig(part, format="png", dpi=120)
     return one
@@ -74,15 +78,19 @@ def _time(ticks: list[RecordedTick]) -> Floats:
 def _panel(one: BagEpisode, state: NDArray[np.void], curvttc: Floats, name: str) -> Panel:
     least = f"least CurvTTC {one.least_curvttc:.2f} s" if np.isfinite(one.least_curvttc) else "never critical"
     how = "outcome unknown" if one.outcome == "none" else one.outcome
+    nearest, faced = (int(place) for place in np.unravel_index(curvttc.argmin(), curvttc.shape))
+    ways = np.stack([state["pedestrian_x"], state["pedestrian_y"]], axis=-1)
+    speeds = np.hypot(state["pedestrian_vx"], state["pedestrian_vy"])
     return Panel(
         title=f"{name}, episode {one.name}\n{how}, {least}",
         scenario=one.scenario,
-        vehicle=np.column_stack([state["vehicle_x"], state["vehicle_y"]]),
-        vehicle_speed=state["vehicle_speed"].copy(),
-        heading=state["vehicle_heading"].copy(),
-        pedestrian=np.column_stack([state["pedestrian_x"], state["pedestrian_y"]]),
-        pedestrian_speed=np.hypot(state["pedestrian_vx"], state["pedestrian_vy"]),
-        nearest=int(np.argmin(np.nan_to_num(curvttc, nan=np.inf))),
+        vehicle=np.column_stack([state["vehicle_x"][:, 0], state["vehicle_y"][:, 0]]),
+        vehicle_speed=state["vehicle_speed"][:, 0].copy(),
+        heading=state["vehicle_heading"][:, 0].copy(),
+        pedestrian=ways[:, faced],
+        pedestrian_speed=speeds[:, faced],
+        nearest=nearest,
+        others=[(ways[:, n], speeds[:, n]) for n in range(state.shape[1]) if n != faced],
     )
 
 
@@ -98,16 +106,18 @@ def _draw_curvttc(axis: Axes, time: Floats, curvttc: Floats) -> None:
 
 
 def _draw_speeds(axis: Axes, time: Floats, state: NDArray[np.void]) -> None:
-    axis.plot(time, state["vehicle_speed"], color=VEHICLE, linewidth=1.4, label="vehicle")
-    walking = np.hypot(state["pedestrian_vx"], state["pedestrian_vy"])
-    axis.plot(time, walking, color=PEDESTRIAN, linewidth=1.4, label="pedestrian")
+    axis.plot(time, state["vehicle_speed"][:, 0], color=VEHICLE, linewidth=1.4, label="vehicle")
+    several = state.shape[1] > 1
+    for n, walking in enumerate(np.hypot(state["pedestrian_vx"], state["pedestrian_vy"]).T):
+        label = ("pedestrians" if several else "pedestrian") if n == 0 else "_"
+        axis.plot(time, walking, color=PEDESTRIAN, linewidth=0.9 if several else 1.4, label=label)
     axis.set_ylabel("speed [m/s]", fontsize=8)
     axis.set_ylim(bottom=0.0)
 
 
 def _mark(axis: Axes, time: Floats, state: NDArray[np.void]) -> None:
     """Shade when the policies held the agents; the same look for all series."""
-    held = state["controlled"] != 0
+    held = (state["controlled"] != 0).any(axis=1)
     if held.any():
         low, high = axis.get_ylim()
         axis.fill_between(

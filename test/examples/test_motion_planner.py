@@ -1,0 +1,115 @@
+"""A public motion planner stops for who stands in its lane, and drives through the graph."""
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+pytest.importorskip("fiss_planner", reason="needs fiss-planner (extra: planner)")
+
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.exam.conduct import autopilot_met
+from vpsci_ros.exam.process import running
+from vpsci_ros.exam.run import prepare
+from vpsci_ros.nodes.composed import composed
+from vpsci_ros.nodes.convert import objects_message
+from vpsci_ros.nodes.domain import own_domain
+from vpsci_ros.nodes.graph import resolve
+from vpsci_ros.resources import params_dir
+from vpsci_ros.world import COLLISION, EPISODE, RUNNING, load_scenario
+from vpsci_ros.world.kinematics import drive
+from vpsci_ros.world.perception import OBJECT
+
+PROGRAM = Path(__file__).parents[2] / "examples" / "motion_planner.py"
+PERIOD = 0.05  # [s]
+TOUCH = 2.345 + 0.3  # [m] from the vehicle's centre to a pedestrian's whom its bumper touches
+
+
+@pytest.fixture(scope="module")
+def example() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("motion_planner", PROGRAM)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def driven(example: ModuleType, number: int, episode: int, people: list[tuple[float, float]]) -> np.ndarray:
+    """Return x, y and speed [m, m/s] over 12 s, float64[240, 3], of a car at 4 m/s among people who stand."""
+    path = load_scenario(number).vehicle.path.points
+    state = np.zeros(1, EPISODE)[0]
+    state["status"], state["scenario"], state["episode"] = RUNNING, number, episode
+    along = path[1] - path[0]
+    state["vehicle_x"], state["vehicle_y"], state["vehicle_speed"] = *path[0], 4.0
+    state["vehicle_heading"] = np.arctan2(along[1], along[0])
+    driver, standing, rows = example.Driver(), [example.Person(*place, 0.0, 0.0) for place in people], []
+    names = [f"vehicle_{name}" for name in ("x", "y", "heading", "speed")]
+    for frame in range(240):
+        state["frame"] = frame
+        controls = driver.control(state, standing, PERIOD)
+        before = float(state["vehicle_speed"])
+        values = drive(*(float(state[name]) for name in names), *controls, PERIOD)
+        for name, value in zip(names, values, strict=False):
+            state[name] = value
+        state["vehicle_acceleration"] = (values[3] - before) / PERIOD
+        rows.append((values[0], values[1], values[3]))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("number", [1, 101])
+def test_it_stops_before_somebody_who_stands_in_the_lane_through_which_it_drives_otherwise(
+    example: ModuleType, number: int
+) -> None:
+    lane = load_scenario(number).vehicle.path.points
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(lane, axis=0).T))])
+    place = np.array([np.interp(22.0, way, lane[:, 0]), np.interp(22.0, way, lane[:, 1])])
+    free, stopped = driven(example, number, 0, []), driven(example, number, 0, [tuple(place)])
+    assert np.hypot(*(free[:, :2] - place).T).min() < 0.5, "it keeps to the middle of a free lane"
+    assert free[-1, 2] == pytest.approx(4.0, abs=0.2)
+    assert np.hypot(*(stopped[:, :2] - place).T).min() > TOUCH + 0.5
+    assert stopped[-1, 2] < 0.5
+
+
+def test_one_driver_plans_each_episode_anew(example: ModuleType) -> None:
+    driver = example.Driver()
+    states = np.zeros(3, EPISODE)
+    states["status"], states["episode"], states["scenario"] = RUNNING, [0, 1, 2], [1, 101, 1]
+    for state in states:
+        path = load_scenario(int(state["scenario"])).vehicle.path.points
+        state["vehicle_x"], state["vehicle_y"], state["vehicle_speed"] = *path[0], 3.0
+        state["vehicle_heading"] = np.arctan2(*(path[1] - path[0])[::-1])
+        steer, throttle, brake = driver.control(state, [], PERIOD)
+        assert abs(steer) < 0.1
+        assert throttle > 0.0
+        assert brake == 0.0
+
+
+def test_it_reads_the_list_of_objects_that_perception_publishes(example: ModuleType) -> None:
+    objects = np.zeros(2, OBJECT)
+    objects["x"], objects["y"], objects["vx"], objects["vy"] = [1.5, -2.0], [3.0, 4.0], [0.5, 0.0], [-1.0, 0.25]
+    seen = example.people_seen(objects_message(objects, 7, PERIOD))
+    assert seen == [(1.5, 3.0, 0.5, -1.0), (-2.0, 4.0, 0.0, 0.25)]
+    assert example.people_seen(objects_message(objects[:0], 8, PERIOD)) == []
+
+
+@pytest.mark.parametrize(("option", "nodes", "several"), [("", [], 1), ("--objects 0.1", ["perception"], 3)])
+def test_through_the_graph_it_answers_every_tick_and_stops_for_whom_the_autopilot_hits(
+    tmp_path: Path, option: str, nodes: list[str], several: int
+) -> None:
+    world = {"scenarios": [1], "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0, "pedestrians": several}
+    graph = {"batch": 1, "vehicle_driver": "external", "pedestrian_driver": "autopilot"}
+    exam = load(params_dir() / "ads_test.yaml").changed("world_simulator", world)
+    hit = [each.outcome for each in autopilot_met(prepare(exam, "external"), "walker").drives]
+    assert hit == [COLLISION, COLLISION]
+    chosen = exam.changed("world_simulator", graph).changed("perception", {"latency": 0.1})
+    chosen = chosen.changed("graph", {"nodes": ["world_simulator", "safety_monitor", *nodes]})
+    command = [sys.executable, str(PROGRAM), *option.split()]
+    with own_domain(), running(command, tmp_path / "log"), composed(resolve(chosen, tmp_path)) as made:
+        told = dict(made["world_simulator"].status())
+    assert (told["timeout"], told.get("collision", 0)) == (2, 0), told
+    assert not {"vehicle_answers_missing", "vehicle_commands_refused"} & told.keys()
+    assert told["vehicle_commands"] == 2 * 160, "one for each tick of 0.05 s, the last of an episode left out"
