@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.importer import Clip
-from vpsci_ros.data.importers.tracks import Floats, Track, read_text, require_columns, resample, slope
+from vpsci_ros.data.importers.tracks import LARGEST, Floats, Track, read_text, require_columns, resample, slope
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 
@@ -115,11 +115,20 @@ def _canonical(table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path:
     names = [name for name in layout.columns if name not in ("id", "class", "frame", "time")]
     if kinds == layout.pedestrians:
         names = [name for name in names if name in ("x", "y", "vx", "vy")]
-    found = {"id": _ids(rows[layout.columns["id"]])}
+    ids = rows[layout.columns["id"]]
+    if ids.null_count():
+        at = line[int(ids.is_null().arg_max() or 0)]
+        raise InvalidInput(f"{path}: line {at}, column {layout.columns['id']}: expected an id, got nothing")
+    found = {"id": _ids(ids)}
     clock = "frame" if "frame" in layout.columns else "time"
     ticks = _numbers(rows, line, layout.columns[clock], path)
     if clock == "time":
         ticks = (ticks * (layout.time_unit * _TICKS)).round()
+    if (ticks.abs() >= LARGEST).any():
+        at = int((ticks.abs() >= LARGEST).arg_max() or 0)
+        raise InvalidInput(
+            f"{path}: line {line[at]}, column {layout.columns[clock]}: expected a {clock} below 2^53, got {ticks[at]:g}"
+        )
     found["frame"] = ticks.cast(pl.Int64)
     for name in names:
         found[name] = _numbers(rows, line, layout.columns[name], path) * (1.0 if name == "heading" else layout.metres)

@@ -70,17 +70,18 @@ class _Joint:
 
 
 def _joint_tracks(clip: Clip) -> Iterable[_Joint]:
+    begins, ends = (np.array([getattr(each, end) for each in clip.pedestrians], int) for end in ("first", "last"))
     for vehicle in clip.vehicles:
+        together = np.flatnonzero((begins <= vehicle.last) & (ends >= vehicle.first))  # of thousands, a few
+        if not len(together):
+            continue
         heading = vehicle.values["heading"]
         values = vehicle.values | {"yaw_rate": slope(heading), "yaw_rate_causal": trailing_slope(heading)}
-        for pedestrian in clip.pedestrians:
+        for pedestrian in (clip.pedestrians[number] for number in together):
             first, last = max(vehicle.first, pedestrian.first), min(vehicle.last, pedestrian.last)
-            if first <= last:
-                veh = {k: v[first - vehicle.first : last - vehicle.first + 1] for k, v in values.items()}
-                ped = {
-                    k: v[first - pedestrian.first : last - pedestrian.first + 1] for k, v in pedestrian.values.items()
-                }
-                yield _Joint(first, vehicle, pedestrian, veh, ped)
+            veh = {k: v[first - vehicle.first : last - vehicle.first + 1] for k, v in values.items()}
+            ped = {k: v[first - pedestrian.first : last - pedestrian.first + 1] for k, v in pedestrian.values.items()}
+            yield _Joint(first, vehicle, pedestrian, veh, ped)
 
 
 def _near_miss(joint: _Joint, length: float, width: float, critical: float) -> pl.DataFrame | None:
