@@ -24,16 +24,17 @@ demo: setup  ## run all three stages, small; leaves bags, tables and a page that
 	@$(BIN)/vpsci demo --force $(if $(VPSCI_DATA),--data $(VPSCI_DATA))
 
 test: setup  ## run the tests
-	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal -m 'not slow' $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
 
 check: setup  ## what a change has to pass: ruff, mypy, tests
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
 	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
 
-chaos: setup  ## damage thousands of files and a hundred graphs, and count what does not hold (two hours)
+chaos: setup  ## damage thousands of files and two hundred graphs, and count what does not hold (hours)
 	@$(BIN)/python test/chaos/campaign.py files -o out/chaos/files
 	@$(BIN)/python test/chaos/campaign.py processes -o out/chaos/processes
+	@$(BIN)/python test/chaos/campaign.py strangers -o out/chaos/strangers
 
 clean:  ## remove .venv and whatever was built, keep out/
 	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

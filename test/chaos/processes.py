@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -71,6 +71,10 @@ def disturbance(seed: int, lasts: float) -> Disturbance:
     )
 
 
+Meddle = Callable[["subprocess.Popen[bytes]", str, int], None]
+"""Does something to a graph: its process, the mark in its processes' environment, its ROS domain."""
+
+
 class Run(NamedTuple):
     """A run as it ended: exit status, what it printed, seconds, who is alive `ORPHANS` later, its folder."""
 
@@ -83,21 +87,24 @@ class Run(NamedTuple):
 
 def run(folder: Path, disturbed: Disturbance | None = None) -> Run:
     """Run a graph, disturb it, and wait for its end."""
+    if disturbed is None:
+        return run_beside(folder, (f"world_simulator.action_timeout={PATIENT}",))
+    settings = (f"graph.restarts={disturbed.restarts}", f"world_simulator.action_timeout={disturbed.action_timeout}")
+    return run_beside(folder, settings, lambda graph, mark, _: _disturb(disturbed, graph, mark))
+
+
+def run_beside(folder: Path, settings: tuple[str, ...], meddle: Meddle | None = None) -> Run:
+    """Run a graph with these settings besides `SETTINGS`, let somebody meddle with it, and wait for its end."""
     mark = f"{os.getpid()}/{folder.name}/{time.monotonic_ns()}"
-    settings = [
-        *SETTINGS,
-        f"graph.restarts={disturbed.restarts if disturbed else 0}",
-        f"world_simulator.action_timeout={disturbed.action_timeout if disturbed else PATIENT}",
-    ]
     command = [sys.executable, "-m", "vpsci_ros.cli", "graph", "--params", "stage3_generate", "-o", str(folder / "run")]
-    command += [part for text in settings for part in ("--set", text)]
+    command += [part for text in (*SETTINGS, *settings) for part in ("--set", text)]
     with domain_id() as domain, open(folder / "said.txt", "w+") as said:
         own = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", _MARK: mark}
         begun = time.monotonic()
         graph = subprocess.Popen(command, env=os.environ | own, stdout=said, stderr=said, start_new_session=True)
         try:
-            if disturbed is not None:
-                _disturb(disturbed, graph, mark)
+            if meddle is not None:
+                meddle(graph, mark, domain)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 graph.wait(LIMIT)
             seconds = time.monotonic() - begun
@@ -159,20 +166,22 @@ def content(bag: Path) -> dict[str, str]:
 
     The answers to the last tick are left out: the world is done then, and waits for nobody.
     """
-    messages = list(Bag(bag, recover=True).messages(COMPARED))
-    end = max((raw.time for raw in messages), default=0)
-    waited_for = [raw for raw in messages if raw.time < end or raw.topic == WORLD]
-    return {f"{raw.topic} {raw.time}": hashlib.sha256(raw.data[12:]).hexdigest() for raw in waited_for}
+    messages = list(digests(Bag(bag, recover=True)))
+    end = max((at for _, at, _ in messages), default=0)
+    return {f"{topic} {at}": digest for topic, at, digest in messages if at < end or topic == WORLD}
+
+
+def digests(bag: Bag) -> Iterator[tuple[str, int, str]]:
+    """Yield topic, stamp [ns] and a hash of every compared message of a bag."""
+    for raw in bag.messages(COMPARED):
+        yield raw.topic, raw.time, hashlib.sha256(raw.data[12:]).hexdigest()
 
 
 def defects(case: Run, disturbed: Disturbance, undisturbed: dict[str, str]) -> list[str]:
     """Return what does not hold of a disturbed run, one sentence each."""
-    found = [f"alive {ORPHANS:g} s after the end: {name[:60]}" for name in case.orphans]
-    logs = [path.read_text(errors="replace") for path in case.folder.glob("log/*.log")]
-    if any("Traceback (most recent call last)" in text for text in (case.said, *logs)):
-        found.append("somebody printed a traceback")
+    found = defects_of_end(case)
     if case.status is None:
-        return [*found, f"it ran for more than {LIMIT:g} s"]
+        return found
     killed = disturbed.node == GRAPH and disturbed.number == signal.SIGKILL and case.status == -signal.SIGKILL
     record = case.folder / "run.json"
     error = json.loads(record.read_text())["error"] if record.is_file() else None
@@ -182,6 +191,15 @@ def defects(case: Run, disturbed: Disturbance, undisturbed: dict[str, str]) -> l
     if case.status != 0 and not error and not killed and (began or not case.said.strip()):
         found.append(f"status {case.status}, but no record that says why")
     return found + _of_bag(case, undisturbed)
+
+
+def defects_of_end(case: Run) -> list[str]:
+    """Return who of a run is alive, what was printed that nobody should see, and whether it never ended."""
+    found = [f"alive {ORPHANS:g} s after the end: {name[:60]}" for name in case.orphans]
+    logs = [path.read_text(errors="replace") for path in case.folder.glob("log/*.log")]
+    if any("Traceback (most recent call last)" in text for text in (case.said, *logs)):
+        found.append("somebody printed a traceback")
+    return found if case.status is not None else [*found, f"it ran for more than {LIMIT:g} s"]
 
 
 def _of_bag(case: Run, undisturbed: dict[str, str]) -> list[str]:

@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import pytest
-from chaos import files, processes, writes
+from chaos import files, processes, strangers, writes
+
+from vpsci_ros.runs.files import write_json
 
 CASES = 20
 CORPUS = sorted(path for path in files.CORPUS.rglob("*") if path.is_file())
@@ -38,11 +40,59 @@ def test_a_defect_would_be_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert "without a word" in files.judged("parameters", b"a: 1", whole, target)
 
 
-@pytest.mark.slow
-def test_a_disturbed_graph_is_complete_or_says_what_it_lacks(tmp_path: Path) -> None:
-    whole, lasts = processes.undisturbed()
+@pytest.fixture(scope="module")
+def undisturbed() -> tuple[dict[str, str], float]:
+    """What the bag of an undisturbed graph holds, and the seconds that it took."""
+    return processes.undisturbed()
+
+
+def test_a_disturbed_graph_is_complete_or_says_what_it_lacks(
+    tmp_path: Path, undisturbed: tuple[dict[str, str], float]
+) -> None:
+    whole, lasts = undisturbed
     disturbed = processes.disturbance(3, lasts)  # SIGSTOP to a policy, for 2.7 s in the middle of it
     assert processes.defects(processes.run(tmp_path, disturbed), disturbed, whole) == [], disturbed
+
+
+SPEAKS = strangers.Stranger(
+    "stranger",
+    (
+        strangers.Act("/world/state", "bytes", 0.2, 5),
+        strangers.Act("/vehicle/action", "fields", 0.2, 1),
+        strangers.Act("/diagnostics", "fields", 1.0, 1),
+    ),
+    early=False,
+    seed=1,
+)
+CALLS = strangers.Stranger(
+    "vehicle_policy",
+    (
+        strangers.Act("/safety_monitor/set_parameters", "call", 1.0, 5),
+        strangers.Act("/world_simulator/set_parameters_atomically", "call", 0.2, 5),
+        strangers.Act("/world/history", "call", 0.2, 1),
+    ),
+    early=True,
+    seed=2,
+)
+
+
+@pytest.mark.parametrize("among", [SPEAKS, CALLS], ids=["who speaks", "who calls"])
+def test_a_graph_among_strangers_is_complete_or_says_what_it_lacks(
+    among: strangers.Stranger, tmp_path: Path, undisturbed: tuple[dict[str, str], float]
+) -> None:
+    assert strangers.defects(strangers.run(tmp_path, among), among, undisturbed[0]) == [], str(among)
+
+
+def test_a_node_that_a_stranger_ended_would_be_noticed(tmp_path: Path) -> None:
+    ended = {"world_simulator": 0, "safety_monitor": 1}
+    write_json(tmp_path / "run.json", {"error": "it ended", "results": {"exit_status": ended}, "inputs_sha256": {}})
+    case = processes.Run(1, "Traceback (most recent call last)", 1.0, ["recorder"], tmp_path)
+    assert strangers.defects(case, SPEAKS, {}) == [
+        "alive 10 s after the end: recorder",
+        "somebody printed a traceback",
+        "safety_monitor ended with 1",
+        "its bag was not completed",
+    ]
 
 
 @pytest.mark.parametrize("name", writes.WRITERS)
