@@ -2,25 +2,47 @@
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import polars as pl
 import pytest
 
+from vpsci_ros.cli.main import main
+
 ROOT = Path(__file__).resolve().parents[2]
 PARAMS = ROOT / "params"
 
 
-def vpsci(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "vpsci_ros.cli", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, cwd=ROOT)
+@pytest.fixture
+def vpsci(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """The command in this process, with what it prints: to start Python and import torch takes seconds each time."""
+    monkeypatch.chdir(ROOT)
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        monkeypatch.setattr(sys, "argv", ["vpsci", *arguments])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return subprocess.CompletedProcess(arguments, ended.value.code or 0, *capfd.readouterr())
+
+    return run
 
 
 def test_help_loads_neither_torch_nor_ros() -> None:
     code = "import sys, vpsci_ros.cli; print([m for m in ('torch', 'rclpy', 'numba', 'polars') if m in sys.modules])"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert result.stdout.strip() == "[]", result.stderr
-    assert "demo" in vpsci("--help").stdout
+
+
+def test_the_command_is_a_program_with_help_and_an_exit_status() -> None:
+    for arguments, status, said in ((["--help"], 0, "demo"), (["node", "pilot"], 2, "error: unknown node 'pilot'")):
+        command = [sys.executable, "-m", "vpsci_ros.cli", *arguments]
+        result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, cwd=ROOT)
+        assert result.returncode == status
+        assert said in result.stdout + result.stderr
 
 
 @pytest.mark.parametrize(
@@ -54,7 +76,9 @@ def test_help_loads_neither_torch_nor_ros() -> None:
         (["world", "show", "1", "-o", "docs"], "expected a file to write, found a folder"),
     ],
 )
-def test_an_error_is_one_line_that_says_what_and_where(arguments: list[str], message: str) -> None:
+def test_an_error_is_one_line_that_says_what_and_where(
+    vpsci: Callable[..., subprocess.CompletedProcess[str]], arguments: list[str], message: str
+) -> None:
     result = vpsci(*arguments)
     assert result.returncode == 2
     assert message in result.stderr
@@ -72,8 +96,9 @@ def test_every_parameter_file_of_the_package_is_accepted(path: Path) -> None:
     assert all(sections.get(kind, node) for node in sections.values for kind in kinds[node])
 
 
-@pytest.mark.slow
-def test_pretraining_writes_weights_that_evaluation_reads(tmp_path: Path) -> None:
+def test_pretraining_writes_weights_that_evaluation_reads(
+    vpsci: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
     small = [
         f"learner.{name}" for name in ("episodes=2", "imitation.rollouts=4", "replay.batch_size=16", "evaluate_every=2")
     ]

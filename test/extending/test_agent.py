@@ -36,7 +36,6 @@ def test_the_pedestrian_of_the_page_stands_within_two_seconds_of_the_hand_over(i
     assert max(speeds) < 0.1
 
 
-@pytest.mark.slow
 def test_it_meets_a_driving_system_in_the_exam_and_the_bag_repeats_to_the_bit(
     install: Install, domain: int, tmp_path: Path
 ) -> None:

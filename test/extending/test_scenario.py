@@ -76,7 +76,6 @@ def test_the_graph_of_nodes_runs_it_and_its_bag_is_verified_without_the_file(
     assert verify_bag(bag).difference == ""
 
 
-@pytest.mark.slow
 def test_the_exam_takes_place_there(midblock: Path, domain: int, tmp_path: Path) -> None:
     settings = [*chosen(midblock), "world_simulator.episodes=1", "world_simulator.episode_time=3.0",
                 "world_simulator.action_timeout=30.0", "ads_test.pedestrians=[walker]"]  # fmt: skip

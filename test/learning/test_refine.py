@@ -211,7 +211,6 @@ def test_episodes_without_an_update_in_between_say_nothing_of_convergence(refine
     assert not refiner.finished
 
 
-@pytest.mark.slow
 def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, networks, near_misses):
     start = networks(gain=1.0).weights({}, {})
     exploring = dict.fromkeys(AGENTS, PolicyConfig(explore=True, seed=3))

@@ -16,7 +16,8 @@ from rclpy.executors import SingleThreadedExecutor
 
 from vpsci_msgs.msg import WorldState
 from vpsci_ros.learning.networks import Networks
-from vpsci_ros.nodes.graph import GraphResult, NodeProcesses, run_graph
+from vpsci_ros.nodes.domain import own_domain
+from vpsci_ros.nodes.graph import NodeProcesses, run_graph
 from vpsci_ros.nodes.topics import RECORDING
 from vpsci_ros.nodes.watch import Watch
 from vpsci_ros.policy.config import NetworkConfig
@@ -33,12 +34,38 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
+WORLD = {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4}
+NAMESPACE = "/here"
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory, weights: str) -> dict[tuple[str, int], list[bytes]]:
+    """What the bag of a graph in `NAMESPACE` holds of which nobody is killed."""
+    sections = graph_in_namespace(weights, {"action_timeout": PATIENCE}, {})
+    with own_domain():
+        result = run_graph(sections, tmp_path_factory.mktemp("undisturbed") / "run", quiet=True)
+    assert result.error == ""
+    return content(result.bag)
+
+
+def graph_in_namespace(weights: str, world: dict[str, Any], graph: dict[str, Any]) -> Sections:
+    policy = {"weights": weights, "explore": True}
+    return Sections(
+        {
+            "graph": {"nodes": NODES, "namespace": NAMESPACE} | graph,
+            "world_simulator": WORLD | world,
+            "vehicle_policy": policy,
+            "pedestrian_policy": policy,
+        }
+    )
+
+
 @pytest.fixture
 def by_hand(domain: int, tmp_path: Path, weights: str) -> Iterator[Callable[..., ByHand]]:
     made: list[ByHand] = []
 
     def make(name: str, namespace: str = "", **world: Any) -> ByHand:
-        settings = {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4, "action_timeout": PATIENCE} | world
+        settings = WORLD | {"action_timeout": PATIENCE} | world
         policy = {"weights": weights, "explore": True}
         sections = {
             "graph": {"nodes": NODES},
@@ -55,14 +82,10 @@ def by_hand(domain: int, tmp_path: Path, weights: str) -> Iterator[Callable[...,
 
 
 def test_a_policy_that_is_killed_and_started_again_leaves_the_same_bag(
-    by_hand: Callable[..., ByHand], context: Context
+    by_hand: Callable[..., ByHand], context: Context, undisturbed: dict[tuple[str, int], list[bytes]]
 ) -> None:
-    undisturbed = by_hand("undisturbed")
-    undisturbed.start(*NODES)
-    expected = content(undisturbed.finish())
-
-    graph = by_hand("killed")
-    watcher = rclpy.create_node("watcher", context=context)
+    graph = by_hand("killed", NAMESPACE)
+    watcher = rclpy.create_node("watcher", context=context, namespace=NAMESPACE)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(watcher)
     frames = {"vehicle_policy": 4, "pedestrian_policy": 40}  # to kill in the middle of episodes that have a history
@@ -86,31 +109,23 @@ def test_a_policy_that_is_killed_and_started_again_leaves_the_same_bag(
     executor.shutdown()
     watcher.destroy_node()
     assert max(frames.values()) <= 0, "nobody was killed"
-    told = diagnostics(bag)
+    told = {name.rpartition("/")[2]: values for name, values in diagnostics(bag).items()}
     for policy in frames:
         assert int(told[policy]["frames_recalled"]) > 0
         assert told[policy]["ticks_missed"] == "0"
     assert "vehicle_answers_missing" not in told["world_simulator"]
     found = content(bag)
-    assert sorted(found) == sorted(expected)
-    assert found == expected
+    assert sorted(found) == sorted(undisturbed)
+    assert found == undisturbed
 
 
 def test_a_graph_starts_a_policy_again_that_dies_and_its_bag_shows_nothing_of_it(
-    domain: int, tmp_path: Path, weights: str, monkeypatch: pytest.MonkeyPatch
+    domain: int,
+    tmp_path: Path,
+    weights: str,
+    undisturbed: dict[tuple[str, int], list[bytes]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def chosen(name: str, restarts: int) -> GraphResult:
-        policy = {"weights": weights}
-        sections = {
-            "graph": {"restarts": restarts, "namespace": "/here"},
-            "world_simulator": {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4, "action_timeout": 10.0},
-            "vehicle_policy": policy,
-            "pedestrian_policy": policy,
-        }
-        return run_graph(Sections(sections), tmp_path / name, quiet=True)
-
-    expected = chosen("undisturbed", 0)
-    assert expected.error == ""
     victims: list[int] = []
     follow = Watch.spin
 
@@ -124,11 +139,12 @@ def test_a_graph_starts_a_policy_again_that_dies_and_its_bag_shows_nothing_of_it
     enter = NodeProcesses.__enter__
     monkeypatch.setattr(NodeProcesses, "__enter__", lambda self: started.append(self) or enter(self))
     monkeypatch.setattr(Watch, "spin", spin)
-    result = chosen("killed", 1)
+    sections = graph_in_namespace(weights, {"action_timeout": PATIENCE}, {"restarts": 1})
+    result = run_graph(sections, tmp_path / "killed", quiet=True)
     assert result.error == ""
     assert victims
     assert result.exits["vehicle_policy"] == 0
-    assert content(result.bag) == content(expected.bag)
+    assert content(result.bag) == undisturbed
 
 
 def test_two_graphs_in_two_namespaces_do_not_see_each_other_and_follow_the_parameter_file(
@@ -151,7 +167,6 @@ def test_two_graphs_in_two_namespaces_do_not_see_each_other_and_follow_the_param
     assert ticks[0] != ticks[1]
 
 
-@pytest.mark.slow
 def test_every_node_says_for_whom_it_waits(by_hand: Callable[..., ByHand]) -> None:
     graph = by_hand("waits")
     graph.start("world_simulator", "vehicle_policy")

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import _follow
@@ -84,3 +84,13 @@ def test_the_time_of_a_pause_is_counted_from_the_world_s_own_word_and_ends_with_
     assert seen._paused_since is not None
     says("running")
     assert seen.paused_time() == 0.0
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e999", "[/red]", ""])
+def test_what_is_no_number_in_somebodys_diagnostics_is_neither_shown_nor_reckoned_with(value: str) -> None:
+    seen = Watch(Sections({"graph": {}, "learner": {"stage": "pretrain"}}), quiet=True)
+    for name, keys in (("learner", ("episode", "episodes", "updates")), ("world_simulator", ("ticks_per_second",))):
+        values = [KeyValue(key=key, value=value) for key in keys]
+        seen._on_diagnostics(DiagnosticArray(status=[DiagnosticStatus(name=name, values=values)]))
+    seen._show()
+    assert seen.summary() == {"episodes_ended": 0.0, "events_refused": 0.0}

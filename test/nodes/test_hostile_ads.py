@@ -67,7 +67,6 @@ def examined(folder: Path, way: str, **world: Any) -> tuple[list[str], dict[str,
     return failures, report["conduct"]["alone"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("rate", [10000])
 def test_one_that_floods_is_said_to_flood_however_fast(domain: int, tmp_path: Path, rate: int) -> None:
     # Ticks of 0.5 s by the wall clock, so that the flood is one on a fast machine, too.

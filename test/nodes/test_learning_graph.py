@@ -13,7 +13,8 @@ from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.nodes.graph import run_graph
+from vpsci_ros.nodes.domain import own_domain
+from vpsci_ros.nodes.graph import GraphResult, run_graph
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.runs.sections import Sections
 
@@ -38,13 +39,27 @@ SMALL_STAGE_2 = {
 }
 
 
-@pytest.mark.slow
+@pytest.fixture(scope="module")
+def near_misses(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    path = tmp_path_factory.mktemp("near_misses") / "near.parquet"
+    write_near_misses(synthetic_near_misses(8).table, path)
+    return [str(path)]
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory, near_misses: list[str]) -> GraphResult:
+    """A run of stage 1; not to be changed."""
+    learner = SMALL_STAGE_1 | SMALL_NETWORK | {"near_misses": near_misses}
+    chosen = Sections({"graph": {"nodes": ["learner", "recorder"]}, "learner": learner})
+    with own_domain():
+        result = run_graph(chosen, tmp_path_factory.mktemp("stage1") / "run", quiet=True)
+    assert result.error == ""
+    return result
+
+
 def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph_runs(
-    domain: int, tmp_path: Path
+    domain: int, tmp_path: Path, first: GraphResult, near_misses: list[str]
 ) -> None:
-    nodes = ["learner", "recorder"]
-    first = run_graph(Sections({"graph": {"nodes": nodes}, "learner": SMALL_STAGE_1}), tmp_path / "stage1", quiet=True)
-    assert first.error == ""
     assert first.progress["learner.episode"] == 2
     pretrained = first.folder / "learner" / "pretrained.safetensors"
     assert load_weights(pretrained).facts["stage"] == "pretrained"
@@ -63,7 +78,7 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
         },
         "vehicle_policy": {"explore": True},
         "pedestrian_policy": {"explore": True},
-        "learner": SMALL_STAGE_2 | {"weights": str(pretrained)},
+        "learner": SMALL_STAGE_2 | {"weights": str(pretrained), "near_misses": near_misses},
     }
     second = run_graph(Sections(chosen), tmp_path / "stage2", quiet=True)
     assert second.error == ""
@@ -92,18 +107,13 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
 
 
 def test_the_bag_of_stage_one_holds_the_learners_parameters_and_says_why_there_is_nothing_to_verify(
-    domain: int, tmp_path: Path
+    first: GraphResult,
 ) -> None:
-    graph = {"nodes": ["learner", "recorder"]}
-    run = run_graph(
-        Sections({"graph": graph, "learner": SMALL_STAGE_1 | SMALL_NETWORK}), tmp_path / "stage1", quiet=True
-    )
-    assert run.error == ""
-    parameters = bag_run(Bag(run.bag)).parameters["learner"]
+    parameters = bag_run(Bag(first.bag)).parameters["learner"]
     assert (parameters["stage"], parameters["imitation.rollouts"]) == ("pretrain", 4)
     with pytest.raises(InvalidInput, match="of stage 1, in which a learner reads a table and nothing is simulated"):
-        verify_bag(run.bag)
-    said = (run.folder / "log" / "recorder.log").read_text()
+        verify_bag(first.bag)
+    said = (first.folder / "log" / "recorder.log").read_text()
     assert "without the parameters" not in said
     assert "waiting for" not in said.partition("found learner")[2]
 

@@ -24,7 +24,6 @@ from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 from vpsci_ros.resources import params_dir
-from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import load_scenarios
 from vpsci_ros.world.parked import parked_from
 from vpsci_ros.world.perception import SEEN, PerceptionConfig, blank, perceive
@@ -90,50 +89,51 @@ def test_more_than_one_episode_at_a_time_is_refused_with_what_to_do(context: Con
         run_world(context, {"scenarios": [1], "batch": 2, "episodes": 2}, {})
 
 
-def exam(**perception: Any) -> Sections:
-    found = load(params_dir() / "ads_test.yaml")
-    world = {"scenarios": [104], "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0}
-    asked = {"pedestrians": ["walker"], "perception": True}
-    return found.changed("world_simulator", world).changed("ads_test", asked).changed("perception", perception)
-
-
-BLIND = """
-import rclpy
-from geometry_msgs.msg import AccelStamped
+LISTENING = """
+import sys
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import PointCloud2
+from vpsci_ros.nodes import example_ads
 
-def on_vehicle(odometry):
-    message = AccelStamped(header=odometry.header)
-    message.accel.linear.x = 3.0 - odometry.twist.twist.linear.x
-    command.publish(message)
+class Listening(example_ads.ExampleAds):
+    def __init__(self):
+        super().__init__()
+        self.create_subscription(Odometry, "pedestrian/odometry", lambda _: print("TRUTH", flush=True), 10)
+        self.create_subscription(PointCloud2, "perception/objects", lambda _: print("objects", flush=True), 10)
 
-rclpy.init()
-node = rclpy.create_node("blind")
-node.create_subscription(Odometry, "pedestrian/odometry", lambda _: print("TRUTH", flush=True), 10)
-node.create_subscription(PointCloud2, "perception/objects", lambda _: print("objects", flush=True), 10)
-node.create_subscription(Odometry, "vehicle/odometry", on_vehicle, 10)
-command = node.create_publisher(AccelStamped, "vehicle/cmd_accel", 10)
-rclpy.spin(node)
+example_ads.ExampleAds = Listening
+sys.exit(example_ads.main())
 """
 
 
-@pytest.mark.slow
-def test_the_exams_ads_is_told_of_objects_and_never_the_truth(domain: int, tmp_path: Path) -> None:
-    script = tmp_path / "blind.py"
-    script.write_text(BLIND)
-    run_exam(prepare(exam(), f"{sys.executable} {script}"), tmp_path / "exam", quiet=True)
-    said = (tmp_path / "exam" / "logs" / "ads_walker.log").read_text().splitlines()
+@pytest.fixture(scope="module")
+def examined(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of an exam of the example, which tells what it hears and sees nobody beyond 8 m: it is told late."""
+    folder = tmp_path_factory.mktemp("perception")
+    script = folder / "listening.py"
+    script.write_text(LISTENING)
+    world = {"scenarios": [104], "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0}
+    asked = {"pedestrians": ["walker"], "perception": True, "baseline": False}
+    chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", asked)
+    exam = prepare(
+        chosen.changed("perception", {"reach": 8.0, **ERRORS}),
+        f"{sys.executable} {script} --ros-args -p objects:=true -p objects_latency:={ERRORS['latency']}",
+    )
+    assert run_exam(exam, folder / "exam", ["ticks_unanswered > 0"], quiet=True) == []
+    return folder / "exam"
+
+
+def test_the_exams_ads_is_told_of_objects_and_never_the_truth(examined: Path) -> None:
+    said = (examined / "logs" / "ads_walker.log").read_text().splitlines()
     assert "TRUTH" not in said
     assert said.count("objects") > 50
+    topics = Bag(examined / "runs" / "walker" / "bag").topics()
+    assert topics["/perception/objects"].messages == topics["/world/state"].messages
+    assert topics["/pedestrian/odometry"].messages == 0
 
 
-@pytest.mark.slow
-def test_the_report_says_what_the_ads_was_told_and_by_group_who_was_hidden(domain: int, tmp_path: Path) -> None:
-    """The example sees nobody beyond 8 m, so it is told late."""
-    folder = tmp_path / "exam"
-    assert run_exam(prepare(exam(reach=8.0, **ERRORS)), folder, ["ticks_unanswered > 0"], quiet=True) == []
-    report, table = json.loads((folder / "report.json").read_text()), pl.read_parquet(folder / "episodes.parquet")
+def test_the_report_says_what_the_ads_was_told_and_by_group_who_was_hidden(examined: Path) -> None:
+    report, table = json.loads((examined / "report.json").read_text()), pl.read_parquet(examined / "episodes.parquet")
     sight = report["sight"]
     assert sight["perception"]["reach"] == 8.0
     rows = table.filter((pl.col("driver") == "ads") & pl.col("critical") & (pl.col("pedestrian") == "walker"))
@@ -141,9 +141,6 @@ def test_the_report_says_what_the_ads_was_told_and_by_group_who_was_hidden(domai
     assert sight["pedestrians"]["walker"]["told_share"]["value"] == pytest.approx(rows["told_share"].mean())
     assert 0.0 < rows["told_share"].mean() < 0.8
     assert rows["told_after"].max() > 0.1
-    page = (folder / "report.html").read_text()
+    page = (examined / "report.html").read_text()
     assert "What the ADS could see" in page
     assert "<code>reach 8.0</code>" in page
-    topics = Bag(folder / "runs" / "walker" / "bag").topics()
-    assert topics["/perception/objects"].messages == topics["/world/state"].messages
-    assert topics["/pedestrian/odometry"].messages == 0

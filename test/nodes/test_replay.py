@@ -11,6 +11,7 @@ from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.networks import Networks
+from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import save_weights
@@ -31,41 +32,47 @@ def motion(bag: Path, names: tuple[str, ...]) -> np.ndarray:
     return np.array([[row[name] for name in ("episode", "frame", *names)] for part in rows for row in part])
 
 
-@pytest.mark.slow
-def test_a_recorded_vehicle_drives_again_against_another_pedestrian(domain: int, tmp_path: Path) -> None:
-    first = run_graph(sections(vehicle_driver="autopilot"), tmp_path / "first", quiet=True)
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Bag of a graph in which the autopilot drove; not to be changed."""
+    with own_domain():
+        first = run_graph(sections(vehicle_driver="autopilot"), tmp_path_factory.mktemp("first") / "run", quiet=True)
     assert first.error == ""
-    again = sections(vehicle_driver="replay", pedestrian_driver="social_force", recorded_bag=str(first.bag))
+    return first.bag
+
+
+def test_a_recorded_vehicle_drives_again_against_another_pedestrian(
+    domain: int, tmp_path: Path, recorded: Path
+) -> None:
+    again = sections(vehicle_driver="replay", pedestrian_driver="social_force", recorded_bag=str(recorded))
     second = run_graph(again, tmp_path / "second", quiet=True)
     assert second.error == ""
     vehicle = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature")
-    recorded, replayed = motion(first.bag, vehicle), motion(second.bag, vehicle)
-    both = min((recorded[:, 0] == 0).sum(), (replayed[:, 0] == 0).sum())  # the first episode, as far as both go
+    before, replayed = motion(recorded, vehicle), motion(second.bag, vehicle)
+    both = min((before[:, 0] == 0).sum(), (replayed[:, 0] == 0).sum())  # the first episode, as far as both go
     assert both > 50
-    assert replayed[:both].tobytes() == recorded[:both].tobytes()
-    walkers = [motion(bag, ("pedestrian_x", "pedestrian_y"))[:both] for bag in (first.bag, second.bag)]
+    assert replayed[:both].tobytes() == before[:both].tobytes()
+    walkers = [motion(bag, ("pedestrian_x", "pedestrian_y"))[:both] for bag in (recorded, second.bag)]
     assert not np.array_equal(*walkers)
 
-    with AnyReader([first.bag]) as reader:
+    with AnyReader([recorded]) as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}
     assert counts["/markers"] > 50
     assert counts["/markers"] == counts["/world/state"]
 
 
-def test_a_recorded_car_drives_against_the_live_pedestrian_policy(domain: int, tmp_path: Path) -> None:
-    first = run_graph(sections(vehicle_driver="autopilot"), tmp_path / "first", quiet=True)
-    assert first.error == ""
+def test_a_recorded_car_drives_against_the_live_pedestrian_policy(domain: int, tmp_path: Path, recorded: Path) -> None:
     weights = tmp_path / "initial.safetensors"
     save_weights(weights, Networks(NetworkConfig()).weights({}, {}))
-    again = sections(vehicle_driver="replay", pedestrian_driver="policy", recorded_bag=str(first.bag))
+    again = sections(vehicle_driver="replay", pedestrian_driver="policy", recorded_bag=str(recorded))
     again = again.changed("graph", {"nodes": [*NODES, "pedestrian_policy"]})
     again = again.changed("pedestrian_policy", {"weights": str(weights)})
     second = run_graph(again, tmp_path / "second", quiet=True)
     assert second.error == ""
     vehicle = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed")
-    recorded, replayed = motion(first.bag, vehicle), motion(second.bag, vehicle)
-    both = min((recorded[:, 0] == 0).sum(), (replayed[:, 0] == 0).sum())
-    assert replayed[:both].tobytes() == recorded[:both].tobytes()
+    before, replayed = motion(recorded, vehicle), motion(second.bag, vehicle)
+    both = min((before[:, 0] == 0).sum(), (replayed[:, 0] == 0).sum())
+    assert replayed[:both].tobytes() == before[:both].tobytes()
     with AnyReader([second.bag]) as reader:
         counts = {connection.topic: connection.msgcount for connection in reader.connections}
     assert counts["/pedestrian/action"] > 20

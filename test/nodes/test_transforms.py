@@ -106,5 +106,5 @@ def test_a_graph_in_a_namespace_records_its_transforms_and_nothing_of_its_names_
     assert frames["/tf_static"] == {"left/vehicle/rear_axle"}
     assert transforms == odometry > 10
     log = (result.folder / "log/world_simulator.log").read_text()
-    assert "ready: 1 episodes of each scenario of [3], 1 at once" in log
+    assert "ready: 1 episodes of scenarios [3], 1 at once" in log
     assert "3:0 ended: " in log

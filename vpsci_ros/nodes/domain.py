@@ -13,9 +13,10 @@ def own_domain() -> Iterator[None]:
     if "ROS_DOMAIN_ID" in os.environ:
         yield
         return
-    with domain_id() as number:
-        os.environ["ROS_DOMAIN_ID"] = str(number)
-        try:
-            yield
-        finally:
-            del os.environ["ROS_DOMAIN_ID"]
+    reserved = contextlib.ExitStack()  # closed without the error: domain_id takes an OSError for one of its own
+    os.environ["ROS_DOMAIN_ID"] = str(reserved.enter_context(domain_id()))
+    try:
+        yield
+    finally:
+        del os.environ["ROS_DOMAIN_ID"]
+        reserved.close()

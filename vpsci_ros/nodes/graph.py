@@ -260,8 +260,7 @@ def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Section
     missing = [processes.explain(node) for node, status in result.exits.items() if status != 0]
     nodes, asked = list(processes.running), 0
     if "world_simulator" in nodes:
-        run = resolved.get(RunConfig, "world_simulator")
-        asked = len(run.scenarios) * run.episodes
+        asked = resolved.get(RunConfig, "world_simulator").total
     if "learner" in nodes:
         weights = result.folder / "learner" / WEIGHTS_OF_STAGE[resolved.get(LearnerConfig, "learner").stage]
         missing += [] if weights.is_file() else [f"the learner ended without {weights}"]
