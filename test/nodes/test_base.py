@@ -1,5 +1,8 @@
 """The form that nodes share: parameters are checked before anything runs, and no message is lost at the start."""
 
+import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -55,6 +58,20 @@ def test_a_bad_parameter_is_refused(context: Context, name: str, value: object, 
         SafetyMonitor(context=context, parameter_overrides=[override(name, value)])
     assert "safety_monitor" in str(caught.value)
     assert message in str(caught.value)
+
+
+def test_a_node_whose_making_fails_is_destroyed_at_once_and_not_by_the_garbage_collector(context: Context) -> None:
+    class Failing(SafetyMonitor):
+        def __init__(self) -> None:
+            super().__init__(context=context)
+            raise InvalidInput("no such file")
+
+    onlooker = rclpy.create_node("onlooker", context=context)
+    with pytest.raises(InvalidInput) as caught:  # whose traceback keeps the node alive
+        Failing()
+    assert caught.traceback
+    assert onlooker.get_node_names() == ["onlooker"]
+    onlooker.destroy_node()
 
 
 def test_a_parameter_of_another_node_is_let_pass_because_a_file_may_address_all(context: Context) -> None:
@@ -121,6 +138,43 @@ def test_the_first_message_waits_for_the_expected_readers(context: Context) -> N
     executor.shutdown()
     reader.destroy_node()
     node.destroy_node()
+
+
+READER = """
+import rclpy
+from vpsci_ros.nodes.topics import RECORDING, TOPICS
+
+rclpy.init()
+node = rclpy.create_node("recorder")
+given = node.create_subscription(TOPICS["/safety/state"].type, "/safety/state", print, RECORDING)
+while not given.get_publisher_count():
+    rclpy.spin_once(node, timeout_sec=0.05)
+print("matched", flush=True)
+rclpy.spin(node)
+"""
+
+
+def test_a_node_that_ends_waits_until_the_recorder_has_what_it_said(context: Context) -> None:
+    node = GraphNode("safety_monitor", context=context, parameter_overrides=[override("peers", ["recorder"])])
+    output = node.output("/safety/state")
+    reader = subprocess.Popen([sys.executable, "-c", READER], stdout=subprocess.PIPE, text=True)
+    try:
+        assert reader.stdout is not None
+        assert reader.stdout.readline() == "matched\n"
+        output.publish(output._publisher.msg_type(tick=1))
+        assert output.flush(20.0), "both sides know of each other"
+        reader.send_signal(signal.SIGSTOP)
+        output.publish(output._publisher.msg_type(tick=2))
+        assert not output.flush(0.2)
+        # Beside this process: a thread of it would wait for the interpreter.
+        with subprocess.Popen(["sh", "-c", f"sleep 0.3; kill -CONT {reader.pid}"]):
+            node.hand_over()
+        assert output.flush(0.01)
+    finally:
+        reader.kill()
+        reader.wait()
+        reader.stdout.close()
+        node.destroy_node()
 
 
 def test_a_reader_that_never_comes_is_named(context: Context) -> None:

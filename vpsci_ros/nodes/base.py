@@ -1,6 +1,5 @@
 """The form that all nodes share: parameters from configuration classes, topics from the table, one main."""
 
-import os
 import sys
 import time
 from collections.abc import Callable, Iterable
@@ -29,6 +28,7 @@ from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, PeerConfig, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.intake import Intake
+from vpsci_ros.nodes.middleware import set_defaults
 from vpsci_ros.nodes.parameter_service import RefusingParameterService
 from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
 from vpsci_ros.parameters import Parameter, pick, refuse_unknown, table
@@ -36,13 +36,31 @@ from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 
 T = TypeVar("T")
 EXECUTORS: dict[str, Any] = {"events": EventsExecutor, "single": SingleThreadedExecutor}
+HAND_OVER_LIMIT = 4.0  # [s] for the recorder to have a topic's last messages
 DRAIN_LIMIT = 20.0  # [s] for what is still on its way when a node is asked to stop
 STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
 DIAGNOSTICS_PERIOD = 1.0  # [s] of wall time
 _SET_BY_ROS = ("use_sim_time", "start_type_description_service")
 
 
-class GraphNode(Node):
+class _Destroying(type):
+    """Destroys a node whose making fails, rather than leave it to the garbage collector.
+
+    Collected with its publishers, a node can stand still in the middleware for ever (ros2/build_cop#248).
+    """
+
+    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        node: Any = cls.__new__(cls, *args, **kwargs)  # type: ignore[arg-type]
+        try:
+            node.__init__(*args, **kwargs)
+        except BaseException:
+            if node.in_the_graph:
+                node.destroy_node()
+            raise
+        return node
+
+
+class GraphNode(Node, metaclass=_Destroying):
     """A node of the graph; its section of `vpsci_ros.nodes.config.SECTIONS` says which parameters it has.
 
     :param context: a private context, or None for the global one.
@@ -51,10 +69,13 @@ class GraphNode(Node):
     """
 
     essential_peers: tuple[str, ...] = ("world_simulator",)
+    in_the_graph = False  # from when there is something to destroy
 
     def __init__(self, name: str, *, context: Context | None = None, parameter_overrides: list[Any] | None = None):
         overrides = parameter_overrides or []
         super().__init__(name, context=context, parameter_overrides=overrides, start_parameter_services=False)
+        self.in_the_graph = True
+        self._offered: list[Output] = []
         self._parameter_service = RefusingParameterService(self)  # in place of rclpy's
         self._section = name
         self._values = self._declare()
@@ -87,7 +108,9 @@ class GraphNode(Node):
         """Return an output for a topic of the table."""
         row = TOPICS[topic]
         publisher = self.create_publisher(row.type, row.ros_name, copy(row.qos), qos_overriding_options=_overriding())
-        return Output(self, topic, publisher, listeners(topic, self.peers), self.peer_timeout)
+        made = Output(self, topic, publisher, listeners(topic, self.peers), self.peer_timeout)
+        self._offered.append(made)
+        return made
 
     def input(
         self, topic: str, callback: Callable[[Any], None], qos: QoSProfile | None = None, raw: bool = False
@@ -171,6 +194,11 @@ class GraphNode(Node):
 
     def close(self) -> None:
         """Finish what the node has begun; called once on every way out, while publishing still works."""
+
+    def hand_over(self) -> None:
+        """Wait until the recorder has what this node said; not for long, since it may be dead."""
+        recorded = [output for output in self._offered if "recorder" in output.expected and output.published]
+        all(output.flush(HAND_OVER_LIMIT) for output in recorded)
 
     def _check_parameters(self, given: list[RosParameter]) -> SetParametersResult:
         try:
@@ -303,7 +331,7 @@ def run(node_class: Callable[..., GraphNode], args: list[str] | None = None) -> 
     Discovery stays on this host unless the environment says otherwise. Signals only set a flag, so that on the way out
     the context is alive and a node can still write and publish.
     """
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    set_defaults()
     context = Context()
     with stop_requested_by_signals() as stop:
         rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
@@ -329,6 +357,7 @@ def _run(node_class: Callable[..., GraphNode], context: Context, stop: StopReque
         try:
             node.report()
             status = max(status, _attempt(node, node.close))
+            node.hand_over()
         finally:
             executor.shutdown()
             node.destroy_node()

@@ -5,7 +5,6 @@ of its own gives a node is lost: a second core, and a death that the others surv
 """
 
 import importlib
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -17,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from vpsci_ros.nodes.base import EXECUTORS, GraphNode
 from vpsci_ros.nodes.config import GraphConfig, PeerConfig
+from vpsci_ros.nodes.middleware import set_defaults
 from vpsci_ros.runs.sections import Sections
 
 
@@ -33,7 +33,7 @@ def composed(sections: Sections) -> Iterator[dict[str, GraphNode]]:
     :param sections: resolved, see `vpsci_ros.nodes.graph.resolve`; the leader's executor runs all nodes.
     :raises InvalidInput: a parameter is refused.
     """
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    set_defaults()
     names = sections.get(GraphConfig, "graph").nodes
     leader = "world_simulator" if "world_simulator" in names else "learner"
     context = Context()

@@ -1,7 +1,6 @@
 """Watching a run from outside: counts ended episodes, reads the nodes' diagnostics, and shows progress."""
 
 import math
-import os
 import time
 
 import rclpy
@@ -16,6 +15,7 @@ from vpsci_ros.bags import received
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.config import NODES, GraphConfig
 from vpsci_ros.nodes.intake import SECOND
+from vpsci_ros.nodes.middleware import set_defaults
 from vpsci_ros.nodes.topics import RECORDING
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.progress import Bars
@@ -46,7 +46,7 @@ class Watch:
         self._bars = Bars(quiet=quiet)
 
     def __enter__(self) -> "Watch":
-        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        set_defaults()
         self._context = Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node(WATCH, context=self._context, namespace=self._namespace or None)
