@@ -128,7 +128,8 @@ def test_the_exams_ads_is_told_of_objects_and_never_the_truth(examined: Path) ->
     assert "TRUTH" not in said
     assert said.count("objects") > 50
     topics = Bag(examined / "runs" / "walker" / "bag").topics()
-    assert topics["/perception/objects"].messages == topics["/world/state"].messages
+    again = topics["/perception/objects"].messages - topics["/world/state"].messages
+    assert 0 <= again < 25, "the first list may be told again, until the driving system has answered"
     assert topics["/pedestrian/odometry"].messages == 0
 
 

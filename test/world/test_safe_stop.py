@@ -167,3 +167,18 @@ def test_the_stamp_of_the_first_tick_answers_that_tick_alone() -> None:
     session.begin(1)
     with pytest.raises(InvalidInput, match="an earlier tick"):
         session.driver.accelerate((-1.0, 0.0), 0)
+
+
+def test_a_late_answer_to_a_tick_that_was_told_twice_is_no_fault_and_a_third_one_is() -> None:
+    session = Session(ExternalConfig())
+    session.begin(0)
+    session.driver.tell_again()
+    session.driver.accelerate((-1.0, 0.0), 0)
+    assert session.driver.answered
+    session.begin(1)
+    for _ in range(2):  # an answer to the odometry, and one to the list of objects
+        session.driver.accelerate((-1.0, 0.0), 0)
+    assert not session.driver.answered
+    assert +session.counts == {"vehicle_commands": 1}
+    with pytest.raises(InvalidInput, match="an earlier tick"):
+        session.driver.accelerate((-1.0, 0.0), 0)

@@ -1,6 +1,6 @@
 """Those who answer the world's ticks: their messages, handed in to the lock-step; and who of them is not there yet."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 from geometry_msgs.msg import AccelStamped
@@ -51,16 +51,17 @@ class Respondents:
         return absent | ({"an external driving system"} if self._commands and not self.commanded() else set())
 
     def deaf(self) -> set[str]:
-        """Return the nodes that answer but are not yet known to read the world's state."""
-        state = self._node.full_name(WORLD)
-        readers = self._node.get_subscriptions_info_by_topic(state)
+        """Return the nodes that answer but are not yet known to read the world's state, or of a vehicle to drive."""
+        state, odometry = self._node.full_name(WORLD), self._node.full_name("/vehicle/odometry")
+        found = self._deaf(self._inputs.values(), state)
+        return found | (self._deaf(self._commands, odometry) if self._deaf(self._commands, state) else set())
+
+    def _deaf(self, inputs: Iterable[Subscription], topic: str) -> set[str]:
+        readers = self._node.get_subscriptions_info_by_topic(topic)
         known = {(reader.node_namespace, reader.node_name) for reader in readers}
-        found = set()
-        for given in self._inputs.values():
-            for writer in self._node.get_publishers_info_by_topic(given.topic_name):
-                if (writer.node_namespace, writer.node_name) not in known:
-                    found.add(f"{writer.node_name} to subscribe to {state}")
-        return found
+        writers = [each for given in inputs for each in self._node.get_publishers_info_by_topic(given.topic_name)]
+        deaf = (each.node_name for each in writers if (each.node_namespace, each.node_name) not in known)
+        return {f"{name} to subscribe to {topic}" for name in deaf}
 
     def _listen(self, agent: str) -> Subscription:
         return self._node.input(f"/{agent}/action", partial(self._on_action, agent), raw=True)

@@ -87,6 +87,10 @@ class WorldOutputs:
             if output.has_readers:
                 output.publish(scene_markers(tick.state, self._scenarios, header))
 
+    def tell_again(self, tick: Tick) -> None:
+        """Publish odometry and transforms of a tick once more, for who did not listen yet."""
+        self._tell_of_motion(tick, Header(stamp=self._node.simulated_time, frame_id=MAP))
+
     def _tell_of_motion(self, tick: Tick, header: Header) -> None:
         """Publish odometry of those whom others may know of, and the same as transforms, while anybody listens."""
         record, prefix = tick.state[0], self._node.frame_prefix

@@ -39,6 +39,7 @@ MISSING = {
     codes.SAFETY_MISSING: "safety_answers_missing",
 }
 STRANGER_PATIENCE = 3.0  # [s] for readers of the state that are only believed to be on their way
+TELL_AGAIN = 1.0  # [s] without an answer to the first tick
 TELL_PERIOD = 10.0  # [s] of wall time between lines that tell of an episode's end
 
 
@@ -77,6 +78,7 @@ class WorldSimulator(GraphNode):
         self._builder = TransitionBuilder(scenarios) if config.publish_transitions else None
         self._history = FrameHistory(self._config, self._run.batch)
         self._begun_at = self._tick_started = self._reported_at = time.monotonic()
+        self._retold_at = 0.0  # [s] of the wall clock, when the first tick was told once more
         self._tell_at = 0.0  # [s] of the wall clock, when an end is worth a line again
         self._all_here_since: float | None = None
         self._reported_tick = 0
@@ -190,7 +192,23 @@ class WorldSimulator(GraphNode):
         if self._lock_step.running and self._lock_step.behind:
             topic = self.full_name("/replay")
             self.get_logger().info(f"waiting for the learner to catch up on {topic}", throttle_duration_sec=10.0)
-        self._go_on(time.monotonic())
+        now = time.monotonic()
+        if self._untold and now - max(self._retold_at, self._tick_started) > TELL_AGAIN:
+            self._tell_again(now)
+        self._go_on(now)
+
+    @property
+    def _untold(self) -> bool:
+        """Whether a driving system leaves the very first tick unanswered, and may not have heard of it."""
+        external, waits = self._lock_step.external, self._lock_step.running and not self._lock_step.paused
+        return external is not None and waits and self._loop.world.now.number == 0 and not external.answered
+
+    def _tell_again(self, now: float) -> None:
+        """Tell a driving system of the tick once more: others than the world know of it, but not who knows of whom."""
+        assert self._lock_step.external is not None
+        self._retold_at = now
+        self._lock_step.external.tell_again()
+        self._outputs.tell_again(self._loop.world.now)
 
     def _on_consumed(self, message: UInt64) -> None:
         assert self._builder is not None
@@ -281,12 +299,9 @@ class WorldSimulator(GraphNode):
         return pairs + sorted((+self._counts).items()) + self._outputs.pairs()
 
     def close(self) -> None:
-        """Say how it went, and wait until every reader has everything."""
+        """Say how it went."""
         if self._lock_step.tick is None:
             return
-        if "recorder" in self.peers:
-            # Until the middleware's next heartbeat, up to 3 s for all together; a dead reader would take for ever.
-            all(output.flush(4.0) for output in [*self._outputs.all, *self.diagnostics])
         totals = ", ".join(f"{name} {count}" for name, count in sorted((+self._counts).items()))
         self.get_logger().info(f"{self._loop.world.now.number} ticks; {totals}")
 

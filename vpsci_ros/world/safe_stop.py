@@ -14,6 +14,7 @@ from vpsci_ros.world.events import NO_EVENTS
 from vpsci_ros.world.state import EPISODE, EVENT, RUNNING, SAFE_STOP
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Tick
 
+ANSWERS_TO_A_TELLING = 2  # to its odometry, and to the list of objects
 LARGEST_ACCELERATION = 50.0  # [m/s2] beyond any vehicle's: a sign of wrong units
 
 
@@ -65,6 +66,7 @@ class ExternalDriver:
         self._counts = counts
         self._tick_time = round(period * 1e9)  # [ns]
         self._now = 0  # [ns] of the present tick
+        self._told_again = (0, 0)  # a tick [ns] that was, and how many late answers to it are passed over
         self._stamp = 0  # [ns] of the latest command
         self._commanded: int | None = None  # [ns] when the latest command came
         self._command = NO_ACTIONS
@@ -97,6 +99,11 @@ class ExternalDriver:
         elif self._commanded is None:
             self._commanded, self._command = self._now, Actions(np.zeros((1, 2)))  # rolls until it hears otherwise
         self._fresh = False
+
+    def tell_again(self) -> None:
+        """Take note that the present tick is told once more, so that late answers to it are no fault."""
+        stamp, answers = self._told_again
+        self._told_again = self._now, (answers if stamp == self._now else 0) + ANSWERS_TO_A_TELLING
 
     def drive(self, state: NDArray[np.void]) -> tuple[Actions, NDArray[np.void]]:
         """Return the command to execute at the present tick, and the events to tell of, EVENT[n].
@@ -139,7 +146,7 @@ class ExternalDriver:
         return replace(NO_ACTIONS, **{name: row}) if inside.all() else None
 
     def _take(self, command: Actions | None, values: Sequence[float], stamp: int | None) -> None:
-        if stamp in self._idle_ticks:
+        if stamp in self._idle_ticks or self._again(stamp):
             return
         stamp = self._now if stamp is None else stamp
         oldest = self._now
@@ -159,6 +166,14 @@ class ExternalDriver:
             self._counts["vehicle_commands_surplus"] += self._fresh  # a second one at this tick
             self._command, self._commanded, self._stamp = command, self._now, stamp
             self._fresh, self._given_up = True, False
+
+    def _again(self, stamp: int | None) -> bool:
+        """Return whether it is another answer to a tick that was told more than once, and has been answered."""
+        told, answers = self._told_again
+        if stamp != told or answers == 0 or (stamp == self._now and not self._fresh):
+            return False
+        self._told_again = told, answers - 1
+        return True
 
     def refuse(self, values: Sequence[float], reason: str) -> NoReturn:
         """Count a command that is not to be driven.
