@@ -130,7 +130,7 @@ class AgentPolicy(GraphNode):
         safety = self._safety
         if self._actions is None or self._state is None or safety is None:
             return
-        header, tick = self._state
+        header, tick, _ = self._state
         if tick.number != safety.tick or tick.number <= self._known:
             return
         if not self._caught_up:
@@ -200,7 +200,7 @@ class AgentPolicy(GraphNode):
             if number == response.tick and (self._state is None or self._state.tick.number <= number):
                 self._state, self._safety = told, safety
             elif self._known < number < response.tick:
-                self._act(*told, safety)
+                self._act(told.header, told.tick, safety)
                 self._recalled += 1
         self._answer()
 

@@ -15,7 +15,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
@@ -75,35 +74,6 @@ def transition_message(rows: Array, tick: int, period: float) -> Transition:
     """Return TRANSITION[n] records, n > 0, numbered without gaps, as a message."""
     header = Header(stamp=stamp(tick, period), frame_id=MAP)
     return filled(Transition(header=header), layout.transition_fields(rows))
-
-
-_POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "vx", "vy")] + [("id", "<u4")])
-
-
-def objects_message(objects: Array, tick: int, period: float) -> PointCloud2:
-    """Return the objects of `vpsci_ros.world.perception`, OBJECT[n], seen at `tick`, as a cloud of n points.
-
-    A point has its place [m] (z: 0) and velocity [m/s] in the map, and the number of its track, 4 bytes each.
-    """
-    points = np.zeros(len(objects), _POINT)
-    for name, source in (("x", "x"), ("y", "y"), ("vx", "vx"), ("vy", "vy"), ("id", "track")):
-        points[name] = objects[source]
-    names = _POINT.names or ()
-    kinds = [PointField.UINT32 if name == "id" else PointField.FLOAT32 for name in names]
-    return PointCloud2(
-        header=Header(stamp=stamp(tick, period), frame_id=MAP),
-        height=1,
-        width=len(points),
-        fields=[
-            PointField(name=name, offset=4 * k, datatype=kind, count=1)
-            for k, (name, kind) in enumerate(zip(names, kinds, strict=True))
-        ],
-        is_bigendian=False,
-        point_step=_POINT.itemsize,
-        row_step=points.nbytes,
-        data=array("B", points.tobytes()),
-        is_dense=True,
-    )
 
 
 def odometry_messages(record: np.void, header: Header, prefix: str = "") -> tuple[Odometry, Odometry]:

@@ -1,19 +1,23 @@
 """Perception as a node: what a driving system is told of the pedestrians, instead of where they truly are."""
 
+import math
 import sys
 import time
 from typing import Any
 
 from rclpy.context import Context
-from sensor_msgs.msg import PointCloud2
 
 from vpsci_msgs.msg import WorldState
-from vpsci_ros.bags import received
-from vpsci_ros.errors import VpsciError
+from vpsci_ros.bags.layout import MAP, WORLD
+from vpsci_ros.bags.wire import WireHeader
+from vpsci_ros.bags.wire_objects import write_objects
+from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode, run
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.peer_parameters import PeerParameters
+from vpsci_ros.nodes.serialized import Shown, shown, time_of
+from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
 from vpsci_ros.world import load_scenarios
 from vpsci_ros.world.parked import Parked, parked_from
 from vpsci_ros.world.perception import SEEN, Memory, PerceptionConfig, blank, perceive, warm_up
@@ -31,6 +35,7 @@ class Perception(GraphNode):
     def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
         super().__init__("perception", context=context, parameter_overrides=parameter_overrides)
         self._config = self.config(PerceptionConfig)
+        warm_up_reading()
         warm_up(self._config)  # before the topic is there, for which others wait
         self._meter = Meter()
         self._objects = self.output("/perception/objects")
@@ -38,11 +43,11 @@ class Perception(GraphNode):
         self._pedestrians = 1
         self._memory: Memory | None = None
         self._told = 0
-        self._first: PointCloud2 | None = None  # list, until the second one
+        self._first: bytes | None = None  # list, until the second one
         self._first_at = 0.0  # [s] of the wall clock, when it was told
-        self._waiting: list[WorldState] = []
+        self._waiting: list[Shown] = []
         self._world = PeerParameters(self, ["world_simulator"], self._on_parameters)
-        self.input("/world/state", self._on_state)
+        self.input(WORLD, self._on_state, raw=True)
         self.wall_timer(TELL_AGAIN / 4, self._tell_again)
         self.diagnose(lambda: [*self._meter.pairs(), ("objects", self._told)])
 
@@ -50,44 +55,54 @@ class Perception(GraphNode):
         self._parked = parked_from(load_scenarios(values["scenarios"], values["scenario_files"]))
         self._pedestrians = values.get("pedestrians", 1)
         waiting, self._waiting = self._waiting, []
-        for message in waiting:
-            self._look(message)
+        for told in waiting:
+            self._look(told)
 
-    def _on_state(self, message: WorldState) -> None:
-        if self._world.missing:
-            self._waiting.append(message)
-        else:
-            self._look(message)
-
-    def _look(self, message: WorldState) -> None:
+    def _on_state(self, message: WorldState | bytes) -> None:
         arrived = time.perf_counter()
-        tick = self.intake.read("/world/state", received.world_state, message)
-        if tick is None:
-            return
+        told = self.intake.read(WORLD, _shown, message)
+        if told is not None and self._world.missing:
+            self._waiting.append(told)
+        elif told is not None:
+            self._look(told)
+            self._meter.answered(arrived)
+
+    def _look(self, told: Shown) -> None:
+        header, tick, period = told
         if len(tick.state) != self._pedestrians:
             raise VpsciError(
                 f"perception tells of one episode at a time: expected {self._pedestrians} rows of /world/state, got "
                 f"{len(tick.state)}; set world_simulator.batch to 1"
             )
         first = self._memory is None
-        self._memory = self._memory or blank(len(tick.state), self._config, message.dt)
+        self._memory = self._memory or blank(len(tick.state), self._config, period)
         self._memory, objects = perceive(
-            self._memory, tick.state, self._config, message.dt, self._parked, self._pedestrians
+            self._memory, tick.state, self._config, period, self._parked, self._pedestrians
         )
-        told = objects[objects["status"] == SEEN]
-        seen_at = max(0, tick.number - self._config.delay(message.dt))
-        listed = convert.objects_message(told, seen_at, message.dt)
+        seen = objects[objects["status"] == SEEN]
+        seen_at = convert.stamp(max(0, tick.number - self._config.delay(period)), period)
+        listed = write_objects(seen, WireHeader(seen_at.sec, seen_at.nanosec, MAP))
         self._objects.publish(listed)
         self._first, self._first_at = listed if first else None, time.perf_counter()
-        self._told += len(told)
-        self.simulated_time = message.header.stamp
-        self._meter.tick(message.tick)
-        self._meter.answered(arrived)
+        self._told += len(seen)
+        self.simulated_time = time_of(header)
+        self._meter.tick(tick.number)
 
     def _tell_again(self) -> None:
         if self._first is not None and time.perf_counter() - self._first_at > TELL_AGAIN:
             self._first_at = time.perf_counter()
             self._objects.publish_now(self._first)
+
+
+def _shown(message: WorldState | bytes) -> Shown:
+    """Return what a WorldState says.
+
+    :raises InvalidInput: as `vpsci_ros.nodes.serialized.shown`, or its ticks take no time.
+    """
+    told = shown(message)
+    if not 0.0 < told.period < math.inf:
+        raise InvalidInput(f"{WORLD}: expected dt > 0 s, got {told.period:g}")
+    return told
 
 
 def main(args: list[str] | None = None) -> int:

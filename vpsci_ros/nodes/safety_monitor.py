@@ -33,7 +33,7 @@ class SafetyMonitor(GraphNode):
         told = self.intake.read("/world/state", shown, message)
         if told is None:
             return
-        header, tick = told
+        header, tick, _ = told
         curvttc, distance, critical = assess(tick.state, self._config)
         self._safety.publish(write_safety_state(header, tick.number, curvttc, distance, critical))
         self.simulated_time = time_of(header)

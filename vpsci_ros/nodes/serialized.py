@@ -24,6 +24,7 @@ class Shown(NamedTuple):
 
     header: WireHeader
     tick: Tick
+    period: float  # of a tick [s], unchecked
 
 
 def shown(message: WorldState | bytes, where: str = WORLD) -> Shown:
@@ -34,11 +35,11 @@ def shown(message: WorldState | bytes, where: str = WORLD) -> Shown:
     if isinstance(message, bytes):
         told = wire_state.read_world_state(message)
         if told is not None:
-            return Shown(told.header, received.credible(told.tick, where))
+            return Shown(told.header, received.credible(told.tick, where), told.period)
         message = message_of(message, WorldState, where)
     stamp = message.header.stamp
     header = WireHeader(stamp.sec, stamp.nanosec, message.header.frame_id)
-    return Shown(header, received.world_state(message, where))
+    return Shown(header, received.world_state(message, where), message.dt)
 
 
 def safety_state(message: SafetyState | bytes, where: str = SAFETY) -> SafetyState | SerializedSafety:

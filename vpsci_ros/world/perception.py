@@ -150,8 +150,10 @@ def perceive(
     _perceive(state, share, begun, _settings(config, period), pedestrians, trackers, now)
     if not len(memory.late):
         return Memory(trackers, memory.late), now
-    late = np.concatenate([memory.late, now[None]])
-    late[:-1, begun] = np.zeros((), OBJECT)
+    late = np.empty((len(memory.late) + 1, len(state)), OBJECT)
+    late[:-1], late[-1] = memory.late, now
+    if begun.any():
+        late[:-1, begun] = np.zeros((), OBJECT)
     return Memory(trackers, late[1:]), late[0]
 
 
