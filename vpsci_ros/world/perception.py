@@ -11,6 +11,7 @@ scenario, episode, frame and pedestrian, so that an episode is perceived alike i
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -146,7 +147,7 @@ def perceive(
         )
     trackers, now = memory.trackers.copy(), np.zeros(len(state), OBJECT)
     share = visible(state, parked, config.sensor_forward)
-    begun = _begun(state, trackers)
+    begun = np.zeros(len(state), np.bool_)
     _perceive(state, share, begun, _settings(config, period), pedestrians, trackers, now)
     if not len(memory.late):
         return Memory(trackers, memory.late), now
@@ -162,13 +163,7 @@ def warm_up(config: PerceptionConfig) -> None:
     perceive(blank(1, config, 1.0), np.zeros(1, EPISODE), config, 1.0)
 
 
-def _begun(state: NDArray[np.void], trackers: NDArray[np.void]) -> NDArray[np.bool_]:
-    """Return where another episode is than in the frame before."""
-    same = (state["scenario"] == trackers["scenario"]) & (state["episode"] == trackers["episode"])
-    begun: NDArray[np.bool_] = ~(same & (state["frame"] == trackers["frame"] + 1) & (state["status"] != IDLE))
-    return begun
-
-
+@lru_cache
 def _settings(config: PerceptionConfig, period: float) -> _Settings:
     kept = math.exp(-period / config.noise_time) if config.noise_time > 0.0 else 0.0
     return _Settings(
@@ -193,6 +188,7 @@ def _settings(config: PerceptionConfig, period: float) -> _Settings:
 def _perceive(state, share, begun, settings, pedestrians, trackers, objects):  # type: ignore[no-untyped-def]
     for first in range(0, state.size, pedestrians):
         for i in range(first, first + pedestrians):
+            begun[i] = _begins(state[i], trackers[i])
             _follow(state[i], share[i], begun[i], settings, i - first, trackers[i], objects[i])
         if begun[first]:
             trackers[first].tracks = 0
@@ -203,6 +199,13 @@ def _perceive(state, share, begun, settings, pedestrians, trackers, objects):  #
             _swap(state[i], settings, trackers, i, first, pedestrians)
         for i in range(first, first + pedestrians):
             objects[i].track = trackers[i].track if objects[i].status == SEEN else 0
+
+
+@kernel
+def _begins(episode, tracker):  # type: ignore[no-untyped-def]
+    """Return whether another episode is there than in the frame before."""
+    same = episode.scenario == tracker.scenario and episode.episode == tracker.episode
+    return not (same and episode.frame == tracker.frame + 1 and episode.status != IDLE)
 
 
 @kernel
