@@ -164,7 +164,7 @@ setup(
     extras_require=EXTRAS,
     entry_points={
         "console_scripts": [f"vpsci = {NAME}.cli.main:main"]
-        + [f"{executable} = {NAME}.nodes.{executable}:main" for executable in EXECUTABLES]
+        + [f"{executable} = {NAME}.nodes.entry:{executable}" for executable in EXECUTABLES]
     },
     cmdclass={"install_data": InstallData},
     zip_safe=False,
