@@ -64,6 +64,23 @@ def test_signals_in_the_middle_of_the_handler_of_another_signal_stop_a_process_a
         assert process.returncode == 0
 
 
+ENDING = """
+import os, signal, sys
+from vpsci_ros.runs.stop_request import stop_requested_by_signals
+
+with stop_requested_by_signals(to_the_end=True) as stop:
+    assert not stop.is_set()
+os.kill(os.getpid(), signal.SIGINT)
+os.kill(os.getpid(), signal.SIGTERM)
+sys.exit(3)
+"""
+
+
+def test_a_signal_does_not_become_the_exit_status_of_a_process_that_is_at_its_end() -> None:
+    done = subprocess.run([sys.executable, "-c", ENDING], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (3, "")
+
+
 def test_a_block_of_which_a_half_is_worth_nothing_is_left_in_its_middle() -> None:
     begun = time.monotonic()
     with stop_requested_by_signals() as stop:

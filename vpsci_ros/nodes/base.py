@@ -333,7 +333,7 @@ def run(node_class: Callable[..., GraphNode], args: list[str] | None = None) -> 
     """
     set_defaults()
     context = Context()
-    with stop_requested_by_signals() as stop:
+    with stop_requested_by_signals(to_the_end=True) as stop:
         rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
         try:
             return _run(node_class, context, stop)

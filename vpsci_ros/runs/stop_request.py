@@ -59,10 +59,12 @@ class StopRequest:
 
 
 @contextlib.contextmanager
-def stop_requested_by_signals() -> Iterator[StopRequest]:
+def stop_requested_by_signals(*, to_the_end: bool = False) -> Iterator[StopRequest]:
     """Yield a request that SIGINT and SIGTERM make, in place of whatever they do elsewhere, ignored or not.
 
     In another thread than the main one, to which signals do not go, nobody makes it.
+
+    :param to_the_end: the process ends behind the block; no signal is to cut that short, or to become its exit status.
     """
     request = StopRequest()
     if threading.current_thread() is not threading.main_thread():
@@ -74,7 +76,7 @@ def stop_requested_by_signals() -> Iterator[StopRequest]:
         yield request
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_IGN if to_the_end else handler)
 
 
 @contextlib.contextmanager
