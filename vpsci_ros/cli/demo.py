@@ -16,12 +16,13 @@ from vpsci_ros.view.page import write_view
 
 PAGE = "demo.html"
 MARKER = ".vpsci_demo"  # in an output folder that a later demo may replace
+PATIENCE = 30.0  # [s] for an answer, on whatever machine and beside whatever else
 SMALL = {
     "stage1_pretrain.yaml": {
         "learner": {"episodes": 100, "evaluate_every": 50, "imitation.rollouts": 16, "replay.batch_size": 64}
     },
     "stage2_online.yaml": {
-        "world_simulator": {"episodes": 6, "batch": 16, "replay_window": 128},
+        "world_simulator": {"episodes": 6, "batch": 16, "replay_window": 128, "action_timeout": PATIENCE},
         "learner": {
             "replay.batch_size": 64,
             "updates.warm_up_steps": 128,
@@ -31,7 +32,7 @@ SMALL = {
             "refresh.updates": 5,
         },
     },
-    "stage3_generate.yaml": {"world_simulator": {"episodes": 24, "batch": 32}},
+    "stage3_generate.yaml": {"world_simulator": {"episodes": 24, "batch": 32, "action_timeout": PATIENCE}},
 }
 
 

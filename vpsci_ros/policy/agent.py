@@ -10,7 +10,7 @@ from vpsci_ros.policy.draws import draw_innovation, draw_latent
 from vpsci_ros.policy.exploration import exploration_noise
 from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import ActorWeights, Weights
-from vpsci_ros.world import World, observation
+from vpsci_ros.world import EPISODE, RUNNING, World, observation
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.sharing import leading_rows
 from vpsci_ros.world.tick import Assessment, Tick
@@ -60,8 +60,7 @@ class PolicyAgent:
         self._weights = weights.actor(AGENTS[self._index])
         self.version = version
         if first:
-            none, once = np.zeros((1, 6), np.float32), np.ones(1, bool)
-            StreamingActor(self._weights, 1).step(none, np.full(1, np.inf), once, once)
+            self._warm_up(self._weights)
         if self._actor is not None:
             self._actor.load(self._weights)
 
@@ -103,6 +102,16 @@ class PolicyAgent:
             action = np.where(active[:, None], action[leaders], np.float32(0))
             self._actor.executed(action, active)
         return action
+
+    def _warm_up(self, weights: ActorWeights) -> None:
+        """Have another one act and explore, in episodes of nobody's: in one, whose columns lie close, and in two."""
+        trial = PolicyAgent(AGENTS[self._index], 0, explore=True)
+        trial._weights = weights
+        for rows in (1, 2):
+            state, near, every = np.zeros(rows, EPISODE), np.ones(rows), np.ones(rows, np.bool_)
+            state["status"], state["pedestrian"] = RUNNING, np.arange(rows)
+            tick = Tick(0, state, every)
+            trial.act(tick, tick.assessed(near, near, every))
 
     def _draws(self, state: NDArray[np.void], reset: NDArray[np.bool_], active: NDArray[np.bool_]) -> Draws | None:
         """Return what the active episodes draw for this step, or None where nothing is drawn."""
