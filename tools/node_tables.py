@@ -46,10 +46,10 @@ NOTES = """
   `vehicle/base_link`, the centre of the car's rectangle on the ground, `pedestrian/base_link`, whose x is where it
   walks, and `vehicle/rear_axle`.
 - The world ends with its episodes; the other nodes stay, for a next world, until Ctrl-C. Discovery stays on this
-  machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` says otherwise; Fast DDS is given `params/middleware.xml`, by which a node
-  that ends need not wait long for the recorder, unless `FASTRTPS_DEFAULT_PROFILES_FILE` names another file.
-- An ADS that leaves the first tick unanswered for a second is told of it again, since it may have been discovered too late
-  to hear it: the odometry of that tick, and the first list of objects, can come more than once.
+  machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` says otherwise; Fast DDS is given `params/middleware.xml`, by which a
+  node that ends need not wait long for the recorder, unless `FASTRTPS_DEFAULT_PROFILES_FILE` names another file.
+- An ADS that leaves the first tick unanswered for a second is told of it again, since it may have been discovered too
+  late to hear it: the odometry of that tick, and the first list of objects, can come more than once.
 - Parameters marked "running" may be set on the running node (`ros2 param set`); the others are read-only.
 """
 
