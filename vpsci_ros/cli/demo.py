@@ -4,6 +4,7 @@ import shutil
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -17,7 +18,7 @@ from vpsci_ros.view.page import write_view
 PAGE = "demo.html"
 MARKER = ".vpsci_demo"  # in an output folder that a later demo may replace
 PATIENCE = 30.0  # [s] for an answer, on whatever machine and beside whatever else
-SMALL = {
+SMALL: dict[str, dict[str, dict[str, Any]]] = {
     "stage1_pretrain.yaml": {
         "learner": {"episodes": 100, "evaluate_every": 50, "imitation.rollouts": 16, "replay.batch_size": 64}
     },
