@@ -13,8 +13,9 @@ from vpsci_ros.bags import layout, received
 from vpsci_ros.bags.wire import WireHeader
 from vpsci_ros.bags.wire_answers import SerializedSafety, write_action
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.nodes.base import GraphNode, Output
+from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.meter import Meter
+from vpsci_ros.nodes.output import Output
 from vpsci_ros.nodes.serialized import Shown, safety_state, shown, time_of, warm_up
 from vpsci_ros.nodes.topics import LATCHED
 from vpsci_ros.policy.agent import PolicyAgent

@@ -17,7 +17,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
@@ -29,6 +28,7 @@ from vpsci_ros.nodes.config import LEARNER, SECTIONS, PeerConfig, section_classe
 from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.intake import Intake
 from vpsci_ros.nodes.middleware import set_defaults
+from vpsci_ros.nodes.output import Output
 from vpsci_ros.nodes.parameter_service import RefusingParameterService
 from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
 from vpsci_ros.parameters import Parameter, pick, refuse_unknown, table
@@ -38,7 +38,6 @@ T = TypeVar("T")
 EXECUTORS: dict[str, Any] = {"events": EventsExecutor, "single": SingleThreadedExecutor}
 HAND_OVER_LIMIT = 4.0  # [s] for the recorder to have a topic's last messages
 DRAIN_LIMIT = 20.0  # [s] for what is still on its way when a node is asked to stop
-STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
 DIAGNOSTICS_PERIOD = 1.0  # [s] of wall time
 _SET_BY_ROS = ("use_sim_time", "start_type_description_service")
 
@@ -104,7 +103,7 @@ class GraphNode(Node, metaclass=_Destroying):
     def parameters_changed(self) -> None:
         """Take up what `config` returns from now on; called after parameters were set on the running node."""
 
-    def output(self, topic: str) -> "Output":
+    def output(self, topic: str) -> Output:
         """Return an output for a topic of the table."""
         row = TOPICS[topic]
         publisher = self.create_publisher(row.type, row.ros_name, copy(row.qos), qos_overriding_options=_overriding())
@@ -233,94 +232,6 @@ class GraphNode(Node, metaclass=_Destroying):
             chosen[name] = row.check(list(given) if _is_sequence(given) else given, f"node {self._section}")
             self.declare_parameter(name, chosen[name], _descriptor(row), ignore_override=True)
         return chosen
-
-
-class Output:
-    """A publisher that holds its first message back until every expected reader is matched, so that none is lost.
-
-    It also waits a moment for readers that nobody told it to expect, but that the middleware has announced already.
-    """
-
-    def __init__(self, node: GraphNode, topic: str, publisher: Publisher, expected: list[str], timeout: float):
-        self.topic = topic
-        self.expected = expected
-        self._node = node
-        self._publisher = publisher
-        self._timeout = timeout
-        self._ready = False
-        self._waiting_since: float | None = None
-        self.published = 0
-
-    @property
-    def full_name(self) -> str:
-        """The topic's name with its namespace."""
-        return str(self._publisher.topic_name)
-
-    @property
-    def matched(self) -> bool:
-        """Whether every expected reader is there."""
-        return self._publisher.get_subscription_count() >= len(self.expected)
-
-    @property
-    def complete(self) -> bool:
-        """Whether, besides, every other reader is there that is known of."""
-        known = self._node.count_subscribers(self.full_name)
-        return self._publisher.get_subscription_count() >= max(known, len(self.expected))
-
-    def found(self) -> bool:
-        """Return whether every expected reader is there, for a node that asks again and again rather than wait.
-
-        :raises VpsciError: they did not appear within `peer_timeout` of the first time.
-        """
-        self._waiting_since = self._waiting_since or time.monotonic()
-        if not self.matched and time.monotonic() - self._waiting_since > self._timeout:
-            raise self._nobody()
-        return self.matched
-
-    @property
-    def has_readers(self) -> bool:
-        """Whether anybody listens, so that a view of the world is made for somebody."""
-        return bool(self._publisher.get_subscription_count())
-
-    def publish(self, message: Any) -> None:
-        """Publish; the first time, wait for the expected readers.
-
-        :raises VpsciError: they did not appear within `peer_timeout`.
-        """
-        if not self._ready:
-            self._wait()
-        self.publish_now(message)
-
-    def publish_now(self, message: Any) -> None:
-        """Publish to whoever is there."""
-        self._publisher.publish(message)
-        self.published += 1
-
-    def flush(self, timeout_sec: float) -> bool:
-        """Wait until every reader has received all messages; return whether that happened in time."""
-        return self._publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=timeout_sec))
-
-    def _wait(self) -> None:
-        begun = time.monotonic()
-        last_notice = begun
-        # Matching goes on in the middleware's threads while this callback waits; a node that is to stop waits no more.
-        while not self.complete and not self._node.stop.is_set():
-            now = time.monotonic()
-            if self.matched and now - begun > STRANGER_PATIENCE:
-                break
-            if now - begun > self._timeout:
-                raise self._nobody()
-            if now - last_notice > 5.0:
-                self._node.get_logger().info(f"waiting for {' and '.join(self.expected)} on {self.full_name}")
-                last_notice = now
-            time.sleep(0.005)
-        self._ready = True
-
-    def _nobody(self) -> VpsciError:
-        return VpsciError(
-            f"{self._node.get_name()}: waited {self._timeout:g} s for {' and '.join(self.expected)} to subscribe"
-            f" to {self.full_name}; start them, or name only running nodes in the parameter 'peers'"
-        )
 
 
 def run(node_class: Callable[..., GraphNode], args: list[str] | None = None) -> int:

@@ -1,0 +1,102 @@
+"""A publisher of a node of the graph: no message of it is lost because a reader was not there yet."""
+
+import time
+from typing import TYPE_CHECKING, Any
+
+from rclpy.duration import Duration
+from rclpy.publisher import Publisher
+
+from vpsci_ros.errors import VpsciError
+
+if TYPE_CHECKING:
+    from vpsci_ros.nodes.base import GraphNode
+
+STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
+
+
+class Output:
+    """A publisher that holds its first message back until every expected reader is matched, so that none is lost.
+
+    It also waits a moment for readers that nobody told it to expect, but that the middleware has announced already.
+    """
+
+    def __init__(self, node: "GraphNode", topic: str, publisher: Publisher, expected: list[str], timeout: float):
+        self.topic = topic
+        self.expected = expected
+        self._node = node
+        self._publisher = publisher
+        self._timeout = timeout
+        self._ready = False
+        self._waiting_since: float | None = None
+        self.published = 0
+
+    @property
+    def full_name(self) -> str:
+        """The topic's name with its namespace."""
+        return str(self._publisher.topic_name)
+
+    @property
+    def matched(self) -> bool:
+        """Whether every expected reader is there."""
+        return self._publisher.get_subscription_count() >= len(self.expected)
+
+    @property
+    def complete(self) -> bool:
+        """Whether, besides, every other reader is there that is known of."""
+        known = self._node.count_subscribers(self.full_name)
+        return self._publisher.get_subscription_count() >= max(known, len(self.expected))
+
+    def found(self) -> bool:
+        """Return whether every expected reader is there, for a node that asks again and again rather than wait.
+
+        :raises VpsciError: they did not appear within `peer_timeout` of the first time.
+        """
+        self._waiting_since = self._waiting_since or time.monotonic()
+        if not self.matched and time.monotonic() - self._waiting_since > self._timeout:
+            raise self._nobody()
+        return self.matched
+
+    @property
+    def has_readers(self) -> bool:
+        """Whether anybody listens, so that a view of the world is made for somebody."""
+        return bool(self._publisher.get_subscription_count())
+
+    def publish(self, message: Any) -> None:
+        """Publish; the first time, wait for the expected readers.
+
+        :raises VpsciError: they did not appear within `peer_timeout`.
+        """
+        if not self._ready:
+            self._wait()
+        self.publish_now(message)
+
+    def publish_now(self, message: Any) -> None:
+        """Publish to whoever is there."""
+        self._publisher.publish(message)
+        self.published += 1
+
+    def flush(self, timeout_sec: float) -> bool:
+        """Wait until every reader has received all messages; return whether that happened in time."""
+        return self._publisher.wait_for_all_acked(Duration(seconds=timeout_sec))
+
+    def _wait(self) -> None:
+        begun = time.monotonic()
+        last_notice = begun
+        # Matching goes on in the middleware's threads while this callback waits; a node that is to stop waits no more.
+        while not self.complete and not self._node.stop.is_set():
+            now = time.monotonic()
+            if self.matched and now - begun > STRANGER_PATIENCE:
+                break
+            if now - begun > self._timeout:
+                raise self._nobody()
+            if now - last_notice > 5.0:
+                self._node.get_logger().info(f"waiting for {' and '.join(self.expected)} on {self.full_name}")
+                last_notice = now
+            time.sleep(0.005)
+        self._ready = True
+
+    def _nobody(self) -> VpsciError:
+        return VpsciError(
+            f"{self._node.get_name()}: waited {self._timeout:g} s for {' and '.join(self.expected)} to subscribe"
+            f" to {self.full_name}; start them, or name only running nodes in the parameter 'peers'"
+        )
