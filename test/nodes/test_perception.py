@@ -20,11 +20,12 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 from vpsci_ros.resources import params_dir
-from vpsci_ros.world import load_scenarios
+from vpsci_ros.world import EPISODE, load_scenarios
 from vpsci_ros.world.parked import parked_from
 from vpsci_ros.world.perception import SEEN, PerceptionConfig, blank, perceive
 
@@ -87,6 +88,17 @@ def test_it_tells_a_list_a_tick_as_the_core_does_stamped_when_it_was_seen(contex
 def test_more_than_one_episode_at_a_time_is_refused_with_what_to_do(context: Context) -> None:
     with pytest.raises(VpsciError, match="expected 1 rows of /world/state, got 2; set world_simulator.batch to 1"):
         run_world(context, {"scenarios": [1], "batch": 2, "episodes": 2}, {})
+
+
+@pytest.mark.parametrize("period", [0.0, -0.05, float("nan"), float("inf")])
+def test_a_state_whose_ticks_take_no_time_is_refused_and_counted(context: Context, period: float) -> None:
+    node = Perception(context=context)
+    state = np.zeros(1, EPISODE)
+    message = convert.world_state_message(state, np.zeros(1, bool), 3, 0.05)
+    message.dt = period
+    node._on_state(message)
+    assert dict(node.intake.pairs())["refused /world/state"] == 1
+    node.destroy_node()
 
 
 LISTENING = """
