@@ -204,7 +204,7 @@ class WorldSimulator(GraphNode):
         return external is not None and waits and self._loop.world.now.number == 0 and not external.answered
 
     def _tell_again(self, now: float) -> None:
-        """Tell a driving system of the tick once more: others than the world know of it, but not who knows of whom."""
+        """Tell a driving system of the tick once more: the world knows of it, but not whether it knew of the world."""
         assert self._lock_step.external is not None
         self._retold_at = now
         self._lock_step.external.tell_again()
