@@ -38,4 +38,4 @@ chaos: setup  ## damage thousands of files and two hundred graphs, and count wha
 
 clean:  ## remove .venv and whatever was built, keep out/
 	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find vpsci_ros test -name __pycache__ -type d -prune -exec rm -rf {} +
+	find vpsci_ros benchmarks test -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,7 +1,7 @@
 """The shipped deterministic weights do what the model card says; bounds leave room for other processors."""
 
 import pytest
-from benchmarks.outcomes import watched
+from outcomes import watched
 
 from vpsci_ros.learning.measured import measure_outcomes, rates_with_intervals
 from vpsci_ros.policy.simulation import SimulationConfig
@@ -35,7 +35,7 @@ def test_refined_policies_collide_less_than_the_papers_and_reach_their_goals_far
 def test_half_of_the_refined_episodes_come_as_near_as_people_did_who_met_so_late_and_the_nearest_quarter_less_near(
     rates,
 ):
-    """Quartiles of recorded near misses with such onsets are 1.34, 2.19 and 3.07 s (test/benchmarks/outcomes.py)."""
+    """Quartiles of recorded near misses with such onsets are 1.34, 2.19 and 3.07 s (benchmarks/outcomes.py)."""
     assert rates[REFINED]["least_curvttc_50"] == pytest.approx(2.19, abs=0.4)
     assert rates[REFINED]["least_curvttc_75"] == pytest.approx(3.07, abs=0.4)
     assert 1.34 < rates[REFINED]["least_curvttc_25"] < 1.34 + 0.6

@@ -1,4 +1,4 @@
-"""Scenes that begin as recorded ones do; the numbers are of test/benchmarks/onsets.py, 180 onsets of 34 clips."""
+"""Scenes that begin as recorded ones do; the numbers are of benchmarks/onsets.py, 180 onsets of 34 clips."""
 
 import numpy as np
 import pytest

@@ -2,7 +2,7 @@
 
 Every episode is simulated to its end. The only ones that could be ended early are those that are never critical, and
 they run without policies: all of their frames cost about a tenth of the time (`never_critical` of
-test/benchmarks/bench_generate.py). Saving a part of that takes a proof that CurvTTC cannot fall any more, for any
+benchmarks/bench_generate.py). Saving a part of that takes a proof that CurvTTC cannot fall any more, for any
 scenario file; a bound on speeds and distances, which is cheap, proves it for next to none of their frames.
 """
 

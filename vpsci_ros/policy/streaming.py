@@ -1,7 +1,7 @@
 """An actor at work: one new step for many parallel histories at O(1) cost, with carried state and without torch.
 
 The same function as `vpsci_ros.policy.actor.Actor` over a whole history, to 1e-5. Numba was chosen by measurement
-(test/benchmarks/bench_policy.py): torch has no matrix product whose rows keep their bits when the batch changes, short
+(benchmarks/bench_policy.py): torch has no matrix product whose rows keep their bits when the batch changes, short
 of padding every batch to one fixed shape, which costs more at every batch size and imports torch into each node.
 """
 

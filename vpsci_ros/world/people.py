@@ -3,7 +3,7 @@
 Quantile tables hold what was measured at the onset, the first step of 0.1 s with CurvTTC below 5 s, in 158 near misses
 of 31 clips of VCI-DUT and VCI-CITR (Yang et al., IV 2019, arXiv 1902.00487) whose car moves and which do not begin
 critical. They are inverted at a uniform number, so that a draw has the recorded distribution without a formula for it.
-`python test/benchmarks/onsets.py` fits them again and compares; docs/world.md has n, intervals and sources.
+`python benchmarks/onsets.py` fits them again and compares; docs/world.md has n, intervals and sources.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Other simulators at a comparable job, for bench_world.py: a line of JSON, {what: million agent-steps a second}.
 
-    python test/benchmarks/peers.py vmas|libsumo|highway-env [--seconds 1.0]
+    python benchmarks/peers.py vmas|libsumo|highway-env [--seconds 1.0]
 
 Each does less than the world that it is compared with: none computes CurvTTC, hands over or starts fresh episodes.
 """

@@ -1,6 +1,6 @@
 """How critical episodes end under policies, who slows down, and how near they come: the figures of the model card.
 
-    python test/benchmarks/outcomes.py [--episodes 250] [--seed 20261125] [--weights refined pretrained]
+    python benchmarks/outcomes.py [--episodes 250] [--seed 20261125] [--weights refined pretrained]
                                        [--near-misses near_misses.parquet] [--release-time 2.0]
 
 Without exploration; the unit is the episode that becomes critical; 95% Wilson intervals. Controls: the unrefined

@@ -1,6 +1,6 @@
 """Bags: messages per second recorded without loss, replayed, written and read; episodes exported and verified.
 
-    python test/benchmarks/bench_bags.py [--ticks 3000] [--wide-ticks 300]
+    python benchmarks/bench_bags.py [--ticks 3000] [--wide-ticks 300]
 
 A bag is made in process by the rule-based pair, once with one episode and once with 1,024 in each message. The
 replayer publishes it as fast as it can, to a bare reader and to the recorder, each in a process of its own; what the

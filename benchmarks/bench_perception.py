@@ -1,6 +1,6 @@
 """What perception costs a graph of one episode: ticks per second and CPU time with it and without it.
 
-    python test/benchmarks/bench_perception.py [--ticks 4000] [--rounds 5]
+    python benchmarks/bench_perception.py [--ticks 4000] [--rounds 5]
 
 Perception has noise, misses, latency and lost tracks. The control is the same graph without the node, in turn with it,
 each run in a process of its own. Printed are all rates, and the median over rounds of the ratio with its range; CPU

@@ -1,6 +1,6 @@
 """Share of simulated episodes that pass the four filters of section 3.3, by scenario, without learned policies.
 
-    python test/benchmarks/acceptance.py [--episodes 500] [--seed 1]
+    python benchmarks/acceptance.py [--episodes 500] [--seed 1]
 
 "rule-based" has the autopilot and the walker all the time; "one brakes" hands over and lets one of the two brake by
 2 m/s2 until it stands, the vehicle in odd episodes, the pedestrian in even ones: a stand-in for policies that evade.

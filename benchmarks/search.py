@@ -1,6 +1,6 @@
 """The search on a driver whose failures are all known: whether its intervals cover, and what it saves.
 
-    python test/benchmarks/search.py [--pools 5] [--size 20000] [--budget 1000] [-o search.json]
+    python benchmarks/search.py [--pools 5] [--size 20000] [--budget 1000] [-o search.json]
 
 The driver is in this process, a rule as `example_ads` has it but with eyes 0.4 s late, a nearer horizon and a higher
 speed, so that it hits the learned pedestrian in some of a thousand episodes. It drives every episode of each pool,

@@ -1,6 +1,6 @@
 """Pairs per second of CurvTTC, single and batched, beside the 2D-TTC method measured in the same run.
 
-    python test/benchmarks/bench_curvttc.py [--repeats 30] [--json FILE]
+    python benchmarks/bench_curvttc.py [--repeats 30] [--json FILE]
 
 The control is a few lines of numpy that stand in for the 2D-TTC package: two rectangles on straight lines, every corner
 of each cast along the relative velocity against every side of the other. It is not that package itself, which goes

@@ -1,6 +1,6 @@
 """Speed of the graph of nodes: lock-step ticks per second by executor, transport and number of parallel episodes.
 
-    python test/benchmarks/bench_graph.py [--ticks 2000] [--batches 1 1024] [--quick] [--weights FILE] [--json FILE]
+    python benchmarks/bench_graph.py [--ticks 2000] [--batches 1 1024] [--quick] [--weights FILE] [--json FILE]
 
 Every row is a run of its own from spawn to end; the rate is counted from the first tick to the last. `separate`: each
 node in a process; `composed`: all in one; `engine`: the same episodes without nodes, as the control. The graph with

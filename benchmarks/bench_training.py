@@ -1,12 +1,12 @@
 """Updates per second and memory of both stages, what 3,000 stage-1 episodes come to, and how all that grows.
 
-    python test/benchmarks/bench_training.py [--threads 1] [--data near_misses.parquet] [--updates 12] [--json FILE]
+    python benchmarks/bench_training.py [--threads 1] [--data near_misses.parquet] [--updates 12] [--json FILE]
 
 Without data the synthetic sample stands in. Each row runs in a process of its own, so that the peak memory is its own.
 A row is the mean of `--updates` updates after three. Other work on the machine makes the wall time worse; the CPU time
 beside it is what one free core would take, as long as there is one thread. The time of 3,000 stage-1 episodes (an
 episode of Algorithm 1 is one update of all networks) is extrapolated from the row, by both.
-Results measured so far are in test/benchmarks/results_training.md.
+Figures of a run are in docs/results/2026-11-speed.md.
 """
 
 import argparse

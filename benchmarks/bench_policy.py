@@ -1,12 +1,12 @@
 """Actor-steps per second of the shipped streaming kernel, and of torch doing the same job.
 
-    python test/benchmarks/bench_policy.py [--threads 1]
+    python benchmarks/bench_policy.py [--threads 1]
 
 Prints one row per way of running the actor of Table 8: numba streaming; torch streaming in the batch as it comes (whose
 rows change their bits with the batch); torch streaming padded to chunks of one fixed shape (whose rows do not); and
 torch over the plain ten-step window. Then a policy at work in the world, with its observation: one that draws nothing,
-the same network drawing, and the shipped one drawing and at temperature 0. Results measured so far are in
-test/benchmarks/results_policy.md.
+the same network drawing, and the shipped one drawing and at temperature 0. Figures of
+a run are in docs/results/2026-11-speed.md.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """Do generated pedestrians behave among each other as recorded ones do? Measured alike around one moving car.
 
-    python test/benchmarks/crowds.py FOLDER[:FORMAT] ... [--episodes 40] [--pedestrians 4] [--weights refined]
+    python benchmarks/crowds.py FOLDER[:FORMAT] ... [--episodes 40] [--pedestrians 4] [--weights refined]
                                      [--seed 7] [--set NAME=VALUE ...]
 
 A scene is a car that moves, once a second, with two to eight pedestrians within ten metres of it. Recorded: folders of
