@@ -21,8 +21,8 @@ import fiss_planner as fp
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags import received
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.wire import received
 from vpsci_ros.world import IDLE, Scenario, load_scenarios
 from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION, MAX_STEERING_ANGLE, WHEELBASE
 from vpsci_ros.world.scenario import further_files, scenario_files

@@ -18,9 +18,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from vpsci_ros.bags import received
 from vpsci_ros.envs import driving
 from vpsci_ros.envs.right_turn import ACTION_SPACE, OBSERVATION_SPACE, RightTurnEnv
+from vpsci_ros.wire import received
 from vpsci_ros.world import IDLE, load_scenarios
 from vpsci_ros.world.monitor import MonitorConfig, assess
 from vpsci_ros.world.scenario import further_files, scenario_files

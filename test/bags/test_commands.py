@@ -14,7 +14,6 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from typer.testing import CliRunner
 
 from vpsci_ros.bags import verify
-from vpsci_ros.bags.decoder import known_types
 from vpsci_ros.bags.export import Selection, export_bag
 from vpsci_ros.bags.info import bag_info, print_info
 from vpsci_ros.bags.plot import save_episode
@@ -25,6 +24,7 @@ from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.cli.bag import bag_app
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.bag import write_ticks
+from vpsci_ros.wire.decoder import known_types
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
-from vpsci_ros.bags.decoder import known_types
 from vpsci_ros.bags.reader import Bag, bag_files
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire.decoder import known_types
 from vpsci_ros.world.state import GOAL
 
 ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")

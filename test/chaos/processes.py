@@ -22,10 +22,10 @@ from typing import NamedTuple
 from domain_coordinator import domain_id
 
 from vpsci_ros.bags.info import bag_info
-from vpsci_ros.bags.layout import SAFETY, WORLD
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire.layout import SAFETY, WORLD
 
 NODES = ("world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder")
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP)

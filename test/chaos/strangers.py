@@ -30,10 +30,10 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerOptions
 
-from vpsci_ros.bags.layout import WORLD
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.nodes.topics import SERVICES, TOPICS
 from vpsci_ros.runs.record import RECORD, read_record
+from vpsci_ros.wire.layout import WORLD
 
 SETTINGS = (f"world_simulator.action_timeout={processes.PATIENT}", "graph.pause_timeout=10.0")
 NAMES = ("stranger", "stranger", "graph_watch", *processes.NODES)

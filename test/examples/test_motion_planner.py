@@ -12,8 +12,6 @@ from sensor_msgs.msg import PointCloud2
 
 pytest.importorskip("fiss_planner", reason="needs fiss-planner (extra: planner)")
 
-from vpsci_ros.bags.wire import WireHeader
-from vpsci_ros.bags.wire_objects import write_objects
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.exam.conduct import autopilot_met
 from vpsci_ros.exam.process import running
@@ -22,6 +20,8 @@ from vpsci_ros.nodes.composed import composed
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.resources import params_dir
+from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.objects import write_objects
 from vpsci_ros.world import COLLISION, EPISODE, RUNNING, load_scenario
 from vpsci_ros.world.kinematics import drive
 from vpsci_ros.world.perception import OBJECT

@@ -7,10 +7,10 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, SafetyState, Transition, WorldState
-from vpsci_ros.bags import layout
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.nodes import convert
+from vpsci_ros.wire import layout
 from vpsci_ros.world import EPISODE, EVENT
 
 

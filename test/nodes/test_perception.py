@@ -15,7 +15,6 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
 
 from vpsci_msgs.msg import WorldState
-from vpsci_ros.bags import received
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import VpsciError
@@ -25,6 +24,7 @@ from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 from vpsci_ros.resources import params_dir
+from vpsci_ros.wire import received
 from vpsci_ros.world import EPISODE, load_scenarios
 from vpsci_ros.world.parked import parked_from
 from vpsci_ros.world.perception import SEEN, PerceptionConfig, blank, perceive

@@ -13,14 +13,14 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from vpsci_msgs.msg import AgentAction, SafetyState, WorldState
-from vpsci_ros.bags import layout
-from vpsci_ros.bags.padding import zeroed
-from vpsci_ros.bags.wire import WireHeader
-from vpsci_ros.bags.wire_answers import read_action, read_safety_state, write_action, write_safety_state
-from vpsci_ros.bags.wire_objects import write_objects
-from vpsci_ros.bags.wire_state import SerializedState, read_world_state, write_world_state
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes import convert, serialized
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.answers import read_action, read_safety_state, write_action, write_safety_state
+from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.objects import write_objects
+from vpsci_ros.wire.padding import zeroed
+from vpsci_ros.wire.world_state import SerializedState, read_world_state, write_world_state
 from vpsci_ros.world import EPISODE, RUNNING
 from vpsci_ros.world.perception import OBJECT
 from vpsci_ros.world.tick import Tick

@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags import layout
-from vpsci_ros.bags.decoder import Decoder
-from vpsci_ros.bags.layout import EVENTS
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.decoder import Decoder
+from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world.sharing import episode_rows
 from vpsci_ros.world.state import ENDED, FINISHED, IDLE, OUTCOME_NAMES, STARTED
 

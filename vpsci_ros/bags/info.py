@@ -11,14 +11,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from vpsci_ros.bags.decoder import Decoder
 from vpsci_ros.bags.episodes import RECORD, BagEpisode, bag_episodes
-from vpsci_ros.bags.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.bags.odometry import ODOMETRY
-from vpsci_ros.bags.raw import TopicInfo
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import BagRun, bag_run
+from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire.decoder import Decoder
+from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 
 CLOCK = "/clock"
 SHOWN = 12  # episodes in the printed list

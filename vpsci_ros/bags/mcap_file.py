@@ -16,8 +16,9 @@ from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, 
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from zstandard import ZstdError
 
-from vpsci_ros.bags.raw import RawMessage, TopicInfo
+from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire.decoder import RawMessage
 
 MCAP0_MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # of a record: its kind and its length

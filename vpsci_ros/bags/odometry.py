@@ -12,11 +12,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.decoder import Decoder
-from vpsci_ros.bags.layout import TYPES, motion
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire.decoder import Decoder
+from vpsci_ros.wire.layout import TYPES, motion
 from vpsci_ros.world.monitor import MonitorConfig, assess
 from vpsci_ros.world.state import ENDED, EPISODE, RUNNING
 

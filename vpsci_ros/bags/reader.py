@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.bags.mcap_file import McapFile
-from vpsci_ros.bags.raw import RawMessage, TopicInfo
 from vpsci_ros.bags.sqlite_file import SqliteFile
+from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.documents import read_yaml
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire.decoder import RawMessage
 
 _STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {".mcap": McapFile, ".db3": SqliteFile}
 

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from vpsci_ros.bags.raw import RawMessage, TopicInfo
+from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire.decoder import RawMessage
 
 _TOPICS = """SELECT t.name, t.type, COUNT(m.id), COALESCE(MIN(m.timestamp), 0), COALESCE(MAX(m.timestamp), 0),
     t.offered_qos_profiles FROM topics t LEFT JOIN messages m ON m.topic_id = t.id GROUP BY t.id ORDER BY t.name"""

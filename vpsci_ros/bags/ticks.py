@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from vpsci_ros.bags import layout
-from vpsci_ros.bags.decoder import Decoder
-from vpsci_ros.bags.layout import SAFETY, TYPES, WORLD
 from vpsci_ros.bags.odometry import ODOMETRY, odometry_ticks
-from vpsci_ros.bags.raw import TopicInfo
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.tick import RecordedTick
+from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.data.episode_frames import EpisodeBatch, EpisodeFrames
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.decoder import Decoder
+from vpsci_ros.wire.layout import SAFETY, TYPES, WORLD
 
 _PATIENCE = 1000  # ticks for which the monitor's answer may come later in the file than the world's message
 

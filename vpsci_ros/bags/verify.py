@@ -13,9 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags import layout
-from vpsci_ros.bags.decoder import Decoder
-from vpsci_ros.bags.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.recorded import recorded_from_bag
 from vpsci_ros.bags.run_record import BagRun, bag_run
@@ -30,6 +27,9 @@ from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import cpu_name
 from vpsci_ros.runs.renamed import POLICY, renamed
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.decoder import Decoder
+from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
 from vpsci_ros.world.config import of_record
 from vpsci_ros.world.lockstep import LockStepConfig

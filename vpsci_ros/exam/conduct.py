@@ -17,9 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags import layout
-from vpsci_ros.bags.decoder import Decoder
-from vpsci_ros.bags.layout import EVENTS
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.ticks import read_bag, read_episodes
 from vpsci_ros.data.episode_frames import EpisodeFrames
@@ -40,6 +37,9 @@ from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.record import RECORD, read_record
 from vpsci_ros.runs.sections import Sections
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.decoder import Decoder
+from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world import IDLE, Recorded, Scenario, World, WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import CrowdConfig
 from vpsci_ros.world.loop import Loop

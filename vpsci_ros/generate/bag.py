@@ -11,8 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags import layout
-from vpsci_ros.bags.decoder import describe, known_types
 from vpsci_ros.bags.episodes import RECORD, EpisodeLog, EventRow
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, node_record, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
@@ -21,6 +19,8 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.simulate import Simulator
 from vpsci_ros.generate.verify import job_of
 from vpsci_ros.parameters import values_of
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.decoder import describe, known_types
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import AGENTS

@@ -9,9 +9,6 @@ from rclpy.task import Future
 
 from vpsci_msgs.msg import PolicyWeights, SafetyState, WorldState
 from vpsci_msgs.srv import History
-from vpsci_ros.bags import layout, received
-from vpsci_ros.bags.wire import WireHeader
-from vpsci_ros.bags.wire_answers import SerializedSafety, write_action
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.meter import Meter
@@ -23,6 +20,9 @@ from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.weights import Weights, load_weights, weights_from_bytes
 from vpsci_ros.resources import weights_path
+from vpsci_ros.wire import layout, received
+from vpsci_ros.wire.answers import SerializedSafety, write_action
+from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.world.tick import Actions, Tick
 
 SILENCE = 0.5  # [s] without a message: ask the world whether one was missed

@@ -1,4 +1,4 @@
-"""Arrays to messages of ROS; what a message holds, and how it is read, is in `vpsci_ros.bags.layout`.
+"""Arrays to messages of ROS; what a message holds, and how it is read, is in `vpsci_ros.wire.layout`.
 
 Numeric sequences of a message are `array.array`s, which skip the element-wise checks of the message setters.
 """
@@ -19,8 +19,8 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, SafetyState, Transition, WorldState
-from vpsci_ros.bags import layout
-from vpsci_ros.bags.layout import MAP
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world.kinematics import WHEELBASE
 from vpsci_ros.world.observation import AGENTS
 
@@ -48,7 +48,7 @@ def stamp(tick: int, period: float) -> Time:
 
 
 def world_state_message(state: Array, policy_frame: Array, tick: int, period: float) -> WorldState:
-    """Return EPISODE[B] records at `tick` as a message; `vpsci_ros.bags.wire` writes the same serialized, at once."""
+    """Return EPISODE[B] records at `tick` as a message; `vpsci_ros.wire.header` writes the same serialized, at once."""
     message = WorldState(header=Header(stamp=stamp(tick, period), frame_id=MAP), tick=tick, dt=period)
     return filled(message, layout.world_state_fields(state, policy_frame))
 

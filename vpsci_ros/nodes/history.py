@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from std_msgs.msg import Header
 
 from vpsci_msgs.msg import SafetyState, WorldState
-from vpsci_ros.bags.layout import MAP
 from vpsci_ros.nodes import convert
+from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world import EPISODE, RUNNING, WorldConfig
 from vpsci_ros.world.tick import Assessment, Tick
 

@@ -12,7 +12,6 @@ from rclpy.context import Context
 from std_msgs.msg import UInt64
 
 from vpsci_msgs.msg import PolicyWeights, Transition
-from vpsci_ros.bags import layout
 from vpsci_ros.data.corpus import load_corpus
 from vpsci_ros.errors import Stopped
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
@@ -25,6 +24,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.signature import signature
+from vpsci_ros.wire import layout
 
 REPORT_PERIOD = 0.5  # [s] between diagnostics
 DRAIN_QUIET = 0.3  # [s]

@@ -8,9 +8,6 @@ from typing import Any
 from rclpy.context import Context
 
 from vpsci_msgs.msg import WorldState
-from vpsci_ros.bags.layout import MAP, WORLD
-from vpsci_ros.bags.wire import WireHeader
-from vpsci_ros.bags.wire_objects import write_objects
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode, run
@@ -18,6 +15,9 @@ from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.serialized import Shown, shown, time_of
 from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
+from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.layout import MAP, WORLD
+from vpsci_ros.wire.objects import write_objects
 from vpsci_ros.world import load_scenarios
 from vpsci_ros.world.parked import Parked, parked_from
 from vpsci_ros.world.perception import SEEN, Memory, PerceptionConfig, blank, perceive, warm_up

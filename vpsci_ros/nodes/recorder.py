@@ -10,11 +10,7 @@ from builtin_interfaces.msg import Time
 from rclpy.context import Context
 
 from vpsci_msgs.msg import EpisodeEvent, PolicyWeights
-from vpsci_ros.bags import received
-from vpsci_ros.bags.decoder import describe
 from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog, EventRow, event_rows
-from vpsci_ros.bags.layout import EVENTS
-from vpsci_ros.bags.padding import zeroed
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.nodes.base import GraphNode, run
@@ -23,6 +19,10 @@ from vpsci_ros.nodes.ownership import is_own
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.serialized import message_of
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
+from vpsci_ros.wire import received
+from vpsci_ros.wire.decoder import describe
+from vpsci_ros.wire.layout import EVENTS
+from vpsci_ros.wire.padding import zeroed
 from vpsci_ros.world import load_scenarios
 
 DRAIN_QUIET = 0.3  # [s] without a message: nothing is on its way any more

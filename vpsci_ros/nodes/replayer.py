@@ -15,12 +15,13 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from vpsci_ros.bags.episodes import bag_episodes, chosen_episode
-from vpsci_ros.bags.raw import RawMessage, TopicInfo
 from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.base import GraphNode, run
 from vpsci_ros.nodes.config import ReplayerConfig
 from vpsci_ros.nodes.topics import LATCHED, TOPICS, listeners
+from vpsci_ros.wire.decoder import RawMessage
 
 CLOCK = "/clock"
 PERIOD = 0.001  # [s] between looks at what is due

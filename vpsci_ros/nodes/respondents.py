@@ -9,12 +9,12 @@ from rclpy.time import Time
 from std_msgs.msg import Header
 
 from vpsci_msgs.msg import AgentAction, SafetyState, VehicleControl
-from vpsci_ros.bags import layout
-from vpsci_ros.bags.layout import MAP, WORLD
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.serialized import action, safety_state
 from vpsci_ros.nodes.topics import COMMANDS
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.layout import MAP, WORLD
 from vpsci_ros.world.lockstep import LockStep
 
 

@@ -7,11 +7,11 @@ from typing import Any
 from rclpy.context import Context
 
 from vpsci_msgs.msg import WorldState
-from vpsci_ros.bags.wire_answers import write_safety_state
 from vpsci_ros.nodes.base import GraphNode, run
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.serialized import shown, time_of
 from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
+from vpsci_ros.wire.answers import write_safety_state
 from vpsci_ros.world.monitor import MonitorConfig, assess, warm_up
 
 

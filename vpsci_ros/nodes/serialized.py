@@ -1,4 +1,4 @@
-"""What the nodes of the lock-step tell each other comes as bytes, which `vpsci_ros.bags` reads without message objects.
+"""What the nodes of the lock-step tell each other comes as bytes, which `vpsci_ros.wire` reads without message objects.
 
 Bytes that it does not know, of another implementation of DDS, say, the middleware turns into a message.
 """
@@ -10,11 +10,11 @@ from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
 
 from vpsci_msgs.msg import AgentAction, SafetyState, WorldState
-from vpsci_ros.bags import received, wire_state
-from vpsci_ros.bags.layout import SAFETY, WORLD
-from vpsci_ros.bags.wire import WireHeader
-from vpsci_ros.bags.wire_answers import SerializedAction, SerializedSafety, read_action, read_safety_state
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire import received, world_state
+from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, read_action, read_safety_state
+from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.layout import SAFETY, WORLD
 from vpsci_ros.world.state import EPISODE
 from vpsci_ros.world.tick import Tick
 
@@ -30,10 +30,10 @@ class Shown(NamedTuple):
 def shown(message: WorldState | bytes, where: str = WORLD) -> Shown:
     """Return what a WorldState says.
 
-    :raises InvalidInput: it is none, or as `vpsci_ros.bags.received.world_state`.
+    :raises InvalidInput: it is none, or as `vpsci_ros.wire.received.world_state`.
     """
     if isinstance(message, bytes):
-        told = wire_state.read_world_state(message)
+        told = world_state.read_world_state(message)
         if told is not None:
             return Shown(told.header, received.credible(told.tick, where), told.period)
         message = message_of(message, WorldState, where)
@@ -80,5 +80,5 @@ def message_of(data: bytes, kind: Any, where: str) -> Any:
 
 def warm_up() -> None:
     """Have what reads and checks a state compiled (or loaded), so that no tick waits for it."""
-    wire_state.warm_up()
+    world_state.warm_up()
     received.credible(Tick(0, np.zeros(1, EPISODE), np.zeros(1, np.bool_)))

@@ -11,7 +11,6 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool
 
 from vpsci_msgs.msg import EpisodeEvent
-from vpsci_ros.bags import received
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.config import NODES, GraphConfig
 from vpsci_ros.nodes.intake import SECOND
@@ -20,6 +19,7 @@ from vpsci_ros.nodes.topics import RECORDING
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.sections import Sections
+from vpsci_ros.wire import received
 
 WATCH = "graph_watch"  # the listener's name in the table of topics
 DRAIN_QUIET = 0.2  # [s]

@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, String
 
-from vpsci_ros.bags.layout import MAP
-from vpsci_ros.bags.wire import WireHeader
-from vpsci_ros.bags.wire_state import SerializedState, warm_up, write_world_state
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.markers import scene_markers
 from vpsci_ros.resources import robot_description
+from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.layout import MAP
+from vpsci_ros.wire.world_state import SerializedState, warm_up, write_world_state
 from vpsci_ros.world import IDLE, Scenario, WorldConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Tick

@@ -16,8 +16,6 @@ from std_msgs.msg import Header, UInt64
 from std_srvs.srv import SetBool, Trigger
 
 from vpsci_msgs.srv import History
-from vpsci_ros.bags import received
-from vpsci_ros.bags.layout import MAP
 from vpsci_ros.bags.recorded import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TransitionBuilder
@@ -27,6 +25,8 @@ from vpsci_ros.nodes.history import FrameHistory
 from vpsci_ros.nodes.respondents import Respondents
 from vpsci_ros.nodes.world_outputs import WorldOutputs
 from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.wire import received
+from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
 from vpsci_ros.world import state as codes
 from vpsci_ros.world.lockstep import LockStep, LockStepConfig

@@ -1,6 +1,6 @@
 """How a message of `vpsci_msgs` begins when it is serialized: encapsulation, header, tick.
 
-Little-endian CDR as ROS makes it, see `vpsci_ros.bags.padding`: a number stands at a multiple of its size, counted from
+Little-endian CDR as ROS makes it, see `vpsci_ros.wire.padding`: a number stands at a multiple of its size, counted from
 behind the 4 bytes of the encapsulation.
 """
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vpsci_ros.bags import layout, received
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire import layout, received
 from vpsci_ros.world.state import EPISODE, EVENT, FINISHED, RUNNING
 from vpsci_ros.world.tick import Tick
 

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vpsci_ros.bags.decoder import known_types
-from vpsci_ros.bags.padding import zeroed
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire.decoder import known_types
+from vpsci_ros.wire.padding import zeroed
 
 TYPES = known_types()
 

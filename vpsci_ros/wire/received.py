@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags import layout
-from vpsci_ros.bags.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.signature import require_signature
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.state import ENDED, OUTCOME_NAMES, SAFE_STOP, STARTED
 from vpsci_ros.world.tick import Tick, has_nan

@@ -1,6 +1,6 @@
 """Serialized `vpsci_msgs/SafetyState` and `vpsci_msgs/AgentAction` to arrays and back, without a message object.
 
-The objects returned have the fields of the messages that `vpsci_ros.bags.layout` reads.
+The objects returned have the fields of the messages that `vpsci_ros.wire.layout` reads.
 """
 
 import struct
@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.wire import WireHeader, aligned, read_start, write_start
+from vpsci_ros.wire.header import WireHeader, aligned, read_start, write_start
 
 Floats = NDArray[np.float64]
 _U32 = struct.Struct("<I")

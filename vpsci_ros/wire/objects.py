@@ -8,8 +8,8 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.layout import MAP
-from vpsci_ros.bags.wire import LITTLE_ENDIAN, WireHeader
+from vpsci_ros.wire.header import LITTLE_ENDIAN, WireHeader
+from vpsci_ros.wire.layout import MAP
 
 POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "vx", "vy")] + [("id", "<u4")])
 """A point of the cloud."""

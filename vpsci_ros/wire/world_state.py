@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vpsci_ros.bags import layout
-from vpsci_ros.bags.wire import WireHeader, read_start, write_start
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.header import WireHeader, read_start, write_start
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.state import EPISODE
 from vpsci_ros.world.tick import Tick

@@ -12,8 +12,8 @@ from typing import Any
 
 from rosbags.interfaces import Nodetype
 
-from vpsci_ros.bags.decoder import known_types
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire.decoder import known_types
 
 HEADER = 4  # [bytes] before the payload, from whose beginning on numbers are aligned
 _SIZES = {

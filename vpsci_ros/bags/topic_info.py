@@ -1,25 +1,6 @@
-"""What every file of a bag gives, whatever its storage: serialized messages, and what is known of its topics."""
+"""What a file of a bag knows of each of its topics, whatever its storage."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
-
-
-class RawMessage(NamedTuple):
-    """A message as it came off the wire.
-
-    :ivar type: "vpsci_msgs/msg/WorldState".
-    :ivar encoding: of `data`; "cdr" is what ROS 2 writes.
-    :ivar definition, form: the type's definition and its language ("ros2msg"), both empty where the file has none.
-    :ivar time: log time [ns].
-    """
-
-    topic: str
-    type: str
-    encoding: str
-    definition: str
-    form: str
-    time: int
-    data: bytes
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,31 @@
 """Serialized messages to objects: by the definitions in the bag, or, where it has none, by those of this package."""
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from vpsci_ros.bags.raw import RawMessage
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import messages_dir
+
+
+class RawMessage(NamedTuple):
+    """A message as it came off the wire.
+
+    :ivar type: "vpsci_msgs/msg/WorldState".
+    :ivar encoding: of `data`; "cdr" is what ROS 2 writes.
+    :ivar definition, form: the type's definition and its language ("ros2msg"), both empty where the file has none.
+    :ivar time: log time [ns].
+    """
+
+    topic: str
+    type: str
+    encoding: str
+    definition: str
+    form: str
+    time: int
+    data: bytes
 
 
 class Decoder:
