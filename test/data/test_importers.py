@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from vpsci_ros.data.importers import import_folders, import_trajectories, print_import_summary
+from vpsci_ros.data.importers.importer import BACKWARDS
 from vpsci_ros.data.importers.tracks import resample, slope
 from vpsci_ros.data.near_misses import check_near_misses
 from vpsci_ros.data.reference import AFTER, BEFORE, around_critical, clean, flags, trailing_slope
@@ -183,7 +184,7 @@ def test_standing_cars_have_speed_zero_and_reversing_ones_are_left_out(clip_fold
     replace(vehicle_file(clip_folder), 20, 6, "-0.004")
     edit(vehicle_file(clip_folder), reversing)
     result = import_trajectories(clip_folder, "vci-dut")
-    assert result.summaries[0].reversing == 17
+    assert result.summaries[0].left_out == {BACKWARDS: 17}
     assert result.table["veh_speed"].min() >= 0.0
     assert result.table["time"].max() <= (10 + 79) / RATE
 

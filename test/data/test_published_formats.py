@@ -134,22 +134,23 @@ def write_described(folder):
 
 
 FORMATS = {
-    "levelx": (write_levelx, ("left out: 1 bicycle",)),
-    "interaction": (write_interaction, ()),
-    "sind": (write_sind, ("left out: 1 bicycle",)),
-    "argoverse2": (write_argoverse2, ("left out: 1 cyclist", "sizes of vehicles are the format's")),
-    "tgsim": (write_tgsim, ("left out: 1 1", "headings are directions of motion")),
-    "described": (write_described, ("left out: 1 bike", "headings are directions of motion")),
+    "levelx": (write_levelx, "bicycle", ()),
+    "interaction": (write_interaction, None, ()),
+    "sind": (write_sind, "bicycle", ()),
+    "argoverse2": (write_argoverse2, "cyclist", ("sizes of vehicles are the format's",)),
+    "tgsim": (write_tgsim, "1", ("headings are directions of motion",)),
+    "described": (write_described, "bike", ("headings are directions of motion",)),
 }
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_car_and_a_walker_come_out_as_they_were_and_the_import_says_what_it_assumed(name, tmp_path):
-    write, assumed = FORMATS[name]
+    write, other_class, assumed = FORMATS[name]
     write(tmp_path)
     result = import_trajectories(tmp_path, name)
     (summary,) = result.summaries
     assert (summary.clips, summary.pairs, summary.near_misses) == (1, 1, 1)
+    assert summary.left_out == ({f"road users of class {other_class}": 1} if other_class else {})
     assert set(assumed) <= set(summary.assumed)
     table = result.table
     time = table["time"].to_numpy()

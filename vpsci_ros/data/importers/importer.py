@@ -3,11 +3,13 @@
 The built-in ones are listed in `run`; other distributions add theirs by entry points, see `docs/extending.md`.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vpsci_ros.data.importers.tracks import Track
+
+BACKWARDS = "frames of vehicles that drive backwards"  # a count of `Clip.left_out`
 
 
 @dataclass(frozen=True)
@@ -15,15 +17,15 @@ class Clip:
     """One recording: tracks on the 0.1 s grid under the near-miss table's names, without their `veh_` and `ped_`.
 
     Vehicles have x, y, heading, speed, pedestrians x, y, vx, vy (float64[T]), right-handed, in metres, m/s and radians
-    counter-clockwise from x. `reversing` counts the vehicle frames that were left out because the vehicle drives
-    backwards, which is not a near miss that CurvTTC describes. `assumed` says in a few words what the recording did not
-    tell, or what was left out of it.
+    counter-clockwise from x. `left_out` counts what is not among them by what it is, say frames of vehicles that drive
+    backwards, which is not a near miss that CurvTTC describes. `assumed` says in a few words what the recording does
+    not hold.
     """
 
     name: str
     vehicles: list[Track]
     pedestrians: list[Track]
-    reversing: int = 0
+    left_out: Mapping[str, int] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
 
     def with_size(self, length: float, width: float) -> "Clip":

@@ -4,6 +4,7 @@ What differs between most published recordings is names, units, axes and classes
 takes a table by it, compares frame rate, units and headings with the motion itself, and gives tracks at 0.1 s.
 """
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.importers.importer import Clip
+from vpsci_ros.data.importers.importer import BACKWARDS, Clip
 from vpsci_ros.data.importers.tracks import LARGEST, Floats, Track, read_text, require_columns, resample, slope
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
@@ -69,23 +70,23 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
     """
     vehicles: list[Track] = []
     pedestrians: list[Track] = []
-    reversing, assumed = 0, []
+    left_out: Counter[str] = Counter()
+    assumed: list[str] = []
     for path, (table, layout) in parts.items():
         require_columns(table, layout.columns.values(), path)
-        left_out = _left_out(table, layout)
-        assumed += [f"left out: {left_out}"] if left_out else []
+        left_out.update(_other_classes(table, layout))
         if len(walkers := _canonical(table, layout, layout.pedestrians, path)):
             pedestrians += [_pedestrian(track) for track in resample(walkers, _rate(layout))]
         if len(cars := _canonical(table, layout, layout.vehicles, path)):
             if "heading" in cars.columns:
                 _check_heading(cars, path)
             forward, backwards = _forward(cars)
-            reversing += backwards
+            left_out[BACKWARDS] += backwards
             vehicles += [_vehicle(track) for track in resample(forward, _rate(layout), angle="heading")]
             assumed += ["headings are directions of motion"] if "heading" not in cars.columns else []
             assumed += ["sizes of vehicles are the format's"] if "length" not in cars.columns else []
         assumed += ["velocities are slopes of positions over 0.4 s"] if "vx" not in layout.columns else []
-    return Clip(name, vehicles, pedestrians, reversing, tuple(dict.fromkeys(assumed)))
+    return Clip(name, vehicles, pedestrians, left_out, tuple(dict.fromkeys(assumed)))
 
 
 def _rate(layout: Layout) -> float:
@@ -98,13 +99,13 @@ def _classes(table: pl.DataFrame, layout: Layout) -> pl.Series:
     return table[layout.columns["class"]].cast(pl.String).str.strip_chars()
 
 
-def _left_out(table: pl.DataFrame, layout: Layout) -> str:
-    """Say how many road users are of classes that are neither vehicles nor pedestrians; nothing where none is."""
+def _other_classes(table: pl.DataFrame, layout: Layout) -> dict[str, int]:
+    """Return of classes that are neither vehicles nor pedestrians how many road users they have."""
     known = list(layout.vehicles | layout.pedestrians)
     rows = pl.DataFrame({"class": _classes(table, layout), "id": table[layout.columns["id"]]})
     rows = rows.filter(~pl.col("class").is_in(known))
     counts = rows.group_by("class").agg(pl.col("id").n_unique()).sort("class")
-    return ", ".join(f"{count} {name}" for name, count in counts.rows())
+    return {f"road users of class {name}": count for name, count in counts.rows()}
 
 
 def _canonical(table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path: Path) -> pl.DataFrame:

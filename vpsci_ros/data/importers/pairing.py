@@ -3,6 +3,7 @@
 The whole joint track of a near miss is kept; `vpsci_ros.data.reference` says which of its rows learning takes.
 """
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -27,11 +28,12 @@ def near_misses_of(
     :param critical: CurvTTC below which a pair is a near miss [s].
     """
     parts: list[pl.DataFrame] = []
-    clip_count = pairs = reversing = 0
+    clip_count = pairs = 0
+    left_out: Counter[str] = Counter()
     assumed: dict[str, None] = {}
     for clip in clips:
         clip_count += 1
-        reversing += clip.reversing
+        left_out.update(clip.left_out)
         assumed |= dict.fromkeys(clip.assumed)
         for joint in _joint_tracks(clip):
             pairs += 1
@@ -50,9 +52,9 @@ def near_misses_of(
         steps=table.height,
         critical_steps=table.filter(pl.col("curvttc") < critical).height,
         quartiles=least_quartiles(table),
-        reversing=reversing,
         vehicle_length=length,
         vehicle_width=width,
+        left_out=dict(+left_out),
         assumed=tuple(assumed),
     )
     return ImportResult(table, (summary,))

@@ -1,6 +1,6 @@
 """What an import returns and prints: the near misses, a summary of each source, and what is stored with the table."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -24,9 +24,9 @@ class SourceSummary:
     :ivar near_misses: those of them whose CurvTTC falls below 5 s.
     :ivar steps: rows of the table; `critical_steps` of them below 5 s.
     :ivar quartiles: of the least CurvTTC of each near miss [s], NaN where there is none.
-    :ivar reversing: frames left out because the vehicle drives backwards.
     :ivar vehicle_length, vehicle_width: the rectangle that CurvTTC was computed with [m], unless a track has its own.
-    :ivar assumed: what the recordings did not tell, or what was left out of them.
+    :ivar left_out: what of the recordings is not in `pairs`: what it is -> how often.
+    :ivar assumed: what the recordings do not hold.
     """
 
     source: str
@@ -36,9 +36,9 @@ class SourceSummary:
     steps: int
     critical_steps: int
     quartiles: tuple[float, float, float]
-    reversing: int
     vehicle_length: float
     vehicle_width: float
+    left_out: Mapping[str, int]
     assumed: tuple[str, ...] = ()
 
 
@@ -102,7 +102,7 @@ def print_import_summary(result: ImportResult, console: Console | None = None) -
     console = console or Console()
     console.print(view)
     for row in result.summaries:
+        for text, count in row.left_out.items():
+            console.print(f"{row.source}: left out {count:,} {text}")
         for text in row.assumed:
             console.print(f"{row.source}: {text}")
-    if reversing := sum(row.reversing for row in result.summaries):
-        console.print(f"{reversing:,} frames of vehicles that drive backwards were left out.")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.importers.importer import Clip, Importer
+from vpsci_ros.data.importers.importer import BACKWARDS, Clip, Importer
 from vpsci_ros.data.importers.layout import REVERSING
 from vpsci_ros.data.importers.tracks import Floats, Track, read_tracks_csv, resample
 from vpsci_ros.errors import InvalidInput
@@ -65,7 +65,7 @@ def read_clip(name: str, path: Path) -> Clip:
             Track(t.number, t.first, {key: t.values[key] for key in ("x", "y", "vx", "vy")})
             for t in resample(pedestrians.drop("psi_rad"), _FRAME_RATE)
         ],
-        vehicles.height - forward.height,
+        {BACKWARDS: vehicles.height - forward.height},
     )
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.importers.importer import Clip, Importer
+from vpsci_ros.data.importers.importer import BACKWARDS, Clip, Importer
 from vpsci_ros.data.importers.layout import ASKEW, MOVING, RATE_TOLERANCE, REVERSING, WALKING, median_angle, steps
 from vpsci_ros.data.importers.tracks import read_tracks_csv, resample
 from vpsci_ros.errors import InvalidInput
@@ -79,7 +79,7 @@ def read_clip(name: str, pedestrian_file: Path, vehicle_file: Path, frame_rate: 
     cars = list(resample(forward, frame_rate, angle="heading"))
     for track in cars:
         track.values["speed"] = np.maximum(track.values["speed"], 0.0)
-    return Clip(name, cars, list(resample(pedestrians, frame_rate)), vehicles.height - forward.height)
+    return Clip(name, cars, list(resample(pedestrians, frame_rate)), {BACKWARDS: vehicles.height - forward.height})
 
 
 def _check_frame_rate(pedestrians: pl.DataFrame, frame_rate: float, path: Path) -> None:
