@@ -15,9 +15,9 @@ Written from the code by `tools/node_tables.py`; a test holds it to the code. `p
 `ros2 run vpsci_ros NODE --ros-args -p NAME:=VALUE`, `vpsci node NODE --ros-args ...` and
 `vpsci graph --set NODE.NAME=VALUE` override them. A name that no node has, a wrong type or a value out of range ends
 the node with a message that says so, and so does a name in a file that nothing reads in the stage that it is for: the
-message names the stage that does, or the parameter's name of today if the file is older. A name with a dot is one of a
-group, which a file may write as a mapping (`noise: {start: 0.1}`). What several nodes have, such as `seed` and `noise`,
-stands once, in the section `/**`, which ROS 2 hands to every node.
+message names the stage that does. A name with a dot is one of a group, which a file may write as a mapping
+(`noise: {start: 0.1}`). What several nodes have, such as `seed` and `noise`, stands once, in the section `/**`, which
+ROS 2 gives to every node.
 """
 
 NOTES = """

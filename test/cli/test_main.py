@@ -151,11 +151,3 @@ def test_pretraining_writes_weights_that_evaluation_reads(
     again = vpsci("pretrain", "--params", str(PARAMS / "deterministic_stage1.yaml"), "-o", str(tmp_path / "run"))
     assert again.returncode == 2
     assert "holds a run with learner.episodes = 2, and this one has 300" in again.stderr
-
-
-def test_the_studies_run_the_papers_configurations_unless_told_otherwise() -> None:
-    from vpsci_ros.cli import learning as cli_learning
-    from vpsci_ros.studies.learning import SAMPLE_SIZES, WEIGHTINGS
-
-    assert tuple(map(int, cli_learning.SIZES.split(","))) == SAMPLE_SIZES
-    assert tuple(cli_learning.WEIGHTINGS.split(",")) == tuple(WEIGHTINGS)

@@ -1,4 +1,4 @@
-"""Parameter files: whatever nothing reads is refused by name, with what reads it or its name of today."""
+"""Parameter files: whatever nothing reads is refused by name, with what reads it."""
 
 from pathlib import Path
 
@@ -7,10 +7,8 @@ import yaml
 
 from vpsci_ros.cli.parameter_file import STAGES, load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig
-from vpsci_ros.parameters import table
+from vpsci_ros.learning.config import RefineConfig
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
-from vpsci_ros.runs import renamed
 
 
 def written(folder: Path, **sections: dict) -> Path:
@@ -56,36 +54,6 @@ def test_a_parameter_of_another_objective_is_refused(tmp_path: Path, stage: str,
 def test_what_the_exam_sets_itself_is_refused_in_its_file(tmp_path: Path) -> None:
     text = refused(written(tmp_path, ads_test={"ads": "example_ads"}, world_simulator={"batch": 8, "seed": 3}))
     assert text.endswith("world_simulator.batch: the exam sets it itself")
-
-
-@pytest.mark.parametrize("stage", ["pretrain", "refine"])
-def test_an_older_file_is_refused_with_the_new_place_of_each_of_its_keys(tmp_path: Path, stage: str) -> None:
-    names = renamed.PRETRAIN if stage == "pretrain" else renamed.REFINE
-    path = written(tmp_path, learner={"stage": stage} | dict.fromkeys(names, 1), pedestrian_policy={"noise_start": 0.1})
-    text = refused(path)
-    for old, new in names.items():
-        assert f"learner.{old} is now learner.{new};" in text
-    assert "pedestrian_policy.noise_start is now noise.start in the section /**, for both policies" in text
-
-
-def test_a_setting_by_an_old_name_says_the_new_one(tmp_path: Path) -> None:
-    path = written(tmp_path, learner={"stage": "refine"})
-    assert "learner.collision_reward is now learner.rewards.collision" in refused(
-        path, ("learner.collision_reward=-1",)
-    )
-    assert "learner.noise_floor is now noise.floor in the section /**" in refused(path, ("learner.noise_floor=0.1",))
-    assert "mirror is now learner.imitation.mirror of stage 1" in refused(path, ("learner.mirror=false",))
-
-
-@pytest.mark.parametrize(
-    ("names", "kind"), [("POLICY", PolicyConfig), ("PRETRAIN", PretrainConfig), ("REFINE", RefineConfig)]
-)
-def test_every_new_name_of_the_table_is_a_parameter_and_no_old_one_is(names: str, kind: type) -> None:
-    known, former = {row.name for row in table(kind)}, getattr(renamed, names)
-    assert set(former.values()) <= known
-    assert not set(former) & known
-    flat = [new for old, new in former.items() if "." not in old]  # a group's parameter may have had a name there, too
-    assert len(set(flat)) == len(flat)
 
 
 def test_groups_may_be_written_as_mappings_or_with_dots(tmp_path: Path) -> None:

@@ -15,12 +15,6 @@ study_app = typer.Typer(
     no_args_is_help=True, help="Studies of learning: the paper's Tables 3, 5 and 9, and cross-validation."
 )
 
-SIZES, MODELS, WEIGHTINGS = (
-    "50,100,150,200,250,336",
-    "ma_sst,ma_transformer,ma_lstm,ma_feedforward,sst,transformer,lstm,feedforward",
-    "equal,safety,goal,speed,safety_goal,safety_speed,goal_speed,adaptive",
-)
-
 
 def pretrain(
     output: Resumable,
@@ -109,7 +103,10 @@ def samples(
     params: Params,
     output: Resumable,
     near_misses: NearMisses = None,
-    sizes: Annotated[str, typer.Option(metavar="N,N,...", help="Interactions to learn from, one run each.")] = SIZES,
+    sizes: Annotated[
+        str | None,
+        typer.Option(metavar="N,N,...", help="Interactions to learn from, one run each; default: Table 3's."),
+    ] = None,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
@@ -126,11 +123,11 @@ def samples(
     """
     from vpsci_ros.studies.run import run_sample_study
 
-    if not all(part.strip().isdigit() for part in sizes.split(",")):
+    chosen = _parts(sizes)
+    if not all(part.isdigit() for part in chosen):
         raise InvalidInput(f"--sizes {sizes}: expected whole numbers with commas, say 50,100")
     with _stoppable(output):
-        chosen = [int(part) for part in sizes.split(",")]
-        run_sample_study(read_sections(params, settings, near_misses), output, chosen, quiet=quiet)
+        run_sample_study(read_sections(params, settings, near_misses), output, [*map(int, chosen)], quiet=quiet)
 
 
 @study_app.command()
@@ -170,7 +167,10 @@ def models(
     params: Params,
     output: Resumable,
     near_misses: NearMisses = None,
-    chosen: Annotated[str, typer.Option("--models", metavar="NAME,...", help="Networks to compare.")] = MODELS,
+    chosen: Annotated[
+        str | None,
+        typer.Option("--models", metavar="NAME,...", help="Networks to compare; default: all of the paper's."),
+    ] = None,
     count: Annotated[int, typer.Option("--folds", min=2, metavar="N", help="Trainings of each.")] = 5,
     settings: Settings = None,
     quiet: Quiet = False,
@@ -190,9 +190,8 @@ def models(
     """
     from vpsci_ros.studies.run import run_model_study
 
-    names = [name.strip() for name in chosen.split(",")]
     with _stoppable(output):
-        run_model_study(read_sections(params, settings, near_misses), output, names, count, quiet=quiet)
+        run_model_study(read_sections(params, settings, near_misses), output, _parts(chosen), count, quiet=quiet)
 
 
 @study_app.command()
@@ -200,7 +199,9 @@ def weights(
     params: Params,
     output: Resumable,
     near_misses: NearMisses = None,
-    weightings: Annotated[str, typer.Option(metavar="NAME,...", help="Weightings of Table 5.")] = WEIGHTINGS,
+    weightings: Annotated[
+        str | None, typer.Option(metavar="NAME,...", help="Weightings of Table 5; default: all.")
+    ] = None,
     fresh_episodes: Annotated[
         int, typer.Option(min=1, metavar="N", help="Episodes in each scenario that rates are measured on.")
     ] = 200,
@@ -229,11 +230,16 @@ def weights(
         run_weight_study(
             read_sections(params, settings, near_misses),
             output,
-            [name.strip() for name in weightings.split(",")],
+            _parts(weightings),
             fresh_episodes=fresh_episodes,
             fresh_seed=fresh_seed,
             quiet=quiet,
         )
+
+
+def _parts(text: str | None) -> list[str]:
+    """Return what stands between the commas; nothing where nothing was given."""
+    return [part.strip() for part in text.split(",")] if text else []
 
 
 @contextlib.contextmanager

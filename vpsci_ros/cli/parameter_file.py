@@ -14,11 +14,11 @@ from vpsci_ros.learning.objectives import OBJECTIVES
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.parameters import EVERY_NODE, check_sections, read_parameter_file, refuse_unknown, table
 from vpsci_ros.resources import params_path
-from vpsci_ros.runs import renamed
 from vpsci_ros.runs.sections import Sections
 
-POLICIES = ("vehicle_policy", "pedestrian_policy")
-SIMULATION = ("graph", "world_simulator", "safety_monitor", *POLICIES, "perception", "recorder")
+SIMULATION = (
+    "graph", "world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "perception", "recorder",
+)  # fmt: skip
 EXAM_SETS = ("graph.nodes", "world_simulator.batch", "world_simulator.recorded_bag", "world_simulator.vehicle_driver",
              "world_simulator.pedestrian_driver", "world_simulator.pedestrian_odometry")  # fmt: skip
 
@@ -28,13 +28,11 @@ class Stage(NamedTuple):
 
     :ivar sections: section -> the configuration classes that are read from it.
     :ivar sets: parameters that it sets itself, whatever the file says.
-    :ivar learner: former name of a parameter of the learner -> today's.
     """
 
     name: str
     sections: Mapping[str, tuple[type, ...]]
     sets: Sequence[str] = ()
-    learner: Mapping[str, str] = {}
 
     def reads(self, section: str) -> set[str]:
         """Return the names of the parameters that are read from a section; `/**` is part of every one."""
@@ -48,15 +46,9 @@ def _sections(*names: str) -> dict[str, tuple[type, ...]]:
 
 STAGES = {
     "pretrain": Stage(
-        "stage 1 (learner.stage: pretrain)",
-        _sections("graph", "recorder") | {"learner": LEARNER["pretrain"]},
-        learner=renamed.PRETRAIN,
+        "stage 1 (learner.stage: pretrain)", _sections("graph", "recorder") | {"learner": LEARNER["pretrain"]}
     ),
-    "refine": Stage(
-        "stage 2 (learner.stage: refine)",
-        _sections(*SIMULATION) | {"learner": LEARNER["refine"]},
-        learner=renamed.REFINE | renamed.POLICY,
-    ),
+    "refine": Stage("stage 2 (learner.stage: refine)", _sections(*SIMULATION) | {"learner": LEARNER["refine"]}),
     "generate": Stage("stage 3", _sections(*SIMULATION) | {"dataset": (DatasetConfig, FilterConfig)}),
     "exam": Stage("the exam", _sections(*SIMULATION) | {"ads_test": (ExamConfig,)}, sets=EXAM_SETS),
 }
@@ -69,7 +61,7 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Sections:
     :param path: of a file, or the name of one of the package's ("stage3_generate").
     :param settings: `section.parameter=value`, which override it; values are YAML.
     :raises InvalidInput: see `read_parameter_file` and `check_sections`; a setting is not of that form; or nothing
-        reads a parameter in this stage, and then all of these are named, each with what reads it or its new name.
+        reads a parameter in this stage, and then all of these are named, each with what reads it.
     """
     sections = read_parameter_file(params_path(path))
     for text in settings:
@@ -103,27 +95,12 @@ def _unread(stage: Stage, section: str, values: Mapping[str, Any]) -> list[str]:
     known = stage.reads(section)
     for name in values:
         full = f"{section}.{name}"
-        new = _new_name(stage, section, name)
         readers = [other.name for other in ELSEWHERE if name in other.reads(section)]
-        if name not in known and new:
-            texts.append(f"{full} is now {new}")
-        elif full in stage.sets:
+        if full in stage.sets:
             texts.append(f"{full}: {stage.name} sets it itself")
         elif name not in known and readers:
             texts.append(f"{full}: nothing reads it in {stage.name}, but in {' and '.join(readers)}")
     return texts
-
-
-def _new_name(stage: Stage, section: str, name: str) -> str:
-    """Return where a parameter of an older file has its place now; empty: it has no other name."""
-    if name in renamed.POLICY and section in (*POLICIES, "learner"):
-        return f"{renamed.POLICY[name]} in the section {EVERY_NODE}, for both policies"
-    if section == "learner" and name in stage.learner:
-        return f"learner.{stage.learner[name]}"
-    others = [other for other in STAGES.values() if section == "learner" and name in other.learner]
-    return "".join(
-        f"learner.{other.learner[name]} of {other.name}, and nothing reads it in {stage.name}" for other in others
-    )
 
 
 def _refuse_other_objective(path: str | Path, sections: Sections, given: Mapping[str, Any]) -> None:
@@ -147,8 +124,7 @@ def _assignment(text: str) -> tuple[str, str, Any]:
     if not found or not dot:
         raise InvalidInput(f"--set {text}: expected NODE.PARAMETER=VALUE")
     rows = {row.name: row for stage in ELSEWHERE for kind in stage.sections.get(section, ()) for row in table(kind)}
-    refuse_unknown({section: None}, {name: None for stage in ELSEWHERE for name in stage.sections}, f"--set {text}")
-    if not any(_new_name(stage, section, name) for stage in STAGES.values()):
-        refuse_unknown({name: None}, rows, f"--set {text}")
-    chosen = parse_yaml(value, f"--set {text}")
-    return section, name, rows[name].check(chosen, f"--set {text}") if name in rows else chosen
+    where = f"--set {text}"
+    refuse_unknown({section: None}, {name: None for stage in ELSEWHERE for name in stage.sections}, where)
+    refuse_unknown({name: None}, rows, where)
+    return section, name, rows[name].check(parse_yaml(value, where), where)

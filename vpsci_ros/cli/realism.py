@@ -12,7 +12,7 @@ def realism(
     data: Annotated[Path, typer.Option("--data", help="Near-miss table (Parquet) to be scored on.")],
     library: Annotated[
         Path | None,
-        typer.Option(help="Near-miss table whose residuals are lent. Default: other clips of --data."),
+        typer.Option(help="Near-miss table whose residuals the control borrows. Default: other clips of --data."),
     ] = None,
     weights: Annotated[
         list[str] | None,
@@ -20,7 +20,9 @@ def realism(
     ] = None,
     folds: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of `vpsci study folds` on --data: each clip by who never saw it."),
+        typer.Option(
+            metavar="DIR", help="Folder of `vpsci study folds` on --data: each clip by the weights that never saw it."
+        ),
     ] = None,
     dataset: Annotated[Path | None, typer.Option(help="Folder of generated episodes, for free simulation.")] = None,
     conflicts: Annotated[
@@ -56,21 +58,9 @@ def realism(
 
     About 20 s of one core for each model; 2 minutes in all.
     """
-    from vpsci_ros.cli.realism_run import run_realism
+    given = locals()
+    from vpsci_ros.studies.realism import RealismStudy, run_realism
 
-    run_realism(
-        data,
-        library=library,
-        weights=weights or [],
-        folds=folds,
-        dataset=dataset,
-        conflicts=conflicts,
-        held_out=held_out,
-        clean=clean,
-        temperature=temperature,
-        seed=seed,
-        episodes=episodes,
-        json_path=json_path,
-        output=output,
-        quiet=quiet,
-    )
+    own = ("json_path", "output", "quiet")
+    study = RealismStudy(**{name: value for name, value in given.items() if name not in own})
+    run_realism(study, json_path, output, quiet=quiet)

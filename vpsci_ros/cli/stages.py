@@ -1,7 +1,9 @@
 """Stages 1 and 2 and the evaluation as commands in one process: parameters in, files and a summary out."""
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 from rich.console import Console
@@ -33,31 +35,20 @@ def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) ->
     :raises Stopped: a signal asked for it; what is done is in `folder`.
     """
     learner, config, network, corpus, resolved = stage_1_inputs(sections)
-    run = RunFolder(folder, resolved, learner.near_misses)
-    if run.done:
-        print(f"{folder} holds this run, finished; nothing to do (delete the folder to train again)")
-        return
-    with run, StageBar("stage 1", quiet) as bar:
 
+    def learn(bar: StageBar) -> dict[str, Any]:
         def report(values: dict[str, float]) -> None:
             bar.show(values)
             stop.check()
 
-        try:
-            with stop_requested_by_signals() as stop:
-                weights = pretrain(
-                    corpus,
-                    config,
-                    network,
-                    seed=learner.seed,
-                    out_dir=folder,
-                    report=report,
-                    beginning=stop.at_once,
-                )
-            run.results |= weights.facts.get("held_out", {})
-        finally:
-            save_learning(folder)
-    print(f"written: {folder / 'pretrained.safetensors'}; log.csv, learning.png, run.json beside it")
+        with stop_requested_by_signals() as stop:
+            weights = pretrain(
+                corpus, config, network, seed=learner.seed, out_dir=folder, report=report, beginning=stop.at_once
+            )
+        return dict(weights.facts.get("held_out", {}))
+
+    if _run(folder, RunFolder(folder, resolved, learner.near_misses), StageBar("stage 1", quiet), learn):
+        print(f"written: {folder / 'pretrained.safetensors'}; log.csv, learning.png, run.json beside it")
 
 
 def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> None:
@@ -66,24 +57,15 @@ def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> 
     :raises InvalidInput: as `run_pretraining`, or the weights to start from are refused.
     """
     learner, config, simulation, weights, corpus, files, resolved = stage_2_inputs(sections)
-    record = RunFolder(folder, resolved, files)
-    if record.done:
-        print(f"{folder} holds this run, finished; nothing to do (delete the folder to train again)")
+
+    def learn(bar: StageBar) -> dict[str, Any]:
+        refined = refine(
+            corpus, config, weights, simulation, learner_seed=learner.seed, out_dir=folder, report=bar.show
+        )
+        return {name: refined.facts[name] for name in ("held_out", "learned")}
+
+    if not _run(folder, RunFolder(folder, resolved, files), StageBar("stage 2", quiet), learn):
         return
-    with record, StageBar("stage 2", quiet) as bar:
-        try:
-            refined = refine(
-                corpus,
-                config,
-                weights,
-                simulation,
-                learner_seed=learner.seed,
-                out_dir=folder,
-                report=bar.show,
-            )
-            record.results |= {name: refined.facts[name] for name in ("held_out", "learned")}
-        finally:
-            save_learning(folder)
     print(f"written: {folder / 'refined.safetensors'}; refine_log.csv, learning.png, run.json beside it")
     if not pl.read_csv(folder / LOG)["refreshes"][-1]:
         print(
@@ -91,6 +73,19 @@ def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> 
             "learner.updates.steps_per_update, learner.refresh.updates), so these are the weights that it began with",
             file=sys.stderr,
         )
+
+
+def _run(folder: Path, run: RunFolder, bar: StageBar, learn: Callable[[StageBar], dict[str, Any]]) -> bool:
+    """Learn into the folder of a run, with its record and picture; return whether anything was left to do."""
+    if run.done:
+        print(f"{folder} holds this run, finished; nothing to do (delete the folder to train again)")
+        return False
+    with run, bar:
+        try:
+            run.results |= learn(bar)
+        finally:
+            save_learning(folder)
+    return True
 
 
 def run_evaluation(

@@ -12,7 +12,7 @@ from vpsci_ros.runs.folder import RunFolder
 from vpsci_ros.runs.progress import StageBar, stopped_between_updates
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.studies.cross_validation import RESULT, Refinement, cross_validate
-from vpsci_ros.studies.learning import WEIGHTINGS, FreshEpisodes, reward_weight_study, sample_size_study
+from vpsci_ros.studies.learning import SAMPLE_SIZES, WEIGHTINGS, FreshEpisodes, reward_weight_study, sample_size_study
 from vpsci_ros.studies.model_comparison import RESULT as MODELS_RESULT
 from vpsci_ros.studies.model_comparison import compare_models
 from vpsci_ros.studies.networks import MODELS
@@ -29,9 +29,11 @@ from vpsci_ros.studies.tables import (
 def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, quiet: bool = False) -> None:
     """Table 3 by `sample_size_study`; goes on with what a stopped study left in `folder`.
 
+    :param sizes: interactions to learn from; none: the paper's.
     :raises InvalidInput: a parameter, a size or the near misses are refused, or `folder` holds another study.
     :raises Stopped: a signal asked for it; what is done is in `folder`.
     """
+    sizes = sizes or SAMPLE_SIZES
     learner, config, network, corpus, resolved = stage_1_inputs(sections)
     facts = {"study": {"sizes": list(sizes)}}
     with RunFolder(folder, resolved, learner.near_misses, facts) as run:
@@ -93,10 +95,12 @@ def run_model_study(
 ) -> None:
     """Table 9 by `compare_models`; goes on with what a stopped study left in `folder`.
 
+    :param models: names of `MODELS`; none: this package's.
     :raises InvalidInput: a parameter, a model's name, the number of folds or the near misses are refused, or `folder`
         holds another study.
     :raises Stopped: a signal asked for it; what is done is in `folder`.
     """
+    models = models or list(MODELS.built_in)
     for name in models:
         MODELS.find(name)
     learner, config, network, corpus, resolved = stage_1_inputs(sections)
@@ -127,10 +131,11 @@ def run_weight_study(
 ) -> None:
     """Table 5 by `reward_weight_study`; goes on with what a stopped study left in `folder`.
 
-    :param weightings: names of `WEIGHTINGS`.
+    :param weightings: names of `WEIGHTINGS`; none: all.
     :param fresh_episodes: simulated in each scenario, by `fresh_seed`, to measure the rates on.
     :raises InvalidInput: a parameter, a name or an input is refused, or `folder` holds another study.
     """
+    weightings = weightings or list(WEIGHTINGS)
     for name in weightings:
         if name not in WEIGHTINGS:
             raise InvalidInput(f"--weightings: {name!r} is unknown; expected names among {', '.join(WEIGHTINGS)}")

@@ -1,9 +1,10 @@
-"""What `vpsci realism` does: read, measure, write and print."""
+"""How like people the policies behave, as a command: read, measure by `evaluation.realism`, write and print."""
 
 import json
 import sys
 from collections.abc import Mapping
 from contextlib import nullcontext
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -38,69 +39,63 @@ SHIPPED = ("pretrained", "refined", "pretrained_deterministic", "refined_determi
 RESULT, PICTURE, BESIDE = "realism.json", "realism.png", "beside.png"
 
 
-def run_realism(
-    data: Path,
-    *,
-    library: Path | None,
-    weights: list[str],
-    folds: Path | None,
-    dataset: Path | None,
-    conflicts: Path | None,
-    held_out: bool,
-    clean: bool,
-    temperature: float,
-    seed: int,
-    episodes: int,
-    json_path: Path | None,
-    output: Path | None,
-    quiet: bool,
-) -> None:
-    """Measure, write what was asked for, and print the tables; see `vpsci realism --help` for the parameters.
+@dataclass(frozen=True)
+class RealismStudy:
+    """What is scored, and beside what; `vpsci realism --help` says more of each."""
 
+    data: Path  # near misses to be scored on
+    library: Path | None  # near misses whose residuals the control borrows; None: other clips of `data`
+    weights: list[str] | None  # further weights, [NAME=]FILE
+    folds: Path | None  # folder of a study of folds on `data`
+    dataset: Path | None  # folder of generated episodes
+    conflicts: Path | None  # datlong.csv of the right-turn study
+    held_out: bool  # only clips that no weights given have learned from
+    clean: bool  # without cars that stand and tracks that begin critical
+    temperature: float  # of stochastic policies
+    seed: int  # of all that is drawn
+    episodes: int  # of the dataset that are looked at, at most
+
+
+def run_realism(study: RealismStudy, json_path: Path | None, output: Path | None, *, quiet: bool = False) -> None:
+    """Measure, write and print the tables; go on with what a stopped run left in `output`.
+
+    :param json_path: file for all numbers; output: folder for numbers, picture and record of the run.
     :raises InvalidInput: a file is refused, a name is there twice, or no clip of the data was held out.
     """
-    everything = table = read_near_misses(data)
-    files = {name: weights_path(name) for name in SHIPPED} | _named(weights)
+    everything = table = read_near_misses(study.data)
+    files = {name: weights_path(name) for name in SHIPPED} | _named(study.weights or [])
     loaded = {name: load_weights(path) for name, path in files.items()}
-    if held_out:
-        table = _kept_out(table, loaded, data)
-    simulators = {name: policy(own, seed, temperature) for name, own in loaded.items()}
-    if folds is not None:
-        simulators |= _of_folds(folds, table, seed, temperature)
-    config = RealismConfig(clean=clean, seed=seed, episodes=episodes)
-    inputs = [data, *files.values(), *(path for path in (library, conflicts) if path is not None)]
-    resolved = {
-        "clean": clean,
-        "held_out": held_out,
-        "temperature": temperature,
-        "seed": seed,
-        "episodes": episodes,
+    if study.held_out:
+        table = _kept_out(table, loaded, study.data)
+    simulators = {name: policy(own, study.seed, study.temperature) for name, own in loaded.items()}
+    if study.folds is not None:
+        simulators |= _of_folds(study.folds, table, study.seed, study.temperature)
+    inputs = [study.data, *files.values(), *(path for path in (study.library, study.conflicts) if path is not None)]
+    chosen = ("clean", "held_out", "temperature", "seed", "episodes")
+    resolved = {name: getattr(study, name) for name in chosen} | {
         "models": list(simulators),
-        "dataset": str(dataset or ""),
-        "folds": str(folds or ""),
+        "dataset": str(study.dataset or ""),
+        "folds": str(study.folds or ""),
     }
     run = None if output is None else RunFolder(output, Sections({"realism": resolved}), inputs)
-    if run is not None and run.done and (finished := json.loads((run_path(output) / RESULT).read_text())):
-        print_realism(finished, Console())
+    if output is not None and run is not None and run.done:
+        print_realism(json.loads((output / RESULT).read_text(encoding="utf-8")), Console())
         print(f"{output} holds this run, finished; nothing was measured again")
         return
+    dataset = None if study.dataset is None else Dataset(study.dataset)
     with run or nullcontext(), Bars(quiet=quiet) as bars:
-
-        def told(name: str, done: int, total: int) -> None:
-            bars.bar("realism", done, total, name)
-
         result = measure_realism(
             table,
             simulators,
-            config,
-            library=everything if library is None else read_near_misses(library),
-            dataset=None if dataset is None else Dataset(dataset),
-            conflicts=conflicts,
+            RealismConfig(clean=study.clean, seed=study.seed, episodes=study.episodes),
+            library=everything if study.library is None else read_near_misses(study.library),
+            dataset=dataset,
+            conflicts=study.conflicts,
             parts=output,
-            told=told,
+            told=lambda name, done, total: bars.bar("realism", done, total, name),
         )
         result |= {
-            "data": {"path": str(data), "sha256": table_hash(table)},
+            "data": {"path": str(study.data), "sha256": table_hash(table)},
             "weights_sha256": {name: sha256(path) for name, path in files.items()},
             "parameters": resolved,
             "software": software_versions(),
@@ -109,20 +104,14 @@ def run_realism(
             write_json(output / RESULT, result)
             save_realism(result, output / PICTURE)
             if dataset is not None:
-                made = as_near_misses(Dataset(dataset), episodes, seed)
-                save_beside(reference.clean(table), made, output / BESIDE, seed)
+                made = as_near_misses(dataset, study.episodes, study.seed)
+                save_beside(reference.clean(table), made, output / BESIDE, study.seed)
     if json_path is not None:
         write_json(json_path, result)
     print_realism(result, Console(width=None if sys.stdout.isatty() else 130))
     for path in (json_path, output):
         if path is not None:
             print(f"written: {path}")
-
-
-def run_path(output: Path | None) -> Path:
-    """Return the folder of a run that has one."""
-    assert output is not None
-    return output
 
 
 def _named(weights: list[str]) -> dict[str, Path]:
