@@ -16,8 +16,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.recorded import vehicle_size
 from vpsci_ros.data.reference import clean
-from vpsci_ros.evaluation.measure_series import vehicle_size
 from vpsci_ros.evaluation.realism.two_sample import two_sample
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, resampled, share
 from vpsci_ros.policy.agent import policies

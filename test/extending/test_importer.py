@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.recorded import vehicle_size
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.measure_series import vehicle_size
 
 CAMERA = files_of("Add an importer")
 

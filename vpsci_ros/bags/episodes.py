@@ -6,7 +6,7 @@ episodes from the events in it, or from the world's states or odometry themselve
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -15,14 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.data.episode import Episode
+from vpsci_ros.data.gathered import gathered
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world.sharing import episode_rows
-from vpsci_ros.world.state import ENDED, FINISHED, IDLE, OUTCOME_NAMES, STARTED
+from vpsci_ros.world.state import ENDED, FINISHED, OUTCOME_NAMES, STARTED
 
 RECORD = "vpsci_episode"  # name of the records
 LATE = 1_000_000_000  # [ns] by which other tools log an answer or a state later than the event that goes with it
@@ -227,15 +230,34 @@ def _some(episodes: list[BagEpisode]) -> str:
     return ", ".join(names[:8] + [f"... {len(names)} in all"] * (len(names) > 8)) or "no episode that ended in it"
 
 
-def episode_ticks(path: str | Path, episode: BagEpisode, *, recover: bool = False) -> Iterator[RecordedTick]:
-    """Yield the ticks of one episode, arrays cut to its slots, B pedestrians; of a whole bag little else is read.
+def episode_ticks(path: str | Path, chosen: Iterable[BagEpisode], *, recover: bool = False) -> Iterator[RecordedTick]:
+    """Yield the ticks in which these episodes run, in order; of a whole bag little else is read.
 
     :raises InvalidInput: see `vpsci_ros.bags.ticks.read_bag`.
     """
-    for tick in read_bag(path, recover=recover, start=episode.start_time, stop=episode.end_time + LATE):
-        mine = (tick.state["scenario"] == episode.scenario) & (tick.state["episode"] == episode.episode)
-        mine &= tick.state["status"] != IDLE
-        if mine.any():
-            yield tick._replace(state=tick.state[mine], curvttc=tick.curvttc[mine], distance=tick.distance[mine])
-            if tick.state["status"][mine][0] == ENDED:
-                return
+    ranges: list[list[int]] = []
+    for episode in sorted(chosen, key=lambda episode: episode.start_time):
+        start, stop = episode.start_time, episode.end_time + LATE
+        if ranges and start <= ranges[-1][1]:
+            ranges[-1][1] = max(stop, ranges[-1][1])
+        else:
+            ranges.append([start, stop])
+    for start, stop in ranges:
+        yield from read_bag(path, recover=recover, start=start, stop=stop)
+
+
+def read_episodes(
+    path: str | Path, chosen: Collection[BagEpisode] | None = None, *, recover: bool = False
+) -> Iterator[Episode]:
+    """Yield the episodes of a bag as they end.
+
+    :param chosen: only these; None: all.
+    :param recover: take what is whole of a bag that was not closed or is damaged.
+    :raises InvalidInput: see `vpsci_ros.bags.ticks.read_bag`.
+    """
+    scenarios = scenarios_of(Bag(path, recover=recover))
+    ticks = read_bag(path, recover=recover) if chosen is None else episode_ticks(path, chosen, recover=recover)
+    if (first := next(ticks, None)) is not None:
+        wanted = None if chosen is None else {episode.key for episode in chosen}
+        parts = ((tick.state, tick.curvttc, tick.distance) for tick in itertools.chain([first], ticks))
+        yield from gathered(parts, first.period, scenarios, wanted=wanted, source=str(path))

@@ -1,6 +1,6 @@
 """From a bag to a dataset: the episodes that a graph recorded, filtered, as tables, with a summary and a picture."""
 
-from collections.abc import Iterator
+from collections.abc import Collection
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from vpsci_ros.bags.episodes import LATE, BagEpisode, bag_episodes, choose
-from vpsci_ros.bags.odometry import SCENARIO
+from vpsci_ros.bags.episodes import bag_episodes, choose, episode_ticks
 from vpsci_ros.bags.reader import Bag, bag_files
-from vpsci_ros.bags.run_record import bag_run
+from vpsci_ros.bags.run_record import bag_run, scenarios_of
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_files import FORMATS
+from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
+from vpsci_ros.data.gathered import NO_SCENARIO, group_of
 from vpsci_ros.documents import read_json, read_yaml, reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.panels import typical_panels
@@ -25,7 +26,6 @@ from vpsci_ros.report.summary import print_rejections, print_summary, summarise
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.world import Scenario
-from vpsci_ros.world.scenario import every_scenario
 
 PICTURE = "trajectories.png"
 
@@ -67,18 +67,19 @@ def export_bag(
     :raises InvalidInput: no bag of a graph, no episode that ended in it or is as chosen, or the folder is not empty.
     """
     console = console or Console()
-    scenarios = every_scenario(bag_run(Bag(bag, recover=recover)).own_scenarios, str(bag))
+    scenarios = scenarios_of(Bag(bag, recover=recover))
     ticks = read_bag(bag, recover=recover)
     if selection != ALL:
         chosen = choose(bag_episodes(Bag(bag, recover=recover), recover=recover), *astuple(selection))
-        ticks = _of(chosen, bag, recover)
+        wanted = {episode.key for episode in chosen}
+        ticks = (_alone(tick, wanted) for tick in episode_ticks(bag, chosen, recover=recover))
         filters = filters or KEEP_ALL
         keep_rejected |= any(not np.isfinite(episode.least_curvttc) for episode in chosen)
     first = next(ticks)
     frames = EpisodeFrames(len(first.state))
     with DatasetWriter(
         folder,
-        {SCENARIO: "odometry"} | {scenario.number: scenario.name for scenario in scenarios},
+        {NO_SCENARIO: group_of(NO_SCENARIO, None)} | {scenario.number: scenario.name for scenario in scenarios},
         provenance_of(Path(bag), recover=recover),
         period=first.period,
         filters=filters,
@@ -95,25 +96,11 @@ def export_bag(
     return description
 
 
-def _of(chosen: list[BagEpisode], bag: str | Path, recover: bool) -> Iterator[RecordedTick]:
-    """Yield the ticks of these episodes, with every slot that holds another one idle; little else is read."""
-    wanted = np.array([_code(episode.scenario, episode.episode) for episode in chosen])
-    ranges: list[list[int]] = []
-    for episode in sorted(chosen, key=lambda episode: episode.start_time):
-        start, stop = episode.start_time, episode.end_time + LATE
-        if ranges and start <= ranges[-1][1]:
-            ranges[-1][1] = max(stop, ranges[-1][1])
-        else:
-            ranges.append([start, stop])
-    for start, stop in ranges:
-        for tick in read_bag(bag, recover=recover, start=start, stop=stop):
-            state = tick.state
-            state[~np.isin(_code(state["scenario"], state["episode"]), wanted)] = 0
-            yield tick
-
-
-def _code(scenario: Any, episode: Any) -> Any:
-    return np.uint64(scenario) * np.uint64(2**32) + np.uint64(episode)
+def _alone(tick: RecordedTick, wanted: Collection[Key]) -> RecordedTick:
+    """Return a tick in which every slot that holds another episode is idle."""
+    held = zip(tick.state["scenario"].tolist(), tick.state["episode"].tolist(), strict=True)
+    tick.state[[key not in wanted for key in held]] = 0
+    return tick
 
 
 def report(folder: str | Path, scenarios: list[Scenario], console: Console) -> None:
@@ -140,7 +127,7 @@ def provenance_of(bag: Path, *, recover: bool = False) -> dict[str, Any]:
         "configuration": run.parameters or None,
         "seed": run.parameters.get("world_simulator", {}).get("seed"),
         "weights": run.weights or None,
-    }
+    } | ({"own_scenarios": run.own_scenarios} if run.own_scenarios else {})
     parameters, record = bag.resolve().parent / "params.yaml", bag.resolve().parent / "run.json"
     if run.parameters:
         return found

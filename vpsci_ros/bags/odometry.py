@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.tick import RecordedTick
+from vpsci_ros.data.gathered import NO_SCENARIO
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import TYPES, motion
@@ -21,7 +22,6 @@ from vpsci_ros.world.monitor import MonitorConfig, assess
 from vpsci_ros.world.state import ENDED, EPISODE, RUNNING
 
 ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
-SCENARIO = 0  # a number that no scenario has
 GAP = 0.5  # [s] without a message
 JUMP = 2.0  # [m] further than the speed explains
 APART = 0.1  # [s] between two messages that are taken together
@@ -97,5 +97,5 @@ def _state(vehicle: Floats, pedestrian: Floats) -> NDArray[np.void]:
     state["vehicle_curvature"] = yaw_rate / speed if speed > SLOW else 0.0
     _, state["pedestrian_x"], state["pedestrian_y"], course, walking, *_ = pedestrian
     state["pedestrian_vx"], state["pedestrian_vy"] = walking * np.cos(course), walking * np.sin(course)
-    state["scenario"] = SCENARIO
+    state["scenario"] = NO_SCENARIO
     return state

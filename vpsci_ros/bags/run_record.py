@@ -18,7 +18,7 @@ from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import cpu_name, software_versions
 from vpsci_ros.world import Scenario
-from vpsci_ros.world.scenario import own_documents, scenario_files
+from vpsci_ros.world.scenario import every_scenario, own_documents, own_scenarios, scenario_files
 
 NODE, WEIGHTS, SOFTWARE, SCENARIO = "vpsci_node", "vpsci_weights", "vpsci_software", "vpsci_scenario"
 
@@ -102,3 +102,13 @@ def bag_run(bag: Bag) -> BagRun:
     except (AttributeError, KeyError, ValueError, TypeError, RecursionError) as error:
         raise InvalidInput(f"{bag.path}: its record of how it was made is damaged: {reason(error)}") from None
     return run
+
+
+def scenarios_of(bag: Bag, *, own: bool = False) -> list[Scenario]:
+    """Return the scenarios that may occur in a bag: the package's, and those that it holds itself.
+
+    :param own: only the latter.
+    :raises InvalidInput: see `bag_run`.
+    """
+    documents, where = bag_run(bag).own_scenarios, str(bag.path)
+    return own_scenarios(documents, where) if own else every_scenario(documents, where)

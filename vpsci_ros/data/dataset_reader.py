@@ -1,7 +1,9 @@
 """A dataset folder read back: its description, its index, and its episodes as padded arrays, a row group at a time."""
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,14 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS, NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_index import DESCRIPTION, FORM, INDEX, REJECTED
+from vpsci_ros.data.episode import Episode, Key, Listed, filled, headings
 from vpsci_ros.data.episode_frames import QUANTITIES
 from vpsci_ros.data.parquet import as_polars, read_parquet
 from vpsci_ros.documents import read_json, reason, require_form
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety import curvature_from_yaw_rate
+from vpsci_ros.world import Scenario
+from vpsci_ros.world.scenario import every_scenario, own_scenarios
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,70 @@ class Dataset:
         """Return a row an episode, rejected ones too, with the columns of `INDEX_COLUMNS`."""
         return read_parquet(self.folder / INDEX, "the index of a dataset", INDEX_COLUMNS)
 
+    @cached_property
+    def own_scenarios(self) -> list[Scenario]:
+        """The scenarios that are not the package's own, which the dataset holds itself."""
+        return own_scenarios(self.description.get("own_scenarios"), str(self.folder))
+
+    @cached_property
+    def _roads(self) -> dict[str, Scenario]:
+        return {scenario.name: scenario for scenario in every_scenario(self.description.get("own_scenarios"))}
+
+    def listed(self, *, rejected: bool = False) -> list[Listed]:
+        """Return the kept episodes, or the rejected ones, without their motion, named SCENARIO:NUMBER."""
+        groups = {int(counts["number"]): name for name, counts in self.scenarios.items()}
+        index = self.index()
+        rows = index.filter((pl.col("reason") == "kept") != rejected)
+        return [
+            Listed(f"{scenario}:{number}", groups.get(scenario, ""), scenario, number, outcome, least)
+            for scenario, number, outcome, least in rows.select("scenario", "count", "outcome", "least_curvttc").rows()
+        ]
+
+    def read(
+        self, wanted: Collection[str] | None = None, *, scenario: str = "", rejected: bool = False
+    ) -> Iterator[Episode]:
+        """Yield kept episodes, one scenario after the other.
+
+        :param wanted: names SCENARIO:NUMBER; None: all. Files without any of them are not opened.
+        :param scenario: only of this one, by its name.
+        :param rejected: those that were rejected instead, where the dataset keeps them (`dataset.keep_rejected`).
+        :raises InvalidInput: a file is missing or does not hold what the description promises.
+        """
+        listed = {one.key: one for one in self.listed(rejected=rejected) if wanted is None or one.name in wanted}
+        groups = {one.group for one in listed.values()}
+        for name in (scenario,) if scenario else self.scenarios:
+            if name in groups:
+                number = int(self.scenarios[name]["number"])
+                for path, part in self._rejected_parts(name) if rejected else self._parts(name):
+                    if part.height:
+                        yield from self._episodes(part, path, number, listed)
+
+    def _episodes(
+        self, rows: pl.DataFrame, path: Path, scenario: int, listed: Mapping[Key, Listed]
+    ) -> Iterator[Episode]:
+        count, starts, pedestrian = _starts(rows, path)
+        values = rows.select(QUANTITIES).to_numpy()
+        begins = np.append(starts[pedestrian == 0], len(count))
+        several = np.diff(np.append(np.flatnonzero(pedestrian == 0), len(starts)))
+        for (begin, end), people in zip(itertools.pairwise(begins.tolist()), several.tolist(), strict=True):
+            if (one := listed.get((scenario, int(count[begin])))) is not None:
+                columns = values[begin:end].reshape(people, -1, len(QUANTITIES)).transpose(2, 0, 1)
+                yield self._episode(one, columns.astype(np.float64))
+
+    def _episode(self, listed: Listed, columns: NDArray[np.float64]) -> Episode:
+        """Return an episode of columns float64[10, n, T]; the vehicle moves along its heading."""
+        x, y, vx, vy = columns[:4, 0]
+        heading, speed = headings(filled(vx), filled(vy)), np.hypot(vx, vy)
+        rate = np.gradient(heading, self.period) if len(x) > 1 else np.zeros(1)
+        vehicle = x, y, heading, speed, curvature_from_yaw_rate(rate, filled(speed))
+        px, py, pvx, pvy, distance, curvttc = columns[4:]
+        walk = px, py, pvx, pvy, curvttc, distance, np.zeros(px.shape, np.bool_)
+        return Episode(str(self.folder), listed, self._roads.get(listed.group), self.period, *vehicle, *walk)
+
+    def _rejected_parts(self, name: str) -> Iterator[tuple[Path, pl.DataFrame]]:
+        path = self.folder / REJECTED / f"{name}.parquet"
+        yield from ((path, part) for part in (file_rows(path) if path.is_file() else ()))
+
     def rows(self, name: str) -> pl.DataFrame:
         """Return all rows of one scenario, by its name."""
         parts = [part for _, part in self._parts(name)]
@@ -84,8 +154,7 @@ class Dataset:
 
         :raises InvalidInput: the file does not hold what it should.
         """
-        path = self.folder / REJECTED / f"{name}.parquet"
-        for part in file_rows(path) if path.is_file() else ():
+        for path, part in self._rejected_parts(name):
             if part.height:
                 yield _padded(part, path)
 
@@ -124,14 +193,24 @@ def file_rows(path: Path) -> Iterator[pl.DataFrame]:
 _SCHEMA = {name: column.dtype for name, column in DATASET_COLUMNS.items()}
 
 
-def _padded(rows: pl.DataFrame, path: Path) -> EpisodeArrays:
+def _starts(rows: pl.DataFrame, path: Path) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return the episode of each row, the first row of each pedestrian, and the pedestrian's number.
+
+    :raises InvalidInput: frames that do not count from 0 for each pedestrian.
+    """
     count, walker = rows["count"].to_numpy(), rows["ped_id"].to_numpy()
     starts = np.flatnonzero(np.diff(count, prepend=count[0] - 1) | np.diff(walker, prepend=walker[0]))
-    lengths = np.diff(np.append(starts, len(count)))
-    frame = np.arange(len(count)) - np.repeat(starts, lengths)
+    frame = np.arange(len(count)) - np.repeat(starts, np.diff(np.append(starts, len(count))))
     if not np.array_equal(frame, rows["frame"].to_numpy()):
         row = int(np.argmax(frame != rows["frame"].to_numpy()))
         raise InvalidInput(f"{path}: frame {rows['frame'][row]} of episode {count[row]}: expected frame {frame[row]}")
+    return count, starts, walker[starts] // NEXT_PEDESTRIAN
+
+
+def _padded(rows: pl.DataFrame, path: Path) -> EpisodeArrays:
+    count, starts, pedestrian = _starts(rows, path)
+    lengths = np.diff(np.append(starts, len(count)))
+    frame = np.arange(len(count)) - np.repeat(starts, lengths)
     values = np.full((len(starts), int(lengths.max()), len(QUANTITIES)), np.nan, np.float32)
     values[np.repeat(np.arange(len(starts)), lengths), frame] = rows.select(QUANTITIES).to_numpy()
-    return EpisodeArrays(count[starts], lengths, values, walker[starts] // NEXT_PEDESTRIAN)
+    return EpisodeArrays(count[starts], lengths, values, pedestrian)

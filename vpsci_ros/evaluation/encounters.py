@@ -12,7 +12,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_reader import Dataset, EpisodeArrays
-from vpsci_ros.evaluation.measure_series import vehicle_size
+from vpsci_ros.data.recorded import vehicle_size
 from vpsci_ros.evaluation.yields import seen, yields
 from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC, who_yielded
 from vpsci_ros.safety.episodes import onset

@@ -1,20 +1,17 @@
 """Every safety measure along every recorded interaction, and when each first says "conflict"."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.importers import IMPORTERS
 from vpsci_ros.data.importers.tracks import slope
+from vpsci_ros.data.recorded import vehicle_size
 from vpsci_ros.data.reference import around_critical
 from vpsci_ros.parameters import parameter
 from vpsci_ros.safety import (
     CONFLICT_TTC,
-    VEHICLE_LENGTH,
-    VEHICLE_WIDTH,
     closest_encounter,
     curvature_from_yaw_rate,
     curvttc,
@@ -85,12 +82,3 @@ def _flags(part: pl.DataFrame, config: CompareConfig) -> tuple[Floats, bool]:
     first = np.where(flagged.any(axis=1), flagged.argmax(axis=1) * STEP, np.inf)
     pet, arrival = post_encroachment_time(x, y, heading, walker[0], walker[1], dt=STEP, length=length, width=width)
     return np.append(first, arrival if pet < config.pet else np.inf), not np.isnan(pet)
-
-
-@lru_cache
-def vehicle_size(source: str) -> tuple[float, float]:
-    """Return length and width [m] of the vehicles of a source, the default vehicle's for an unknown one."""
-    if source not in IMPORTERS.names():
-        return VEHICLE_LENGTH, VEHICLE_WIDTH
-    importer = IMPORTERS.find(source)
-    return importer.length, importer.width

@@ -8,7 +8,7 @@ import polars as pl
 
 from vpsci_ros.data.importers.tracks import slope
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.evaluation.measure_series import vehicle_size
+from vpsci_ros.data.recorded import vehicle_size
 from vpsci_ros.safety import curvature_from_yaw_rate
 from vpsci_ros.view.episodes import RECORDED, Episode, Size, Source, judged, named, spread
 from vpsci_ros.world.observation import STEP

@@ -161,7 +161,13 @@ def every_scenario(own: Mapping[str, Any] | None = None, where: str = "") -> lis
 
     :raises InvalidInput: a document is damaged.
     """
-    return [*load_scenarios(scenario_files()), *own_scenarios(own, where)]
+    return [*shipped_scenarios(), *own_scenarios(own, where)]
+
+
+@lru_cache
+def shipped_scenarios() -> tuple[Scenario, ...]:
+    """Return the paper's scenarios, in the order of their numbers."""
+    return tuple(load_scenarios(scenario_files()))
 
 
 def own_scenarios(own: Mapping[str, Any] | None, where: str = "") -> list[Scenario]:

@@ -7,8 +7,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import Interactions, from_rows
+from vpsci_ros.data.recorded import vehicle_size
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.measure_series import vehicle_size
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
 

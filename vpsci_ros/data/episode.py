@@ -1,0 +1,235 @@
+"""An episode of motion: one vehicle and the pedestrians that it meets, from wherever it was recorded or simulated.
+
+Near-miss tables, datasets, bags and simulations are read into this one value (`vpsci_ros.episodes.read_episodes`), and
+whatever looks at episodes one by one takes it. Frames that nobody saw are NaN; `filled` closes them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, YieldRule, who_yielded
+from vpsci_ros.world import Scenario
+
+Floats = NDArray[np.float64]
+Key = tuple[int, int]  # number of the scenario, number of the episode within it
+RECORDED = "recorded"  # outcome of an interaction of real people, whose end nobody classified
+YIELDED = ("nobody", "vehicle", "pedestrian", "both")  # by the codes of `Yielded`
+STANDING = 1e-3  # [m/s] below which a velocity has no direction
+_MOTION = ("x", "y", "heading", "speed", "curvature", "ped_x", "ped_y", "ped_vx", "ped_vy", "distance")
+_OF_PEDESTRIANS = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled")
+
+
+class Listed(NamedTuple):
+    """What is known of an episode without its motion.
+
+    :ivar name: by which it is found, unique in its source: "6:12", or the number of a recorded interaction.
+    :ivar group: name of its scenario, or "source/clip" of a recording.
+    :ivar scenario, number: its key.
+    :ivar outcome: see `Episode`.
+    :ivar least_curvttc: [s], infinity where no contact was ever predicted.
+    """
+
+    name: str
+    group: str
+    scenario: int
+    number: int
+    outcome: str
+    least_curvttc: float
+
+    @property
+    def label(self) -> str:
+        """As a file is named after it, unique in its source: "LocationA_PedCross_S-N_000012"."""
+        return f"{self.group.replace('/', '_')}_{self.number:06d}"
+
+    @property
+    def key(self) -> Key:
+        """Number of the scenario, 0 for none, and of the episode."""
+        return self.scenario, self.number
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """One vehicle and n >= 1 pedestrians over T frames, in map frame: x east, y north.
+
+    :ivar source: what it was read from, the opening of an error message.
+    :ivar listed: its name, group, key, outcome and least CurvTTC. The outcome is "collision", "goal", "timeout",
+        "parked_collision", "none" where nobody knows it, or "recorded".
+    :ivar scenario: where it took place; None where its source does not hold that.
+    :ivar period: time from one frame to the next [s].
+    :ivar x, y: float64[T] [m], centre of the vehicle.
+    :ivar heading: float64[T] [rad] counter-clockwise from x, unwrapped, known in every frame.
+    :ivar speed: float64[T] [m/s] along the heading.
+    :ivar curvature: float64[T] [1/m] of the vehicle's path, positive to the left.
+    :ivar ped_x, ped_y, ped_vx, ped_vy: float64[n, T] [m], [m/s], centres of the pedestrians and their velocities.
+    :ivar curvttc: float64[n, T] [s], infinity where no contact is predicted, NaN where it was not computed.
+    :ivar distance: float64[n, T] [m] between the centres.
+    :ivar controlled: bool[n, T], the policies control the vehicle and this pedestrian.
+    :ivar length, width, radius: footprints [m].
+    :ivar marks: what its source says of it besides, such as "standing".
+    """
+
+    source: str
+    listed: Listed
+    scenario: Scenario | None
+    period: float
+    x: Floats
+    y: Floats
+    heading: Floats
+    speed: Floats
+    curvature: Floats
+    ped_x: Floats
+    ped_y: Floats
+    ped_vx: Floats
+    ped_vy: Floats
+    curvttc: Floats
+    distance: Floats
+    controlled: NDArray[np.bool_]
+    length: float = VEHICLE_LENGTH
+    width: float = VEHICLE_WIDTH
+    radius: float = PEDESTRIAN_RADIUS
+    marks: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.x)
+
+    @property
+    def name(self) -> str:
+        """See `Listed`."""
+        return self.listed.name
+
+    @property
+    def group(self) -> str:
+        """See `Listed`."""
+        return self.listed.group
+
+    @property
+    def label(self) -> str:
+        """See `Listed`."""
+        return self.listed.label
+
+    @property
+    def number(self) -> int:
+        """Number within its scenario."""
+        return self.listed.number
+
+    @property
+    def key(self) -> Key:
+        """See `Listed`."""
+        return self.listed.key
+
+    @property
+    def outcome(self) -> str:
+        """How it ended."""
+        return self.listed.outcome
+
+    @property
+    def pedestrians(self) -> int:
+        """How many there are."""
+        return len(self.ped_x)
+
+    @property
+    def time(self) -> Floats:
+        """Time since the first frame, float64[T] [s]."""
+        return np.arange(len(self), dtype=np.float64) * self.period
+
+    @property
+    def vx(self) -> Floats:
+        """Velocity of the vehicle to the east, float64[T] [m/s]."""
+        return self.speed * np.cos(self.heading)
+
+    @property
+    def vy(self) -> Floats:
+        """Velocity of the vehicle to the north, float64[T] [m/s]."""
+        return self.speed * np.sin(self.heading)
+
+    @property
+    def path(self) -> Floats:
+        """How far the vehicle has driven, float64[T] [m]."""
+        return np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(self.x), np.diff(self.y)))])
+
+    @property
+    def known_curvttc(self) -> Floats:
+        """CurvTTC, float64[n, T] [s], infinity where it was not computed."""
+        return np.nan_to_num(self.curvttc, nan=np.inf, posinf=np.inf)
+
+    @property
+    def least_curvttc(self) -> float:
+        """Least CurvTTC of all pedestrians [s]; infinity where no contact was predicted."""
+        return float(self.known_curvttc.min())
+
+    @property
+    def most_critical(self) -> int:
+        """Index of the pedestrian with the least CurvTTC, the first of equal ones."""
+        return int(self.known_curvttc.min(axis=1).argmin())
+
+    def pair(self, pedestrian: int | None = None) -> "Episode":
+        """Return the vehicle with one of the pedestrians alone; None: the most critical one."""
+        i = self.most_critical if pedestrian is None else pedestrian
+        own: dict[str, Any] = {name: getattr(self, name)[i : i + 1] for name in _OF_PEDESTRIANS}
+        return replace(self, **own)
+
+    def filled(self) -> "Episode":
+        """Return the episode with the last motion that was seen in frames that nobody saw; CurvTTC stays unknown."""
+        motion: dict[str, Any] = {name: filled(getattr(self, name)) for name in _MOTION}
+        return replace(self, **motion)
+
+    def yielded(self) -> int:
+        """Return who gave way to whom, vehicle and most critical pedestrian, as a code of `Yielded`."""
+        return int(yields([self])[0])
+
+
+def yields(episodes: Sequence[Episode], rule: YieldRule | None = None) -> NDArray[np.uint8]:
+    """Return who gave way in each episode, vehicle and most critical pedestrian, uint8[N], codes of `Yielded`.
+
+    :param episodes: with vehicles of one size, at one period; frames that nobody saw count as the last one seen.
+    """
+    if not episodes:
+        return np.zeros(0, np.uint8)
+    first = episodes[0]
+    pairs = [episode.pair().filled() for episode in episodes]
+    vehicle = [[getattr(pair, name) for pair in pairs] for name in ("x", "y", "heading", "speed")]
+    walk = [[getattr(pair, name)[0] for pair in pairs] for name in ("ped_x", "ped_y", "ped_vx", "ped_vy")]
+    x, y, heading, speed, *others = (padded(rows) for rows in (*vehicle, *walk))
+    px, py, vx, vy = others
+    return who_yielded(
+        *(x, y, heading, speed, px, py, vx, vy, padded([pair.known_curvttc[0] for pair in pairs], np.inf)),
+        dt=first.period,
+        lengths=[len(pair) for pair in pairs],
+        length=first.length,
+        width=first.width,
+        radius=first.radius,
+        rule=rule,
+    )
+
+
+def padded(rows: Sequence[NDArray[np.float64]], fill: float = 0.0) -> Floats:
+    """Return series float64[T_i] of different lengths as float64[N, T], T the longest, with `fill` beyond each."""
+    out = np.full((len(rows), max(map(len, rows))), fill)
+    for row, values in zip(out, rows, strict=True):
+        row[: len(values)] = values
+    return out
+
+
+def filled(values: Floats) -> Floats:
+    """Return values[..., T] with each NaN replaced by the one before it, at first by the next; 0 where all are NaN."""
+    known = ~np.isnan(values)
+    if known.all():
+        return values
+    before = np.maximum.accumulate(np.where(known, np.arange(values.shape[-1]), -1), axis=-1)
+    first = np.where(known.any(axis=-1), known.argmax(axis=-1), 0)[..., None]
+    found: Floats = np.take_along_axis(values, np.where(before < 0, first, before), axis=-1)
+    return np.where(np.isnan(found), 0.0, found)
+
+
+def headings(vx: Floats, vy: Floats, standing: float = STANDING) -> Floats:
+    """Return the direction of motion, float64[..., T] [rad], unwrapped; standing the one before, at first the next.
+
+    :param standing: speed [m/s] up to which a velocity has no direction; 0 where it never has one.
+    """
+    moving = np.hypot(vx, vy) > standing
+    return np.unwrap(filled(np.where(moving, np.arctan2(vy, vx), np.nan)), axis=-1)
