@@ -3,6 +3,7 @@
 import io
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +25,13 @@ from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.cli.bag import bag_app
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.bag import write_ticks
-from vpsci_ros.wire.decoder import known_types
+from vpsci_ros.wire.decoder import RawMessage, known_types
+from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 
 ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
+SHIPPED = Path(__file__).parents[2] / "bags" / "LocationA_PedCross_N-S"
 
 
 def run(*arguments: object):
@@ -53,12 +56,11 @@ def changed(
     bag: Path,
     folder: Path,
     *,
-    at: int | None = None,
+    edit: Callable[[list[RawMessage]], list[RawMessage]] = list,
     nodes: dict[str, dict] | None = None,
-    late: str = "",
     **run: object,
 ) -> Path:
-    """Write a bag again: a bit of message `at` flipped, other parameters of the nodes, or a topic's messages last."""
+    """Write a bag again: other messages, or other parameters of the nodes."""
     source = Bag(bag)
     topics = {}
     for raw in source.messages():
@@ -67,13 +69,23 @@ def changed(
     parameters = bag_run(source).parameters if nodes is None else nodes
     for node, values in parameters.items():
         writer.describe(NODE, node_record(node, values | (run if node == "world_simulator" else {})))
-    for number, raw in enumerate(sorted(source.messages(), key=lambda raw: raw.topic == late)):
-        data = bytearray(raw.data)
-        if number == at:
-            data[-5] ^= 1
-        writer.write(raw.topic, bytes(data), raw.time, 0)
+    for raw in edit(list(source.messages())):
+        writer.write(raw.topic, raw.data, raw.time, 0)
     writer.close({})
     return folder
+
+
+def tick_of(raw: RawMessage) -> int:
+    return raw.time // 50_000_000
+
+
+def with_state(raw: RawMessage, **values: float) -> RawMessage:
+    """A WorldState in which numbers are added to its fields, or are NaN."""
+    store = known_types()
+    message = store.deserialize_cdr(raw.data, raw.type)
+    for name, value in values.items():
+        setattr(message, name, getattr(message, name) + value)
+    return raw._replace(data=bytes(store.serialize_cdr(message, raw.type)))
 
 
 # ---- info
@@ -178,33 +190,85 @@ def test_plot_of_an_episode_that_is_not_there_names_those_that_are(own_bag: Path
 
 def test_verify_finds_a_bag_to_be_what_its_parameters_say(own_bag: Path) -> None:
     result = verify_bag(own_bag)
-    assert (result.difference, result.notes, result.absent) == ("", (), 0)
+    assert (result.difference, result.notes, result.uncompared) == ("", (), ())
     assert result.episodes == 3
     assert result.ticks == bag_info(own_bag)["topics"][-1]["messages"]
     assert result.values > 20 * result.ticks
 
 
 def test_verify_names_tick_and_field_of_a_flipped_bit_and_exits_with_1(own_bag: Path, tmp_path: Path) -> None:
-    messages = list(Bag(own_bag).messages())
-    at = next(i for i, raw in enumerate(messages) if raw.topic == "/world/state" and raw.time == 40 * 50_000_000)
-    bag = changed(own_bag, tmp_path / "bag", at=at)
+    def flipped(raw: RawMessage) -> RawMessage:
+        data = bytearray(raw.data)
+        data[-5] ^= raw.topic == WORLD and tick_of(raw) == 40
+        return raw._replace(data=bytes(data))
+
+    bag = changed(own_bag, tmp_path / "bag", edit=lambda messages: [flipped(raw) for raw in messages])
     result = run("verify", bag)
     assert result.exit_code == 1
     assert "differs at tick 40, /world/state.pedestrian_vy[0]:" in result.stdout
     assert "40 ticks before it are the same" in result.stdout
 
 
-def test_verify_takes_messages_that_were_written_late_and_says_which_it_left_out(
+def test_verify_takes_messages_that_were_written_late_and_fails_where_one_was_not_compared(
     own_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bag = changed(own_bag, tmp_path / "bag", late="/safety/state")  # as a recorder writes that was stopped for a while
+    def late(messages: list[RawMessage]) -> list[RawMessage]:  # as a recorder writes that was stopped for a while
+        return sorted(messages, key=lambda raw: raw.topic == "/safety/state")
+
+    bag = changed(own_bag, tmp_path / "bag", edit=late)
     whole, result = verify_bag(own_bag), verify_bag(bag)
-    assert (result.difference, result.ticks, result.values) == ("", whole.ticks, whole.values)
+    assert (result.difference, result.uncompared) == ("", ())
+    assert (result.ticks, result.values) == (whole.ticks, whole.values)
     monkeypatch.setattr(verify, "_LATE", 10)
     result = verify_bag(bag)
-    assert result.difference == ""
-    assert result.ticks == whole.ticks
-    assert "stand more than 10 ticks late in the file" in result.notes[0]
+    assert (result.difference, result.ticks) == ("", whole.ticks)
+    assert "stand more than 10 ticks late in the file" in result.uncompared[0]
+    assert run("verify", bag).exit_code == 3
+
+
+@pytest.mark.parametrize("topic", [WORLD, "/safety/state", "/vehicle/action"])
+def test_verify_fails_where_a_message_of_a_tick_is_repeated(tmp_path: Path, topic: str) -> None:
+    def repeated(messages: list[RawMessage]) -> list[RawMessage]:
+        first = next(raw for raw in messages if raw.topic == topic)
+        return [*messages, first]
+
+    bag = changed(SHIPPED, tmp_path / "bag", edit=repeated)
+    assert f", {topic}: 2 messages in the bag, one simulated" in verify_bag(bag).difference
+
+
+def test_verify_compares_what_follows_a_repeated_state(own_bag: Path, tmp_path: Path) -> None:
+    def shifted(messages: list[RawMessage]) -> list[RawMessage]:
+        """The state of tick 2 twice, and from the second one on all pedestrians 7 m to the east."""
+        out = []
+        for raw in messages:
+            if raw.topic == WORLD and tick_of(raw) == 2:
+                out += [raw, raw]
+            else:
+                out.append(with_state(raw, pedestrian_x=7.0) if raw.topic == WORLD and tick_of(raw) > 2 else raw)
+        return out
+
+    result = run("verify", changed(own_bag, tmp_path / "bag", edit=shifted))
+    assert result.exit_code == 1
+    assert "differs at tick 2, /world/state" in result.stdout
+
+
+def test_verify_fails_at_states_that_are_no_numbers_behind_the_last_tick(own_bag: Path, tmp_path: Path) -> None:
+    def forged(messages: list[RawMessage]) -> list[RawMessage]:
+        first = next(raw for raw in messages if raw.topic == WORLD)
+        return messages + [with_state(first, pedestrian_x=np.nan)] * 20
+
+    assert run("verify", changed(own_bag, tmp_path / "bag", edit=forged)).exit_code != 0
+
+
+def test_verify_does_not_succeed_where_ticks_are_absent(own_bag: Path, tmp_path: Path) -> None:
+    def lossy(messages: list[RawMessage]) -> list[RawMessage]:
+        return [raw for raw in messages if tick_of(raw) != 30]
+
+    bag = changed(own_bag, tmp_path / "bag", edit=lossy)
+    assert verify_bag(bag).uncompared == ("the bag lacks 1 tick between its first and its last one",)
+    result = run("verify", bag)
+    assert result.exit_code == 3
+    assert "not compared: the bag lacks 1 tick" in result.stdout
 
 
 def test_verify_finds_another_seed(own_bag: Path, tmp_path: Path) -> None:

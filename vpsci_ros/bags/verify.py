@@ -1,7 +1,8 @@
 """Is a bag what its parameters say? The same episodes are simulated in this process and compared to the bit.
 
-Every message of the world, the safety monitor and the policies is compared, field by field. Answers that the world
-did without, because a node was late or away, are known from the events in the bag and left out here as well.
+Every message of the world, the safety monitor and the policies is compared, field by field, and each may be there once
+only. Answers that the world did without, because a node was late or away, are known from the events in the bag and left
+out here as well. What could not be compared is named.
 """
 
 import itertools
@@ -42,6 +43,8 @@ from vpsci_ros.world.state import PEDESTRIAN_ACTION_MISSING, RUNNING, SAFETY_MIS
 _MISSING = {VEHICLE_ACTION_MISSING: "vehicle", PEDESTRIAN_ACTION_MISSING: "pedestrian", SAFETY_MISSING: "safety"}
 _LATE = 1000  # ticks by which a message may stand later in the file: what the recorder's queue of each topic holds
 Fields = Mapping[str, NDArray[Any] | None]
+Messages = dict[str, list[Any]]  # by topic
+_NOTHING: Messages = {}
 
 
 @dataclass
@@ -49,21 +52,21 @@ class VerifiedBag:
     """What was compared.
 
     :ivar ticks, episodes, values: how many ticks, episode starts and numbers were compared.
-    :ivar absent: ticks between the first and the last one that the bag does not hold.
     :ivar difference: the first one, in words; empty: none.
+    :ivar uncompared: which parts of the run were not compared and why, one sentence each; empty: all was compared.
     :ivar notes: what else is worth knowing, one sentence each.
     """
 
     ticks: int = 0
     episodes: int = 0
     values: int = 0
-    absent: int = 0
     difference: str = ""
+    uncompared: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
 
 def verify_bag(path: str | Path, *, weights: str = "", recover: bool = False) -> VerifiedBag:
-    """Simulate the episodes of a bag again and compare.
+    """Simulate the episodes of a bag again and compare every message of every tick.
 
     :param weights: a weights file, or a shipped name, to take in place of the one that the bag names.
     :param recover: compare what is whole of a bag that was not closed or is damaged.
@@ -72,14 +75,13 @@ def verify_bag(path: str | Path, *, weights: str = "", recover: bool = False) ->
     bag = Bag(path, recover=recover)
     simulation = _Simulation(bag, bag_run(bag), weights)
     result = VerifiedBag()
-    expected = 0
-    for tick, messages, following in _with_next(_ticks(bag, result)):
-        if tick == 0 and expected == 0:
-            pass
-        elif expected == 0:
+    absent = expected = 0
+    ticks = itertools.chain(_ticks(bag, result), [(0, _NOTHING)])
+    for (tick, messages), (_, following) in itertools.pairwise(ticks):
+        if expected == 0 and tick > 0:
             raise InvalidInput(f"{path} cannot be simulated again: its first tick is {tick}, the beginning is lost")
-        while expected < tick:  # what the bag lost is simulated on trust that no answer was missing
-            result.absent += 1
+        while expected < tick:  # what the bag lost is simulated as if no answer had been missing
+            absent += 1
             simulation.take_actions()
             simulation.advance(set())
             expected += 1
@@ -87,12 +89,15 @@ def verify_bag(path: str | Path, *, weights: str = "", recover: bool = False) ->
         if result.difference:
             break
         if simulation.interrupted(following):
-            result.notes += (f"the world was reset after tick {tick}: compared up to there",)
+            result.uncompared += (f"the world was reset after tick {tick}: what follows was not compared",)
             break
         simulation.advance(_missing_answers(following))
         expected += 1
     if result.ticks == 0 and not result.difference:
         raise InvalidInput(f"{path} cannot be simulated again: it holds no message of {WORLD}")
+    if absent:
+        plural = "s" * (absent > 1)
+        result.uncompared += (f"the bag lacks {absent} tick{plural} between its first and its last one",)
     if result.difference and simulation.cpu not in ("", cpu_name()):
         result.notes += (f"it was recorded on another kind of CPU, {simulation.cpu}; here is {cpu_name()}",)
     return result
@@ -175,7 +180,7 @@ class _Simulation:
         """Have the policies act at the world's tick, which they do once."""
         self._actions = self._loop.actions()
 
-    def compare(self, tick: int, messages: dict[str, Any], result: VerifiedBag) -> str:
+    def compare(self, tick: int, messages: Messages, result: VerifiedBag) -> str:
         """Compare all messages of the world's tick; return the first difference."""
         if self._loop.world.done:
             return f"tick {tick}: every episode has ended before it when simulated again, but the bag goes on"
@@ -183,20 +188,26 @@ class _Simulation:
         _, state, frame, _ = self._loop.world.now
         result.ticks += 1
         result.episodes += int(np.count_nonzero((state["status"] != 0) & (state["frame"] == 0)))
-        found = _compare(WORLD, tick, messages.get(WORLD), layout.world_state_fields(state, frame), result)
-        found = found or _compare(SAFETY, tick, messages.get(SAFETY), self._loop.assessment._asdict(), result)
+        simulated: dict[str, Fields] = {
+            WORLD: layout.world_state_fields(state, frame),
+            SAFETY: self._loop.assessment._asdict(),
+        }
         for agent in self._loop.agents:
             action = self._actions.of(agent)
-            columns: Fields = {"longitudinal": None} if action is None else layout.action_fields(action)
-            found = found or _compare(f"/{agent}/action", tick, messages.get(f"/{agent}/action"), columns, result)
-        return found
+            simulated[f"/{agent}/action"] = {"longitudinal": None} if action is None else layout.action_fields(action)
+        for topic, fields in simulated.items():
+            for message in messages.get(topic, ()):  # none: an answer that never came
+                if found := _compare(f"tick {tick}, {topic}", message, fields, result):
+                    return found
+            if (count := len(messages.get(topic, ()))) > 1:
+                return f"tick {tick}, {topic}: {count} messages in the bag, one simulated"
+        return ""
 
-    def interrupted(self, following: dict[str, Any]) -> bool:
+    def interrupted(self, following: Messages) -> bool:
         """Whether the recorded world began another episode in a slot whose episode had not ended: it was reset."""
-        if EVENTS not in following:
-            return False
-        begun = following[EVENTS]["slot"][following[EVENTS]["kind"] == STARTED]
-        return bool((self._loop.world.state["status"][begun] == RUNNING).any())
+        status = self._loop.world.state["status"]
+        begun = [rows["slot"][rows["kind"] == STARTED] for rows in following.get(EVENTS, ())]
+        return any(bool((status[slots] == RUNNING).any()) for slots in begun)
 
     def advance(self, missing: set[str]) -> None:
         """Move to the next tick, without the answers that the recorded world did without."""
@@ -206,65 +217,51 @@ class _Simulation:
             loop.advance(assessment, replace(self._actions, **dict.fromkeys(missing - {"safety"})))
 
 
-def _compare(topic: str, tick: int, message: Any, simulated: Fields, result: VerifiedBag) -> str:
-    if message is None:
-        return ""  # an answer that never came
+def _compare(where: str, message: Any, simulated: Fields, result: VerifiedBag) -> str:
+    """Return the first field in which a message differs from what was simulated, empty for none."""
     for name, values in simulated.items():
         recorded = getattr(message, name, None)
         if recorded is None:
             continue  # a field of the state that the message does not carry
         if values is None:
-            return f"tick {tick}, {topic}: the policy answered, though it is not asked when simulated again"
+            return f"{where}: the policy answered, though nobody requests it when simulated again"
         again = np.ascontiguousarray(values).astype(recorded.dtype)
         result.values += len(again)
         if len(again) != len(recorded):
-            return f"tick {tick}, {topic}.{name}: {len(recorded)} entries in the bag, {len(again)} simulated"
+            return f"{where}.{name}: {len(recorded)} entries in the bag, {len(again)} simulated"
         if again.tobytes() != recorded.tobytes():
-            width = recorded.dtype.itemsize
-            bits = [np.frombuffer(part.tobytes(), np.uint8).reshape(-1, width) for part in (recorded, again)]
-            slot = int(np.argmax((bits[0] != bits[1]).any(axis=1)))
-            return f"tick {tick}, {topic}.{name}[{slot}]: {recorded[slot]!s} in the bag, {again[slot]!s} simulated"
+            bits = [part.view(f"u{part.dtype.itemsize}") for part in (np.ascontiguousarray(recorded), again)]
+            slot = int(np.argmax(bits[0] != bits[1]))
+            return f"{where}.{name}[{slot}]: {recorded[slot]!s} in the bag, {again[slot]!s} simulated"
     return ""
 
 
-def _ticks(bag: Bag, result: VerifiedBag) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield the ticks of the bag's first run with their messages by topic."""
+def _ticks(bag: Bag, result: VerifiedBag) -> Iterator[tuple[int, Messages]]:
+    """Yield the ticks of a bag with all their messages by topic; a tick without a state only within the run."""
     topics = (WORLD, SAFETY, EVENTS, *(f"/{agent}/action" for agent in AGENTS))
     decode = Decoder()
-    gathered: dict[int, dict[str, Any]] = {}
+    gathered: dict[int, Messages] = {}
     newest, given, late = -1, -1, 0
     for raw in bag.messages(topics):
         message = decode(raw, bag.path)
         tick = int(message.tick)
-        if raw.topic == WORLD:
-            if tick <= newest:
-                result.notes += (f"the world ran again after tick {newest}: the first run was compared",)
-                break
-            newest = tick
         if tick <= given:
             late += 1
             continue
-        gathered.setdefault(tick, {})[raw.topic] = layout.events(message) if raw.topic == EVENTS else message
+        if raw.topic == WORLD:
+            newest = max(newest, tick)
+        of_tick = gathered.setdefault(tick, {}).setdefault(raw.topic, [])
+        of_tick.append(layout.events(message) if raw.topic == EVENTS else message)
         while (oldest := min(gathered)) < newest - _LATE:
             given = oldest
             yield oldest, gathered.pop(oldest)
     if late:
-        result.notes += (f"{late} messages stand more than {_LATE} ticks late in the file: they were not compared",)
+        result.uncompared += (f"{late} messages stand more than {_LATE} ticks late in the file",)
     for tick in sorted(gathered):
         if WORLD in gathered[tick]:  # what came before the state of a tick that was never reached is not compared
             yield tick, gathered[tick]
 
 
-def _with_next(
-    ticks: Iterator[tuple[int, dict[str, Any]]],
-) -> Iterator[tuple[int, dict[str, Any], dict[str, Any]]]:
-    """Yield each tick with the messages of the following one."""
-    for (tick, messages), (_, following) in itertools.pairwise(itertools.chain(ticks, [(0, {})])):
-        yield tick, messages, following
-
-
-def _missing_answers(following: dict[str, Any]) -> set[str]:
+def _missing_answers(following: Messages) -> set[str]:
     """Return whose answers the world did without, by the events that it published with the following tick."""
-    if EVENTS not in following:
-        return set()
-    return {_MISSING[kind] for kind in following[EVENTS]["kind"].tolist() if kind in _MISSING}
+    return {_MISSING[kind] for rows in following.get(EVENTS, ()) for kind in rows["kind"].tolist() if kind in _MISSING}

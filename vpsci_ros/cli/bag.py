@@ -80,14 +80,15 @@ def verify(
     ] = "",
     recover: Recover = False,
 ) -> None:
-    """Simulate a bag again from the parameters in it and compare, to the bit; exit status 1 where they differ."""
+    """Simulate a bag again from the parameters in it and compare, to the bit.
+
+    Exit status: 0 all is the same; 1 there is a difference; 2 it cannot be simulated again; 3 a part was not compared.
+    """
     from vpsci_ros.bags.verify import verify_bag
 
     result = verify_bag(bag, weights=weights, recover=recover)
     for note in result.notes:
         print(f"note: {note}")
-    if result.absent:
-        print(f"note: the bag lacks {result.absent} ticks, which were simulated and not compared")
     if result.difference:
         print(f"{bag}: differs at {result.difference}; {result.ticks - 1:,} ticks before it are the same")
         raise typer.Exit(1)
@@ -95,6 +96,10 @@ def verify(
         f"{bag}: {result.episodes:,} episode{'s' * (result.episodes != 1)} in {result.ticks:,} ticks simulated again, "
         f"{result.values:,} values of state, safety and actions the same to the bit"
     )
+    for text in result.uncompared:
+        print(f"not compared: {text}")
+    if result.uncompared:
+        raise typer.Exit(3)
 
 
 @bag_app.command()
