@@ -11,7 +11,7 @@ VPSCI_DATA ?= $(wildcard ../shared/data)
 # Nodes talk to nodes on this machine only, unless asked otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: help setup demo test check chaos clean
+.PHONY: help setup demo test check docs chaos clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -30,6 +30,10 @@ check: setup  ## what a change has to pass: ruff, mypy, tests
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
 	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
+
+docs: setup  ## build the documentation site into out/site; a warning fails it
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	@echo "open out/site/index.html"
 
 chaos: setup  ## damage thousands of files and two hundred graphs, and count what does not hold (hours)
 	@$(BIN)/python test/chaos/campaign.py files -o out/chaos/files
