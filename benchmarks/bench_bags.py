@@ -30,9 +30,9 @@ from rich.console import Console
 from vpsci_ros.bags.export import export_bag
 from vpsci_ros.bags.reader import Bag, bag_files
 from vpsci_ros.bags.run_record import node_record
+from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
-from vpsci_ros.generate.bag import write_ticks
 from vpsci_ros.nodes.topics import RECORDING, TOPICS
 from vpsci_ros.parameters import table
 from vpsci_ros.runs.provenance import cpu_name, software_versions

@@ -193,8 +193,8 @@ def main() -> None:
     watches.watch(World, "advance", "world")
     watches.watch(simulate.EpisodeFrames, "add", "collecting")
     watches.watch(simulate, "judge", "collecting")
-    watches.watch(simulate.PartCollector, "add", "collecting")
-    watches.watch(simulate.PartCollector, "part", "collecting")
+    watches.watch(simulate, "block_of", "collecting")
+    watches.watch(simulate, "joined", "collecting")
     tables = []
     per_scenario = max(64, int(run["simulated"] / len(job.scenarios)))
     for batch in BATCHES if options.batches else (values.parallel,):

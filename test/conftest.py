@@ -65,7 +65,7 @@ def simulate() -> Callable[..., Iterator[SimulatedTick]]:
 def own_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag of the episodes 1:0, 6:4 and 1:2, one after the other, by the rule-based pair; not to be changed."""
     from vpsci_ros.bags.run_record import node_record
-    from vpsci_ros.generate.bag import write_ticks
+    from vpsci_ros.bags.simulated import write_ticks
     from vpsci_ros.world import World, WorldConfig, load_scenarios
     from vpsci_ros.world.loop import Loop
 
@@ -156,7 +156,7 @@ def encounter(vehicle_yields: bool, n: int, scenario: int, least: np.ndarray) ->
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a dataset of 4, 3 and 1 episodes; one of the second scenario, and the third's, never are critical."""
     folder = tmp_path_factory.mktemp("analysis") / "dataset"
-    with DatasetWriter(folder, {1: VEHICLE_YIELDS, 2: PEDESTRIAN_YIELDS, 3: "empty"}, {}, period=DT) as writer:
+    with DatasetWriter(folder, {1: VEHICLE_YIELDS, 2: PEDESTRIAN_YIELDS, 3: "empty"}, {"period": DT}) as writer:
         writer.add(encounter(True, 4, 1, np.array([1.0, 2.0, 3.0, 4.0])))
         writer.add(encounter(False, 3, 2, np.array([9.0, 2.5, 1.5])))
         writer.add(encounter(True, 1, 3, np.array([7.0])))
@@ -168,7 +168,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def harmless_dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a dataset of one episode that never was critical, so that none was kept."""
     folder = tmp_path_factory.mktemp("analysis") / "harmless"
-    with DatasetWriter(folder, {1: VEHICLE_YIELDS}, {}, period=DT) as writer:
+    with DatasetWriter(folder, {1: VEHICLE_YIELDS}, {"period": DT}) as writer:
         writer.add(encounter(True, 1, 1, np.array([7.0])))
         writer.close()
     return folder

@@ -20,11 +20,11 @@ from vpsci_ros.bags.info import bag_info, print_info
 from vpsci_ros.bags.plot import save_episode
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import NODE, bag_run, node_record
+from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.cli.bag import bag_app
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.bag import write_ticks
 from vpsci_ros.wire.decoder import RawMessage, known_types
 from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.world import World, WorldConfig, load_scenarios

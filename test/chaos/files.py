@@ -289,7 +289,7 @@ def _bag(folder: Path) -> Path:
     from dataclasses import asdict
 
     from vpsci_ros.bags.run_record import node_record
-    from vpsci_ros.generate.bag import write_ticks
+    from vpsci_ros.bags.simulated import write_ticks
     from vpsci_ros.world import World, WorldConfig, load_scenarios
     from vpsci_ros.world.loop import Loop
 

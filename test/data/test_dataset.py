@@ -27,7 +27,7 @@ TABLE_7 = [
 
 def write(folder: Path, ticks, batch: int, **options) -> dict:
     collector = EpisodeFrames(batch)
-    with DatasetWriter(folder, {1: NAME}, {"seed": 3, "weights": "abc"}, **options) as writer:
+    with DatasetWriter(folder, {1: NAME}, {"seed": 3, "weights": "abc", "period": 0.05}, **options) as writer:
         for tick in ticks:
             writer.add(collector.add(*tick))
         return writer.close(unfinished=collector.unfinished)

@@ -17,7 +17,7 @@ LENGTHS = [150, 60, 110, 201]
 @pytest.fixture
 def folder(simulate, tmp_path: Path) -> Path:
     collector = EpisodeFrames(3)
-    with DatasetWriter(tmp_path / "d", {1: "one", 2: "unseen"}, {"seed": 3}, row_group=200) as writer:
+    with DatasetWriter(tmp_path / "d", {1: "one", 2: "unseen"}, {"seed": 3, "period": 0.05}, row_group=200) as writer:
         for tick in simulate(LENGTHS, [GOAL] * 4, 3):
             writer.add(collector.add(*tick))
         writer.close()

@@ -19,7 +19,7 @@ def generate(folder: Path, batch: int) -> Dataset:
     scenarios = load_scenarios([1, 7])
     world = World(config, scenarios, ((s, e) for e in range(12) for s in (1, 7)), batch, seed=3)
     frames = EpisodeFrames(batch)
-    with DatasetWriter(folder, {s.number: s.name for s in scenarios}, {"seed": 3}) as writer:
+    with DatasetWriter(folder, {s.number: s.name for s in scenarios}, {"seed": 3, "period": 0.05}) as writer:
         for step in Loop(world):
             writer.add(frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance))
         writer.close(unfinished=frames.unfinished)

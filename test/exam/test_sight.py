@@ -6,6 +6,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.exam.conduct import autopilot_met, sight_in_bag
 from vpsci_ros.exam.config import ExamConfig
@@ -13,7 +14,6 @@ from vpsci_ros.exam.measures import drives, episode_table
 from vpsci_ros.exam.report import Conduct, make_report
 from vpsci_ros.exam.run import prepare
 from vpsci_ros.exam.sight import Sight, Watcher
-from vpsci_ros.generate.bag import write_ticks
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import World, WorldConfig, load_scenarios

@@ -14,7 +14,7 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.run import prepare, read_exam, run_exam
-from vpsci_ros.generate.bag import record_episodes
+from vpsci_ros.generate.record import record_episodes
 from vpsci_ros.resources import params_dir
 from vpsci_ros.view.pack import packed
 from vpsci_ros.view.sources import read_source

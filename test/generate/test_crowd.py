@@ -11,8 +11,8 @@ from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.export.sources import read_episodes as exported
-from vpsci_ros.generate.bag import record_episodes
 from vpsci_ros.generate.job import job_from
+from vpsci_ros.generate.record import record_episodes
 from vpsci_ros.generate.run import generate
 from vpsci_ros.generate.verify import verify
 from vpsci_ros.generate.workers import Serial

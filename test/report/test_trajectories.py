@@ -62,7 +62,7 @@ def test_fewer_panels_than_eight_are_drawn_too(tmp_path: Path, count: int) -> No
 def test_nothing_to_draw_is_refused_and_nothing_written(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="at least one interaction"):
         save_trajectories([], [], tmp_path / "figure.png")
-    with DatasetWriter(tmp_path / "d", {1: "x"}, {}) as writer:
+    with DatasetWriter(tmp_path / "d", {1: "x"}, {"period": 0.05}) as writer:
         writer.close()
     with pytest.raises(InvalidInput, match="no episode was kept"):
         typical_panels(tmp_path / "d")

@@ -80,8 +80,7 @@ def export_bag(
     with DatasetWriter(
         folder,
         {NO_SCENARIO: group_of(NO_SCENARIO, None)} | {scenario.number: scenario.name for scenario in scenarios},
-        provenance_of(Path(bag), recover=recover),
-        period=first.period,
+        {"period": first.period, **provenance_of(Path(bag), recover=recover)},
         filters=filters,
         formats=formats,
         keep_rejected=keep_rejected,

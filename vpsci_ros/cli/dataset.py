@@ -174,7 +174,7 @@ def bag(
     ],
 ) -> None:
     """Write chosen episodes as a rosbag2 folder (MCAP): world, safety, actions, odometry, as a graph records them."""
-    from vpsci_ros.generate.bag import record_episodes
+    from vpsci_ros.generate.record import record_episodes
 
     chosen = []
     for text in episodes:

@@ -25,9 +25,9 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.measures import Drive, Key, drives
 from vpsci_ros.exam.process import command_of, failure, flood, running, silence
+from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns, write_motion
 from vpsci_ros.exam.report import Conduct
 from vpsci_ros.exam.sight import Sight, Watcher
-from vpsci_ros.generate.recorded_people import Motion, absent_pedestrians, recorded_people, spawns, write_motion
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent

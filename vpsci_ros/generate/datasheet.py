@@ -12,7 +12,6 @@ from vpsci_ros.data.filters import REASONS
 from vpsci_ros.data.published import LEAST_CURVTTC, TABLE_10
 from vpsci_ros.documents import dump_yaml
 
-DATASHEET = "README.md"
 LICENCE = "apache-2.0"  # that of the package and of the weights it ships; who publishes a dataset may choose another
 
 

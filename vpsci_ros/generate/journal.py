@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import Unit
-from vpsci_ros.generate.part import Part, part_from_bytes
 from vpsci_ros.runs.files import require_empty_folder, write_json, written_whole
 from vpsci_ros.runs.identity import require_same
 
@@ -35,7 +35,7 @@ class Journal:
         self.unit = unit
 
     def path(self, unit: Unit) -> Path:
-        """Return where a unit's part is or will be."""
+        """Return where a unit's episodes are or will be."""
         return self._folder / f"{unit.scenario}-{unit.numbers[0]:010d}.npz"
 
     def store(self, unit: Unit, data: bytes) -> None:
@@ -43,17 +43,16 @@ class Journal:
         with written_whole(self.path(unit)) as path:
             path.write_bytes(data)
 
-    def load(self, unit: Unit) -> Part | None:
-        """Return a unit's part; None where it is not finished, or damaged, which also removes it."""
+    def load(self, unit: Unit) -> EpisodeBlock | None:
+        """Return a unit's episodes; None where it is not finished, or damaged, which also removes it."""
         path = self.path(unit)
         if not path.is_file():
             return None
         try:
-            part = part_from_bytes(path.read_bytes(), str(path))
+            return block_from_bytes(path.read_bytes(), str(path))
         except InvalidInput:
             path.unlink()
             return None
-        return part
 
     def finished(self, scenario: int) -> list[int]:
         """Return the first numbers of a scenario's finished units."""

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.data.episode_block import block_from_bytes
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.assemble import assemble
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import Job
 from vpsci_ros.generate.journal import Journal, journal_of
-from vpsci_ros.generate.part import part_from_bytes
 from vpsci_ros.generate.plan import Plan, ScenarioPlan
 from vpsci_ros.generate.workers import Processes, Serial, Workers
 from vpsci_ros.runs.provenance import software_versions
@@ -111,8 +111,8 @@ def _resume(scenario: ScenarioPlan, journal: Journal) -> None:
         unit = scenario.unit(place)
         place += 1
         finished.discard(unit.numbers[0])
-        if (part := journal.load(unit)) is not None:
-            scenario.take(unit, int(part.kept.sum()))
+        if (block := journal.load(unit)) is not None:
+            scenario.take(unit, int(block.kept.sum()))
 
 
 def _compute(plan: Plan, journal: Journal, workers: Workers, report: Report | None) -> int:
@@ -124,8 +124,8 @@ def _compute(plan: Plan, journal: Journal, workers: Workers, report: Report | No
                 running += 1
             for unit, data in workers.collect():
                 journal.store(unit, data)
-                part = part_from_bytes(data, "a unit just computed")
-                plan.scenarios[unit.scenario].take(unit, int(part.kept.sum()))
+                block = block_from_bytes(data, "a unit just computed")
+                plan.scenarios[unit.scenario].take(unit, int(block.kept.sum()))
                 running -= 1
                 computed += len(unit.numbers)
             if report is not None:

@@ -10,11 +10,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from vpsci_ros.data.episode_block import EpisodeBlock, block_of, joined
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.filters import judge
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
-from vpsci_ros.generate.part import Part, PartCollector
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.weights import weights_from_bytes
 from vpsci_ros.world import World
@@ -22,7 +22,7 @@ from vpsci_ros.world.loop import Loop
 
 
 class Simulator:
-    """Computes units of a job; the parts' bits do not depend on `batch`, nor on which units came before.
+    """Computes units of a job; the episodes' bits do not depend on `batch`, nor on which units came before.
 
     :param batch: episodes simulated side by side.
     """
@@ -41,16 +41,16 @@ class Simulator:
         world = World(self._job.world, self._job.scenarios, episodes, self._batch, self._job.seed)
         return Loop(world, self._job.monitor, self._agents)
 
-    def run(self, unit: Unit) -> Part:
-        """Simulate the unit's episodes and judge them."""
+    def run(self, unit: Unit) -> EpisodeBlock:
+        """Simulate the unit's episodes and apply the filters to them."""
         job = self._job
         frames = EpisodeFrames(self._batch * job.world.pedestrians, job.world.episode_ticks + 1)
-        collector = PartCollector(job.keep_rejected)
+        blocks = []
         for step in self.loop((unit.scenario, number) for number in unit.numbers):
             ended = frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance)
             if len(ended):
-                collector.add(ended, judge(ended, job.filters))
-        part = collector.part()
-        if not np.array_equal(part.number, unit.numbers):
-            raise VpsciError(f"scenario {unit.scenario}: {len(unit.numbers)} episodes were due, {len(part)} ended")
-        return part
+                blocks.append(block_of(ended, judge(ended, job.filters), job.keep_rejected, unit.scenario))
+        whole = joined(blocks)
+        if not np.array_equal(whole.number, unit.numbers):
+            raise VpsciError(f"scenario {unit.scenario}: {len(unit.numbers)} episodes were due, {len(whole)} ended")
+        return whole

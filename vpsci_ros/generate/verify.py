@@ -13,13 +13,13 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS, episode_rows
-from vpsci_ros.data.dataset_index import DESCRIPTION, FORM_OF_GENERATED, INDEX, REJECTED, index_table
+from vpsci_ros.data.dataset_index import DESCRIPTION, FORM_OF_GENERATED, INDEX, REJECTED, index_columns, index_table
 from vpsci_ros.data.dataset_reader import Dataset, file_rows
+from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes
 from vpsci_ros.documents import reason, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.compare import Difference, first_difference
 from vpsci_ros.generate.job import Job, Unit, job_from
-from vpsci_ros.generate.part import Part, part_from_bytes
 from vpsci_ros.generate.workers import Workers
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import cpu_name
@@ -83,11 +83,11 @@ def verify(
                 numbers = np.sort(numbers[drawn])
             checks: list[_FileCheck | _IndexCheck] = [_IndexCheck(folder, scenario.number, tolerance)]
             checks += [_FileCheck(folder / name, name, kept, not whole, tolerance) for name, kept in files.items()]
-            for part in _simulated(pool, scenario.number, numbers):
+            for block in _simulated(pool, scenario.number, numbers):
                 for check in checks:
-                    check.compare(part)
-                episodes += len(part)
-                rows += len(part.values)
+                    check.compare(block)
+                episodes += len(block)
+                rows += len(block.values)
             found = [(check.name, check.finish()) for check in checks]
             findings += [Finding(name, name in changed, what) for name, what in found if what is not None]
     finally:
@@ -149,21 +149,19 @@ class _FileCheck:
         self._groups = _numbered(file_rows(path))
         self._rest = pl.DataFrame(schema={"row": pl.Int64, **{n: c.dtype for n, c in DATASET_COLUMNS.items()}})
 
-    def compare(self, part: Part) -> None:
-        """Compare the episodes of a part, which come in rising order."""
-        if self._difference is not None or len(part) == 0:
+    def compare(self, block: EpisodeBlock) -> None:
+        """Compare the episodes of a block, which come in rising order."""
+        if self._difference is not None or len(block) == 0:
             return
-        starts = part.starts()
-        chosen = np.flatnonzero(part.stored & (part.kept == self._kept))
-        blocks = [part.values[starts[i] : starts[i + 1]] for i in chosen]
-        expected = episode_rows([int(part.number[i]) for i in chosen], blocks, part.pedestrians[chosen].tolist())
+        chosen = block.take(np.flatnonzero(block.stored & (block.kept == self._kept)))
+        expected = episode_rows(chosen.number.tolist(), chosen.rows(), chosen.pedestrians.tolist())
         try:
-            found = self._take(int(part.number[-1]))
+            found = self._take(int(block.number[-1]))
         except InvalidInput as error:
             self._difference = str(error)
             return
         if self._sampled:
-            found = found.filter(pl.col("count").is_in(part.number.tolist()))
+            found = found.filter(pl.col("count").is_in(block.number.tolist()))
         self._difference = first_difference(expected, found, self._tolerance)
 
     def finish(self) -> str | None:
@@ -204,16 +202,12 @@ class _IndexCheck:
         except InvalidInput as error:
             self._difference = str(error)
 
-    def compare(self, part: Part) -> None:
-        """Compare the episodes of a part."""
-        if self._difference is not None or len(part) == 0:
+    def compare(self, block: EpisodeBlock) -> None:
+        """Compare the episodes of a block."""
+        if self._difference is not None or len(block) == 0:
             return
-        lengths = part.vehicle_path.astype(np.float32), part.pedestrian_path.astype(np.float32)
-        of_scenario = np.full(len(part), self._scenario, np.uint8)
-        expected = index_table(
-            [(of_scenario, part.number, part.outcome, part.reason, part.frames, part.least_curvttc, *lengths)]
-        )
-        found = self._rows.filter(pl.col("count").is_in(part.number.tolist()))
+        expected = index_table([index_columns(self._scenario, block)])
+        found = self._rows.filter(pl.col("count").is_in(block.number.tolist()))
         self._difference = first_difference(expected, found.select("row", *INDEX_COLUMNS), self._tolerance)
 
     def finish(self) -> str | None:
@@ -221,10 +215,10 @@ class _IndexCheck:
         return None if self._difference is None else str(self._difference)
 
 
-def _simulated(pool: Workers, scenario: int, numbers: np.ndarray) -> Iterator[Part]:
-    """Yield the parts of blocks of episodes, in rising order, with a few on their way at any time."""
+def _simulated(pool: Workers, scenario: int, numbers: np.ndarray) -> Iterator[EpisodeBlock]:
+    """Yield blocks of episodes, in rising order, with a few on their way at any time."""
     blocks = iter([Unit(scenario, numbers[k : k + BLOCK].tolist()) for k in range(0, len(numbers), BLOCK)])
-    waiting: dict[int, Part] = {}
+    waiting: dict[int, EpisodeBlock] = {}
     order: list[int] = []
     running = 0
     while True:
@@ -236,7 +230,7 @@ def _simulated(pool: Workers, scenario: int, numbers: np.ndarray) -> Iterator[Pa
             return
         while order[0] not in waiting:
             for unit, data in pool.collect():
-                waiting[unit.numbers[0]] = part_from_bytes(data, "a block just simulated")
+                waiting[unit.numbers[0]] = block_from_bytes(data, "a block just simulated")
                 running -= 1
         yield waiting.pop(order.pop(0))
 

@@ -1,7 +1,7 @@
 """Processes that compute units: started fresh, single-threaded, replaced when they die.
 
-A worker gets the job once, then units, and gives parts back as bytes; it never touches a file, so nothing is lost or
-half written when it dies. `Serial` is the same without processes, `ray_workers` the same over a cluster.
+A worker gets the job once, then units, and gives their episodes back as bytes; it never touches a file, so nothing is
+lost or half written when it dies. `Serial` is the same without processes, `ray_workers` the same over a cluster.
 """
 
 import os
@@ -33,7 +33,7 @@ class Workers(Protocol):
         """Have a unit computed, some time."""
 
     def collect(self) -> list[tuple[Unit, bytes]]:
-        """Wait for at least one unit and return those computed, each with the bytes of its part."""
+        """Wait for at least one unit and return those computed, each with the bytes of its episodes."""
 
     def close(self) -> None:
         """Stop at once; what is not collected is lost."""

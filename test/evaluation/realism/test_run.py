@@ -123,7 +123,7 @@ def test_rejected_critical_episodes_belong_to_free_simulation(tmp_path: Path) ->
     outcome, frames = np.full(2, GOAL, np.uint8), np.full(2, 100)
     batch = EpisodeBatch(np.full(2, 1, np.uint8), np.arange(2), outcome, frames, values, np.zeros(256, np.int64))
     for keep, number in ((False, 0), (True, 2)):
-        with DatasetWriter(tmp_path / str(keep), {1: "one"}, {}, period=0.05, keep_rejected=keep) as writer:
+        with DatasetWriter(tmp_path / str(keep), {1: "one"}, {"period": 0.05}, keep_rejected=keep) as writer:
             writer.add(batch)  # the pedestrian hardly moves
             writer.close()
         assert as_near_misses(Dataset(tmp_path / str(keep)), 100, 0)["interaction"].n_unique() == number

@@ -8,7 +8,7 @@ import pytest
 
 from vpsci_ros.bags.recorded import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.recorded_people import FAR, absent_pedestrians, recorded_people, spawns, write_motion
+from vpsci_ros.exam.recorded_people import FAR, absent_pedestrians, recorded_people, spawns, write_motion
 from vpsci_ros.world import WorldConfig, load_scenarios
 
 SCENARIOS = load_scenarios([1, 2])

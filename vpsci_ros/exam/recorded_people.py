@@ -17,9 +17,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.reference import around_critical
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.bag import write_ticks
 from vpsci_ros.safety.paths import first_crossing
 from vpsci_ros.world import RUNNING, Scenario, World, WorldConfig, handover
 from vpsci_ros.world.events import NO_EVENTS

@@ -1,7 +1,7 @@
-"""Chosen episodes of a dataset as a bag: simulated again, and written as the recorder of the graph writes them.
+"""Simulated ticks as a bag, written as the recorder of the graph writes them, without ROS.
 
 One episode after the other in one slot, so that the odometry topics, which viewers read, carry them too. Messages are
-serialised from the definitions in `msg_defs/`, without ROS.
+serialised from the definitions in `msg_defs/`.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -12,13 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.episodes import RECORD, EpisodeLog, EventRow
-from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, node_record, scenario_records, software_record
+from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
-from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.simulate import Simulator
-from vpsci_ros.generate.verify import job_of
-from vpsci_ros.parameters import values_of
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import describe, known_types
 from vpsci_ros.world import Scenario
@@ -26,26 +21,6 @@ from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import ENDED, FINISHED, IDLE, STARTED
 from vpsci_ros.world.tick import Step
-
-
-def record_episodes(folder: Path, episodes: list[tuple[int, int]], bag: Path) -> int:
-    """Write episodes of a dataset to a bag and return the number of ticks.
-
-    :param episodes: (scenario number, episode number); any that the dataset's seed defines, kept or not.
-    :raises InvalidInput: no dataset of `generate`, a scenario that it does not have, or `bag` is not empty.
-    """
-    job = job_of(Dataset(folder))
-    known = [scenario.number for scenario in job.scenarios]
-    for scenario, _ in episodes:
-        if scenario not in known:
-            raise InvalidInput(f"{folder}: no scenario {scenario}; it has {', '.join(map(str, known))}")
-    run = {"seed": job.seed, "scenarios": sorted({scenario for scenario, _ in episodes}), "batch": 1}
-    nodes = [node_record("world_simulator", values_of(job.world) | run | {"queue": [list(each) for each in episodes]})]
-    nodes.append(node_record("safety_monitor", values_of(job.monitor)))
-    for agent, policy in job.policies.items():
-        nodes.append(node_record(f"{agent}_policy", values_of(policy.config), policy.digest))
-    scenarios = [scenario for scenario in job.scenarios if scenario.number in {number for number, _ in episodes}]
-    return write_ticks(Simulator(job, 1).loop(episodes), job.world, bag, {}, nodes, scenarios)
 
 
 def write_ticks(
@@ -59,7 +34,6 @@ def write_ticks(
     """Write the ticks of one episode after another as a bag and return their number.
 
     :param custom_data: goes into its metadata.
-
     :param nodes: records of `vpsci_ros.bags.run_record.node_record`, from which `vpsci bag verify` makes the bag again.
     :param scenarios: of the episodes.
     :raises InvalidInput: `bag` is not empty.
