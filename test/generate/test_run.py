@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-import yaml
 from generate.small import CONFIG, TARGETS
 
 from vpsci_ros.data.dataset_reader import Dataset
@@ -208,28 +207,6 @@ def test_counts_add_up_and_early_collisions_are_those_that_one_filter_drops(made
         assert counts["with_early_collisions"]["collisions"] == counts["kept_outcomes"]["collision"] + early
         kept = mine.filter(pl.col("reason") == "kept")["least_curvttc"].to_numpy()
         assert counts["least_curvttc"] == pytest.approx(np.quantile(kept, (0.25, 0.5, 0.75)), abs=1e-4)
-
-
-def test_the_datasheet_states_the_datasets_own_numbers(made) -> None:
-    text = (made / "README.md").read_text()
-    data = Dataset(made)
-    simulated = sum(row["simulated"] for row in data.scenarios.values())
-    assert f"{simulated:,} episodes were simulated, 24 kept." in text
-    assert all(f"| {name} | 12 |" in text for name in data.scenarios)
-
-
-def test_the_datasheet_begins_with_the_card_that_dataset_hubs_read(made) -> None:
-    _, front, _ = (made / "README.md").read_text().split("---\n", 2)
-    card = yaml.safe_load(front)
-    assert card["license"] == "apache-2.0"
-    for config, info in zip(card["configs"], card["dataset_info"], strict=True):
-        for file, split in zip(config["data_files"], info["splits"], strict=True):
-            rows = pl.read_parquet(made / file["path"])
-            assert file["split"] == split["name"]
-            assert rows.height == split["num_examples"]
-            assert rows.columns == [column["name"] for column in info["features"]]
-            assert [str(kind).lower() for kind in rows.dtypes] == [column["dtype"] for column in info["features"]]
-    assert [config["config_name"] for config in card["configs"]] == list(Dataset(made).scenarios)
 
 
 def test_pandas_would_read_a_scenario_in_one_line(made) -> None:

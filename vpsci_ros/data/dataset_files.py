@@ -40,7 +40,7 @@ DATASET_COLUMNS: dict[str, Column] = {
     "CurvTTC": Column(pl.Float32, "s", "curvilinear time to collision, infinity where none is predicted"),
 }
 INDEX_COLUMNS: dict[str, Column] = {
-    "scenario": Column(pl.Int32, "", "1 to 8, Table 6"),
+    "scenario": Column(pl.Int32, "", "number of the scenario; 1 to 8 are those of Table 6"),
     "count": Column(pl.Int64, "", "number of the episode within its scenario"),
     "outcome": Column(pl.String, "", "collision, goal, timeout or parked_collision"),
     "reason": Column(pl.String, "", "'kept', or the first condition of section 3.3 that it fails"),

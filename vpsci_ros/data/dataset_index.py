@@ -41,14 +41,14 @@ FORM: Form = {  # what is read of any dataset's description
             "pedestrian_km": (float, int),
         }
     },
+    "all": {"least_curvttc": list, "with_early_collisions": _COUNTED},
+    "filters": {"least_frames": int},
     "files": {"*": {"sha256": str}},
     "versions": {"vpsci_ros": str},
 }
 FORM_OF_GENERATED: Form = {  # besides, of one that `vpsci generate` made
     "cpu": str,
     "first_episode": int,
-    "all": {"least_curvttc": list, "with_early_collisions": _COUNTED},
-    "filters": {"least_frames": int},
 }
 INDEX = "episodes.parquet"
 REJECTED = "rejected"

@@ -34,7 +34,7 @@ Floats32 = NDArray[np.float32]
 class EpisodeBatch:
     """Episodes that ended, whole: an entry each, or of several pedestrians one each, one after the other.
 
-    :ivar scenario: uint8[n], 1 to 8.
+    :ivar scenario: uint8[n], numbers of scenarios.
     :ivar episode: int64[n], number within the scenario.
     :ivar outcome: uint8[n], COLLISION, GOAL or TIMEOUT of `vpsci_ros.world.state`.
     :ivar frames: int64[n], frames from the spawn to the end, both included.

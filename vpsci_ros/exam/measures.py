@@ -24,7 +24,7 @@ YIELDED = {Yielded.NONE: "nobody", Yielded.VEHICLE: "vehicle", Yielded.PEDESTRIA
 COLUMNS: dict[str, Column] = {
     "driver": Column(pl.String, "", "ads, or autopilot for the baseline"),
     "pedestrian": Column(pl.String, "", "who was met"),
-    "scenario": Column(pl.Int64, "", "number as in Table 6"),
+    "scenario": Column(pl.Int64, "", "number of the scenario; 1 to 8 are those of Table 6"),
     "episode": Column(pl.Int64, "", "number within the scenario: the same number begins the same way"),
     "outcome": Column(pl.String, "", "collision, goal, timeout or parked_collision"),
     "duration": Column(pl.Float64, "s", "from the spawn to the end"),

@@ -36,7 +36,7 @@ def assemble(
         shares = {number: writer.scenario(number) for number in names}
         list(threads.map(lambda number: _write(shares[number], plan.scenarios[number], journal), names))
         policies = {policy.file: policy.data for policy in job.policies.values()}
-        return writer.close(beside=policies, datasheet=datasheet)
+        return writer.close(beside=policies, datasheet=lambda found: datasheet(found, job.scenarios))
 
 
 def _write(share: ScenarioWriter, plan: ScenarioPlan, journal: Journal) -> None:

@@ -1,0 +1,71 @@
+"""A dataset's README says what is in it, in the dataset's own numbers, and the metadata hold for any scenario."""
+
+from pathlib import Path
+
+import polars as pl
+import pyarrow.parquet as pq
+import pytest
+import yaml
+from generate.small import CONFIG
+
+from vpsci_ros.data.dataset_index import INDEX
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.generate.job import job_from
+from vpsci_ros.generate.run import generate
+from vpsci_ros.generate.workers import Serial
+from vpsci_ros.runs.sections import Sections
+
+
+@pytest.fixture(scope="module")
+def crowd(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset of up to three pedestrians among parked vehicles, by the rule-based pair."""
+    drivers = {"vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"}
+    world = {"scenarios": [104], "pedestrians": 3, "crowd.sizes": [1.0, 1.0, 2.0], **drivers}
+    anything = {"critical_ttc": 60.0, "least_frames": 1, "vehicle_distance": 0.0, "pedestrian_distance": 0.0}
+    job = job_from(Sections({"world_simulator": world, "dataset": anything}))
+    folder = tmp_path_factory.mktemp("crowd") / "dataset"
+    generate(job, {104: 4}, folder, CONFIG, lambda: Serial(job, 40))
+    return folder
+
+
+def test_the_datasheet_states_the_datasets_own_numbers(made: Path) -> None:
+    text = (made / "README.md").read_text()
+    data = Dataset(made)
+    simulated = sum(row["simulated"] for row in data.scenarios.values())
+    assert f"{simulated:,} episodes were simulated, 24 kept." in text
+    assert all(f"| {name} | 12 |" in text for name in data.scenarios)
+
+
+def test_the_datasheet_of_one_pedestrian_says_so(made: Path) -> None:
+    text = (made / "README.md").read_text()
+    assert "24 episodes of one car turning right and one pedestrian crossing, in 2 scenarios" in text
+    assert "- One vehicle of one type and one pedestrian; no other traffic, signals, weather or occlusion.\n" in text
+    assert "Both road users are learned policies from the moment a collision is near (CurvTTC below 5 s)" in text
+
+
+def test_the_datasheet_of_a_crowd_among_parked_vehicles_says_so(crowd: Path) -> None:
+    text = (crowd / "README.md").read_text()
+    assert "4 episodes of one car and one to three pedestrians crossing, in 1 scenario," in text
+    assert "- One vehicle of one type and one to three pedestrians; no other traffic, signals or weather.\n" in text
+    assert "- Parked vehicles hide pedestrians in Town10HD_Parked;" in text
+    assert "All road users are rule-based." in text
+
+
+def test_the_metadata_of_the_index_hold_for_scenarios_beyond_those_of_table_6(crowd: Path) -> None:
+    described = pq.read_schema(crowd / INDEX).field("scenario").metadata[b"description"].decode()
+    assert described == "number of the scenario; 1 to 8 are those of Table 6"
+    assert pl.read_parquet(crowd / INDEX)["scenario"].unique().to_list() == [104]
+
+
+def test_the_datasheet_begins_with_the_card_that_dataset_hubs_read(made: Path) -> None:
+    _, front, _ = (made / "README.md").read_text().split("---\n", 2)
+    card = yaml.safe_load(front)
+    assert card["license"] == "apache-2.0"
+    for config, info in zip(card["configs"], card["dataset_info"], strict=True):
+        for file, split in zip(config["data_files"], info["splits"], strict=True):
+            rows = pl.read_parquet(made / file["path"])
+            assert file["split"] == split["name"]
+            assert rows.height == split["num_examples"]
+            assert rows.columns == [column["name"] for column in info["features"]]
+            assert [str(kind).lower() for kind in rows.dtypes] == [column["dtype"] for column in info["features"]]
+    assert [config["config_name"] for config in card["configs"]] == list(Dataset(made).scenarios)
