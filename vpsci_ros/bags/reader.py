@@ -8,7 +8,7 @@ from typing import Any
 
 from vpsci_ros.bags.mcap_file import McapFile
 from vpsci_ros.bags.sqlite_file import SqliteFile
-from vpsci_ros.bags.topic_info import TopicInfo
+from vpsci_ros.bags.topic_info import TopicInfo, by_name
 from vpsci_ros.documents import read_yaml
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage
@@ -42,11 +42,7 @@ class Bag:
 
         :raises InvalidInput: a file is not what its name says, or (unless `recover`) not whole.
         """
-        found: dict[str, TopicInfo] = {}
-        for file in self.files:
-            for row in file.topics():
-                found[row.name] = found[row.name].joined(row) if row.name in found else row
-        return dict(sorted(found.items()))
+        return by_name(row for file in self.files for row in file.topics())
 
     def records(self) -> list[tuple[str, dict[str, str]]]:
         """Return the text records of all files with their names, in the order of writing.

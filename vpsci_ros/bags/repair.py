@@ -63,7 +63,7 @@ def repair_bag(folder: str | Path) -> Repair:
             counts[channel.topic] += 1
             part.count(message.log_time)
         damage += [f"{path.name}: {text}" for text in file.damage]
-        custom |= file.last_record(RUN)
+        custom |= dict(file.records).get(RUN, {})
     if not counts:
         raise InvalidInput(
             f"{folder}: no whole message in {', '.join(path.name for path in paths)}; nothing to recover"

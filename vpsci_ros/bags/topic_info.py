@@ -1,5 +1,8 @@
 """What a file of a bag knows of each of its topics, whatever its storage."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 
@@ -14,7 +17,7 @@ class TopicInfo:
     last: int = 0
     latched: bool = False
 
-    def joined(self, other: "TopicInfo") -> "TopicInfo":
+    def joined(self, other: TopicInfo) -> TopicInfo:
         """Return this topic over two files."""
         if not self.messages or not other.messages:
             return self if self.messages else other
@@ -25,3 +28,11 @@ class TopicInfo:
     def rate(self) -> float:
         """Messages per second of log time; 0 for less than two."""
         return (self.messages - 1) * 1e9 / (self.last - self.first) if self.last > self.first else 0.0
+
+
+def by_name(rows: Iterable[TopicInfo]) -> dict[str, TopicInfo]:
+    """Return topics by name, sorted; rows of the same topic are joined."""
+    found: dict[str, TopicInfo] = {}
+    for row in rows:
+        found[row.name] = found[row.name].joined(row) if row.name in found else row
+    return dict(sorted(found.items()))
