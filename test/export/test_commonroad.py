@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from vpsci_ros.episodes import read_episodes
 from vpsci_ros.export import Options, export
-from vpsci_ros.export.sources import read_episodes
+from vpsci_ros.export.movers import movers, road_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")
 reader = pytest.importorskip(
@@ -21,10 +22,10 @@ def folder(own_bag, tmp_path_factory):
 
 def test_obstacles_read_back_are_where_our_road_users_are_at_every_step(folder, own_bag):
     for episode in read_episodes(own_bag):
-        scenario, _ = reader.CommonRoadFileReader(str(folder / f"{episode.name}.xml")).open()
+        scenario, _ = reader.CommonRoadFileReader(str(folder / f"{episode.label}.xml")).open()
         assert scenario.dt == episode.period
         obstacles = {each.obstacle_type.value: each for each in scenario.dynamic_obstacles}
-        for kind, each in (("car", episode.vehicle), ("pedestrian", episode.pedestrians[0])):
+        for kind, each in zip(("car", "pedestrian"), movers(episode), strict=True):
             states = [obstacles[kind].state_at_time(step) for step in range(len(each.x))]
             places = np.array([state.position for state in states])
             assert np.abs(places - np.column_stack([each.x, each.y])).max() < 1e-5
@@ -34,10 +35,11 @@ def test_obstacles_read_back_are_where_our_road_users_are_at_every_step(folder, 
 
 def test_the_planning_problem_begins_as_the_vehicle_on_its_lanelet_and_ends_at_its_goal(folder, own_bag):
     for episode in read_episodes(own_bag):
-        scenario, problems = reader.CommonRoadFileReader(str(folder / f"{episode.name}.xml")).open()
+        scenario, problems = reader.CommonRoadFileReader(str(folder / f"{episode.label}.xml")).open()
+        lane = road_of(episode).vehicle
         (problem,) = problems.planning_problem_dict.values()
-        assert problem.initial_state.position == pytest.approx([episode.vehicle.x[0], episode.vehicle.y[0]], abs=1e-5)
-        network, goal = scenario.lanelet_network, episode.road.vehicle.path.at(episode.road.vehicle.goal)
+        assert problem.initial_state.position == pytest.approx([episode.x[0], episode.y[0]], abs=1e-5)
+        network, goal = scenario.lanelet_network, lane.path.at(lane.goal)
         assert network.find_lanelet_by_position([problem.initial_state.position, np.array(goal)]) == [[100], [100]]
         (region,) = problem.goal.state_list
         assert region.position.contains_point(np.array(goal))

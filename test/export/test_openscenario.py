@@ -7,9 +7,10 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
+from vpsci_ros.episodes import read_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.export import Options, export
-from vpsci_ros.export.sources import read_episodes
+from vpsci_ros.export.movers import movers, road_of
 from vpsci_ros.world.kinematics import WHEELBASE
 from vpsci_ros.world.opendrive import OpenDriveMap
 
@@ -46,9 +47,9 @@ def test_trajectories_read_back_are_ours_within_a_centimetre_and_the_vehicles_is
     written, episodes
 ):
     for episode in episodes:
-        found = trajectories(written / "trajectory/openscenario" / f"{episode.name}.xosc")
+        found = trajectories(written / "trajectory/openscenario" / f"{episode.label}.xosc")
         assert set(found) == {"Ego", "Pedestrian1"}
-        walker, car = episode.pedestrians[0], episode.vehicle
+        car, walker = movers(episode)
         ours = np.column_stack([episode.time, walker.x, walker.y, walker.heading])
         assert np.abs(found["Pedestrian1"] - ours).max() < 1e-5
         heading = found["Ego"][:, 3]
@@ -58,27 +59,27 @@ def test_trajectories_read_back_are_ours_within_a_centimetre_and_the_vehicles_is
 
 def test_a_controllable_vehicle_begins_as_it_began_has_a_route_and_a_controller_and_no_trajectory(written, episodes):
     for episode in episodes:
-        path = written / "controllable/openscenario" / f"{episode.name}.xosc"
+        path = written / "controllable/openscenario" / f"{episode.label}.xosc"
         assert set(trajectories(path)) == {"Pedestrian1"}
         (private,) = [each for each in ET.parse(path).getroot().iter("Private") if each.get("entityRef") == "Ego"]
         speed = float(next(private.iter("AbsoluteTargetSpeed")).get("value"))
-        assert speed == pytest.approx(episode.vehicle.speed[0])
+        assert speed == pytest.approx(episode.speed[0])
         route = [(float(p.get("x")), float(p.get("y"))) for p in next(private.iter("Route")).iter("WorldPosition")]
-        assert route[-1] == pytest.approx(episode.road.vehicle.path.at(episode.road.vehicle.goal), abs=1e-5)
+        assert route[-1] == pytest.approx(road_of(episode).vehicle.path.at(road_of(episode).vehicle.goal), abs=1e-5)
         assert next(private.iter("Controller")).get("name") == "ADS"
 
 
 def test_the_map_read_back_has_our_lane_its_width_and_our_crosswalk_within_a_centimetre(written, episodes):
     for episode in episodes:
-        road = OpenDriveMap(written / "trajectory/openscenario" / f"{episode.road.name}.xodr")
+        road = OpenDriveMap(written / "trajectory/openscenario" / f"{road_of(episode).name}.xodr")
         line, width = road.route([("1", -1)], 0.5)
-        assert width == episode.road.vehicle.lane_width
-        lane = episode.road.vehicle.path
+        assert width == road_of(episode).vehicle.lane_width
+        lane = road_of(episode).vehicle.path
         assert max(abs(lane.locate(x, y)[1]) for x, y in line) < 0.01
         along = [lane.locate(x, y)[0] for x, y in line]
         assert along[0] < -50.0
         assert along[-1] > lane.length + 50.0
-        assert np.abs(road.crosswalk(road.crosswalks()[0]) - episode.road.crosswalk).max() < 0.01
+        assert np.abs(road.crosswalk(road.crosswalks()[0]) - road_of(episode).crosswalk).max() < 0.01
 
 
 def test_a_map_of_ones_own_is_referred_to_and_none_is_written(own_bag, tmp_path):
@@ -91,7 +92,7 @@ def test_an_episode_without_a_road_is_refused(episodes):
     from dataclasses import replace
 
     with pytest.raises(InvalidInput, match="does not tell the road"):
-        _ = replace(episodes[0], scenario=None).road
+        road_of(replace(episodes[0], scenario=None))
 
 
 @pytest.mark.parametrize("ending", [".xosc", ".xodr"])

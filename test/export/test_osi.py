@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from vpsci_ros.episodes import read_episodes
 from vpsci_ros.export import export
-from vpsci_ros.export.sources import read_episodes
+from vpsci_ros.export.movers import movers
 
 osi_trace = pytest.importorskip("osi3trace.osi_trace", reason="pip install 'vpsci_ros[osi]'")
 
@@ -26,10 +27,10 @@ def messages(path):
 
 def test_ground_truth_read_back_has_our_poses_velocities_sizes_and_times(traces, own_bag):
     for episode in read_episodes(own_bag):
-        truths = messages(traces / f"{episode.name}_gt.mcap")
+        truths = messages(traces / f"{episode.label}_gt.mcap")
         time = [truth.timestamp.seconds + 1e-9 * truth.timestamp.nanos for truth in truths]
         assert time == pytest.approx(episode.time.tolist())
-        for number, each in enumerate((episode.vehicle, *episode.pedestrians)):
+        for number, each in enumerate(movers(episode)):
             base = [truth.moving_object[number].base for truth in truths]
             pose = np.array([(b.position.x, b.position.y, b.velocity.x, b.velocity.y) for b in base])
             assert np.array_equal(pose, np.column_stack([each.x, each.y, each.vx, each.vy]))
@@ -42,7 +43,7 @@ def test_ground_truth_read_back_has_our_poses_velocities_sizes_and_times(traces,
 
 def test_the_lane_lies_between_its_boundaries(traces, own_bag):
     episode = next(read_episodes(own_bag))
-    truth = messages(traces / f"{episode.name}_gt.mcap")[0]
+    truth = messages(traces / f"{episode.label}_gt.mcap")[0]
     line = truth.lane[0].classification
     boundaries = {each.id.value: each.boundary_line for each in truth.lane_boundary}
     left, right = (boundaries[ids[0].value] for ids in (line.left_lane_boundary_id, line.right_lane_boundary_id))
@@ -65,6 +66,6 @@ def test_the_trace_names_its_versions_as_osi_asks(traces):
 def test_a_second_reader_sees_as_many_frames(traces, own_bag):
     osi = pytest.importorskip("osi_utilities", reason="pip install 'vpsci_ros[osi]'")
     episode = next(read_episodes(own_bag))
-    place = {"path": traces / f"{episode.name}_gt.mcap", "topic": "ground_truth"}
+    place = {"path": traces / f"{episode.label}_gt.mcap", "topic": "ground_truth"}
     with osi.open_channel(osi.ChannelSpecification(**place, message_type=osi.MessageType.GROUND_TRUTH)) as channel:
         assert sum(1 for _ in channel) == len(episode.time)

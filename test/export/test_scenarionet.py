@@ -6,10 +6,11 @@ import pickletools
 import numpy as np
 import pytest
 
+from vpsci_ros.episodes import read_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.export import export
+from vpsci_ros.export.movers import movers, road_of
 from vpsci_ros.export.scenarionet import record
-from vpsci_ros.export.sources import read_episodes
 
 
 @pytest.fixture(scope="module")
@@ -22,13 +23,13 @@ def test_records_have_every_second_frame_of_our_motion_in_ten_hertz(episodes):
         found = record(episode)
         assert found["metadata"]["ts"] == pytest.approx(episode.time[::2])
         assert set(found["tracks"]) == {"ego", "pedestrian1"}
-        for name, each in (("ego", episode.vehicle), ("pedestrian1", episode.pedestrians[0])):
+        for name, each in zip(("ego", "pedestrian1"), movers(episode), strict=True):
             state = found["tracks"][name]["state"]
             assert state["position"][:, :2] == pytest.approx(np.column_stack([each.x, each.y])[::2], abs=1e-5)
             assert np.sin(state["heading"]) == pytest.approx(np.sin(each.heading[::2]), abs=1e-6)
             assert all(len(column) == found["length"] for column in state.values())
         assert found["map_features"]["lane"]["polygon"].shape[1] == 2, "MetaDrive 0.4.3 takes no third coordinate"
-        lane = episode.road.vehicle.path
+        lane = road_of(episode).vehicle.path
         assert max(abs(lane.locate(*p)[1]) for p in found["map_features"]["lane"]["polyline"][:, :2]) < 0.01
 
 

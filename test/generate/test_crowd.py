@@ -10,7 +10,7 @@ from vpsci_ros.bags.ticks import read_episodes
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.export.sources import read_episodes as exported
+from vpsci_ros.episodes import read_episodes as exported
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.record import record_episodes
 from vpsci_ros.generate.run import generate
@@ -84,4 +84,4 @@ def test_the_page_and_exports_show_all_pedestrians_of_an_episode_once(made: Path
     assert len(set(names)) == len(names) == 12
     assert {len(episode.others) for episode in source.episodes} == {0, 1, 2}
     episodes = list(exported(made))
-    assert sorted(len(each.pedestrians) for each in episodes) == sorted(len(e.others) + 1 for e in source.episodes)
+    assert sorted(each.pedestrians for each in episodes) == sorted(len(e.others) + 1 for e in source.episodes)

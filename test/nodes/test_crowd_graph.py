@@ -14,8 +14,8 @@ from vpsci_ros.bags.ticks import read_episodes
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.episodes import read_episodes as exported
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.export.sources import read_episodes as exported
 from vpsci_ros.nodes.composed import composed
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.runs.sections import Sections
@@ -76,7 +76,7 @@ def test_a_bag_tells_of_each_episode_once_and_of_every_pedestrian(bag: Path, tmp
 
     source = bag_source(bag, 10)
     assert sorted(len(each.others) + 1 for each in source.episodes) == sorted(map(len, batches.values()))
-    assert sorted(len(each.pedestrians) for each in exported(bag)) == sorted(map(len, batches.values()))
+    assert sorted(each.pedestrians for each in exported(bag)) == sorted(map(len, batches.values()))
     export_bag(bag, tmp_path / "dataset", keep_rejected=True, formats=("parquet",))
     data = Dataset(tmp_path / "dataset")
     for name in data.scenarios:

@@ -125,7 +125,7 @@ class Dataset:
         """Return an episode of columns float64[10, n, T]; the vehicle moves along its heading."""
         x, y, vx, vy = columns[:4, 0]
         heading, speed = headings(filled(vx), filled(vy)), np.hypot(vx, vy)
-        rate = np.gradient(heading, self.period) if len(x) > 1 else np.zeros(1)
+        rate = np.gradient(filled(heading), self.period) if len(x) > 1 else np.zeros(1)
         vehicle = x, y, heading, speed, curvature_from_yaw_rate(rate, filled(speed))
         px, py, pvx, pvy, distance, curvttc = columns[4:]
         walk = px, py, pvx, pvy, curvttc, distance, np.zeros(px.shape, np.bool_)

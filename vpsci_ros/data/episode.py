@@ -61,7 +61,7 @@ class Episode:
     :ivar scenario: where it took place; None where its source does not hold that.
     :ivar period: time from one frame to the next [s].
     :ivar x, y: float64[T] [m], centre of the vehicle.
-    :ivar heading: float64[T] [rad] counter-clockwise from x, unwrapped, known in every frame.
+    :ivar heading: float64[T] [rad] counter-clockwise from x, unwrapped; known in every frame, or NaN in all.
     :ivar speed: float64[T] [m/s] along the heading.
     :ivar curvature: float64[T] [1/m] of the vehicle's path, positive to the left.
     :ivar ped_x, ped_y, ped_vx, ped_vy: float64[n, T] [m], [m/s], centres of the pedestrians and their velocities.
@@ -174,7 +174,7 @@ class Episode:
         return replace(self, **own)
 
     def filled(self) -> "Episode":
-        """Return the episode with the last motion that was seen in frames that nobody saw; CurvTTC stays unknown."""
+        """Return the episode with the last motion that was seen where nobody saw any; CurvTTC stays unknown."""
         motion: dict[str, Any] = {name: filled(getattr(self, name)) for name in _MOTION}
         return replace(self, **motion)
 
@@ -229,7 +229,8 @@ def filled(values: Floats) -> Floats:
 def headings(vx: Floats, vy: Floats, standing: float = STANDING) -> Floats:
     """Return the direction of motion, float64[..., T] [rad], unwrapped; standing the one before, at first the next.
 
-    :param standing: speed [m/s] up to which a velocity has no direction; 0 where it never has one.
+    :param standing: speed [m/s] up to which a velocity has no direction; NaN where it never has one.
     """
     moving = np.hypot(vx, vy) > standing
-    return np.unwrap(filled(np.where(moving, np.arctan2(vy, vx), np.nan)), axis=-1)
+    found = np.unwrap(filled(np.where(moving, np.arctan2(vy, vx), np.nan)), axis=-1)
+    return np.where(moving.any(axis=-1, keepdims=True), found, np.nan)

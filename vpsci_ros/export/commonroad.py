@@ -20,9 +20,10 @@ from commonroad.scenario.scenario import Location, Scenario, ScenarioID, Tag
 from commonroad.scenario.state import CustomState, ExtendedPMState, InitialState
 from commonroad.scenario.trajectory import Trajectory
 
-from vpsci_ros.export.episode import Episode, Motion
+from vpsci_ros.data.episode import Episode
+from vpsci_ros.export.movers import Mover, movers, road_of
 from vpsci_ros.export.run import Options
-from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.world import Scenario as Road
 
 PROBLEM, LANELET, VEHICLE, PEDESTRIAN = 1, 100, 10, 11  # ids; further pedestrians are 12, 13, ...
 BEYOND = 40.0  # [m] of straight lane before the centreline and after it
@@ -38,20 +39,20 @@ def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
             *(scenario, PlanningProblemSet([problem])),
             author="vpsci_ros",
             affiliation="",
-            source=f"simulated: {episode.name}, {episode.outcome}",
+            source=f"simulated: {episode.label}, {episode.outcome}",
             tags={Tag.URBAN, Tag.SIMULATED},
             location=Location(),
             decimal_precision=6,
             file_format=FileFormat.XML,
         )
-        writer.write_to_file(str(folder / f"{episode.name}.xml"), OverwriteExistingFile.ALWAYS)
+        writer.write_to_file(str(folder / f"{episode.label}.xml"), OverwriteExistingFile.ALWAYS)
         count += 1
     return count
 
 
 def documents(episode: Episode, with_vehicle: bool) -> tuple[Scenario, PlanningProblem]:
     """Return an episode as CommonRoad's scenario and planning problem."""
-    road = episode.road
+    road, (vehicle, *pedestrians) = road_of(episode), movers(episode)
     name = ScenarioID(
         country_id="ZAM",
         map_name=f"VpsciLocation{''.join(c for c in road.location if c.isalnum())}",
@@ -61,17 +62,16 @@ def documents(episode: Episode, with_vehicle: bool) -> tuple[Scenario, PlanningP
         prediction_id=1,
     )
     scenario = Scenario(dt=episode.period, scenario_id=name)
-    scenario.add_objects(_lanelets(episode))
-    for number, each in enumerate(episode.pedestrians, PEDESTRIAN):
-        scenario.add_objects(_obstacle(number, ObstacleType.PEDESTRIAN, Circle(PEDESTRIAN_RADIUS), each))
+    scenario.add_objects(_lanelets(road))
+    for number, each in enumerate(pedestrians, PEDESTRIAN):
+        scenario.add_objects(_obstacle(number, ObstacleType.PEDESTRIAN, Circle(0.5 * each.size[0]), each))
     if with_vehicle:
-        box = Rectangle(VEHICLE_LENGTH, VEHICLE_WIDTH)
-        scenario.add_objects(_obstacle(VEHICLE, ObstacleType.CAR, box, episode.vehicle))
-    return scenario, _problem(episode)
+        scenario.add_objects(_obstacle(VEHICLE, ObstacleType.CAR, Rectangle(*vehicle.size[:2]), vehicle))
+    return scenario, _problem(road, vehicle)
 
 
-def _lanelets(episode: Episode) -> LaneletNetwork:
-    lane, width = episode.road.vehicle.path, episode.road.vehicle.lane_width
+def _lanelets(road: Road) -> LaneletNetwork:
+    lane, width = road.vehicle.path, road.vehicle.lane_width
     along = np.arange(-BEYOND, lane.length + BEYOND, lane.step)
     centre = np.array([lane.at(s) for s in along])
     left, right = (np.array([lane.beside(s, side * width) for s in along]) for side in (0.5, -0.5))
@@ -84,17 +84,9 @@ def _lanelets(episode: Episode) -> LaneletNetwork:
     return LaneletNetwork.create_from_lanelet_list([lanelet])
 
 
-def _obstacle(number: int, kind: ObstacleType, shape: Circle | Rectangle, each: Motion) -> DynamicObstacle:
+def _obstacle(number: int, kind: ObstacleType, shape: Circle | Rectangle, each: Mover) -> DynamicObstacle:
     places = np.stack([each.x, each.y], axis=1)
-    initial = InitialState(
-        time_step=0,
-        position=places[0],
-        orientation=float(each.heading[0]),
-        velocity=float(each.speed[0]),
-        acceleration=0.0,
-        yaw_rate=0.0,
-        slip_angle=0.0,
-    )
+    initial = _begin(each)
     states = [
         ExtendedPMState(time_step=step, position=place, orientation=heading, velocity=speed, acceleration=0.0)
         for step, (place, heading, speed) in enumerate(zip(places, each.heading, each.speed, strict=True))
@@ -103,22 +95,25 @@ def _obstacle(number: int, kind: ObstacleType, shape: Circle | Rectangle, each: 
     return DynamicObstacle(number, kind, shape, initial, prediction)
 
 
-def _problem(episode: Episode) -> PlanningProblem:
-    vehicle, road = episode.vehicle, episode.road.vehicle
-    begin = InitialState(
+def _begin(each: Mover) -> InitialState:
+    return InitialState(
         time_step=0,
-        position=np.array([vehicle.x[0], vehicle.y[0]]),
-        orientation=float(vehicle.heading[0]),
-        velocity=float(vehicle.speed[0]),
+        position=np.array([each.x[0], each.y[0]]),
+        orientation=float(each.heading[0]),
+        velocity=float(each.speed[0]),
         acceleration=0.0,
         yaw_rate=0.0,
         slip_angle=0.0,
     )
-    heading = road.path.heading(road.goal)
-    place = Rectangle(VEHICLE_LENGTH, road.lane_width, np.array(road.path.at(road.goal)), heading)
+
+
+def _problem(road: Road, vehicle: Mover) -> PlanningProblem:
+    lane = road.vehicle
+    heading = lane.path.heading(lane.goal)
+    place = Rectangle(vehicle.size[0], lane.lane_width, np.array(lane.path.at(lane.goal)), heading)
     goal = CustomState(
         time_step=Interval(0, len(vehicle.x) - 1),
         position=place,
         orientation=AngleInterval(heading - _TURN, heading + _TURN),
     )
-    return PlanningProblem(PROBLEM, begin, GoalRegion([goal]))
+    return PlanningProblem(PROBLEM, _begin(vehicle), GoalRegion([goal]))

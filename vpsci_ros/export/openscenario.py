@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 from scenariogeneration import xosc
 
-from vpsci_ros.export.episode import PEDESTRIAN_HEIGHT, VEHICLE_HEIGHT, Episode, Motion
+from vpsci_ros.data.episode import Episode, Floats
+from vpsci_ros.export.movers import Mover, movers, road_of
 from vpsci_ros.export.opendrive import write_map
 from vpsci_ros.export.run import Options
-from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.world import Scenario
 from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION, MAX_STEERING_ANGLE, WHEELBASE
 
 VEHICLE = "Ego"
@@ -28,12 +29,13 @@ def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
     maps: set[Path] = set()
     count = 0
     for episode in episodes:
-        road = options.road or f"{episode.road.name}.xodr"
+        scenario = road_of(episode)
+        road = options.road or f"{scenario.name}.xodr"
         path = folder / road
         if not options.road and path not in maps:
-            write_map(episode.road, path)
+            write_map(scenario, path)
             maps.add(path)
-        document(episode, road, options.vehicle).write_xml(str(folder / f"{episode.name}.xosc"))
+        document(episode, road, options.vehicle).write_xml(str(folder / f"{episode.label}.xosc"))
         count += 1
     return count + len(maps)
 
@@ -46,26 +48,27 @@ def document(episode: Episode, road: str, vehicle: str) -> xosc.Scenario:
     """
     entities, init = xosc.Entities(), xosc.Init()
     act = xosc.Act("episode", _at(0.0, "start of the episode"))
-    movers = {f"Pedestrian{number}": each for number, each in enumerate(episode.pedestrians, 1)}
-    for name, each in movers.items():
-        entities.add_scenario_object(name, _pedestrian())
+    car, *pedestrians = movers(episode)
+    for number, each in enumerate(pedestrians, 1):
+        name = f"Pedestrian{number}"
+        entities.add_scenario_object(name, _pedestrian(each))
         init.add_init_action(name, xosc.TeleportAction(_positions(each)[0]))
-        act.add_maneuver_group(_follow(name, each, episode))
-    entities.add_scenario_object(VEHICLE, _vehicle())
-    init.add_init_action(VEHICLE, xosc.TeleportAction(_positions(episode.vehicle, REAR_AXLE)[0]))
-    speed = xosc.AbsoluteSpeedAction(float(episode.vehicle.speed[0]), _at_once())
+        act.add_maneuver_group(_follow(name, each, episode.time))
+    entities.add_scenario_object(VEHICLE, _vehicle(car))
+    init.add_init_action(VEHICLE, xosc.TeleportAction(_positions(car, REAR_AXLE)[0]))
+    speed = xosc.AbsoluteSpeedAction(float(car.speed[0]), _at_once())
     init.add_init_action(VEHICLE, speed)
     if vehicle == "trajectory":
-        act.add_maneuver_group(_follow(VEHICLE, episode.vehicle, episode, REAR_AXLE))
+        act.add_maneuver_group(_follow(VEHICLE, car, episode.time, REAR_AXLE))
     else:
-        init.add_init_action(VEHICLE, xosc.AssignRouteAction(_route(episode)))
+        init.add_init_action(VEHICLE, xosc.AssignRouteAction(_route(road_of(episode), car)))
         init.add_init_action(VEHICLE, _controlled())
     story = xosc.Story("recorded")
     story.add_act(act)
     board = xosc.StoryBoard(init, _at(float(episode.time[-1]), "end of the episode", "stop"))
     board.add_story(story)
     return xosc.Scenario(
-        f"{episode.name}: a vehicle turns right and a pedestrian crosses, {episode.outcome}",
+        f"{episode.label}: a vehicle turns right and a pedestrian crosses, {episode.outcome}",
         "vpsci_ros",
         xosc.ParameterDeclarations(),
         entities,
@@ -76,16 +79,16 @@ def document(episode: Episode, road: str, vehicle: str) -> xosc.Scenario:
     )
 
 
-def _positions(each: Motion, behind: float = 0.0) -> list[xosc.WorldPosition]:
+def _positions(each: Mover, behind: float = 0.0) -> list[xosc.WorldPosition]:
     """Return where a road user's reference point is at each frame, `behind` [m] its centre."""
     x, y = each.x - behind * np.cos(each.heading), each.y - behind * np.sin(each.heading)
     rows = np.round(np.stack([x, y, each.heading], axis=1), 6).tolist()
     return [xosc.WorldPosition(x=x, y=y, z=0.0, h=h, p=0.0, r=0.0) for x, y, h in rows]
 
 
-def _follow(name: str, each: Motion, episode: Episode, behind: float = 0.0) -> xosc.ManeuverGroup:
+def _follow(name: str, each: Mover, time: Floats, behind: float = 0.0) -> xosc.ManeuverGroup:
     trajectory = xosc.Trajectory(f"trajectory of {name}", closed=False)
-    trajectory.add_shape(xosc.Polyline(np.round(episode.time, 6).tolist(), _positions(each, behind)))
+    trajectory.add_shape(xosc.Polyline(np.round(time, 6).tolist(), _positions(each, behind)))
     follow = xosc.FollowTrajectoryAction(
         trajectory, xosc.FollowingMode.position, xosc.ReferenceContext.absolute, scale=1.0, offset=0.0
     )
@@ -109,10 +112,10 @@ def _at_once() -> xosc.TransitionDynamics:
     return xosc.TransitionDynamics(xosc.DynamicsShapes.step, xosc.DynamicsDimension.time, 0.0)
 
 
-def _route(episode: Episode) -> xosc.Route:
+def _route(road: Scenario, car: Mover) -> xosc.Route:
     """Return the way along the lane from where the vehicle begins to its goal."""
-    lane, goal = episode.road.vehicle.path, episode.road.vehicle.goal
-    begin, _ = lane.locate(float(episode.vehicle.x[0]), float(episode.vehicle.y[0]))
+    lane, goal = road.vehicle.path, road.vehicle.goal
+    begin, _ = lane.locate(float(car.x[0]), float(car.y[0]))
     route = xosc.Route("right turn")
     for s in np.linspace(begin, max(goal, begin + 1.0), 5):
         x, y = lane.at(s)
@@ -128,10 +131,11 @@ def _controlled() -> xosc.ControllerAction:
     return xosc.ControllerAction(xosc.AssignControllerAction(controller))
 
 
-def _vehicle() -> xosc.Vehicle:
-    box = xosc.BoundingBox(VEHICLE_WIDTH, VEHICLE_LENGTH, VEHICLE_HEIGHT, REAR_AXLE, 0.0, 0.5 * VEHICLE_HEIGHT)
+def _vehicle(car: Mover) -> xosc.Vehicle:
+    length, width, height = car.size
+    box = xosc.BoundingBox(width, length, height, REAR_AXLE, 0.0, 0.5 * height)
     wheel = 0.67  # [m]
-    track = VEHICLE_WIDTH - 0.27  # [m]
+    track = width - 0.27  # [m]
     front = xosc.Axle(MAX_STEERING_ANGLE, wheel, track, WHEELBASE, 0.5 * wheel)
     rear = xosc.Axle(0.0, wheel, track, 0.0, 0.5 * wheel)
     limits = 60.0, MAX_ACCELERATION, MAX_DECELERATION  # [m/s], [m/s2], [m/s2]
@@ -140,9 +144,9 @@ def _vehicle() -> xosc.Vehicle:
     return vehicle
 
 
-def _pedestrian() -> xosc.Pedestrian:
-    size = 2.0 * PEDESTRIAN_RADIUS
-    box = xosc.BoundingBox(size, size, PEDESTRIAN_HEIGHT, 0.0, 0.0, 0.5 * PEDESTRIAN_HEIGHT)
+def _pedestrian(each: Mover) -> xosc.Pedestrian:
+    length, width, height = each.size
+    box = xosc.BoundingBox(width, length, height, 0.0, 0.0, 0.5 * height)
     model = "walker.pedestrian.0001"
     pedestrian = xosc.Pedestrian(model, 80.0, xosc.PedestrianCategory.pedestrian, box, model)
     pedestrian.add_property("type", "simulation")

@@ -17,19 +17,17 @@ from osi3.osi_version_pb2 import InterfaceVersion, current_interface_version
 from osi_utilities import MCAPChannel
 
 from vpsci_ros import __version__
+from vpsci_ros.data.episode import Episode
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.export.episode import PEDESTRIAN_HEIGHT, VEHICLE_HEIGHT, Episode, Motion
+from vpsci_ros.export.movers import Mover, movers
 from vpsci_ros.export.run import Options
 from vpsci_ros.runs.files import written_whole
-from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.kinematics import WHEELBASE
 
 TOPIC = "ground_truth"
 HOST = 1  # id of the vehicle; pedestrians are 2, 3, ...
 LANE = 100  # id of the lane; its left and right boundaries are 101 and 102
-_VEHICLE_SIZE = (VEHICLE_LENGTH, VEHICLE_WIDTH, VEHICLE_HEIGHT)
-_PEDESTRIAN_SIZE = (2.0 * PEDESTRIAN_RADIUS, 2.0 * PEDESTRIAN_RADIUS, PEDESTRIAN_HEIGHT)
 _METADATA = "net.asam.osi.trace"
 
 
@@ -37,7 +35,7 @@ def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
     """Write NAME_gt.mcap for each episode and return their number."""
     count = 0
     for episode in episodes:
-        with written_whole(folder / f"{episode.name}_gt.mcap") as path:
+        with written_whole(folder / f"{episode.label}_gt.mcap") as path:
             _write_trace(episode, path)
         count += 1
     return count
@@ -58,7 +56,7 @@ def _write_trace(episode: Episode, path: Path) -> None:
             "max_protobuf_version": protobuf,
             "zero_time": "1970-01-01T00:00:00Z",
             "creation_time": "1970-01-01T00:00:00Z",
-            "description": f"{episode.name}: a vehicle turns right and a pedestrian crosses, {episode.outcome}",
+            "description": f"{episode.label}: a vehicle turns right and a pedestrian crosses, {episode.outcome}",
             "authors": f"vpsci_ros {__version__}",
             "data_sources": "simulation",
         }
@@ -68,7 +66,7 @@ def _write_trace(episode: Episode, path: Path) -> None:
         channel.add_channel(TOPIC, GroundTruth, versions)
         for truth in ground_truths(episode):
             if not channel.write_message(truth, TOPIC):  # it logs errors instead of raising them
-                raise InvalidInput(f"{path}: a frame of {episode.name} could not be written; see the log above")
+                raise InvalidInput(f"{path}: a frame of {episode.label} could not be written; see the log above")
         writer.finish()  # type: ignore[no-untyped-call]
 
 
@@ -84,23 +82,21 @@ def ground_truths(episode: Episode) -> Iterator[GroundTruth]:
     static.host_vehicle_id.value = HOST
     if episode.scenario is not None:
         _add_lane(static, episode.scenario)
-    agents = [(episode.vehicle, _VEHICLE_SIZE), *((each, _PEDESTRIAN_SIZE) for each in episode.pedestrians)]
-    columns = [_columns(each, episode.period) for each, _ in agents]
+    agents = [(each.size, _columns(each, episode.period)) for each in movers(episode)]
     for frame, time in enumerate(episode.time):
         truth = GroundTruth()
         truth.CopyFrom(static)
         truth.timestamp.seconds, truth.timestamp.nanos = divmod(round(time * 1e9), 1_000_000_000)
-        for number, (_, size) in enumerate(agents):
-            _add_object(truth.moving_object.add(), HOST + number, columns[number][frame], size)
+        for number, (size, columns) in enumerate(agents, HOST):
+            _add_object(truth.moving_object.add(), number, columns[frame], size)
         yield truth
 
 
-def _columns(each: Motion, period: float) -> list[list[float]]:
-    """Return of each frame x, y, heading, velocity and acceleration."""
+def _columns(each: Mover, period: float) -> list[list[float]]:
+    """Return of each frame x, y, heading, velocity and acceleration, which a single frame does not have."""
     heading = np.angle(np.exp(1j * each.heading))  # -pi to pi, as OSI has it
-    rows: list[list[float]] = np.stack(
-        [each.x, each.y, heading, each.vx, each.vy, *each.acceleration(period)], axis=1
-    ).tolist()
+    rates = [np.gradient(v, period) if len(v) > 1 else np.zeros(len(v)) for v in (each.vx, each.vy)]
+    rows: list[list[float]] = np.stack([each.x, each.y, heading, each.vx, each.vy, *rates], axis=1).tolist()
     return rows
 
 

@@ -1,13 +1,13 @@
 """The door of the exporters: a source and names of formats in, a folder of files for each format out."""
 
 import importlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from vpsci_ros.data.episode import Episode
+from vpsci_ros.episodes import open_source
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.export.episode import Episode
-from vpsci_ros.export.sources import read_episodes
 from vpsci_ros.runs.files import require_empty_folder
 from vpsci_ros.runs.plugins import PluginGroup
 
@@ -76,8 +76,8 @@ def export(
 ) -> dict[str, int]:
     """Write the episodes of a source in each format to `folder`/FORMAT, and return the number of files of each.
 
-    :param source: folder of a dataset or of an exam, or a bag.
-    :param episodes: only those whose number or name is in this list with commas; empty: all.
+    :param source: see `vpsci_ros.episodes.read_episodes`.
+    :param episodes: only those whose number, name or label is in this list with commas; empty: all.
     :raises InvalidInput: an unknown format or option, a missing library, a source that is none, no such episode, or
         `folder` is not empty.
     """
@@ -86,22 +86,13 @@ def export(
     if not formats:
         raise InvalidInput(f"no format given; expected some of {', '.join(EXPORTERS.names())}")
     writers = {name: EXPORTERS.find(name).load() for name in formats}
-    chosen = {text.strip() for text in episodes.split(",") if text.strip()}
+    found = open_source(source)
+    chosen = [text.strip() for text in episodes.split(",") if text.strip()]
+    if not found.chosen(chosen):
+        raise InvalidInput(f"{source}: holds no episode, so there is nothing to export")
     folder = require_empty_folder(folder)
     counts = {}
     for name, write in writers.items():
         (folder / name).mkdir()
-        counts[name] = write(_selected(source, chosen), folder / name, options)
+        counts[name] = write(found.read(chosen), folder / name, options)
     return counts
-
-
-def _selected(source: str | Path, chosen: set[str]) -> Iterator[Episode]:
-    """Yield the episodes that were chosen, by number or by name; all of them where none was."""
-    met: set[str] = set()
-    for episode in read_episodes(source):
-        mine = {episode.name, str(episode.number)} & chosen
-        met |= mine
-        if mine or not chosen:
-            yield episode
-    if missing := chosen - met:
-        raise InvalidInput(f"{source}: no episode {', '.join(sorted(missing))}")

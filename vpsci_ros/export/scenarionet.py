@@ -14,17 +14,15 @@ from typing import Any
 
 import numpy as np
 
+from vpsci_ros.data.episode import Episode, Floats
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.export.episode import PEDESTRIAN_HEIGHT, VEHICLE_HEIGHT, Episode, Floats, Motion
+from vpsci_ros.export.movers import Mover, movers, road_of
 from vpsci_ros.export.run import Options
 from vpsci_ros.runs.files import written_whole
-from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import Scenario
 
 STEP = 0.1  # [s]
 EGO = "ego"
-_VEHICLE_SIZE = (VEHICLE_LENGTH, VEHICLE_WIDTH, VEHICLE_HEIGHT)
-_PEDESTRIAN_SIZE = (2.0 * PEDESTRIAN_RADIUS, 2.0 * PEDESTRIAN_RADIUS, PEDESTRIAN_HEIGHT)
 _BEYOND = 40.0  # [m] of straight lane before the centreline and after it
 _DATASET = "vpsci_ros"
 _PROTOCOL = 4
@@ -35,7 +33,7 @@ def write(episodes: Iterable[Episode], folder: Path, options: Options) -> int:
     summary = {}
     for episode in episodes:
         found = record(episode)
-        name = f"sd_{_DATASET}_{episode.name}.pkl"
+        name = f"sd_{_DATASET}_{episode.label}.pkl"
         _dump(found, folder / name)
         summary[name] = found["metadata"]
     _dump(summary, folder / "dataset_summary.pkl")
@@ -56,51 +54,53 @@ def record(episode: Episode) -> dict[str, Any]:
     stride = round(STEP / episode.period)
     if stride < 1 or abs(stride * episode.period - STEP) > 1e-6:
         raise InvalidInput(
-            f"episode {episode.name}: a frame every {episode.period:g} s; ScenarioNet's records have one every {STEP} "
+            f"episode {episode.label}: a frame every {episode.period:g} s; ScenarioNet's records have one every {STEP} "
             "s, so the period must be that divided by a whole number"
         )
     frames = slice(None, None, stride)
     times = episode.time[frames].astype(np.float32)
-    tracks = {EGO: _track(EGO, "VEHICLE", episode.vehicle, _VEHICLE_SIZE, frames)}
-    for number, each in enumerate(episode.pedestrians, 1):
-        name = f"pedestrian{number}"
-        tracks[name] = _track(name, "PEDESTRIAN", each, _PEDESTRIAN_SIZE, frames)
+    tracks = {}
+    for number, each in enumerate(movers(episode)):
+        name, kind = (f"pedestrian{number}", "PEDESTRIAN") if number else (EGO, "VEHICLE")
+        tracks[name] = _track(name, kind, each, frames)
+    road = road_of(episode)
     about = {
-        "id": episode.name,
-        "scenario_id": episode.name,
+        "id": episode.label,
+        "scenario_id": episode.label,
         "dataset": _DATASET,
-        "source_file": episode.name,
+        "source_file": episode.label,
         "coordinate": "right-handed",
         "metadrive_processed": False,
         "sdc_id": EGO,
         "ts": times,
         "sample_rate": STEP,
         "track_length": len(times),
-        "map": episode.road.location,
+        "map": road.location,
         "outcome": episode.outcome,
     }
     return {
-        "id": episode.name,
+        "id": episode.label,
         "version": "1.0",
         "length": len(times),
         "tracks": tracks,
         "dynamic_map_states": {},
-        "map_features": _map(episode.road),
+        "map_features": _map(road),
         "metadata": about,
     }
 
 
-def _track(name: str, kind: str, each: Motion, size: tuple[float, float, float], frames: slice) -> dict[str, Any]:
+def _track(name: str, kind: str, each: Mover, frames: slice) -> dict[str, Any]:
     x, y, heading, vx, vy = (column[frames] for column in (each.x, each.y, each.heading, each.vx, each.vy))
     count = len(x)
     state = {
-        "position": np.stack([x, y, np.full(count, 0.5 * size[2])], axis=1).astype(np.float32),
+        "position": np.stack([x, y, np.full(count, 0.5 * each.size[2])], axis=1).astype(np.float32),
         "heading": np.angle(np.exp(1j * heading)).astype(np.float32),
         "velocity": np.stack([vx, vy], axis=1).astype(np.float32),
         "valid": np.ones(count, np.bool_),
     }
     state |= {
-        key: np.full(count, value, np.float32) for key, value in zip(("length", "width", "height"), size, strict=True)
+        key: np.full(count, value, np.float32)
+        for key, value in zip(("length", "width", "height"), each.size, strict=True)
     }
     about = {"track_length": count, "type": kind, "object_id": name, "dataset": _DATASET}
     return {"type": kind, "state": state, "metadata": about}
