@@ -35,6 +35,7 @@ def scene(rows: int = 1, scenario: int = 1) -> NDArray[np.void]:
 
 def watch(state: NDArray[np.void], frames: int, config: PerceptionConfig, pedestrians: int = 1) -> NDArray[np.void]:
     """Return what is told of a scene that stands still, OBJECT[frames, R]."""
+    state["pedestrian"] = np.arange(len(state)) % pedestrians
     memory, told = blank(len(state), config, TICK), []
     for frame in range(frames):
         state["frame"] = frame

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.observation import to_heading_frame
-from vpsci_ros.world.paths import Path, point_at
+from vpsci_ros.world.paths import Path, line_at, point_at
 
 LATERAL_COMFORT = 2.0  # [m/s2] sideways in the bend: what drivers turning right at an intersection accept
 COMFORT_ACCELERATION = 2.0  # [m/s2]
@@ -85,9 +85,7 @@ def too_near(forward: float, left: float, half_length: float, reach: float, dist
 @kernel
 def walk_velocity(points, row, count, step, s, offset, x, y, speed):  # type: ignore[no-untyped-def]
     """Velocity (east, north) [m/s] of a walker at (x, y) that follows its route, `offset` [m] to its left."""
-    here_x, here_y = point_at(points, row, count, step, s + WALK_LOOK_AHEAD)
-    next_x, next_y = point_at(points, row, count, step, s + WALK_LOOK_AHEAD + step)
-    ux, uy = (next_x - here_x) / step, (next_y - here_y) / step
+    here_x, here_y, ux, uy = line_at(points, row, count, step, s + WALK_LOOK_AHEAD)
     dx, dy = here_x - offset * uy - x, here_y + offset * ux - y
     distance = math.sqrt(dx * dx + dy * dy)
     return speed * dx / distance, speed * dy / distance

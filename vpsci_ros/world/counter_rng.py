@@ -55,6 +55,13 @@ def philox(
 
 
 @kernel
+def draw(episode, seed, stream, block):  # type: ignore[no-untyped-def]
+    """Return the four uint64 of an EPISODE record's pedestrian; those of pedestrian 0 are the driver's, too."""
+    key, number, person = uint64(episode.scenario), uint64(episode.episode), uint64(episode.pedestrian)
+    return philox(uint64(seed), key, uint64(block), uint64(stream), number, person)
+
+
+@kernel
 def unit(bits: np.uint64) -> float:
     """Return the double in [0, 1) of 64 random bits, as numpy makes it: the upper 53 bits."""
     return float(bits >> _MANTISSA) * _ULP

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import uint64
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
 from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.counter_rng import STREAM_CROWD, normal_pair, philox, unit
+from vpsci_ros.world.counter_rng import STREAM_CROWD, draw, normal_pair, unit
 from vpsci_ros.world.kinds import TOP_SPEED
 
 MOST = 8  # pedestrians of an episode
@@ -76,27 +75,20 @@ class Crowd(NamedTuple):
 
 
 @kernel
-def _bits(seed, scenario, number, person, block):  # type: ignore[no-untyped-def]
-    return philox(uint64(seed), uint64(scenario), uint64(block), uint64(STREAM_CROWD), uint64(number), uint64(person))
-
-
-@kernel
-def how_many(seed, scenario, number, crowd):  # type: ignore[no-untyped-def]
-    """Return how many pedestrians an episode has."""
+def how_many(leader, seed, crowd):  # type: ignore[no-untyped-def]
+    """Return how many pedestrians the episode has whose first EPISODE record this is."""
     if crowd.sizes.size == 1:
         return 1
-    share, count = unit(_bits(seed, scenario, number, 0, 0)[0]), 1
+    share, count = unit(draw(leader, seed, STREAM_CROWD, 0)[0]), 1
     while count < crowd.sizes.size and share >= crowd.sizes[count - 1]:
         count += 1
     return count
 
 
 @kernel
-def role_of(seed, scenario, number, person, crowd):  # type: ignore[no-untyped-def]
-    """Return what a pedestrian is to the first one, an index in `ROLES`."""
-    if person == 0:
-        return ALONE
-    share = unit(_bits(seed, scenario, number, person, 0)[0])
+def role_of(episode, seed, crowd):  # type: ignore[no-untyped-def]
+    """Return what the further pedestrian of an EPISODE record is to the first one, an index in `ROLES`."""
+    share = unit(draw(episode, seed, STREAM_CROWD, 0)[0])
     if share < crowd.roles[0]:
         return GROUP
     if share < crowd.roles[1]:
@@ -107,7 +99,7 @@ def role_of(seed, scenario, number, person, crowd):  # type: ignore[no-untyped-d
 @kernel
 def walk_along(episode, leader, seed):  # type: ignore[no-untyped-def]
     """Give a member of a group the first one's pace and line; return where it begins along the route [m]."""
-    drawn = _bits(seed, episode.scenario, episode.episode, episode.pedestrian, 0)
+    drawn = draw(episode, seed, STREAM_CROWD, 0)
     gap = NEAREST + unit(drawn[1]) * (FURTHEST - NEAREST)
     place = int(episode.pedestrian)
     deviation, _ = normal_pair(unit(drawn[2]), unit(drawn[3]))
@@ -126,7 +118,7 @@ def step_off_after(episode, leader, seed, standing_room):  # type: ignore[no-unt
 
     It waits at the kerb until then; where the first one has passed it before the spawn, it may be on its way, too.
     """
-    drawn = _bits(seed, episode.scenario, episode.episode, episode.pedestrian, 0)
+    drawn = draw(episode, seed, STREAM_CROWD, 0)
     deviation, _ = normal_pair(unit(drawn[2]), unit(drawn[3]))
     episode.follow_delay = STEP_OFF * math.exp(STEP_OFF_SPREAD * deviation)
     kerb = unit(drawn[1]) * standing_room

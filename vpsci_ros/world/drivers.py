@@ -58,18 +58,9 @@ def controls(state, i, count, answers, tables, settings):  # type: ignore[no-unt
         control = answers.vehicle_control
         return control[i, 0], control[i, 1], control[i, 2]
     row = tables.rows[episode.table]
-    keeping = pursuit_curvature(
-        tables.lane,
-        episode.table,
-        row.lane_count,
-        row.lane_step,
-        episode.route_s,
-        lane_sway(episode) if settings.human else 0.0,
-        episode.vehicle_x,
-        episode.vehicle_y,
-        episode.vehicle_heading,
-        speed,
-    )
+    lane, place = (tables.lane, episode.table, row.lane_count, row.lane_step), (episode.vehicle_x, episode.vehicle_y)
+    aside = lane_sway(episode) if settings.human else 0.0
+    keeping = pursuit_curvature(*lane, episode.route_s, aside, *place, episode.vehicle_heading, speed)
     by_policy = settings.vehicle_driver == POLICY and episode.vehicle_held
     if by_policy or (settings.vehicle_driver == EXTERNAL and len(answers.vehicle_action)):
         if by_policy:
@@ -101,9 +92,8 @@ def move_vehicle(episode, steer, throttle, brake, period):  # type: ignore[no-un
     steer = min(1.0, max(-1.0, steer))
     throttle, brake = min(1.0, max(0.0, throttle)), min(1.0, max(0.0, brake))
     speed = episode.vehicle_speed
-    x, y, heading, next_speed, distance = motion.drive(
-        episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, speed, steer, throttle, brake, period
-    )
+    place = episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading
+    x, y, heading, next_speed, distance = motion.drive(*place, speed, steer, throttle, brake, period)
     episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, episode.vehicle_speed = x, y, heading, next_speed
     episode.vehicle_acceleration = (next_speed - speed) / period
     if distance > 0.0:
@@ -161,34 +151,17 @@ def _intended(episode, i, answers, tables, settings):  # type: ignore[no-untyped
         if driver != CONSTANT_VELOCITY:
             pace = walker_speed(episode, episode.frame * settings.period)
         offset = line_offset(episode, row, episode.pedestrian_s + WALK_LOOK_AHEAD)
-    wanted_x, wanted_y = walk_velocity(
-        tables.walk,
-        episode.table,
-        row.walk_count,
-        row.walk_step,
-        episode.pedestrian_s,
-        offset,
-        episode.pedestrian_x,
-        episode.pedestrian_y,
-        0.0 if waiting or episode.pedestrian_goal else pace,
+    route, place = (
+        (tables.walk, episode.table, row.walk_count, row.walk_step),
+        (episode.pedestrian_x, episode.pedestrian_y),
     )
+    pace = 0.0 if waiting or episode.pedestrian_goal else pace
+    wanted_x, wanted_y = walk_velocity(*route, episode.pedestrian_s, offset, *place, pace)
     if driver == CONSTANT_VELOCITY:  # sets off, once
         return wanted_x / settings.period, wanted_y / settings.period, False
     if driver == SOCIAL_FORCE:
-        ax, ay = social_force(
-            wanted_x,
-            wanted_y,
-            vx,
-            vy,
-            episode.pedestrian_x,
-            episode.pedestrian_y,
-            episode.vehicle_x,
-            episode.vehicle_y,
-            episode.vehicle_heading,
-            _HALF_LENGTH,
-            _HALF_WIDTH,
-            PEDESTRIAN_RADIUS,
-        )
+        car = episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, _HALF_LENGTH, _HALF_WIDTH
+        ax, ay = social_force(wanted_x, wanted_y, vx, vy, *place, *car, PEDESTRIAN_RADIUS)
         return ax, ay, False
     most = max(STRIDE_ACCELERATION, SET_OFF[episode.kind]) if settings.human else WALK_ACCELERATION
     ax, ay = walk_acceleration(wanted_x - vx, wanted_y - vy, most, settings.period)
@@ -198,17 +171,8 @@ def _intended(episode, i, answers, tables, settings):  # type: ignore[no-untyped
 @inlined
 def move_pedestrian(episode, ax, ay, settings):  # type: ignore[no-untyped-def]
     """Move the pedestrian through one tick with an acceleration [m/s2] in the world's frame."""
-    x, y, vx, vy = motion.walk(
-        episode.pedestrian_x,
-        episode.pedestrian_y,
-        episode.pedestrian_vx,
-        episode.pedestrian_vy,
-        ax,
-        ay,
-        1.0,
-        min(settings.top_speed, TOP_SPEED[episode.kind]),
-        settings.period,
-    )
+    now = episode.pedestrian_x, episode.pedestrian_y, episode.pedestrian_vx, episode.pedestrian_vy
+    x, y, vx, vy = motion.walk(*now, ax, ay, 1.0, min(settings.top_speed, TOP_SPEED[episode.kind]), settings.period)
     episode.pedestrian_path += math.sqrt((x - episode.pedestrian_x) ** 2 + (y - episode.pedestrian_y) ** 2)
     episode.pedestrian_ax = (vx - episode.pedestrian_vx) / settings.period
     episode.pedestrian_ay = (vy - episode.pedestrian_vy) / settings.period

@@ -110,28 +110,16 @@ def _locate_pedestrian(episode, tables):  # type: ignore[no-untyped-def]
     """Locate the pedestrian at the new frame, and note whether the vehicle has struck it."""
     row = tables.rows[episode.table]
     episode.frame += 1
-    episode.pedestrian_s, _ = project(
-        tables.walk,
-        episode.table,
-        row.walk_count,
-        row.walk_step,
+    route, x, y = (
+        (tables.walk, episode.table, row.walk_count, row.walk_step),
         episode.pedestrian_x,
         episode.pedestrian_y,
-        episode.pedestrian_s,
     )
+    episode.pedestrian_s, _ = project(*route, x, y, episode.pedestrian_s)
     if episode.pedestrian_s >= row.pedestrian_goal:
         episode.pedestrian_goal = 1
-    free = clearance_pair(
-        episode.vehicle_x,
-        episode.vehicle_y,
-        episode.vehicle_heading,
-        episode.pedestrian_x,
-        episode.pedestrian_y,
-        VEHICLE_LENGTH,
-        VEHICLE_WIDTH,
-        PEDESTRIAN_RADIUS,
-    )
-    if free <= 0.0:
+    place = episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading
+    if clearance_pair(*place, x, y, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS) <= 0.0:
         episode.struck = 1
         episode.least_curvttc = 0.0
 

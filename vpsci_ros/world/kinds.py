@@ -9,13 +9,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import uint64
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter, values_of
 from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.counter_rng import STREAM_KIND, normal_pair, philox, unit
+from vpsci_ros.world.counter_rng import STREAM_KIND, draw, normal_pair, unit
 from vpsci_ros.world.people import START_ACCELERATION
 
 KINDS = ("adult", "older", "child", "distracted", "wheelchair", "stroller")
@@ -62,7 +61,7 @@ def draw_kind(episode, seed, limits):  # type: ignore[no-untyped-def]
     episode.kind, episode.reaction_delay = ADULT, 0.0
     if limits[ADULT] >= 1.0:
         return
-    drawn = _bits(episode, seed, 0)
+    drawn = draw(episode, seed, STREAM_KIND, 0)
     share, kind = unit(drawn[0]), 0
     while kind < limits.size - 1 and share >= limits[kind]:
         kind += 1
@@ -79,18 +78,6 @@ def speed_of_kind(episode, seed, adults):  # type: ignore[no-untyped-def]
     """Return the walking speed [m/s] of a record's pedestrian; `adults` is what an adult would have."""
     if episode.kind == ADULT:
         return adults
-    drawn = _bits(episode, seed, 1)
+    drawn = draw(episode, seed, STREAM_KIND, 1)
     deviation, _ = normal_pair(unit(drawn[0]), unit(drawn[1]))
     return SPEED[episode.kind] + SPEED_SPREAD[episode.kind] * min(_WITHIN, max(-_WITHIN, deviation))
-
-
-@kernel
-def _bits(episode, seed, block):  # type: ignore[no-untyped-def]
-    return philox(
-        uint64(seed),
-        uint64(episode.scenario),
-        uint64(block),
-        uint64(STREAM_KIND),
-        uint64(episode.episode),
-        uint64(episode.pedestrian),
-    )

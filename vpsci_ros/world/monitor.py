@@ -19,6 +19,11 @@ from vpsci_ros.safety import (
 from vpsci_ros.world.compiled import in_threads, kernel
 from vpsci_ros.world.state import EPISODE, IDLE, RUNNING
 
+_PAIR = (
+    "vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature",
+    "pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy",
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class MonitorConfig:
@@ -50,23 +55,9 @@ def assess(
         return ttc, distance, critical
     present = state["status"] != IDLE
     ttc[:] = math.inf
-    rows = state[present]
-    ttc[present] = curvttc(
-        rows["vehicle_x"],
-        rows["vehicle_y"],
-        rows["vehicle_heading"],
-        rows["vehicle_speed"],
-        rows["vehicle_curvature"],
-        rows["pedestrian_x"],
-        rows["pedestrian_y"],
-        rows["pedestrian_vx"],
-        rows["pedestrian_vy"],
-        length=config.length,
-        width=config.width,
-        radius=config.radius,
-        horizon=config.horizon,
-        method="center",
-    )
+    pair = (state[name][present] for name in _PAIR)
+    names = "length", "width", "radius", "horizon"
+    ttc[present] = curvttc(*pair, **dict(zip(names, sizes, strict=True)), method="center")
     distance[:] = np.sqrt(
         (state["vehicle_x"] - state["pedestrian_x"]) ** 2 + (state["vehicle_y"] - state["pedestrian_y"]) ** 2
     )
@@ -81,21 +72,9 @@ def _assess(state, length, width, radius, horizon, threshold, ttc, distance, cri
         distance[i] = math.sqrt(dx * dx + dy * dy)
         ttc[i] = math.inf
         if slot.status != IDLE:
-            ttc[i] = curvttc_pair(
-                slot.vehicle_x,
-                slot.vehicle_y,
-                slot.vehicle_heading,
-                slot.vehicle_speed,
-                slot.vehicle_curvature,
-                slot.pedestrian_x,
-                slot.pedestrian_y,
-                slot.pedestrian_vx,
-                slot.pedestrian_vy,
-                length,
-                width,
-                radius,
-                horizon,
-            )
+            car = slot.vehicle_x, slot.vehicle_y, slot.vehicle_heading, slot.vehicle_speed, slot.vehicle_curvature
+            walker = slot.pedestrian_x, slot.pedestrian_y, slot.pedestrian_vx, slot.pedestrian_vy
+            ttc[i] = curvttc_pair(*car, *walker, length, width, radius, horizon)
         critical[i] = slot.status == RUNNING and ttc[i] < threshold
 
 

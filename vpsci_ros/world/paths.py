@@ -120,6 +120,14 @@ def point_at(points, row, count, step, s):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def line_at(points, row, count, step, s):  # type: ignore[no-untyped-def]
+    """Return the point (x, y) [m] at arc length `s` [m] of path `row`, and the direction (ux, uy) of its next step."""
+    x, y = point_at(points, row, count, step, s)
+    ahead_x, ahead_y = point_at(points, row, count, step, s + step)
+    return x, y, (ahead_x - x) / step, (ahead_y - y) / step
+
+
+@kernel
 def project(points, row, count, step, x, y, near):  # type: ignore[no-untyped-def]
     """Return (arc length, distance to the left) [m] of (x, y) at the nearest place downhill from arc length `near`."""
     i = min(max(int(math.floor(near / step)), 0), count - 2)

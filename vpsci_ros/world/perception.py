@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
 from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.counter_rng import STREAM_PERCEPTION, normal_pair, philox, unit
+from vpsci_ros.world.counter_rng import STREAM_PERCEPTION, draw, normal_pair, unit
 from vpsci_ros.world.parked import EYE_FORWARD, Parked, visible
 from vpsci_ros.world.state import EPISODE, IDLE
 
@@ -189,7 +189,7 @@ def _perceive(state, share, begun, settings, pedestrians, trackers, objects):  #
     for first in range(0, state.size, pedestrians):
         for i in range(first, first + pedestrians):
             begun[i] = _begins(state[i], trackers[i])
-            _follow(state[i], share[i], begun[i], settings, i - first, trackers[i], objects[i])
+            _follow(state[i], share[i], begun[i], settings, trackers[i], objects[i])
         if begun[first]:
             trackers[first].tracks = 0
         for i in range(first, first + pedestrians):
@@ -209,7 +209,7 @@ def _begins(episode, tracker):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _follow(episode, share, begun, settings, person, tracker, found):  # type: ignore[no-untyped-def]
+def _follow(episode, share, begun, settings, tracker, found):  # type: ignore[no-untyped-def]
     """Follow one pedestrian for a frame: its noise goes on whether or not it is seen."""
     tracker.scenario, tracker.episode, tracker.frame = episode.scenario, episode.episode, episode.frame
     if begun:
@@ -218,7 +218,7 @@ def _follow(episode, share, begun, settings, person, tracker, found):  # type: i
         tracker.frame = -2
         found.status = ABSENT
         return
-    first, second = _draws(episode, settings.seed, 0, person), _draws(episode, settings.seed, 1, person)
+    first, second = _draws(episode, settings.seed, 0), _draws(episode, settings.seed, 1)
     one, other = normal_pair(unit(first[0]), unit(first[1]))
     third, fourth = normal_pair(unit(first[2]), unit(first[3]))
     kept, fresh = (0.0, 1.0) if begun else (settings.kept, settings.fresh)
@@ -265,7 +265,7 @@ def _next(leader):  # type: ignore[no-untyped-def]
 @kernel
 def _swap(episode, settings, trackers, i, first, pedestrians):  # type: ignore[no-untyped-def]
     """Have a track change its number now and then: with the next one that is followed, or for a new number."""
-    if trackers[i].track == 0 or unit(_draws(episode, settings.seed, 1, i - first)[2]) >= settings.swapped:
+    if trackers[i].track == 0 or unit(_draws(episode, settings.seed, 1)[2]) >= settings.swapped:
         return
     for step in range(1, pedestrians):
         other = first + (i - first + step) % pedestrians
@@ -276,6 +276,5 @@ def _swap(episode, settings, trackers, i, first, pedestrians):  # type: ignore[n
 
 
 @kernel
-def _draws(episode, seed, block, person):  # type: ignore[no-untyped-def]
-    stream = uint64(STREAM_PERCEPTION) + (uint64(episode.frame) << uint64(8))
-    return philox(seed, uint64(episode.scenario), uint64(block), stream, uint64(episode.episode), uint64(person))
+def _draws(episode, seed, block):  # type: ignore[no-untyped-def]
+    return draw(episode, seed, uint64(STREAM_PERCEPTION) + (uint64(episode.frame) << uint64(8)), block)

@@ -7,11 +7,9 @@ start of its route, waiting there for the rest of the time. So slow and fast ped
 
 import math
 
-from numba import uint64
-
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.config import VEHICLE_DRIVERS
-from vpsci_ros.world.counter_rng import STREAM_SPAWN, philox, unit
+from vpsci_ros.world.counter_rng import STREAM_SPAWN, draw, unit
 from vpsci_ros.world.crowd import (
     FOLLOWER,
     GROUP,
@@ -25,7 +23,7 @@ from vpsci_ros.world.crowd import (
 )
 from vpsci_ros.world.human_spawn import join_people, put_walker, spawn_people
 from vpsci_ros.world.kinds import draw_kind, speed_of_kind
-from vpsci_ros.world.paths import nearest, point_at
+from vpsci_ros.world.paths import line_at, nearest, point_at
 from vpsci_ros.world.sharing import share_vehicle
 from vpsci_ros.world.state import NONE, RUNNING, STARTED
 
@@ -66,82 +64,77 @@ def spawn(state, first, table, number, seed, tables, crowd, human):  # type: ign
     _begin(leader, table, row, number, 0)
     draw_kind(leader, seed, crowd.kinds)
     if human:
-        drives = spawn_people(leader, table, row, tables, seed)
+        drives = spawn_people(leader, row, tables, seed)
     else:
-        bits = _bits(leader, seed, 0)
-        _place_vehicle(leader, table, row, tables, bits)
-        _place_pedestrian(leader, table, row, tables, seed, unit(bits[3]))
-    count = how_many(seed, row.number, number, crowd)
-    for i in range(1, count):
-        role = role_of(seed, row.number, number, i, crowd)
-        _join(state, first, first + i, table, role, seed, tables, crowd, human, drives)
+        _place_vehicle(leader, row, tables, seed)
+        _place_pedestrian(leader, row, tables, seed)
+    count = how_many(leader, seed, crowd)
+    for i in range(first + 1, first + count):
+        _join(state, first, i, seed, tables, crowd, human, drives)
     for i in range(first, first + count):
         state[i].pedestrians = count
     return count
 
 
 @kernel
-def _join(state, first, i, table, role, seed, tables, crowd, human, drives):  # type: ignore[no-untyped-def]
+def _join(state, first, i, seed, tables, crowd, human, drives):  # type: ignore[no-untyped-def]
     """Make row `i` of EPISODE[B] a further pedestrian of the episode that begins in row `first`."""
     leader, episode = state[first], state[i]
-    own = table + tables.rows.size // 2 if role == OPPOSITE else table
-    row = tables.rows[own]
-    _begin(episode, own, row, leader.episode, i - first)
-    episode.role = role
+    _begin(episode, leader.table, tables.rows[leader.table], leader.episode, i - first)
+    role = episode.role = role_of(episode, seed, crowd)
+    if role == OPPOSITE:
+        episode.table += tables.rows.size // 2
+    row = tables.rows[episode.table]
     draw_kind(episode, seed, crowd.kinds)
     if human:
-        join_people(episode, leader, own, row, tables, seed, drives)
+        join_people(episode, leader, row, tables, seed, drives)
     else:
-        _place_pedestrian(episode, own, row, tables, seed, unit(_bits(episode, seed, 0)[3]))
+        _place_pedestrian(episode, row, tables, seed)
     s = episode.pedestrian_s
     if role == GROUP:
         s = walk_along(episode, leader, seed)
     elif role == FOLLOWER:
         s = step_off_after(episode, leader, seed, row.standing_room)
     if role in (GROUP, FOLLOWER):
-        _put(episode, own, row, tables, s, human)
+        _put(episode, row, tables, s, human)
     for _ in range(_TRIES):
         if not crowded(state, first, i):
             break
         s -= ROOM
-        _put(episode, own, row, tables, s, human)
+        _put(episode, row, tables, s, human)
     share_vehicle(leader, episode)
 
 
 @kernel
-def _put(episode, table, row, tables, s, human):  # type: ignore[no-untyped-def]
+def _put(episode, row, tables, s, human):  # type: ignore[no-untyped-def]
     if human:
-        put_walker(episode, table, row, tables, s)
+        put_walker(episode, row, tables, s)
     else:
-        _put_on_route(episode, table, row, tables, s)
+        _put_on_route(episode, row, tables, s)
 
 
 @kernel
-def _bits(episode, seed, block):  # type: ignore[no-untyped-def]
-    stream, number, person = uint64(STREAM_SPAWN), uint64(episode.episode), uint64(episode.pedestrian)
-    return philox(uint64(seed), uint64(episode.scenario), uint64(block), stream, number, person)
-
-
-@kernel
-def _place_vehicle(episode, table, row, tables, bits):  # type: ignore[no-untyped-def]
+def _place_vehicle(episode, row, tables, seed):  # type: ignore[no-untyped-def]
+    bits = draw(episode, seed, STREAM_SPAWN, 0)
     s = _between(row.lowest_s, row.highest_s, unit(bits[0]))
     throttle = _between(row.lowest_throttle, row.highest_throttle, unit(bits[1]))
     share = _between(row.lowest_initial, row.highest_initial, unit(bits[2]))
-    x, y = point_at(tables.lane, table, row.lane_count, row.lane_step, s)
-    behind_x, behind_y = point_at(tables.lane, table, row.lane_count, row.lane_step, s - 0.5 * row.lane_step)
-    ahead_x, ahead_y = point_at(tables.lane, table, row.lane_count, row.lane_step, s + 0.5 * row.lane_step)
+    lane = tables.lane, episode.table, row.lane_count, row.lane_step
+    x, y = point_at(*lane, s)
+    behind_x, behind_y = point_at(*lane, s - 0.5 * row.lane_step)
+    ahead_x, ahead_y = point_at(*lane, s + 0.5 * row.lane_step)
     sample = min(max(int(s / row.lane_step), 0), row.lane_count - 1)
     speed = share * throttle * row.full_throttle_speed
     episode.route_s, episode.cruise_throttle = s, throttle
     episode.vehicle_x, episode.vehicle_y = x, y
     episode.vehicle_heading = episode.action_heading = math.atan2(ahead_y - behind_y, ahead_x - behind_x)
-    episode.vehicle_speed = min(speed, tables.lane_speed[table, sample])
+    episode.vehicle_speed = min(speed, tables.lane_speed[episode.table, sample])
     episode.vehicle_curvature = 0.0
 
 
 @kernel
-def _place_pedestrian(episode, table, row, tables, seed, standing):  # type: ignore[no-untyped-def]
-    bits = _bits(episode, seed, 1)
+def _place_pedestrian(episode, row, tables, seed):  # type: ignore[no-untyped-def]
+    bits, standing = draw(episode, seed, STREAM_SPAWN, 1), unit(draw(episode, seed, STREAM_SPAWN, 0)[3])
     speed = speed_of_kind(episode, seed, _between(row.lowest_speed, row.highest_speed, unit(bits[0])))
     arrival = _between(row.lowest_arrival, row.highest_arrival, unit(bits[1]))
     offset = _between(row.lowest_offset, row.highest_offset, unit(bits[2]))
@@ -151,15 +144,13 @@ def _place_pedestrian(episode, table, row, tables, seed, standing):  # type: ign
         s = standing * row.standing_room
         delay = arrival - (row.conflict - s) / speed
     episode.pedestrian_offset, episode.walking_speed, episode.start_delay = offset, speed, max(delay, 0.0)
-    _put_on_route(episode, table, row, tables, s)
+    _put_on_route(episode, row, tables, s)
 
 
 @kernel
-def _put_on_route(episode, table, row, tables, s):  # type: ignore[no-untyped-def]
+def _put_on_route(episode, row, tables, s):  # type: ignore[no-untyped-def]
     """Put the pedestrian beside its route at arc length `s` [m], walking unless it still waits."""
-    x, y = point_at(tables.walk, table, row.walk_count, row.walk_step, s)
-    ahead_x, ahead_y = point_at(tables.walk, table, row.walk_count, row.walk_step, s + row.walk_step)
-    ux, uy = (ahead_x - x) / row.walk_step, (ahead_y - y) / row.walk_step
+    x, y, ux, uy = line_at(tables.walk, episode.table, row.walk_count, row.walk_step, s)
     pace, offset = 0.0 if episode.start_delay > 0.0 else episode.walking_speed, episode.pedestrian_offset
     episode.pedestrian_s = s
     episode.pedestrian_x, episode.pedestrian_y = x - offset * uy, y + offset * ux
