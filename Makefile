@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # Two processes, which take tests from each other in the end: half of the time is spent waiting for graphs. `make test JOBS=0`: one.
 JOBS ?= 2
 PYTEST_ARGS ?=
-# Real recordings (vci_dut/, vci_citr/) for the demo; where there are none, a synthetic sample stands in.
+# Recordings (vci_dut/, vci_citr/) for the demo to learn from besides the right turns that the package holds.
 VPSCI_DATA ?= $(wildcard ../shared/data)
 
 # Nodes talk to nodes on this machine only, unless asked otherwise.

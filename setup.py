@@ -160,7 +160,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10,<3.13",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["models/*.safetensors", "models/*.md", "*/templates/*", "exam/search/templates/*"]},
+    package_data={NAME: ["models/*", "recordings/*", "*/templates/*", "exam/search/templates/*"]},
     data_files=data_files(),
     install_requires=REQUIRED,
     extras_require=EXTRAS,

@@ -2,7 +2,7 @@
 
     python benchmarks/bench_training.py [--threads 1] [--data near_misses.parquet] [--updates 12] [--json FILE]
 
-Without data the synthetic sample stands in. Each row runs in a process of its own, so that the peak memory is its own.
+Without data it learns from right_turns. Each row runs in a process of its own, so that the peak memory is its own.
 A row is the mean of `--updates` updates after three. Other work on the machine makes the wall time worse; the CPU time
 beside it is what one free core would take, as long as there is one thread. The time of 3,000 stage-1 episodes (an
 episode of Algorithm 1 is one update of all networks) is extrapolated from the row, by both.
@@ -25,7 +25,6 @@ import polars as pl
 import torch
 
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.pretrain import pretrain
@@ -103,7 +102,7 @@ def stage_2(table: pl.DataFrame, updates: int, steps: int = 20, **settings: obje
 def measure(number: int, data: Path | None, updates: int) -> dict[str, Any]:
     """Return what row `number` came to, in this process."""
     grows, stage, settings = rows()[number]
-    table = read_near_misses(data) if data else synthetic_near_misses().table
+    table = read_near_misses(data or "right_turns")
     wall, cpu = (stage_1 if stage == "1" else stage_2)(table, updates, **settings)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {"grows": grows, "stage": stage, **settings, "wall_s": wall, "cpu_s": cpu, "memory_mb": memory}

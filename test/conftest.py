@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from synthetic import synthetic_near_misses
 
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.episode_frames import EpisodeBatch
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import COLLISION, EPISODE, GOAL, RUNNING

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from vpsci_ros.errors import InvalidInput
 
+RIGHT_TURNS = "right_turns"  # the name of the near misses that are shipped
 _PACKAGE = Path(__file__).resolve().parent
 
 
@@ -74,3 +75,9 @@ def weights_path(name: str, package: Path = _PACKAGE) -> Path:
         known = f"the shipped {', '.join(sorted(shipped))}" if shipped else "none are shipped"
         raise InvalidInput(f"weights {name!r}: expected a .safetensors file or a shipped name ({known})")
     return shipped[name]
+
+
+def near_misses_path(name: str | Path, package: Path = _PACKAGE) -> Path:
+    """Return the near-miss table that `name` means: "right_turns", which is shipped with the package, or a path."""
+    shipped = package / "recordings" / f"{name}.parquet"
+    return shipped if not Path(name).exists() and str(name) == RIGHT_TURNS else Path(name)

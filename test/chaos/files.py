@@ -22,6 +22,7 @@ import numpy as np
 import polars as pl
 from chaos.mutate import mutated
 from rich.console import Console
+from synthetic import synthetic_near_misses
 
 from vpsci_ros.bags.info import bag_info
 from vpsci_ros.cli.parameter_file import load
@@ -29,7 +30,6 @@ from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import job_from

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from synthetic import synthetic_near_misses
 
 from vpsci_ros.data.near_misses import write_near_misses
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.weights import Weights, save_weights

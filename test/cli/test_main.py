@@ -102,15 +102,16 @@ def test_pretraining_writes_weights_that_evaluation_reads(
     small = [
         f"learner.{name}" for name in ("episodes=2", "imitation.rollouts=4", "replay.batch_size=16", "evaluate_every=2")
     ]
-    settings = [argument for text in small for argument in ("--set", text)]
-    run = vpsci(
-        "pretrain", "--params", str(PARAMS / "deterministic_stage1.yaml"), "-o", str(tmp_path / "run"), *settings
-    )
-    assert run.returncode == 0, run.stderr
-    weights = str(tmp_path / "run" / "pretrained.safetensors")
+    from synthetic import synthetic_near_misses
 
     from vpsci_ros.data.near_misses import write_near_misses
-    from vpsci_ros.data.synthetic import synthetic_near_misses
+
+    write_near_misses(synthetic_near_misses().table, tmp_path / "all.parquet")
+    settings = [argument for text in small for argument in ("--set", text)]
+    stage = ["--params", str(PARAMS / "deterministic_stage1.yaml"), "--near-misses", str(tmp_path / "all.parquet")]
+    run = vpsci("pretrain", *stage, "-o", str(tmp_path / "run"), *settings)
+    assert run.returncode == 0, run.stderr
+    weights = str(tmp_path / "run" / "pretrained.safetensors")
 
     write_near_misses(synthetic_near_misses(8).table, tmp_path / "near.parquet")
     arguments = ["--data", str(tmp_path / "near.parquet"), "--json", str(tmp_path / "out.json")]
@@ -128,18 +129,15 @@ def test_pretraining_writes_weights_that_evaluation_reads(
     assert set(record["outputs_sha256"]) == {"log.csv", "learning.png", "params.yaml", "pretrained.safetensors"}
     made_from = json.loads((tmp_path / "out.json").read_text())["weights_sha256"]
     assert made_from["refined"] == record["outputs_sha256"]["pretrained.safetensors"]
-    assert "synthetic sample, good for trials only" in run.stderr
+    assert list(record["inputs_sha256"]) == [str(tmp_path / "all.parquet")]
     before = (tmp_path / "run" / "log.csv").stat().st_mtime_ns
-    same = vpsci(
-        "pretrain", "--params", str(PARAMS / "deterministic_stage1.yaml"), "-o", str(tmp_path / "run"), *settings
-    )
+    same = vpsci("pretrain", *stage, "-o", str(tmp_path / "run"), *settings)
     assert (same.returncode, "holds this run, finished" in same.stdout) == (0, True)
     assert (tmp_path / "run" / "log.csv").stat().st_mtime_ns == before
 
     refused = vpsci("evaluate", *arguments, "--refined", weights, "--pretrained", "pretrained", "--held-out")
     assert refused.returncode == 2
     assert "none of its clips was held out" in refused.stderr
-    write_near_misses(synthetic_near_misses().table, tmp_path / "all.parquet")  # what it was trained on
     found = []
     for options in ([], ["--held-out"]):
         models = ["--refined", weights, "--pretrained", weights, *options]
@@ -148,6 +146,6 @@ def test_pretraining_writes_weights_that_evaluation_reads(
         assert ("see --held-out" in own.stdout) == (not options)
         found.append(json.loads((tmp_path / "own.json").read_text())["interactions"])
     assert 0 < found[1] < found[0]
-    again = vpsci("pretrain", "--params", str(PARAMS / "deterministic_stage1.yaml"), "-o", str(tmp_path / "run"))
+    again = vpsci("pretrain", *stage, "-o", str(tmp_path / "run"))
     assert again.returncode == 2
     assert "holds a run with learner.episodes = 2, and this one has 300" in again.stderr

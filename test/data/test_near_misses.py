@@ -7,7 +7,10 @@ import polars as pl
 import pyarrow.parquet as pq
 import pytest
 from polars.testing import assert_frame_equal
+from synthetic import synthetic_near_misses
 
+from vpsci_ros.data.corpus import load_corpus
+from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import (
     NEAR_MISS_COLUMNS,
     WORKED_OUT,
@@ -18,8 +21,8 @@ from vpsci_ros.data.near_misses import (
     write_near_misses,
 )
 from vpsci_ros.data.parquet import read_metadata
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.resources import near_misses_path
 
 
 @pytest.fixture(scope="module")
@@ -164,3 +167,37 @@ def test_one_clip_cannot_be_split(table: pl.DataFrame) -> None:
         split_by_clip(table.filter(pl.col("interaction") == 0), 0.5, seed=0)
     with pytest.raises(InvalidInput, match="held_out_fraction = 1"):
         split_by_clip(table, 1.0, seed=0)
+
+
+def test_the_right_turns_of_the_package_are_real_near_misses_of_two_corners_and_two_parts() -> None:
+    table = read_near_misses("right_turns")
+    assert load_corpus([]).equals(table)  # what is learned from where nothing is given
+    assert near_misses_path("right_turns").stat().st_size < 2e6
+    assert table["source"].unique().to_list() == ["cqut-pvi"]
+    begin = table.filter(pl.col("step") == 0)
+    names = begin["clip"].str.split("/").list
+    assert dict(names.get(0).value_counts().rows()) == {"train": 595, "dev": 152}
+    assert names.get(1).unique().sort().to_list() == ["corner1", "corner2"]
+    for name in ("LICENSE", "README.md"):
+        assert (near_misses_path("right_turns").parent / name).is_file()
+
+
+def test_the_right_turns_of_the_package_are_what_the_importer_makes_of_the_recordings(real_data: Path) -> None:
+    if not (real_data / "cqut_pvi").is_dir():
+        pytest.skip(f"no cqut_pvi in {real_data}")
+    made = import_trajectories(real_data / "cqut_pvi", "cqut-pvi").table
+    for name, column in read_near_misses("right_turns").to_dict(as_series=True).items():
+        if column.dtype == pl.Float64:  # rounded to four decimals
+            assert made[name].to_numpy() == pytest.approx(column.to_numpy(), abs=1e-4), name
+        else:
+            assert made[name].equals(column), name
+
+
+def test_a_compact_table_is_the_same_to_a_tenth_of_a_millimetre(table: pl.DataFrame, tmp_path: Path) -> None:
+    paths = [tmp_path / "whole.parquet", tmp_path / "compact.parquet"]
+    for path, compact in zip(paths, (False, True), strict=True):
+        write_near_misses(table, path, compact=compact)
+    whole, single = map(read_near_misses, paths)
+    assert paths[1].stat().st_size < 0.6 * paths[0].stat().st_size
+    assert single["ped_x"].to_numpy() == pytest.approx(whole["ped_x"].to_numpy(), abs=1e-4)
+    assert single["curvttc"].is_infinite().equals(whole["curvttc"].is_infinite())

@@ -3,8 +3,8 @@ import json
 import numpy as np
 import polars as pl
 import pytest
+from synthetic import synthetic_near_misses
 
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.errors import CONTROLS, evaluate
 from vpsci_ros.evaluation.predictors import RepeatVelocity

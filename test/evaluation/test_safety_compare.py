@@ -5,10 +5,10 @@ import io
 import numpy as np
 import pytest
 from rich.console import Console
+from synthetic import synthetic_near_misses
 
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.data.reference import around_critical
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation import safety_compare
 from vpsci_ros.evaluation.measure_series import MEASURES, CompareConfig, first_flags

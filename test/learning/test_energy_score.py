@@ -6,9 +6,9 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from synthetic import synthetic_near_misses
 
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import EnergyScoreConfig, ImitationConfig, PretrainConfig
 from vpsci_ros.learning.energy_score import Likeness, draw_moments, sample

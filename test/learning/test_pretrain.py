@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from synthetic import synthetic_near_misses
 
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.learning.config import (
     DdpgConfig,

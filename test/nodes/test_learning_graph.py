@@ -6,12 +6,12 @@ from typing import Any
 import polars as pl
 import pytest
 from rosbags.highlevel import AnyReader
+from synthetic import synthetic_near_misses
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.near_misses import write_near_misses
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import GraphResult, run_graph

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from synthetic import synthetic_near_misses
 
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.beside import save_beside
 

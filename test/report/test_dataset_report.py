@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from synthetic import synthetic_near_misses
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.near_misses import write_near_misses
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.encounters import SCHEMA
 from vpsci_ros.report.figures import LEAST_IN_BIN, PEDESTRIAN_SPEED, VEHICLE_SPEED, shares

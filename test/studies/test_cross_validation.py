@@ -3,9 +3,9 @@ import dataclasses
 import numpy as np
 import polars as pl
 import pytest
+from synthetic import synthetic_near_misses
 
 from vpsci_ros.data.near_misses import folds_by_clip
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.evaluation.errors import CONTROLS, evaluate
 from vpsci_ros.learning.config import (

@@ -1,7 +1,7 @@
 import pytest
 from rich.console import Console
+from synthetic import synthetic_near_misses
 
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.evaluation.errors import CONTROLS, evaluate
 from vpsci_ros.learning.config import ImitationConfig, PretrainConfig

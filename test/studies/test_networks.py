@@ -3,9 +3,9 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from synthetic import synthetic_near_misses
 
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.predictors import RepeatVelocity
 from vpsci_ros.evaluation.protocols import eligible, reconstruct

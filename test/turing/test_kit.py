@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from synthetic import synthetic_near_misses
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.near_misses import write_near_misses
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.turing.answers import read_answers
 from vpsci_ros.turing.clips import FRAMES, SOURCES, equalised

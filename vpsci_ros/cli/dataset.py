@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Params, Resumable
+from vpsci_ros.cli.options import Params, Resumable, found
 from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.resources import RIGHT_TURNS
 
 if TYPE_CHECKING:
     from vpsci_ros.generate.job import Job
@@ -96,8 +97,8 @@ def report(
         Path | None, typer.Option("--output", "-o", help="Folder to write into; default: DIR/report.")
     ] = None,
     near_misses: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Near-miss table of recorded people to compare with.")
-    ] = None,
+        Path, typer.Option(metavar="FILE", callback=found, help="Near misses of recorded people to compare with.")
+    ] = Path(RIGHT_TURNS),
     beside: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Another dataset to compare with, say of the rule-based pair.")
     ] = None,

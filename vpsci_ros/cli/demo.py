@@ -10,7 +10,7 @@ from rich.console import Console
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.resources import params_dir
+from vpsci_ros.resources import RIGHT_TURNS, near_misses_path, params_dir
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.view.episodes import Episode, Source
 from vpsci_ros.view.page import write_view
@@ -37,17 +37,10 @@ SMALL: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
-WHERE_FROM = (
-    "no real recordings given, so a synthetic sample stands in. Real ones: dongfang-steven-yang/vci-dataset-dut and "
-    "vci-dataset-citr on GitHub (Yang et al., arXiv 1902.00487).\n"
-    "Put their *_filtered.csv into DIR/vci_dut and DIR/vci_citr and give VPSCI_DATA=DIR, or --data DIR; docs/data.md"
-)
-
-
 def run_demo(folder: Path, data: Path | None, *, force: bool = False) -> None:
     """Run the demonstration into `folder`.
 
-    :param data: folder that holds vci_dut and vci_citr; None: the synthetic sample.
+    :param data: folder that holds vci_dut and vci_citr, to be learned from besides the package's right turns.
     :param force: replace what an earlier demo left there.
     :raises InvalidInput: the folder holds something else, or `data` does not hold recordings.
     :raises VpsciError: a stage failed.
@@ -157,18 +150,23 @@ def _make_room(folder: Path, force: bool) -> None:
 
 def _near_misses(folder: Path, data: Path | None, console: Console) -> Path:
     from vpsci_ros.data.importers import import_folders, print_import_summary
-    from vpsci_ros.data.near_misses import write_near_misses
-    from vpsci_ros.data.synthetic import synthetic_near_misses
+    from vpsci_ros.data.near_misses import concat_near_misses, read_near_misses, write_near_misses
+    from vpsci_ros.data.parquet import read_metadata
 
     console.rule("near misses", align="left")
-    if data is None:
-        console.print(WHERE_FROM, soft_wrap=True)
-        result = synthetic_near_misses()
-    elif data.is_dir():
-        result = import_folders([data / "vci_dut", data / "vci_citr"], ["vci-dut", "vci-citr"])
-    else:
-        raise InvalidInput(f"{data}: no such folder; expected one that holds vci_dut and vci_citr")
+    tables, shipped = [read_near_misses(RIGHT_TURNS)], near_misses_path(RIGHT_TURNS)
+    sources = read_metadata(shipped)["sources"]
+    console.print(
+        f"{tables[0]['interaction'].n_unique()} of cars that turn right and people who cross, recorded at two corners "
+        f"in Chongqing; whose they are: {shipped.parent / 'README.md'}",
+        soft_wrap=True,
+    )
+    if data is not None:
+        if not data.is_dir():
+            raise InvalidInput(f"{data}: no such folder; expected one that holds vci_dut and vci_citr")
+        campus = import_folders([data / "vci_dut", data / "vci_citr"], ["vci-dut", "vci-citr"])
+        print_import_summary(campus, console)
+        tables, sources = [*tables, campus.table], sources | campus.metadata["sources"]
     path = folder / "near_misses.parquet"
-    write_near_misses(result.table, path, result.metadata)
-    print_import_summary(result, console)
+    write_near_misses(concat_near_misses(tables), path, {"sources": sources})
     return path

@@ -52,13 +52,16 @@ def import_command(
         typer.Option("--format", help="vci-dut, levelx, ...: docs/formats.md. For all folders, or one for each."),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Parquet file to write.")],
+    compact: Annotated[
+        bool, typer.Option("--compact", help="In single precision, to 0.1 mm: a third as large.")
+    ] = False,
 ) -> None:
     """Real trajectories in, near misses out: every pair whose CurvTTC falls below 5 s, at steps of 0.1 s."""
     from vpsci_ros.data.importers import import_folders, print_import_summary
     from vpsci_ros.data.near_misses import write_near_misses
 
     result = import_folders(folders, formats)
-    write_near_misses(result.table, output, result.metadata)
+    write_near_misses(result.table, output, result.metadata, compact=compact)
     print_import_summary(result)
     print(f"written: {output}")
 
@@ -105,7 +108,7 @@ def demo(
     output: Output = Path("out/demo"),
     data: Annotated[
         Path | None,
-        typer.Option(help="Folder with vci_dut and vci_citr; without it a synthetic sample.", envvar="VPSCI_DATA"),
+        typer.Option(help="Folder with vci_dut and vci_citr, to be learned from as well.", envvar="VPSCI_DATA"),
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Replace what an earlier demo left in the output folder.")

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vpsci_ros.resources import near_misses_path
+
 if TYPE_CHECKING:
     from vpsci_ros.runs.sections import Sections
 
@@ -17,12 +19,19 @@ Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="NODE.PARAMETER=VALUE", help="Override one parameter; repeatable.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
+
+
+def found(path: Path | None) -> Path | None:
+    """Return where the near misses lie that an option names: a path, or "right_turns", which the package ships."""
+    return path and near_misses_path(path)
+
+
 NearMisses = Annotated[
     list[Path] | None,
     typer.Option(
         "--near-misses",
         metavar="FILE",
-        help="Near-miss table (Parquet); repeatable. Default: the parameter file's, or a synthetic sample.",
+        help="Near-miss table (Parquet); repeatable. Default: the parameter file's, or right_turns.",
     ),
 ]
 

@@ -5,14 +5,19 @@ from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Quiet
+from vpsci_ros.cli.options import Quiet, found
+from vpsci_ros.resources import RIGHT_TURNS
 
 
 def realism(
-    data: Annotated[Path, typer.Option("--data", help="Near-miss table (Parquet) to be scored on.")],
+    data: Annotated[
+        Path, typer.Option("--data", callback=found, help="Near-miss table (Parquet) to be scored on.")
+    ] = Path(RIGHT_TURNS),
     library: Annotated[
         Path | None,
-        typer.Option(help="Near-miss table whose residuals the control borrows. Default: other clips of --data."),
+        typer.Option(
+            callback=found, help="Near-miss table whose residuals the control borrows. Default: other clips of --data."
+        ),
     ] = None,
     weights: Annotated[
         list[str] | None,

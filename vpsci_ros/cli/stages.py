@@ -8,6 +8,7 @@ from typing import Any
 import polars as pl
 from rich.console import Console
 
+from vpsci_ros.data.corpus import corpus_files
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
 from vpsci_ros.data.interactions import table_hash
 from vpsci_ros.data.near_misses import read_near_misses
@@ -47,7 +48,7 @@ def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) ->
             )
         return dict(weights.facts.get("held_out", {}))
 
-    if _run(folder, RunFolder(folder, resolved, learner.near_misses), StageBar("stage 1", quiet), learn):
+    if _run(folder, RunFolder(folder, resolved, corpus_files(learner.near_misses)), StageBar("stage 1", quiet), learn):
         print(f"written: {folder / 'pretrained.safetensors'}; log.csv, learning.png, run.json beside it")
 
 

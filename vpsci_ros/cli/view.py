@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+from vpsci_ros.cli.options import found
+from vpsci_ros.resources import RIGHT_TURNS
+
 turing_app = typer.Typer(no_args_is_help=True, help="The Turing test of section 4.4: can people tell real from made?")
 
 
@@ -47,8 +50,10 @@ def view(
 
 @turing_app.command()
 def make(
-    near_misses: Annotated[Path, typer.Argument(metavar="TABLE", help="Near-miss table of recorded people (Parquet).")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")],
+    near_misses: Annotated[
+        Path, typer.Argument(metavar="TABLE", callback=found, help="Near-miss table of recorded people (Parquet).")
+    ] = Path(RIGHT_TURNS),
     weights: Annotated[
         str, typer.Option(metavar="FILE", help="Policies to be judged; or shipped ones' name.")
     ] = "refined",

@@ -1,4 +1,4 @@
-"""The near misses that a run learns from: the files it names, or the synthetic sample."""
+"""The near misses that a run learns from: the files it names, or the package's own."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,14 +6,17 @@ from pathlib import Path
 import polars as pl
 
 from vpsci_ros.data.near_misses import concat_near_misses, read_near_misses
-from vpsci_ros.data.synthetic import synthetic_near_misses
+from vpsci_ros.resources import RIGHT_TURNS, near_misses_path
 
 
-def load_corpus(paths: Sequence[str | Path]) -> pl.DataFrame:
-    """Return the near-miss tables of `paths` as one, interactions numbered through; no paths: the synthetic sample.
+def corpus_files(names: Sequence[str | Path]) -> list[Path]:
+    """Return the near-miss tables that `names` mean: paths, or the package's right turns, also where there is none."""
+    return [near_misses_path(name) for name in names or [RIGHT_TURNS]]
+
+
+def load_corpus(names: Sequence[str | Path]) -> pl.DataFrame:
+    """Return the near-miss tables of `corpus_files` as one, interactions numbered through.
 
     :raises InvalidInput: a file is missing or does not hold a near-miss table.
     """
-    if not paths:
-        return synthetic_near_misses().table
-    return concat_near_misses([read_near_misses(path) for path in paths])
+    return concat_near_misses([read_near_misses(path) for path in corpus_files(names)])

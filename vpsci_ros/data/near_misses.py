@@ -19,12 +19,13 @@ from vpsci_ros.data.parquet import Column, read_metadata, read_parquet, write_pa
 from vpsci_ros.data.reference import AFTER, with_reference
 from vpsci_ros.documents import require_form
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.resources import near_misses_path
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
 
 NEAR_MISS_COLUMNS: dict[str, Column] = {
     "interaction": Column(pl.Int64, "", "number of the interaction; its rows lie together"),
-    "source": Column(pl.String, "", "data set the interaction comes from; 'synthetic' for the package's own sample"),
+    "source": Column(pl.String, "", "data set the interaction comes from"),
     "clip": Column(pl.String, "", "recording within the source; the unit by which data are held out"),
     "step": Column(pl.Int64, "", "number of the row within its interaction, without a gap"),
     "time": Column(pl.Float64, "s", "time in the clip"),
@@ -56,13 +57,14 @@ _TURN_LIMIT = 1.0  # [rad] a heading turns by less than this in one step, or it 
 
 
 def read_near_misses(path: str | Path) -> pl.DataFrame:
-    """Read and check a near-miss table.
+    """Read and check a near-miss table; "right_turns" is the one shipped with the package.
 
     Tables from before November 2026, and people's own, may lack the columns `WORKED_OUT`; a warning says so.
 
     :returns: the columns of `NEAR_MISS_COLUMNS` in that order (further ones are left out), see `check_near_misses`.
     :raises InvalidInput: no such file, not Parquet, or not a near-miss table; names file, column, row, and the remedy.
     """
+    path = near_misses_path(path)
     table = read_parquet(path, _WHAT)
     if missing := [name for name in WORKED_OUT if name not in table.columns]:
         warnings.warn(
@@ -74,12 +76,20 @@ def read_near_misses(path: str | Path) -> pl.DataFrame:
     return check_near_misses(table, str(path), _sizes(path))
 
 
-def write_near_misses(table: pl.DataFrame, path: str | Path, metadata: Mapping[str, Any] | None = None) -> None:
+def write_near_misses(
+    table: pl.DataFrame, path: str | Path, metadata: Mapping[str, Any] | None = None, *, compact: bool = False
+) -> None:
     """Check `table` and write it as Parquet (zstd), whole or not at all, with units and `metadata` in the schema.
+
+    :param compact: round to four decimals (0.1 mm) in single precision: a third of the size.
 
     :raises InvalidInput: `table` is not a near-miss table, or the folder of `path` does not exist.
     """
-    write_parquet(check_near_misses(table, str(path)), path, NEAR_MISS_COLUMNS, content=_WHAT, **(metadata or {}))
+    table, columns = check_near_misses(table, str(path)), NEAR_MISS_COLUMNS
+    if compact:
+        table = table.with_columns(pl.col(_FLOATS).round(4).cast(pl.Float32))
+        columns = columns | {name: columns[name]._replace(dtype=pl.Float32) for name in _FLOATS}
+    write_parquet(table, path, columns, content=_WHAT, **(metadata or {}))
 
 
 def _sizes(path: str | Path) -> dict[str, tuple[float, float]]:

@@ -43,7 +43,10 @@ def write_parquet(table: pl.DataFrame, path: str | Path, columns: Mapping[str, C
     """
     schema = arrow_schema(columns, metadata)
     with written_whole(path) as part:
-        pq.write_table(table.select(list(columns)).to_arrow().cast(schema), part, compression="zstd")
+        arrow = table.select(list(columns)).to_arrow().cast(schema)
+        single = [field.name for field in schema if pa.types.is_float32(field.type)]  # bytes of like weight together
+        own = {"use_byte_stream_split": single, "use_dictionary": [n for n in schema.names if n not in single]}
+        pq.write_table(arrow, part, compression="zstd", **(own if single else {}))
 
 
 def read_parquet(path: str | Path, what: str, columns: Iterable[str] = ()) -> pl.DataFrame:

@@ -29,6 +29,7 @@ from vpsci_ros.exam.process import OWN, command_of, files_of
 from vpsci_ros.exam.report import ADS, BASELINE, make_report
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.policy.agent_types import AGENT_TYPES
+from vpsci_ros.resources import near_misses_path
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json, write_text
 from vpsci_ros.runs.identity import require_same
@@ -63,7 +64,7 @@ def prepare(sections: Sections, ads: str | None = None) -> Exam:
             f"ads_test.ads = {OWN}: hears of the first pedestrian only on /pedestrian/odometry, and "
             f"world_simulator.pedestrians = {world.pedestrians}; set ads_test.perception to true, which tells it of all"
         )
-    if config.recorded and not Path(config.recorded).is_file():
+    if config.recorded and not near_misses_path(config.recorded).is_file():
         raise InvalidInput(f"ads_test.recorded = {config.recorded}: no such file; expected a near-miss table (Parquet)")
     _ = exam.weights, exam.scenarios
     return exam
@@ -163,7 +164,7 @@ def identity_of(exam: Exam) -> dict[str, Any]:
         "scenarios_sha256": {scenario.name: scenario.sha256 for scenario in exam.scenarios},
         "weights_sha256": sha256(exam.weights),
         "agents": {name: AGENT_TYPES.origin(name) for name in exam.config.met if name in added_pedestrians()},
-        "recorded_sha256": sha256(exam.config.recorded) if exam.config.recorded else "",
+        "recorded_sha256": sha256(near_misses_path(exam.config.recorded)) if exam.config.recorded else "",
         "software": software_versions(),
         "cpu": cpu_name(),
     }

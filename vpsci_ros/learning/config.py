@@ -21,7 +21,9 @@ class LearnerConfig:
     """What the learner does, from what, and where it writes."""
 
     stage: str = parameter("pretrain", "stage 1 or stage 2", choices=("pretrain", "refine"))
-    near_misses: list[str] = parameter([], "Parquet files of real near misses; empty: the synthetic sample")
+    near_misses: list[str] = parameter(
+        [], "Parquet files of real near misses; right_turns, or empty: the package's own"
+    )
     output: str = parameter("out/learner", "folder for weights, log and checkpoints")
     seed: int = parameter(1, "seed of initial weights and sampling", low=0, high=2**63 - 1)
 

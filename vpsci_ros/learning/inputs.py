@@ -1,12 +1,11 @@
 """What a command that learns takes from the sections of a parameter file."""
 
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
 import polars as pl
 
-from vpsci_ros.data.corpus import load_corpus
+from vpsci_ros.data.corpus import corpus_files, load_corpus
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
 from vpsci_ros.parameters import values_of
@@ -63,7 +62,7 @@ def stage_2_inputs(sections: Sections) -> Stage2Inputs:
         "world_simulator": values_of(sections.get(RunConfig, "world_simulator"), simulation.world),
         "safety_monitor": values_of(simulation.monitor),
     } | {f"{agent}_policy": values_of(policy) for agent, policy in simulation.policies.items()}
-    files: list[str | Path] = [*learner.near_misses, start]
+    files: list[str | Path] = [*corpus_files(learner.near_misses), start]
     return Stage2Inputs(learner, config, simulation, load_weights(start), _corpus(learner), files, Sections(resolved))
 
 
@@ -89,8 +88,6 @@ def _learner(sections: Sections, stage: str) -> LearnerConfig:
 
 
 def _corpus(learner: LearnerConfig) -> pl.DataFrame:
-    if not learner.near_misses:
-        print("no near misses given: learning from the synthetic sample, good for trials only", file=sys.stderr)
     return load_corpus(learner.near_misses)
 
 

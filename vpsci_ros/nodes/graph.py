@@ -16,6 +16,7 @@ from pathlib import Path
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.bags.run_record import bag_run
+from vpsci_ros.data.corpus import corpus_files
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.learning.config import LearnerConfig, RefineConfig
@@ -90,7 +91,8 @@ def run_graph(
             processes = NodeProcesses(chosen.nodes, parameters, folder / "log", chosen.namespace)
             _run_to_the_end(result, resolved, processes, quiet, requested, stop_when)
         result.wall_time = time.monotonic() - begun
-        near_misses = resolved.values.get("learner", {}).get("near_misses", [])
+        learner = resolved.values.get("learner")
+        near_misses = [] if learner is None else corpus_files(learner.get("near_misses", []))
         with _told_in(result):
             write_record(
                 folder / RECORD,
@@ -101,7 +103,7 @@ def run_graph(
                     "exit_status": result.exits,
                     "second_publishers": result.second_publishers,
                 },
-                inputs=hashes | {path: sha256(path) for path in near_misses if Path(path).is_file()},
+                inputs=hashes | {str(path): sha256(path) for path in near_misses if path.is_file()},
             )
     return result
 

@@ -37,8 +37,6 @@ class Learner(GraphNode):
         super().__init__("learner", context=context, parameter_overrides=parameter_overrides)
         self._config = self.config(LearnerConfig)
         self._near_misses = load_corpus(self._config.near_misses)
-        if not self._config.near_misses:
-            self.get_logger().warning("no near misses given: learning from the synthetic sample, good for trials only")
         self._folder = Path(self._config.output)
         self._status: dict[str, Any] = {}
         self.diagnose(self._status.items, lambda: self._config.stage)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from vpsci_ros.data.corpus import corpus_files
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.error_table import print_errors
 from vpsci_ros.learning.inputs import stage_1_inputs, stage_2_inputs, stage_2_parameters
@@ -36,7 +37,7 @@ def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, 
     sizes = sizes or SAMPLE_SIZES
     learner, config, network, corpus, resolved = stage_1_inputs(sections)
     facts = {"study": {"sizes": list(sizes)}}
-    with RunFolder(folder, resolved, learner.near_misses, facts) as run:
+    with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
         with StageBar("samples", quiet) as bar, stopped_between_updates() as check:
 
             def report(name: str, values: dict[str, float]) -> None:
@@ -68,7 +69,7 @@ def run_fold_study(
         their_learner, refine, simulation = stage_2_parameters(stage_2)
         refinement = Refinement(refine, simulation, their_learner.seed)
     facts = {"study": {"folds": folds} | ({} if refinement is None else {"stage_2": refinement.identity()})}
-    with RunFolder(folder, resolved, learner.near_misses, facts) as run:
+    with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
         with StageBar("folds", quiet) as bar, stopped_between_updates() as check:
 
             def report(name: str, values: dict[str, float]) -> None:
@@ -104,7 +105,9 @@ def run_model_study(
     for name in models:
         MODELS.find(name)
     learner, config, network, corpus, resolved = stage_1_inputs(sections)
-    with RunFolder(folder, resolved, learner.near_misses, {"study": {"models": list(models), "folds": folds}}) as run:
+    with RunFolder(
+        folder, resolved, corpus_files(learner.near_misses), {"study": {"models": list(models), "folds": folds}}
+    ) as run:
         with StageBar("models", quiet) as bar, stopped_between_updates() as check:
 
             def report(name: str, values: dict[str, float]) -> None:

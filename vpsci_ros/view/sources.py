@@ -7,6 +7,7 @@ from pathlib import Path
 
 from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.resources import near_misses_path
 from vpsci_ros.view.bag import bag_source
 from vpsci_ros.view.episodes import Source
 from vpsci_ros.view.generated import dataset_source
@@ -17,12 +18,13 @@ EXPECTED = "expected a near-miss table (Parquet), the folder of a dataset, a bag
 
 
 def read_source(path: Path, limit: int = LIMIT, wanted: Sequence[str] = ()) -> Source:
-    """Return what lies at `path`.
+    """Return what lies at `path`, or the near misses that it names ("right_turns").
 
     :param limit: episodes at most; where there are more, evenly spread ones are taken.
     :param wanted: only these episodes, by name: "6:12", or the number of an interaction.
     :raises InvalidInput: nothing is there, it is none of these or damaged, it holds no episode, or none as wanted.
     """
+    path = near_misses_path(path)
     if not path.exists():
         raise InvalidInput(f"{path}: no such file or folder; {EXPECTED}")
     if path.is_dir() and (path / DESCRIPTION).is_file():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from synthetic import synthetic_near_misses
 
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets
 
 

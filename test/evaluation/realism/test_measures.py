@@ -3,8 +3,8 @@
 import numpy as np
 import polars as pl
 import pytest
+from synthetic import synthetic_near_misses
 
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.features import features, lent
 from vpsci_ros.evaluation.realism.likelihood import likelihoods

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from synthetic import synthetic_near_misses
 
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode_frames import EpisodeBatch
-from vpsci_ros.data.synthetic import synthetic_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.elsewhere import elsewhere, reactions
 from vpsci_ros.evaluation.realism.free import AFTER, as_near_misses, described

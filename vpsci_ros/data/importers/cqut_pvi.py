@@ -36,6 +36,11 @@ CUTOFF = 0.8  # [Hz] above which the smoothing takes motion for noise
 RESIDUAL = {"pedestrian": 0.05, "vehicle": 0.06}  # [m] root mean square between measured and smoothed positions
 ACCELERATION = 4.5  # [m/s2] of either road user
 CHORD = 0.75  # [m] of way before and after a place, between which its heading is the direction
+ASSUMED = (
+    "headings are directions of the way",
+    "vehicles are 4.5 x 1.8 m",
+    "times within a clip say nothing about when its events were recorded",
+)
 _COLUMNS = ("event", *(f"{who}_{what}" for who in RESIDUAL for what in ("x", "y", "speed", "acceleration", "waiting")))
 _MOVING = 0.4  # [m/s] above which speeds are compared with positions
 _STANDING = 0.1  # [m/s] below which a vehicle makes no way
@@ -162,7 +167,7 @@ def _clip(name: str, events: list[_Event], numbers: list[int], twice: int) -> Cl
         vehicles.append(Track(number, first, vehicle))
         pedestrians.append(Track(number, first, pedestrian))
         first += len(vehicle["x"]) + _APART
-    return Clip(name, vehicles, pedestrians, left_out)
+    return Clip(name, vehicles, pedestrians, left_out, ASSUMED)
 
 
 def _tracks(event: _Event) -> tuple[dict[str, Floats], dict[str, Floats]]:
