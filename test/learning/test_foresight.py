@@ -13,11 +13,11 @@ from vpsci_ros.learning.foresight import (
 )
 from vpsci_ros.learning.replay import History
 from vpsci_ros.learning.rewards import AHEAD, clearance
-from vpsci_ros.learning.transitions import LANE_GRID, LANE_NODES, TransitionBuilder
+from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
 from vpsci_ros.world import World, WorldConfig, load_scenario
 from vpsci_ros.world.loop import Loop
-from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.observation import AGENTS, LANE_GRID, LANE_NODES
 from vpsci_ros.world.tick import Actions
 
 
@@ -99,7 +99,7 @@ def test_the_course_of_the_hand_over_stays_where_it_was_while_the_vehicle_turns(
 
 def regardless(agent, acceleration, sideways=False):
     """What `foresee` takes for one roll-out in which `agent` accelerates by so much whatever its policy says."""
-    return {agent: torch.tensor([[0.0, acceleration] if sideways else [acceleration, 0.0]])}
+    return {agent: torch.tensor([0.0, acceleration] if sideways else [acceleration, 0.0]).expand(1, 60, -1)}
 
 
 def test_a_vehicle_that_brakes_whatever_its_policy_says_stands_after_its_braking_distance(networks):
@@ -154,15 +154,15 @@ def test_a_car_that_meets_somebody_who_walks_on_learns_to_avoid_them_and_they_le
 
 
 def test_the_given_shares_brake_or_drive_on_or_walk_on_and_never_two_at_once():
-    drawn = draw_scripted(4000, 0.25, [0.15, 0.1], np.random.default_rng(0))
-    vehicle, pedestrian = (drawn[agent].numpy()[:, 0] for agent in ("vehicle", "pedestrian"))
+    drawn = draw_scripted(4000, 3, 0.25, [0.15, 0.1], np.random.default_rng(0))
+    vehicle, pedestrian = (drawn[agent].numpy()[:, 2, 0] for agent in ("vehicle", "pedestrian"))
     braking = vehicle[vehicle < 0.0]
     assert len(braking) / 4000 == pytest.approx(0.25, abs=0.028)  # four standard deviations
     assert -BRAKING[1] <= braking.min() < braking.max() <= -BRAKING[0]
     assert (vehicle == 0.0).mean() == pytest.approx(0.15, abs=0.023)
     assert (pedestrian == 0.0).mean() == pytest.approx(0.1, abs=0.019)
     assert not (~np.isnan(vehicle) & ~np.isnan(pedestrian)).any()
-    nobody = draw_scripted(50, 0.0, [0.0, 0.0], np.random.default_rng(0))
+    nobody = draw_scripted(50, 3, 0.0, [0.0, 0.0], np.random.default_rng(0))
     assert all(part.isnan().all() for part in nobody.values())
 
 

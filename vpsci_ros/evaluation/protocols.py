@@ -1,4 +1,4 @@
-"""The two honest protocols for error of DESIGN.md: reconstruction and closed loop, batched over interactions.
+"""The two honest protocols for error: reconstruction and closed loop, batched over interactions.
 
 Both begin at the first critical step (CurvTTC < 5 s) after up to ten observed steps, and take interactions that stay
 within 5 s for at least one second, from the first critical step to the last.
@@ -7,7 +7,7 @@ within 5 s for at least one second, from the first critical step to the last.
   step. The trajectory is integrated from predicted speeds and compared with the one integrated from recorded speeds.
 - Closed loop: both agents run on their own predictions up to the last critical step, at most 3 s, and their positions
   are compared with the recorded ones. Where the model says so (`tracked_steps`), the vehicle sets out with the velocity
-  of its last observed positions instead of the published one, see `scene.scene_at`.
+  of its last observed positions instead of the published one, see `kinematics.scene.scene_at`.
 
 ADE (30) and FDE (31) are means over both agents. RMSE (29) pools all steps, in the vehicle's heading frame: of the
 recorded step in reconstruction, of the predicted step in closed loop.
@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.predictors import Actions, Predictor
-from vpsci_ros.evaluation.scene import Scene, advance, observe, scene_at, time_to_collision
-from vpsci_ros.world.observation import STEP
+from vpsci_ros.evaluation.predictors import Predictor
+from vpsci_ros.kinematics.rollout import Seen, roll_out
+from vpsci_ros.kinematics.scene import scene_at
+from vpsci_ros.world.observation import AGENTS, STEP
 
 OBSERVED = 10  # steps observed before the first predicted one, at most
 LONGEST = 30  # steps of closed loop, 3 s
@@ -131,25 +132,18 @@ def closed_loop_trajectories(model: Predictor, interactions: Interactions) -> ND
         seen = interactions.observation["vehicle"][rows, at], interactions.observation["pedestrian"][rows, at]
         model.act(*seen, interactions.curvttc[rows, at], active)
         model.executed((interactions.action["vehicle"][rows, at], interactions.action["pedestrian"][rows, at]), active)
-    scene = scene_at(torch.from_numpy(interactions.motion), torch.from_numpy(interactions.first), model.tracked_steps)
-    curvttc = interactions.curvttc[rows, interactions.first]
-    steps = horizon(interactions)
-    out = np.zeros((n, int(steps.max()), interactions.motion.shape[2]))
-    for step in range(out.shape[1]):
-        active = step < steps
-        views = [view.numpy().astype(np.float32) for view in observe(scene)]
-        answers: Actions = model.act(views[0], views[1], curvttc, active)
+    start = scene_at(torch.from_numpy(interactions.motion), torch.from_numpy(interactions.first), model.tracked_steps)
+    known, steps = interactions.curvttc[rows, interactions.first], horizon(interactions)
+
+    def act(seen: Seen) -> dict[str, torch.Tensor]:
+        active = seen.step < steps
+        views = [seen.observation[agent].numpy().astype(np.float32) for agent in AGENTS]
+        answers = model.act(views[0], views[1], seen.curvttc.numpy() if seen.step else known, active)
         model.executed(answers, active)
-        scene = advance(scene, *(torch.from_numpy(np.where(active[:, None], a, 0).astype(np.float64)) for a in answers))
-        curvttc = time_to_collision(scene).numpy()
-        out[:, step] = _row(scene)
-    return out
+        done = (torch.from_numpy(np.where(active[:, None], answer, 0).astype(np.float64)) for answer in answers)
+        return dict(zip(AGENTS, done, strict=True))
 
-
-def _row(scene: Scene) -> NDArray[np.float64]:
-    parts = (scene.vehicle, scene.heading[:, None], scene.vehicle_velocity, scene.pedestrian, scene.pedestrian_velocity)
-    row: NDArray[np.float64] = torch.cat(parts, dim=1).numpy()
-    return row
+    return np.stack([scene.rows().numpy() for scene in roll_out(start, act, [n] * int(steps.max()))], axis=1)
 
 
 def _reconstruction_errors(velocity_error: NDArray[np.float64], interactions: Interactions) -> ProtocolErrors:

@@ -66,7 +66,7 @@ class Foreseeing:
             pace=config.pace_weights,
             gain=GAIN,
             speeding_weight=config.speeding_weight,
-            scripted=draw_scripted(len(histories), config.braking_share, config.insisting_shares, rng),
+            scripted=draw_scripted(len(histories), config.steps, config.braking_share, config.insisting_shares, rng),
         )
         rewards = [self._training.rewards.speed(batch, actions[agent], agent) for agent in AGENTS]
         speed_loss = -(torch.stack(rewards) * batch.present).sum() / (len(AGENTS) * batch.present.sum())

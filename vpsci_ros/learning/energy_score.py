@@ -1,9 +1,9 @@
 """The objective of stochastic actors: stage 1 learns what people do and not its mean, stage 2 stays near it.
 
-From a moment of a recorded near miss both actors run on together through the known kinematics (`scene`), several times
-with other latent numbers and noise, and their energy score against what happened is followed through all of it: of
-positions at every step and of velocities, and the texture of their accelerations (`likeness`). A deterministic actor
-that minimised a distance instead would learn the mean of what people do, which nobody does.
+From a moment of a recorded near miss both actors run on together through the known kinematics (`rollout`), several
+times with other latent numbers and noise. The gradient of their energy score against what happened is followed through
+all of it: of positions at every step and of velocities, and the texture of their accelerations (`likeness`). A
+deterministic actor that minimised a distance instead would learn the mean of what people do, which nobody does.
 """
 
 import contextlib
@@ -20,7 +20,8 @@ from torch import Tensor
 
 from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.scene import Scene, advance, observe, scene_at, time_to_collision
+from vpsci_ros.kinematics.rollout import ActorPair, Draws, roll_out
+from vpsci_ros.kinematics.scene import Scene, scene_at
 from vpsci_ros.learning import foresight
 from vpsci_ros.learning.config import ImitationConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.foresight import step_along
@@ -28,11 +29,10 @@ from vpsci_ros.learning.human_foresight import GAIN, foresee_people
 from vpsci_ros.learning.imitation import OBSERVED, RISE, RecordedSteps, Start, recorded
 from vpsci_ros.learning.likeness import REACH, direction, energy_score, lent, smoothed, texture_distance, velocities
 from vpsci_ros.learning.maddpg import UpdateResult
-from vpsci_ros.learning.networks import Actors, Networks
+from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Objective, Training
 from vpsci_ros.learning.replay import Batch
-from vpsci_ros.policy.actor import previous
-from vpsci_ros.policy.sst import StepState, Window
+from vpsci_ros.policy.actor import Actors, previous
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, STEP
 
 AT_ONSET = 0.5  # share of roll-outs that begin within two steps of the first critical one, as they are measured
@@ -80,32 +80,20 @@ def sample(
     :param data: as `recorded` cuts it out, with `steps` + 1 steps from the moment on.
     :param lead: int64[M], steps observed before each moment.
     """
-    rows = np.arange(len(lead))
-    scene = Scene(*(_again(part, samples) for part in scene_at(data.motion, torch.from_numpy(lead), tracked)))
-    memory, before, latent, noise = {}, {}, {}, {}
+    rows, taken = np.arange(len(lead)), torch.from_numpy(lead)
+    scene = Scene(*(part.repeat_interleave(samples, dim=0) for part in scene_at(data.motion, taken, tracked)))
+    memory, before, draws = {}, {}, Draws({}, {})
     for agent in AGENTS:
         done = data.action[agent]
-        taken = torch.from_numpy(lead)
         _, states = actors[agent].remember(data.observation[agent], previous(done), data.curvttc, taken)
-        memory[agent] = [_repeated(state, samples) for state in states]
+        memory[agent] = [state.repeated(samples) for state in states]
         last = done[rows, np.maximum(lead - 1, 0)] * torch.from_numpy((lead > 0).astype(np.float32))[:, None]
-        before[agent] = _again(last, samples)
-        latent[agent] = torch.randn(len(lead) * samples, actors[agent].latent)
-        noise[agent] = torch.randn(len(lead) * samples, ACTION_SIZE)
-    out = [_row(scene)]
-    for step in range(steps):
-        views, curvttc = dict(zip(AGENTS, observe(scene), strict=True)), time_to_collision(scene).float()
-        for agent in AGENTS:
-            actor = actors[agent]
-            mean, scale = actor.distribution(views[agent], before[agent], curvttc, memory[agent], latent[agent])
-            if step:
-                noise[agent] = actor.next_noise(noise[agent], torch.randn_like(noise[agent]))
-            before[agent] = (mean + scale * actor.burst(noise[agent])).clamp(-actor.limit, actor.limit)
-        scene = advance(scene, before["vehicle"], before["pedestrian"])
-        out.append(_row(scene))
-        if not all(bool(part.isfinite().all()) for part in scene):
-            break  # for the check of losses to find, before CurvTTC is asked of it
-    out += [torch.nan * out[-1]] * (steps + 1 - len(out))
+        before[agent] = last.repeat_interleave(samples, dim=0)
+        draws.latent[agent] = torch.randn(len(last) * samples, actors[agent].latent)
+        draws.noise[agent] = torch.randn(len(last) * samples, ACTION_SIZE)
+    moving = [len(lead) * samples] * steps
+    out = [scene.rows(), *(now.rows() for now in roll_out(scene, ActorPair(actors, memory, before, draws), moving))]
+    out += out[-1:] * (steps + 1 - len(out))  # NaN, for the check of losses to find
     at = lead[:, None] + np.arange(steps + 1)
     return Sampled(torch.stack(out, dim=1).unflatten(0, (-1, samples)), data.motion[rows[:, None], at])
 
@@ -259,23 +247,3 @@ def _dropout(actors: Actors, share: float) -> Iterator[None]:
     yield
     for agent in AGENTS:
         actors[agent].dropout = 0.0
-
-
-def _again(part: Tensor, samples: int) -> Tensor:
-    return part.repeat_interleave(samples, dim=0)
-
-
-def _repeated(state: StepState, samples: int) -> StepState:
-    """Return what a layer remembers, each row `samples` times."""
-    out = StepState()
-    out.window = None if state.window is None else Window(*(_again(part, samples) for part in state.window))
-    out.h = None if state.h is None else _again(state.h, samples)
-    out.keys, out.values, out.gates = (
-        [_again(part, samples) for part in parts] for parts in (state.keys, state.values, state.gates)
-    )
-    return out
-
-
-def _row(scene: Scene) -> Tensor:
-    parts = (scene.vehicle, scene.heading[:, None], scene.vehicle_velocity, scene.pedestrian, scene.pedestrian_velocity)
-    return torch.cat(parts, dim=1)

@@ -34,15 +34,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vpsci_ros.evaluation.scene import Scene, from_heading_frame, observe, time_to_collision
-from vpsci_ros.learning.networks import Actors
+from vpsci_ros.kinematics.lane import OnLane
+from vpsci_ros.kinematics.rollout import Actions, ActorPair, Seen, roll_out
+from vpsci_ros.kinematics.scene import from_heading_frame
 from vpsci_ros.learning.replay import History, collate
 from vpsci_ros.learning.rewards import collision_loss, pedestrian_pace_loss, vehicle_pace_loss
-from vpsci_ros.learning.transitions import LANE_GRID
-from vpsci_ros.policy.actor import previous
+from vpsci_ros.policy.actor import Actors, previous
 from vpsci_ros.policy.sst import StepState
-from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION
-from vpsci_ros.world.observation import AGENTS, STEP
+from vpsci_ros.world.observation import AGENTS, LANE_GRID, STEP
 
 CRUISE = 3.5  # [m/s] pace that a vehicle which stands or creeps should take up
 LONGEST = 20.0  # times the median: the length to which gradients of single roll-outs are shortened
@@ -114,76 +113,23 @@ def foresee(
     :param pace: weights of the vehicle's and of the pedestrian's pace.
     :param gain: share of the pedestrian's acceleration that becomes motion, (21)-(24).
     :param speeding_weight: what being faster than at the hand-over costs, against being slower by as much.
-    :param scripted: by agent, what it does [M, 2] [m/s2] whatever its policy says; NaN: the policy acts.
+    :param scripted: as `ActorPair` takes recorded actions.
     :returns: float32 scalars with gradient, means of all roll-outs and steps.
     """
-    memory, before, scripted = remembered(actors, start), start.before, scripted or {}
+    lane = OnLane(start.lane, start.speed, start.pedestrian, start.walking, gain)
+    pair = ActorPair(actors, remembered(actors, start), start.before, recorded=scripted, bound=bounded)
     collision, goal = torch.zeros(()), torch.zeros(())
-    now = set_out(start)
-    for _ in range(steps):
-        scene, speed = now.scene, now.speed
-        views, curvttc = dict(zip(AGENTS, observe(scene), strict=True)), time_to_collision(scene)
-        before = {a: actors[a].step(views[a], before[a], curvttc, memory[a]) for a in AGENTS}
-        before |= {agent: torch.where(done.isnan(), before[agent], done) for agent, done in scripted.items()}
-        for answer in before.values():
-            if answer.requires_grad:
-                answer.register_hook(bounded)
-        goal = goal + pace[0] * vehicle_pace_loss(speed, start.cruise, speeding_weight).mean()
-        goal = goal + pace[1] * pedestrian_pace_loss(scene.pedestrian_velocity, start.course, speeding_weight).mean()
-        now = advance_on_lane(now, start.lane, before["vehicle"], before["pedestrian"], gain)
-        collision = collision + collision_loss(now.scene, now.speed, margin, anticipation).mean()
-        if not bool(collision.isfinite()):
-            return collision, goal  # for the check of losses to find, before CurvTTC is asked of it
+
+    def act(seen: Seen) -> Actions:
+        nonlocal goal
+        actions, walking = pair(seen), seen.scene.pedestrian_velocity
+        goal = goal + pace[0] * vehicle_pace_loss(lane.speed, start.cruise, speeding_weight).mean()
+        goal = goal + pace[1] * pedestrian_pace_loss(walking, start.course, speeding_weight).mean()
+        return actions
+
+    for scene in roll_out(lane.start, act, [len(start.speed)] * steps, lane.advance):
+        collision = collision + collision_loss(scene, lane.speed, margin, anticipation).mean()
     return collision / steps, goal / steps
-
-
-class OnLane(NamedTuple):
-    """Scenes whose vehicles keep to their lanes."""
-
-    scene: Scene
-    ahead: Tensor  # [B, 2] unit vectors along the vehicles' headings
-    speed: Tensor  # [B] [m/s] of the vehicles
-    driven: Tensor  # [B] [m] along the lane since the roll-out began
-
-
-def set_out(start: Moments) -> OnLane:
-    """Return the scenes of the moments."""
-    still = torch.zeros(len(start.speed))
-    return _on_lane(start.lane, still, start.speed, torch.stack([still, still], dim=1), start.pedestrian, start.walking)
-
-
-def advance_on_lane(
-    now: OnLane, lane: Tensor, vehicle_action: Tensor, pedestrian_action: Tensor, gain: float
-) -> OnLane:
-    """Return the scenes one step of 0.1 s later, (18)-(24); actions [B, 2] [m/s2] in the vehicle's heading frame.
-
-    :param lane: direction every `LANE_GRID` metres, [B, N] [rad].
-    :param gain: share of the pedestrian's acceleration that becomes motion.
-    """
-    scene = now.scene
-    along = vehicle_action[:, 0].clamp(-MAX_DECELERATION, MAX_ACCELERATION)
-    faster = (now.speed + along * STEP).clamp(min=0.0)
-    way = 0.5 * (now.speed + faster) * STEP
-    pushed = from_heading_frame(pedestrian_action, scene.heading) * (gain * STEP)
-    vehicle, driven = scene.vehicle + way[:, None] * now.ahead, now.driven + way
-    pedestrian = scene.pedestrian + (scene.pedestrian_velocity + 0.75 * pushed) * STEP
-    return _on_lane(lane, driven, faster, vehicle, pedestrian, scene.pedestrian_velocity + pushed)
-
-
-def _on_lane(
-    lane: Tensor, driven: Tensor, speed: Tensor, vehicle: Tensor, pedestrian: Tensor, walking: Tensor
-) -> OnLane:
-    heading, bend = _direction(lane, driven)
-    ahead = torch.stack([torch.cos(heading), torch.sin(heading)], dim=1)
-    scene = Scene(
-        vehicle=vehicle,
-        heading=heading,
-        vehicle_velocity=speed[:, None] * ahead,
-        curvature=bend,
-        pedestrian=pedestrian,
-        pedestrian_velocity=walking,
-    )
-    return OnLane(scene=scene, ahead=ahead, speed=speed, driven=driven)
 
 
 def draw_moments(
@@ -197,9 +143,9 @@ def draw_moments(
 
 
 def draw_scripted(
-    count: int, braking: float, insisting: Sequence[float], rng: np.random.Generator
+    count: int, steps: int, braking: float, insisting: Sequence[float], rng: np.random.Generator
 ) -> dict[str, Tensor]:
-    """Draw who does not do as its policy says in `count` roll-outs, as `foresee` takes it.
+    """Draw who does not do as its policy says in `count` roll-outs of `steps` steps, as `foresee` takes it.
 
     :param braking: share of the roll-outs in which the vehicle brakes to a stand, by a deceleration of `BRAKING`.
     :param insisting: shares of those in which the vehicle keeps its speed, and in which the pedestrian walks on. One
@@ -211,7 +157,11 @@ def draw_scripted(
     vehicle = np.select([kind == 0, kind == 1], [-deceleration, 0.0], np.nan)
     pedestrian = np.where(kind == 2, 0.0, np.nan)
     done = {"vehicle": vehicle, "pedestrian": pedestrian}
-    return {a: torch.from_numpy(np.outer(v, [1.0, 0.0]).astype(np.float32)) for a, v in done.items()}
+    along = np.array([1.0, 0.0])
+    return {
+        agent: torch.from_numpy(np.outer(value, along).astype(np.float32))[:, None].expand(-1, steps, -1)
+        for agent, value in done.items()
+    }
 
 
 def step_along(
@@ -253,14 +203,6 @@ def _turned(histories: Sequence[History], at: NDArray[np.int64]) -> Tensor:
         way = (seen[:, 0] - seen[:, 4]) * STEP
         turned.append(((lane[:, 1] - lane[:, 0]) * way / LANE_GRID).sum())
     return torch.from_numpy(np.array(turned, np.float32))
-
-
-def _direction(lane: Tensor, driven: Tensor) -> tuple[Tensor, Tensor]:
-    """Return direction [B] [rad] and curvature [B] [1/m] of `lane` [B, N] after `driven` [B] metres."""
-    place = (driven / LANE_GRID).clamp(0.0, lane.shape[1] - 1.001)
-    node = place.detach().floor().long()
-    low, high = (lane.gather(1, (node + k)[:, None])[:, 0] for k in (0, 1))
-    return low + (high - low) * (place - node), (high - low) / LANE_GRID
 
 
 def bounded(gradient: Tensor) -> Tensor:

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from vpsci_ros.evaluation.scene import observe, time_to_collision
+from vpsci_ros.kinematics.lane import OnLane
+from vpsci_ros.kinematics.rollout import Actions, ActorPair, Draws, Seen, roll_out
 from vpsci_ros.learning.config import ForesightConfig
-from vpsci_ros.learning.foresight import Moments, advance_on_lane, bounded, remembered, set_out
-from vpsci_ros.learning.networks import Actors
+from vpsci_ros.learning.foresight import Moments, bounded, remembered
 from vpsci_ros.learning.rewards import collision_loss, pedestrian_pace_loss, vehicle_pace_loss
-from vpsci_ros.policy.actor import Distribution
+from vpsci_ros.policy.actor import Actors, Distribution
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
 
 GAIN = 1.0  # `pedestrian_gain` of the world: a recorded person's acceleration is the motion's, not twice that (21)
@@ -42,40 +42,35 @@ class Losses(NamedTuple):
 
 def foresee_people(actors: Actors, stage_1: Actors, start: Moments, config: ForesightConfig) -> Losses:
     """Let persons drawn from torch's global generator act for `config.steps` steps from each moment."""
-    count = len(start.speed)
-    memory, reference = remembered(actors, start), remembered(stage_1, start)
-    before, now = start.before, set_out(start)
+    count, weights, weight = len(start.speed), config.pace_weights, config.speeding_weight
     latent = {agent: torch.randn(count, actors[agent].latent) for agent in AGENTS}
-    noise = {agent: torch.randn(count, ACTION_SIZE) for agent in AGENTS}
-    losses = Losses(*(torch.zeros(()) for _ in Losses._fields))
-    for step in range(config.steps):
-        scene, speed = now.scene, now.speed
-        views, curvttc = dict(zip(AGENTS, observe(scene), strict=True)), time_to_collision(scene).float()
-        departure, done = torch.zeros(()), {}
+    draws = Draws(latent, {agent: torch.randn(count, ACTION_SIZE) for agent in AGENTS})
+    lane = OnLane(start.lane, start.speed, start.pedestrian, start.walking, GAIN)
+    pair = ActorPair(actors, remembered(actors, start), start.before, draws, bound=bounded)
+    reference = remembered(stage_1, start)
+    collision, goal, departure = torch.zeros(()), torch.zeros(()), torch.zeros(())
+
+    def act(seen: Seen) -> Actions:
+        nonlocal goal, departure
+        before, actions, departed = pair.before, pair(seen), torch.zeros(())
         for agent in AGENTS:
-            actor, seen, did = actors[agent], views[agent], before[agent]
-            will = actor.distribution(seen, did, curvttc, memory[agent], latent[agent])
             with torch.no_grad():
-                was = stage_1[agent].distribution(seen, did, curvttc, reference[agent], latent[agent])
-            departure = departure + divergence(will, was).mean()
-            if step:
-                noise[agent] = actor.next_noise(noise[agent], torch.randn(count, ACTION_SIZE))
-            action = (will.mean + will.scale * actor.burst(noise[agent])).clamp(-actor.limit, actor.limit)
-            if action.requires_grad:
-                action.register_hook(bounded)
-            done[agent] = action
-        before = done
-        lateral = speed * speed * scene.curvature.abs()
-        beyond = (done["vehicle"][:, 0] - SPEEDING_UP).clamp(min=0.0) ** 2 + (lateral - CORNERING).clamp(min=0.0) ** 2
-        pace = config.pace_weights[0] * vehicle_pace_loss(speed, start.cruise, config.speeding_weight).mean()
-        walk = pedestrian_pace_loss(scene.pedestrian_velocity, start.course, config.speeding_weight).mean()
-        now = advance_on_lane(now, start.lane, done["vehicle"], done["pedestrian"], GAIN)
-        near = collision_loss(now.scene, now.speed, config.clearance_margin, config.clearance_ahead).mean()
-        now_lost = near, pace + config.pace_weights[1] * walk, departure + beyond.mean()
-        losses = Losses(*(a + b / config.steps for a, b in zip(losses, now_lost, strict=True)))
-        if not bool(losses.collision.isfinite()):
-            break  # for the check of losses to find, before CurvTTC is asked of it
-    return losses
+                known = seen.observation[agent], before[agent], seen.curvttc, reference[agent]
+                was = stage_1[agent].distribution(*known, latent[agent])
+            departed = departed + divergence(pair.distribution[agent], was).mean()
+        lateral = lane.speed * lane.speed * seen.scene.curvature.abs()
+        faster, sharper = actions["vehicle"][:, 0] - SPEEDING_UP, lateral - CORNERING
+        beyond = faster.clamp(min=0.0) ** 2 + sharper.clamp(min=0.0) ** 2
+        pace = weights[0] * vehicle_pace_loss(lane.speed, start.cruise, weight).mean()
+        walk = pedestrian_pace_loss(seen.scene.pedestrian_velocity, start.course, weight).mean()
+        goal = goal + (pace + weights[1] * walk) / config.steps
+        departure = departure + (departed + beyond.mean()) / config.steps
+        return actions
+
+    for scene in roll_out(lane.start, act, [count] * config.steps, lane.advance):
+        near = collision_loss(scene, lane.speed, config.clearance_margin, config.clearance_ahead).mean()
+        collision = collision + near / config.steps
+    return Losses(collision, goal, departure)
 
 
 def divergence(will: Distribution, was: Distribution) -> Tensor:

@@ -1,7 +1,7 @@
 """The closed-loop objective: actors learn to follow recorded trajectories through the known, differentiable kinematics.
 
 An update rolls both actors out together, from some step of a recorded near miss on and after some observed steps, on
-their own predictions (`scene`), and follows the gradient of the distance to the recorded positions through the whole
+their own predictions (`rollout`), and follows the gradient of the distance to the recorded positions through the whole
 roll-out and through both actors: each learns to act in the situations that the two of them bring about. A roll-out sets
 out with the vehicle's velocity by its observed positions (`tracked_steps`): published speeds lag, and actors that had
 to make up for that learned little else. The same histories, with every step as recorded, add the error of the next
@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vpsci_ros.data.interactions import Interactions
-from vpsci_ros.evaluation.scene import Scene, advance, observe, scene_at, time_to_collision
+from vpsci_ros.kinematics.rollout import ActorPair, roll_out
+from vpsci_ros.kinematics.scene import scene_at
 from vpsci_ros.learning.config import ImitationConfig, PretrainConfig
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training
@@ -120,28 +121,17 @@ def rollout_loss(
     data = recorded(interactions, start, OBSERVED + config.rollout_steps + 1)
     velocity_error, histories = _observed(networks, data, lead)
     rows = np.arange(len(lead))
-    scene = scene_at(data.motion, torch.from_numpy(lead), networks.config.tracked_steps)
+    begin = scene_at(data.motion, torch.from_numpy(lead), networks.config.tracked_steps)
     before = {agent: data.action[agent][rows, np.maximum(lead - 1, 0)] * _column(lead > 0) for agent in AGENTS}
     share = torch.from_numpy((0.5 / np.maximum(steps, 1) / len(steps)).astype(np.float32))
+    moving = [int((steps > step).sum()) for step in range(int(steps[0]))]  # those that have ended lie at the end
     position_error = torch.zeros(())
-    for step in range(int(steps[0])):
-        running = int((steps > step).sum())  # those that have ended lie at the end, and cost nothing more
-        scene = Scene(*(part[:running] for part in scene))
-        views = dict(zip(AGENTS, observe(scene), strict=True))
-        curvttc, actions = time_to_collision(scene), {}
-        for agent in AGENTS:
-            for state in histories[agent]:
-                state.keep(running)
-            actor = networks.actor[agent]
-            actions[agent] = actor.step(views[agent], before[agent][:running], curvttc, histories[agent])
-        scene, before = advance(scene, actions["vehicle"], actions["pedestrian"]), actions
-        truth = data.motion[rows[:running], lead[:running] + step + 1]
+    for step, scene in enumerate(roll_out(begin, ActorPair(networks.actor, histories, before), moving)):
+        truth = data.motion[rows[: moving[step]], lead[: moving[step]] + step + 1]
         for position, columns in ((scene.vehicle, slice(0, 2)), (scene.pedestrian, slice(5, 7))):
             squared = ((position - truth[:, columns]) ** 2).sum(dim=1)
             distance = torch.sqrt(squared + _SMOOTH**2) - _SMOOTH
-            position_error = position_error + (distance * share[:running]).sum()
-        if not all(bool(part.isfinite().all()) for part in scene):
-            return position_error + torch.nan, velocity_error  # for the check of losses to find
+            position_error = position_error + (distance * share[: moving[step]]).sum()
     return position_error, velocity_error
 
 

@@ -9,19 +9,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from vpsci_ros.learning.critic import Critic
-from vpsci_ros.policy.actor import Actor
+from vpsci_ros.policy.actor import Actor, Actors
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.sst import EncoderLayer, SSTLayer
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import AGENTS
-
-
-class Actors(nn.ModuleDict):
-    """An actor for each agent."""
-
-    def __getitem__(self, key: str) -> Actor:
-        """Return the actor of "vehicle" or "pedestrian"."""
-        return cast(Actor, super().__getitem__(key))
 
 
 class Critics(nn.ModuleDict):

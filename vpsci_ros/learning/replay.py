@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vpsci_ros.data.interactions import Interactions
-from vpsci_ros.learning.transitions import LANE_NODES
-from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, LANE_NODES, OBSERVATION_SIZE
 
 Floats = NDArray[np.float32]
 
@@ -75,11 +74,11 @@ def collate(histories: Sequence[History]) -> Batch:
     for row, history in zip(curvttc, histories, strict=True):
         row[: len(history) + 1] = history.curvttc
     return Batch(
-        observation={agent: stacked("observation", agent, 6, 1) for agent in AGENTS},
+        observation={agent: stacked("observation", agent, OBSERVATION_SIZE, 1) for agent in AGENTS},
         curvttc=torch.from_numpy(curvttc),
-        action={agent: stacked("action", agent, 2, 0) for agent in AGENTS},
-        next_velocity={agent: stacked("next_velocity", agent, 2, 0) for agent in AGENTS},
-        events={agent: stacked("events", agent, 2, 0) for agent in AGENTS},
+        action={agent: stacked("action", agent, ACTION_SIZE, 0) for agent in AGENTS},
+        next_velocity={agent: stacked("next_velocity", agent, ACTION_SIZE, 0) for agent in AGENTS},
+        events={agent: stacked("events", agent, ACTION_SIZE, 0) for agent in AGENTS},
         terminal=torch.from_numpy(terminal),
         real=torch.tensor([h.real for h in histories]),
         present=torch.from_numpy(present),

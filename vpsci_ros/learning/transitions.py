@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.world import Scenario
-from vpsci_ros.world.observation import observe
+from vpsci_ros.world.observation import ACTION_SIZE, LANE_GRID, LANE_NODES, OBSERVATION_SIZE, observe
 from vpsci_ros.world.state import COLLISION, ENDED, GOAL, PARKED_COLLISION
 from vpsci_ros.world.tick import Step
-
-LANE_GRID, LANE_NODES = 2.0, 21  # [m] between the nodes of the lane that lies ahead, and how many of them
 
 # Fields as in vpsci_msgs/Transition, which says what each one holds; `number` counts transitions without gaps.
 TRANSITION = np.dtype(
@@ -20,13 +18,13 @@ TRANSITION = np.dtype(
         ("episode", "u4"),
         ("step", "u4"),
         ("curvttc", "f4"),
-        ("vehicle_observation", "f4", 6),
-        ("pedestrian_observation", "f4", 6),
-        ("vehicle_action", "f4", 2),
-        ("pedestrian_action", "f4", 2),
+        ("vehicle_observation", "f4", OBSERVATION_SIZE),
+        ("pedestrian_observation", "f4", OBSERVATION_SIZE),
+        ("vehicle_action", "f4", ACTION_SIZE),
+        ("pedestrian_action", "f4", ACTION_SIZE),
         ("next_curvttc", "f4"),
-        ("next_vehicle_observation", "f4", 6),
-        ("next_pedestrian_observation", "f4", 6),
+        ("next_vehicle_observation", "f4", OBSERVATION_SIZE),
+        ("next_pedestrian_observation", "f4", OBSERVATION_SIZE),
         ("lane_heading", "f4", LANE_NODES),
         ("vehicle_next_velocity", "f4", 2),
         ("pedestrian_next_velocity", "f4", 2),

@@ -10,7 +10,7 @@ much of both shows depends on the situation. With z = 0 and without noise the ac
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import torch
 from torch import Tensor, nn
@@ -115,6 +115,14 @@ class Actor(nn.Module):
     def empty_history(self) -> list[StepState]:
         """Return the state of an empty history."""
         return [StepState() for _ in self.encoder.layers]
+
+
+class Actors(nn.ModuleDict):
+    """An actor for each agent."""
+
+    def __getitem__(self, key: str) -> Actor:
+        """Return the actor of "vehicle" or "pedestrian"."""
+        return cast(Actor, super().__getitem__(key))
 
 
 def previous(actions: Tensor) -> Tensor:

@@ -80,6 +80,18 @@ class StepState:
                 [x[:rows] for x in part] for part in (self.keys, self.values, self.gates)
             )
 
+    def repeated(self, times: int) -> "StepState":
+        """Return the same with each row `times` times."""
+
+        def again(part: Tensor) -> Tensor:
+            return part.repeat_interleave(times, dim=0)
+
+        out = StepState()
+        out.window = None if self.window is None else Window(*map(again, self.window))
+        out.h = None if self.h is None else again(self.h)
+        out.keys, out.values, out.gates = (list(map(again, part)) for part in (self.keys, self.values, self.gates))
+        return out
+
 
 class EncoderLayer(nn.Module):
     """A layer of an encoder, over whole histories in training and step by step to the same result."""

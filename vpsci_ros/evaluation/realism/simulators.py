@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import closed_loop_trajectories
 from vpsci_ros.evaluation.realism.onsets import STEPS, Onsets
-from vpsci_ros.evaluation.scene import scene_at
+from vpsci_ros.kinematics.scene import scene_at
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.safety import PEDESTRIAN_RADIUS
@@ -35,7 +35,7 @@ def rolled_out(model: Predictor, onsets: Onsets) -> Floats:
 
 
 def tracked(onsets: Onsets) -> Floats:
-    """Constant velocity, the vehicle's by its last positions (`scene.scene_at`), K = 1."""
+    """Constant velocity, the vehicle's by its last positions (`kinematics.scene.scene_at`), K = 1."""
     return rolled_out(RepeatVelocity(TRACKED_STEPS), onsets)
 
 

@@ -1,8 +1,8 @@
-"""The two agents' known kinematics in torch: differentiable, batched, the same in training and in evaluation.
+"""One vehicle and one pedestrian that move freely: the same in training and in evaluation.
 
 (8)-(9) give each agent's next velocity in the vehicle's heading frame of step t; positions follow with the mean of
-both velocities. The frame is then anchored anew: the vehicle's heading turns with its velocity, no more sharply than
-the simulated Model 3 steers (0.52 rad over a wheelbase of 2.875 m), and it does not roll backwards.
+both velocities. Then the frame moves on: the vehicle's heading turns with its velocity, no more sharply than the
+simulated Model 3 steers (0.52 rad over a wheelbase of 2.875 m), and it does not roll backwards.
 """
 
 import math
@@ -29,6 +29,16 @@ class Scene(NamedTuple):
     curvature: Tensor  # [B] [1/m] of the vehicle's path
     pedestrian: Tensor  # [B, 2] [m]
     pedestrian_velocity: Tensor  # [B, 2] [m/s]
+
+    def rows(self) -> Tensor:
+        """Return [B, 9], rows as in `Interactions.motion`."""
+        vehicle = self.vehicle, self.heading[:, None], self.vehicle_velocity
+        return torch.cat([*vehicle, self.pedestrian, self.pedestrian_velocity], dim=1)
+
+    @property
+    def finite(self) -> bool:
+        """Whether every number is finite."""
+        return all(bool(part.isfinite().all()) for part in self)
 
 
 def scene_at(motion: Tensor, at: Tensor, tracked_steps: int = 0) -> Scene:
@@ -84,16 +94,16 @@ def observe(scene: Scene) -> tuple[Tensor, Tensor]:
     return torch.cat([own, distance, own - other], dim=1), torch.cat([other, -distance, other - own], dim=1)
 
 
-def advance(scene: Scene, vehicle_action: Tensor, pedestrian_action: Tensor) -> Scene:
+def advance(scene: Scene, actions: dict[str, Tensor]) -> Scene:
     """Return the scene one step of 0.1 s later; actions [B, 2] [m/s2] in the vehicle's heading frame, (8)-(9)."""
-    velocity = to_heading_frame(scene.vehicle_velocity, scene.heading) + vehicle_action * STEP
+    velocity = to_heading_frame(scene.vehicle_velocity, scene.heading) + actions["vehicle"] * STEP
     forward = velocity[:, 0].clamp(min=0.0)
     bound = SHARPEST_TURN * STEP * forward
     turn = torch.atan((velocity[:, 1] / forward.clamp(min=_STANDING)).clamp(-bound, bound))
     heading = scene.heading + turn
     speed = forward / torch.cos(turn)
     vehicle_velocity = speed[:, None] * torch.stack([torch.cos(heading), torch.sin(heading)], dim=1)
-    pedestrian_velocity = scene.pedestrian_velocity + from_heading_frame(pedestrian_action * STEP, scene.heading)
+    pedestrian_velocity = scene.pedestrian_velocity + from_heading_frame(actions["pedestrian"] * STEP, scene.heading)
     return Scene(
         vehicle=scene.vehicle + (scene.vehicle_velocity + vehicle_velocity) * (0.5 * STEP),
         heading=heading,

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from vpsci_ros.evaluation.scene import SHARPEST_TURN, Scene, advance, observe, scene_at, time_to_collision
+from vpsci_ros.kinematics.scene import SHARPEST_TURN, Scene, advance, observe, scene_at, time_to_collision
 from vpsci_ros.world.observation import observe_arrays
 
 
@@ -35,7 +35,7 @@ def test_observations_are_those_of_the_world():
 def test_without_acceleration_both_keep_their_velocity():
     scene = scenes()
     none = torch.zeros(6, 2, dtype=torch.float64)
-    after = advance(scene, none, none)
+    after = advance(scene, {"vehicle": none, "pedestrian": none})
     torch.testing.assert_close(after.vehicle, scene.vehicle + 0.1 * scene.vehicle_velocity)
     torch.testing.assert_close(after.pedestrian, scene.pedestrian + 0.1 * scene.pedestrian_velocity)
     torch.testing.assert_close(after.heading, scene.heading)
@@ -44,7 +44,7 @@ def test_without_acceleration_both_keep_their_velocity():
 def test_the_next_velocities_are_those_of_equations_8_and_9():
     scene = scenes()
     action = torch.tensor([[1.0, 0.1]] * 6, dtype=torch.float64)
-    after = advance(scene, action, action)
+    after = advance(scene, {"vehicle": action, "pedestrian": action})
     c, s = torch.cos(scene.heading), torch.sin(scene.heading)
     gained = 0.1 * torch.stack([c * 1.0 - s * 0.1, s * 1.0 + c * 0.1], dim=1)
     torch.testing.assert_close(after.pedestrian_velocity, scene.pedestrian_velocity + gained)
@@ -57,7 +57,7 @@ def test_a_braking_vehicle_stops_and_does_not_roll_back():
     scene = scenes()
     none, brake = torch.zeros(6, 2, dtype=torch.float64), torch.tensor([[-5.0, 0.0]] * 6, dtype=torch.float64)
     for _ in range(30):
-        scene = advance(scene, brake, none)
+        scene = advance(scene, {"vehicle": brake, "pedestrian": none})
     assert scene.vehicle_velocity.abs().max() == 0.0
 
 
@@ -66,7 +66,7 @@ def test_the_vehicle_turns_no_more_sharply_than_it_steers(side):
     scene = scenes()
     none, hard = torch.zeros(6, 2, dtype=torch.float64), torch.tensor([[-2.0, 5.0 * side]] * 6, dtype=torch.float64)
     for _ in range(40):
-        before, scene = scene, advance(scene, hard, none)
+        before, scene = scene, advance(scene, {"vehicle": hard, "pedestrian": none})
         path = 0.1 * scene.vehicle_velocity.norm(dim=1)
         assert ((scene.heading - before.heading) * side <= SHARPEST_TURN * path + 1e-9).all()
 
@@ -75,7 +75,7 @@ def test_gradients_flow_to_every_action_and_stay_finite_at_rest():
     scene = scenes()
     actions = torch.full((12, 6, 2), -5.0, dtype=torch.float64, requires_grad=True)
     for action in actions:
-        scene = advance(scene, action, action)
+        scene = advance(scene, {"vehicle": action, "pedestrian": action})
     (scene.vehicle.sum() + scene.pedestrian.sum()).backward()
     assert torch.isfinite(actions.grad).all()
     assert (actions.grad[0] != 0.0).all()
