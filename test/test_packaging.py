@@ -82,7 +82,7 @@ def test_the_three_places_of_the_version_agree():
 @pytest.mark.parametrize("folder", [".", "msg_defs"])
 def test_bloom_reads_the_versions_and_dates_of_the_changelog(folder):
     changelog = pytest.importorskip("catkin_pkg.changelog").get_changelog_from_path(str(ROOT / folder))
-    headings = re.findall(r"^## (\S+) \((\S+)\)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    headings = re.findall(r"^## \[(\d\S+)\] - (\S+)$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     read = [(version, f"{date:%Y-%m-%d}") for version, date, _ in changelog.foreach_version()]
     assert read == headings
     assert headings[0][0] == vpsci_ros.__version__
