@@ -55,13 +55,13 @@ def separate(chosen: Sections, folder: Path) -> float:
     result = run_graph(chosen, folder, quiet=True)
     if result.error:
         raise SystemExit(result.error)
-    return result.progress["world_simulator.ticks_per_second_mean"]
+    return float(result.nodes["world_simulator"].figures["ticks_per_second_mean"])
 
 
 def in_one_process(chosen: Sections, folder: Path) -> float:
     """Return the ticks per second of a graph composed in this process."""
     with composed(resolve(chosen, folder)) as nodes:
-        return float(dict(nodes["world_simulator"].status())["ticks_per_second_mean"])
+        return float(nodes["world_simulator"].figures()["ticks_per_second_mean"])
 
 
 def engine(chosen: Sections, weights: str) -> float:

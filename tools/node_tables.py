@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from vpsci_ros.cli.parameter_file import ELSEWHERE
+from vpsci_ros.nodes.config import PeerConfig
 from vpsci_ros.nodes.topics import SERVICES, TOPICS
 from vpsci_ros.parameters import markdown_table
 
@@ -20,6 +21,7 @@ message names the stage that does. A name with a dot is one of a group, which a 
 ROS 2 gives to every node.
 """
 
+SHARED = "every node"
 NOTES = """
 ## Names, time and diagnostics
 
@@ -32,12 +34,13 @@ NOTES = """
   (`/**/world_simulator:`), as ROS 2 wants it; `world_simulator:` means the one without a namespace.
 - `qos_overrides./TOPIC.publisher.depth` (also `subscription`; `history`, `reliability`) changes a quality of service.
 - No node of this package needs `use_sim_time`; their timers run on the wall clock, so setting it stops nothing.
-- Every node tells of itself on `/diagnostics` once a second of wall time, stamped with simulated time: rates, lag in
-  milliseconds, ticks missed, late, refused. These tell of the machine and differ from run to run. Everything else in a
-  bag is a function of the parameters alone, whatever the load and the order in which nodes were started, as long as
-  no answer is missed (`action_timeout`) and no learner or external driving system takes part.
+- Every node reports on `/diagnostics` once a second of wall time, stamped with simulated time: rates, lag in
+  milliseconds, ticks missed or late, messages published and refused. They depend on the machine and differ from run to
+  run; what the keys of the world's counts mean stands in `vpsci_ros/world/counts.py`. Everything else in a bag is a
+  function of the parameters alone, whatever the load and the order in which nodes were started, as long as no answer is
+  missed (`action_timeout`) and no learner or external driving system takes part.
 - A policy that is killed and started again within `action_timeout` (the node alone, while the others wait) leaves the
-  same bag: it asks the world for the frames that it has not seen and goes on as if it had been there.
+  same bag: it requests the frames that it has not seen from the world and goes on as if it had been there.
   `graph.restarts` has `vpsci graph` do so by itself.
 - With one episode at a time (`batch: 1`) the world also publishes both odometries, with `pedestrians` above 1 one a
   pedestrian on `/pedestrians/odometry` (frame `pedestrian_N/base_link`), transforms and `/markers`, for as
@@ -48,8 +51,8 @@ NOTES = """
 - The world ends with its episodes; the other nodes stay, for a next world, until Ctrl-C. Discovery stays on this
   machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` says otherwise; Fast DDS is given `params/middleware.xml`, by which a
   node that ends need not wait long for the recorder, unless `FASTRTPS_DEFAULT_PROFILES_FILE` names another file.
-- An ADS that leaves the first tick unanswered for a second is told of it again, since it may have been discovered too
-  late to hear it: the odometry of that tick, and the first list of objects, can come more than once.
+- Where an ADS leaves the first tick unanswered for a second, the odometry of that tick and the first list of objects
+  are published again, since its subscriptions may have been matched too late for them.
 - Parameters marked "running" may be set on the running node (`ros2 param set`); the others are read-only.
 """
 
@@ -73,10 +76,17 @@ def page() -> str:
         for stage in ELSEWHERE
         for section, classes in stage.sections.items()
     }
+    tables = {SHARED: (PeerConfig,)} | tables
+    printed: dict[type, str] = {}
     for title, classes in tables.items():
         parts.append(f"\n## {title}\n")
         for config in classes:
-            parts += [" ".join((config.__doc__ or "").split()) + "\n", markdown_table(config), ""]
+            if config not in printed:
+                printed[config] = title
+                parts += [" ".join((config.__doc__ or "").split()) + "\n", markdown_table(config), ""]
+        elsewhere = dict.fromkeys(printed[config] for config in classes if printed[config] not in (SHARED, title))
+        if elsewhere:
+            parts.append(f"It also has parameters that stand under {' and '.join(elsewhere)}, with the same meaning.\n")
     return "\n".join(parts).replace("\n\n\n", "\n\n").rstrip() + "\n"
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.process import command_of, failure, files_of, flood, running, silence
+from vpsci_ros.exam.process import command_of, failure, files_of, running
 from vpsci_ros.runs.processes import STEPS, stop
 
 
@@ -76,54 +76,3 @@ def test_the_environment_is_that_of_the_exam_without_the_libraries_of_its_python
     assert found["ROS_DOMAIN_ID"] == "42"
     assert found["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
     assert "_ROS_WHEELS_BOOTSTRAP_COMPLETE" not in found
-
-
-def seen(*pairs):
-    check = silence(20)
-    said = [
-        check({"world_simulator.tick": float(t), "world_simulator.vehicle_answers_missing": float(m)}) for t, m in pairs
-    ]
-    return said[-1]
-
-
-def test_an_ads_that_misses_single_ticks_is_not_silent():
-    assert seen((100, 2), (500, 15), (2000, 60)) == ""
-
-
-def test_an_ads_that_answers_nothing_for_the_limit_is_silent_and_not_before():
-    assert seen((0, 0), (19, 19)) == ""
-    assert "no usable command for 20 ticks" in seen((0, 0), (20, 20))
-    assert "no usable command for 21 ticks" in seen((900, 3), (912, 12), (926, 24))
-
-
-def test_the_silence_of_one_graph_is_not_that_of_the_next():
-    assert seen((900, 30), (10, 1), (100, 2)) == ""
-
-
-def test_silence_says_whether_commands_came_and_were_refused():
-    check = silence(20)
-    ticks = {"world_simulator.tick": 30.0, "world_simulator.vehicle_answers_missing": 30.0}
-    assert check(ticks).endswith("; none came")
-    refused = ticks | {"world_simulator.vehicle_commands_refused": 29.0}
-    assert check(refused).endswith("; the 29 that came were refused: late, not finite or out of range")
-
-
-def flooding(limit=100, late=False, **counts):
-    return flood({f"world_simulator.{name}": float(count) for name, count in counts.items()}, limit, late=late)
-
-
-def test_more_surplus_commands_a_tick_than_the_limit_are_a_flood():
-    assert flooding(tick=124, vehicle_commands_surplus=12500) == ""
-    assert flooding(tick=124, vehicle_commands_surplus=12501) == (
-        "the ADS floods: 12501 commands beyond the first one of a tick in 124 ticks, more than 100 a tick "
-        "(ads_test.surplus_limit)"
-    )
-    assert flooding(tick=2, vehicle_commands_surplus=2000) == "", "too few to tell"
-
-
-def test_commands_before_the_first_tick_are_a_flood_only_where_that_never_comes():
-    assert flooding(tick=0, vehicle_commands_early=9000) == ""
-    assert flooding(tick=5, vehicle_commands_early=9000, late=True) == ""
-    assert "9000 commands before the first tick, which never came" in flooding(
-        tick=0, vehicle_commands_early=9000, late=True
-    )

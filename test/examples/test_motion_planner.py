@@ -113,7 +113,8 @@ def test_through_the_graph_it_answers_every_tick_and_stops_for_whom_the_autopilo
     chosen = chosen.changed("graph", {"nodes": ["world_simulator", "safety_monitor", *nodes]})
     command = [sys.executable, str(PROGRAM), *option.split()]
     with own_domain(), running(command, tmp_path / "log"), composed(resolve(chosen, tmp_path)) as made:
-        told = dict(made["world_simulator"].status())
-    assert (told["timeout"], told.get("collision", 0)) == (2, 0), told
-    assert not {"vehicle_answers_missing", "vehicle_commands_refused"} & told.keys()
-    assert told["vehicle_commands"] == 2 * 160, "one for each tick of 0.05 s, the last of an episode left out"
+        counts = made["world_simulator"].counts
+    assert counts is not None
+    assert (counts.timeout, counts.collision) == (2, 0), counts
+    assert (counts.vehicle_answers_missing, counts.vehicle_commands_refused) == (0, 0)
+    assert counts.vehicle_commands == 2 * 160, "one for each tick of 0.05 s, the last of an episode left out"

@@ -168,7 +168,7 @@ def test_a_node_that_ends_waits_until_the_recorder_has_what_it_said(context: Con
         assert not output.flush(0.2)
         # Beside this process: a thread of it would wait for the interpreter.
         with subprocess.Popen(["sh", "-c", f"sleep 0.3; kill -CONT {reader.pid}"]):
-            node.hand_over()
+            node.flush()
         assert output.flush(0.01)
     finally:
         reader.kill()

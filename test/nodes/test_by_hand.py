@@ -18,6 +18,7 @@ from vpsci_msgs.msg import WorldState
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import NodeProcesses, run_graph
+from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.topics import RECORDING
 from vpsci_ros.nodes.watch import Watch
 from vpsci_ros.policy.config import NetworkConfig
@@ -127,18 +128,18 @@ def test_a_graph_starts_a_policy_again_that_dies_and_its_bag_shows_nothing_of_it
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     victims: list[int] = []
-    follow = Watch.spin
+    take = Watch.take
 
-    def spin(self: Watch, seconds: float) -> None:
-        follow(self, seconds)
-        if not victims and any(int(status.get("answers", 0)) > 20 for status in self._status.values()):
+    def spy(self: Watch, statuses: dict[str, NodeStatus]) -> None:
+        take(self, statuses)
+        if not victims and any((status.number("answers") or 0) > 20 for status in statuses.values()):
             victims.append(started[0].running["vehicle_policy"].pid)
             os.kill(victims[0], signal.SIGKILL)
 
     started: list[NodeProcesses] = []
     enter = NodeProcesses.__enter__
     monkeypatch.setattr(NodeProcesses, "__enter__", lambda self: started.append(self) or enter(self))
-    monkeypatch.setattr(Watch, "spin", spin)
+    monkeypatch.setattr(Watch, "take", spy)
     sections = graph_in_namespace(weights, {"action_timeout": PATIENCE}, {"restarts": 1})
     result = run_graph(sections, tmp_path / "killed", quiet=True)
     assert result.error == ""

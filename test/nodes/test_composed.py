@@ -26,7 +26,7 @@ def test_a_composed_graph_runs_the_episodes_of_the_engine(domain: int, tmp_path:
         "pedestrian_policy": policy,
     }
     with composed(resolve(Sections(chosen), tmp_path)) as nodes:
-        told = dict(nodes["world_simulator"].status())
+        counts = nodes["world_simulator"].counts
 
     run = Sections(chosen).get(RunConfig, "world_simulator")
     world = World(WorldConfig(), load_scenarios(run.scenarios), run.queue(), run.batch, run.seed)
@@ -34,7 +34,8 @@ def test_a_composed_graph_runs_the_episodes_of_the_engine(domain: int, tmp_path:
     for step in Loop(world, agents=policies(load_weights(weights_path("pretrained")), world)):
         ended = step.events[step.events["kind"] == FINISHED]
         outcomes.update(OUTCOME_NAMES[outcome] for outcome in ended["outcome"])
-    assert {name: told[name] for name in outcomes} == outcomes
+    assert counts is not None
+    assert {name: getattr(counts, name) for name in outcomes} == outcomes
     assert np.sum(list(outcomes.values())) == 8
-    assert told["tick"] == world.now.number
+    assert counts.tick == world.now.number
     assert (tmp_path / "bag" / "metadata.yaml").is_file()

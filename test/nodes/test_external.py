@@ -121,7 +121,7 @@ def test_a_command_that_is_not_to_be_driven_is_refused_counted_and_the_autopilot
     assert len(session.speed) == 11
     assert np.isfinite(session.speed).all()
     assert session.missing == 10
-    assert session.world._counts["vehicle_commands_refused"] >= 10
+    assert session.world.counts.vehicle_commands_refused >= 10
 
 
 def test_a_silent_driving_system_does_not_hang_the_world(drive: Callable[..., Drive]) -> None:
@@ -136,7 +136,7 @@ def test_a_command_for_an_earlier_tick_is_refused(drive: Callable[..., Drive]) -
     late = lambda odometry: VehicleControl(tick=1, brake=1.0)  # noqa: E731
     session.answer(VehicleControl, "vehicle/cmd_control", late)
     session.run()
-    assert session.world._counts["vehicle_commands_refused"] >= 8
+    assert session.world.counts.vehicle_commands_refused >= 8
 
 
 def test_a_driving_system_that_reuses_the_first_header_for_ever_drives_at_no_later_tick(
@@ -153,7 +153,7 @@ def test_a_driving_system_that_reuses_the_first_header_for_ever_drives_at_no_lat
     session.run()
     assert first[0].header.stamp == Time()
     assert session.missing == 9
-    assert session.world._counts["vehicle_commands"] == 1
+    assert session.world.counts.vehicle_commands == 1
 
 
 def test_a_command_without_a_header_means_the_present_tick(drive: Callable[..., Drive]) -> None:
@@ -186,7 +186,7 @@ def test_an_answer_to_the_last_tick_of_an_episode_is_not_held_against_the_drivin
     session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: acceleration(odometry, -3.0))
     session.run()
     assert session.missing == 0
-    assert session.world._counts["vehicle_commands_refused"] == 0
+    assert session.world.counts.vehicle_commands_refused == 0
 
 
 def test_an_external_driver_of_many_episodes_at_once_is_refused(context: Context) -> None:
@@ -207,7 +207,7 @@ def test_in_real_time_the_last_command_holds(drive: Callable[..., Drive]) -> Non
     session.run()
     assert np.diff(session.speed[-10:]) == pytest.approx(-0.05, abs=1e-9)
     assert session.missing == 0
-    assert session.world._counts["vehicle_commands"] == 1
+    assert session.world.counts.vehicle_commands == 1
     assert session.kinds[EpisodeEvent.SAFE_STOP] == 0
 
 
@@ -225,7 +225,7 @@ def test_silence_in_real_time_brings_the_vehicle_to_a_safe_stop_which_an_event_t
     assert moving[begins : begins + 12] == pytest.approx(np.minimum(4.0, 8.0 * 0.05 * np.arange(1, 13)))
     assert session.speed[-1] == 0.0
     assert session.kinds[EpisodeEvent.SAFE_STOP] == 1
-    assert session.world._counts["safe_stops"] == 1
+    assert session.world.counts.safe_stops == 1
     assert session.missing == 0
 
 
@@ -247,7 +247,7 @@ def test_in_real_time_bad_commands_are_refused_and_count_as_silence(drive: Calla
     session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: acceleration(odometry, value))
     session.run()
     assert np.isfinite(session.speed).all()
-    assert session.world._counts["vehicle_commands_refused"] >= 10
+    assert session.world.counts.vehicle_commands_refused >= 10
     assert session.kinds[EpisodeEvent.SAFE_STOP] == 1
 
 
@@ -255,8 +255,8 @@ def test_in_real_time_a_command_of_long_ago_or_out_of_order_is_refused(drive: Ca
     session = drive(**FAST, episode_time=1.0, command_silence=0.2)
     session.answer(VehicleControl, "vehicle/cmd_control", lambda odometry: VehicleControl(tick=1, throttle=1.0))
     session.run()
-    assert session.world._counts["vehicle_commands"] <= 6
-    assert session.world._counts["vehicle_commands_refused"] >= 8
+    assert session.world.counts.vehicle_commands <= 6
+    assert session.world.counts.vehicle_commands_refused >= 8
     assert session.kinds[EpisodeEvent.SAFE_STOP] == 1
 
 
@@ -264,7 +264,7 @@ def test_a_command_for_a_tick_that_has_not_been_is_refused(drive: Callable[..., 
     session = drive(action_timeout=0.02, episode_time=0.5)
     session.answer(VehicleControl, "vehicle/cmd_control", lambda odometry: VehicleControl(tick=2**40, brake=1.0))
     session.run()
-    assert session.world._counts["vehicle_commands_refused"] >= 8
+    assert session.world.counts.vehicle_commands_refused >= 8
     assert session.missing == 10
 
 
@@ -282,7 +282,7 @@ def test_a_flood_of_commands_is_counted_and_stops_nothing(
     session.ads.create_subscription(Odometry, "vehicle/odometry", flood, 1000)
     session.run()
     assert len(session.speed) == 11
-    assert session.world._counts["vehicle_commands_surplus"] + session.world._counts["vehicle_commands_refused"] > 200
+    assert session.world.counts.vehicle_commands_surplus + session.world.counts.vehicle_commands_refused > 200
     assert np.diff(session.speed)[2:] == pytest.approx(-0.05, abs=1e-9)
 
 

@@ -4,13 +4,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import _follow
+from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.watch import Watch
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.runs.stop_request import StopRequest
+from vpsci_ros.world.counts import WorldCounts
 
 
 class Processes:
@@ -29,13 +30,16 @@ class Processes:
     def start(self, node: str) -> None:
         self.started.append(node)
 
+    def statuses(self, _: float) -> dict[str, NodeStatus]:
+        return {}
+
     def explain(self, node: str) -> str:
         return f"{node} ended"
 
 
 def watch(paused: float = 0.0, idle: float = 0.0) -> Any:
     return SimpleNamespace(
-        spin=lambda _: None, drain=lambda: None, hold=lambda _: None, paused_time=lambda: paused, idle_time=lambda: idle
+        take=lambda _: None, pause_for=lambda _: None, paused_time=lambda: paused, idle_time=lambda: idle
     )
 
 
@@ -72,25 +76,26 @@ def test_a_request_to_stop_ends_the_run_whatever_else_happens() -> None:
 def test_the_time_of_a_pause_is_counted_from_the_world_s_own_word_and_ends_with_it() -> None:
     seen = Watch(Sections({"graph": {}, "world_simulator": {}}), quiet=True)
 
-    def says(text: str) -> None:
-        seen._on_diagnostics(DiagnosticArray(status=[DiagnosticStatus(name="world_simulator", message=text)]))
+    def reports(state: str) -> None:
+        seen.take({"world_simulator": NodeStatus(state=state)})
 
-    says("running")
+    reports("running")
     assert seen.paused_time() == 0.0
-    says("paused")
+    reports("paused")
     first = seen.paused_time()
-    says("paused")
+    reports("paused")
     assert seen.paused_time() >= first >= 0.0
     assert seen._paused_since is not None
-    says("running")
+    reports("running")
     assert seen.paused_time() == 0.0
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e999", "[/red]", ""])
-def test_what_is_no_number_in_somebodys_diagnostics_is_neither_shown_nor_reckoned_with(value: str) -> None:
-    seen = Watch(Sections({"graph": {}, "learner": {"stage": "pretrain"}}), quiet=True)
-    for name, keys in (("learner", ("episode", "episodes", "updates")), ("world_simulator", ("ticks_per_second",))):
-        values = [KeyValue(key=key, value=value) for key in keys]
-        seen._on_diagnostics(DiagnosticArray(status=[DiagnosticStatus(name=name, values=values)]))
-    seen._show()
-    assert seen.summary() == {"episodes_ended": 0.0, "events_refused": 0.0}
+def test_a_run_is_idle_from_when_no_node_but_the_recorder_reports_anything_new(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr("vpsci_ros.nodes.watch.time.monotonic", lambda: now[0])
+    seen = Watch(Sections({"graph": {}, "world_simulator": {}}), quiet=True)
+    for second, ticks, written in ((101.0, 1, 5), (102.0, 2, 9), (103.0, 2, 13), (104.0, 2, 17)):
+        now[0] = second
+        world = NodeStatus(counts=WorldCounts(tick=ticks))
+        seen.take({"world_simulator": world, "recorder": NodeStatus(figures={"messages_written": written})})
+    assert seen.idle_time() == 2.0

@@ -110,7 +110,7 @@ def test_a_run_tells_what_it_did_and_with_what(domain: int, tmp_path: Path) -> N
     result = run_graph(sections("refined", episodes=1, batch=1, scenarios=[3]), tmp_path / "run", quiet=True)
     record = json.loads((tmp_path / "run" / "run.json").read_text())
     assert record["error"] == ""
-    assert record["results"]["progress"]["episodes_ended"] == 1
+    assert record["results"]["nodes"]["world_simulator"]["counts"]["episodes_ended"] == 1
     assert record["inputs_sha256"] == {"refined": sha256(weights_path("refined"))}
     assert set(record["results"]["exit_status"].values()) == {0}
     with AnyReader([result.bag]) as reader:

@@ -60,7 +60,7 @@ def first(tmp_path_factory: pytest.TempPathFactory, near_misses: list[str]) -> G
 def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph_runs(
     domain: int, tmp_path: Path, first: GraphResult, near_misses: list[str]
 ) -> None:
-    assert first.progress["learner.episode"] == 2
+    assert first.nodes["learner"].number("episode") == 2
     pretrained = first.folder / "learner" / "pretrained.safetensors"
     assert load_weights(pretrained).facts["stage"] == "pretrained"
     assert pl.read_csv(first.folder / "learner" / "log.csv").height == 2
@@ -82,12 +82,13 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     }
     second = run_graph(Sections(chosen), tmp_path / "stage2", quiet=True)
     assert second.error == ""
-    assert second.progress["learner.updates"] > 2
-    assert second.progress["learner.lost"] == 0
+    learner = {name: float(value) for name, value in second.nodes["learner"].figures.items()}
+    assert learner["updates"] > 2
+    assert learner["lost"] == 0
     assert load_weights(second.folder / "learner" / "refined.safetensors").facts["stage"] == "refined"
     rows = pl.read_csv(second.folder / "learner" / "refine_log.csv")
     rewards = pl.read_csv(second.folder / "learner" / "refine_episodes.csv")
-    assert rows["updates"][-1] >= second.progress["learner.updates"]  # it may go on after its last report
+    assert rows["updates"][-1] >= learner["updates"]  # it may go on after its last report
     assert rewards["episode"].to_list() == list(range(1, rows["episodes"][-1] + 1)), "a row for every episode"
     assert (second.folder / "learner" / "learning.png").exists()
 
@@ -103,7 +104,7 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
                 numbers += range(message.first_number, message.first_number + len(message.scenario))
     assert versions >= {1, 2}, "the policies never took up refreshed weights"
     assert numbers == list(range(len(numbers))), "transitions are numbered without gaps"
-    assert 0 < second.progress["learner.transitions"] <= len(numbers), "the learner ends a little behind the world"
+    assert 0 < learner["transitions"] <= len(numbers), "the learner ends a little behind the world"
 
 
 def test_the_bag_of_stage_one_holds_the_learners_parameters_and_says_why_there_is_nothing_to_verify(

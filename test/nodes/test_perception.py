@@ -97,7 +97,7 @@ def test_a_state_whose_ticks_take_no_time_is_refused_and_counted(context: Contex
     message = convert.world_state_message(state, np.zeros(1, bool), 3, 0.05)
     message.dt = period
     node._on_state(message)
-    assert dict(node.intake.pairs())["refused /world/state"] == 1
+    assert node.intake.refused == {"/world/state": 1}
     node.destroy_node()
 
 

@@ -95,7 +95,7 @@ def test_a_paused_world_waits_for_steps_and_takes_one_tick_for_each(begin: Calla
     for _ in range(50):
         session.executor.spin_once(timeout_sec=0.01)  # longer than action_timeout: nothing is missed while paused
     assert session.ticks == [0, 1, 2, 3]
-    assert session.world._counts["safety_answers_missing"] == 0
+    assert session.world.counts.safety_answers_missing == 0
     assert session.call(SetBool, "world/pause", data=False).success
     session.spin_until(lambda: session.world.finished)
     assert session.ticks == list(range(len(session.ticks)))
@@ -172,7 +172,7 @@ def test_two_graphs_in_two_domains_of_one_machine_do_not_see_each_other(monkeypa
                 session.executor.spin_once(timeout_sec=0.001)
         for session in sessions:
             assert session.ticks == list(range(len(session.ticks)))
-            assert session.world._counts["safety_answers_refused"] == 0
+            assert session.world.counts.safety_answers_refused == 0
             session.close()
         for context in contexts:
             context.try_shutdown()

@@ -104,8 +104,8 @@ def safety(tick: int, **changed: Any) -> SafetyState:
     return convert.filled(message, changed)
 
 
-def shown(node: GraphNode) -> dict[str, Any]:
-    return dict(node.intake.pairs())
+def refused(node: GraphNode) -> dict[str, int]:
+    return {topic.removeprefix("refused "): n for topic, n in node.status().pairs().items() if "refused /" in topic}
 
 
 BAD_STATES = [state(1, vehicle_x=array("d")), state(1, vehicle_x=array("d", [np.nan])), WorldState(tick=1)]
@@ -121,7 +121,7 @@ def test_a_monitor_refuses_bad_states_and_answers_the_next_one(context: Context,
     for message in [*BAD_STATES, state(2)]:
         sender.publish(message)
     here.spin_until(lambda: answered == [2])
-    assert shown(monitor) == {"refused /world/state": 3}
+    assert refused(monitor) == {"/world/state": 3}
 
 
 def test_a_policy_refuses_bad_messages_and_a_tick_of_2_to_the_40_and_answers_the_next_one(
@@ -131,17 +131,17 @@ def test_a_policy_refuses_bad_messages_and_a_tick_of_2_to_the_40_and_answers_the
     policy = VehiclePolicy(context=context, parameter_overrides=overrides)
     here, answered = stage(policy), []
     here.peer.create_subscription(AgentAction, "vehicle/action", lambda m: answered.append(m.tick), LOCK_STEP)
-    policy._on_state(state(0))
-    policy._on_safety(safety(0))
+    policy.intake.receive("/world/state", state(0))
+    policy.intake.receive("/safety/state", safety(0))
     here.spin_until(lambda: answered == [0])
     for bad in [*BAD_STATES, state(2**40)]:
-        policy._on_state(bad)
+        policy.intake.receive("/world/state", bad)
     for bad in (safety(2, curvttc=array("d")), safety(2, curvttc=array("d", [np.nan])), safety(2**40)):
-        policy._on_safety(bad)
-    policy._on_state(state(2))
-    policy._on_safety(safety(2))
+        policy.intake.receive("/safety/state", bad)
+    policy.intake.receive("/world/state", state(2))
+    policy.intake.receive("/safety/state", safety(2))
     here.spin_until(lambda: answered == [0, 2])
-    assert shown(policy) == {"refused /world/state": 4, "refused /safety/state": 2}
+    assert refused(policy) == {"/world/state": 4, "/safety/state": 2}
 
 
 def test_a_policy_keeps_to_the_first_state_of_a_tick(
@@ -150,10 +150,10 @@ def test_a_policy_keeps_to_the_first_state_of_a_tick(
     policy = VehiclePolicy(context=context, parameter_overrides=[Parameter("weights", value=weights)])
     stage(policy)
     for again in (state(3), state(3), state(3, vehicle_x=array("d", [9.0]))):
-        policy._on_state(again)
-    assert policy._state is not None
-    assert policy._state.tick.state["vehicle_x"][0] == 0.0
-    assert shown(policy) == {"refused /world/state": 1}
+        policy.intake.receive("/world/state", again)
+    assert policy._world is not None
+    assert policy._world.tick.state["vehicle_x"][0] == 0.0
+    assert refused(policy) == {"/world/state": 1}
 
 
 @pytest.mark.parametrize(("heard_since", "known"), [(False, 2), (True, 500)])
@@ -176,8 +176,7 @@ def test_a_recorder_refuses_bytes_that_are_no_message(
     stage(recorder)
     for topic in ("/tf", "/tf_static", "/diagnostics", "/episode/event"):
         recorder._on_message(topic, b"\x00\x01\x00\x00" + b"\xff" * 40)
-    refused = {"refused /tf": 1, "refused /tf_static": 1, "refused /diagnostics": 1, "refused /episode/event": 1}
-    assert shown(recorder) == refused
+    assert refused(recorder) == {"/tf": 1, "/tf_static": 1, "/diagnostics": 1, "/episode/event": 1}
     recorder.close()
 
 
@@ -211,9 +210,9 @@ def test_a_node_refuses_parameters_that_are_none_and_takes_those_that_are(
 def test_a_policy_that_waits_for_weights_refuses_what_is_none(context: Context, stage: Callable[..., Stage]) -> None:
     policy = VehiclePolicy(context=context)
     stage(policy)
-    policy._on_weights(policy._agent, PolicyWeights(version=3, safetensors=array("B", b"not weights")))
-    assert shown(policy) == {"refused /policy/weights": 1}
-    assert dict(policy._status())["policy_version"] == 0
+    policy.intake.receive("/policy/weights", PolicyWeights(version=3, safetensors=array("B", b"not weights")))
+    assert refused(policy) == {"/policy/weights": 1}
+    assert policy.figures()["policy_version"] == 0
 
 
 def test_a_policy_of_a_run_takes_weights_from_its_own_learner_only(
@@ -228,11 +227,11 @@ def test_a_policy_of_a_run_takes_weights_from_its_own_learner_only(
         return PolicyWeights(version=version, safetensors=array("B", data), header=Header(frame_id=signed))
 
     for stranger in ("", "0" * 64, "é", signature(8, data), signature(7, data[:-1])):
-        policy._on_weights(policy._agent, message(7, stranger))
-    assert shown(policy) == {"refused /policy/weights": 5}
-    assert dict(policy._status())["policy_version"] == 0
-    policy._on_weights(policy._agent, message(7, signature(7, data)))
-    assert dict(policy._status())["policy_version"] == 7
+        policy.intake.receive("/policy/weights", message(7, stranger))
+    assert refused(policy) == {"/policy/weights": 5}
+    assert policy.figures()["policy_version"] == 0
+    policy.intake.receive("/policy/weights", message(7, signature(7, data)))
+    assert policy.figures()["policy_version"] == 7
 
 
 def test_a_learner_refuses_transitions_that_are_ragged_or_not_numbers_and_learns_on(
@@ -247,10 +246,10 @@ def test_a_learner_refuses_transitions_that_are_ragged_or_not_numbers_and_learns
     rows["vehicle_observation"][3] = np.nan
     ragged = convert.filled(convert.transition_message(rows, 4, PERIOD), {"vehicle_action": array("f", [0.0])})
     for message in (ragged, Transition(), convert.transition_message(rows, 4, PERIOD)):
-        learner._on_transition(learner._refiner, message)
-    assert shown(learner) == {"refused /replay": 1}
+        learner.intake.receive("/replay", message)
+    assert refused(learner) == {"/replay": 1}
     assert (learner._refiner.received, learner._refiner.refused) == (4, 1)
-    assert learner._status["refused"] == 1
+    assert learner.figures()["refused"] == 1
 
 
 def test_a_recorder_leaves_out_ragged_events_and_times_before_0_and_its_bag_is_whole(
@@ -268,7 +267,7 @@ def test_a_recorder_leaves_out_ragged_events_and_times_before_0_and_its_bag_is_w
     for message in (good, ragged):
         events.publish(message)
     here.spin_until(lambda: sum(topic.seen for topic in recorder._bag.topics.values()) == 4)
-    assert shown(recorder) == {"refused /clock": 1, "refused /episode/event": 1}
+    assert refused(recorder) == {"/clock": 1, "/episode/event": 1}
     recorder.close()
     info = bag_info(tmp_path / "bag")
     assert (info["messages_seen"], info["messages_written"], info["messages"]) == (4, 2, 2)
@@ -286,8 +285,8 @@ def test_a_second_publisher_of_actions_is_named_and_what_it_says_otherwise_is_co
         answer_every_state(node, acceleration)
     here.spin_until(lambda: world.finished)
     world.intake.look()
-    assert "/stranger on /vehicle/action" in shown(world)["second_publishers"]
-    assert dict(world.status())["vehicle_answers_contradicted"] > 0
+    assert "/stranger on /vehicle/action" in world.status().second_publishers
+    assert world.counts.vehicle_answers_contradicted > 0
 
 
 def answer_every_state(node: Any, acceleration: float) -> None:

@@ -10,7 +10,7 @@ from vpsci_ros.nodes.topics import LATCHED, LOCK_STEP, RECORDING, TOPICS, listen
 def test_every_publisher_and_subscriber_is_a_node_that_exists() -> None:
     for topic in TOPICS.values():
         assert set(topic.publishers) <= set(NODES)
-        assert set(topic.subscribers) <= {*NODES, "graph_watch"}
+        assert set(topic.subscribers) <= set(NODES)
 
 
 def test_every_node_has_a_section_of_parameters() -> None:

@@ -1,6 +1,5 @@
 """Lock-step: the world goes on when everybody has answered, or has been waited for; not while it has to stand still."""
 
-from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import EPISODE, RUNNING, WorldConfig
+from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.lockstep import LockStep, LockStepConfig
 from vpsci_ros.world.safe_stop import ExternalConfig, ExternalDriver
 from vpsci_ros.world.tick import Actions, Assessment, Tick
@@ -19,7 +19,7 @@ class Session:
     """A lock-step with two slots, and those who answer it."""
 
     def __init__(self, external: ExternalDriver | None = None, **drivers: str) -> None:
-        self.counts: Counter[str] = Counter()
+        self.counts = WorldCounts()
         self.lock_step = LockStep(PATIENT, WorldConfig(**drivers), self.counts, external)
         self.state = np.zeros(2, EPISODE)
         self.state["status"] = RUNNING
@@ -78,7 +78,7 @@ def test_answers_to_earlier_ticks_are_passed_over(session: Session) -> None:
     session.answer(2)
     assert session.lock_step.assessment is None
     assert session.lock_step.actions == Actions()
-    assert not session.counts
+    assert not session.counts.nonzero()
 
 
 @pytest.mark.parametrize("begun", [False, True], ids=["before the first tick", "at a tick"])
@@ -88,7 +88,7 @@ def test_an_answer_to_a_tick_that_is_still_to_come_is_refused_and_counted(sessio
     for answer in (session.monitor, lambda number: session.agent("vehicle", number)):
         with pytest.raises(InvalidInput, match="expected no answer to tick 3 yet, which is still to come"):
             answer(3)
-    assert session.counts == {"safety_answers_early": 1, "vehicle_answers_early": 1}
+    assert session.counts.nonzero() == {"safety_answers_early": 1, "vehicle_answers_early": 1}
     session.begin(3)
     session.answer(3)
     assert session.lock_step.may_advance()
@@ -121,7 +121,7 @@ def test_a_bad_answer_is_refused_counted_and_nobody_waits_for_a_better_one(sessi
     with pytest.raises(InvalidInput, match="actions.vehicle of slot 0"):
         session.agent("vehicle", value=np.inf)
     session.agent("pedestrian")
-    assert session.counts == {"safety_answers_refused": 1, "vehicle_answers_refused": 1}
+    assert session.counts.nonzero() == {"safety_answers_refused": 1, "vehicle_answers_refused": 1}
     assert session.lock_step.may_advance()
     assessment, actions, _ = session.lock_step.answers()
     assert not assessment.answered
@@ -140,7 +140,7 @@ def test_a_second_answer_that_differs_is_refused_and_counted_and_the_first_stand
         session.agent("vehicle", value=9.0)
     with pytest.raises(InvalidInput, match="another that differs"):
         session.monitor(ttc=3.0)
-    assert session.counts == {"vehicle_answers_contradicted": 1, "safety_answers_contradicted": 1}
+    assert session.counts.nonzero() == {"vehicle_answers_contradicted": 1, "safety_answers_contradicted": 1}
     assert late or session.lock_step.actions.vehicle.max() == 1.0  # type: ignore[union-attr]
     assert session.lock_step.assessment.curvttc.max() == 1.0  # type: ignore[union-attr]
 
@@ -151,7 +151,7 @@ def test_the_same_answer_once_more_is_no_contradiction(session: Session) -> None
     session.answer()
     session.begin(2)
     session.answer(0)
-    assert not session.counts
+    assert not session.counts.nonzero()
 
 
 def test_a_good_answer_after_a_refused_one_is_taken(session: Session) -> None:
@@ -196,9 +196,9 @@ def test_paced_by_the_wall_clock_a_tick_waits_for_its_beat_and_late_ones_are_cou
     assert not session.lock_step.may_advance(99.0)
     session.lock_step.beat()
     assert session.lock_step.may_advance()
-    assert session.counts["late_ticks"] == 0
+    assert session.counts.late_ticks == 0
     session.lock_step.beat()
-    assert session.counts["late_ticks"] == 1
+    assert session.counts.late_ticks == 1
     session.begin(2)
     session.answer(2)
     session.lock_step.pace(False)
@@ -231,7 +231,7 @@ def test_an_external_pedestrian_is_asked_at_every_tick_at_which_an_episode_runs(
 
 
 def test_an_external_vehicles_command_stands_in_for_a_policys_action() -> None:
-    driver = ExternalDriver(ExternalConfig(), 0.05, Counter())
+    driver = ExternalDriver(ExternalConfig(), 0.05, WorldCounts())
     session = Session(driver, vehicle_driver="external")
     session.begin()
     session.monitor()

@@ -1,12 +1,11 @@
 """An external driving system's commands: what is taken, what is refused, and what happens where none comes."""
 
-from collections import Counter
-
 import numpy as np
 import pytest
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import EPISODE, RUNNING
+from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.safe_stop import ExternalConfig, ExternalDriver
 from vpsci_ros.world.state import SAFE_STOP
 from vpsci_ros.world.tick import NO_ACTIONS, Tick
@@ -19,7 +18,7 @@ class Session:
     """A driver, and ticks for it."""
 
     def __init__(self, config: ExternalConfig) -> None:
-        self.counts: Counter[str] = Counter()
+        self.counts = WorldCounts()
         self.driver = ExternalDriver(config, PERIOD, self.counts)
         self.state = np.zeros(1, EPISODE)
         self.state["status"], self.state["frame"] = RUNNING, 5
@@ -54,7 +53,7 @@ def test_a_command_that_nothing_can_follow_is_refused_and_counted(value: float) 
     with pytest.raises(InvalidInput, match="at tick 3: out of range or not finite"):
         session.driver.accelerate((value, 0.0))
     assert not session.driver.answered
-    assert session.counts == {"vehicle_commands_refused": 1}
+    assert session.counts.nonzero() == {"vehicle_commands_refused": 1}
 
 
 @pytest.mark.parametrize("values", [(1.01, 0.0, 0.0), (0.0, -0.1, 0.0), (0.0, 0.0, np.nan)])
@@ -76,7 +75,8 @@ def test_commands_for_other_ticks_are_refused_by_their_stamp_or_their_tick() -> 
         session.driver.control((0.0, 0.0, 1.0), tick=4)
     session.driver.control((0.0, 0.0, 1.0), stamp=1, tick=3)
     session.driver.accelerate((0.0, 0.0))
-    assert session.counts == {"vehicle_commands_refused": 3, "vehicle_commands": 2, "vehicle_commands_surplus": 1}
+    counts = {"vehicle_commands": 2, "vehicle_commands_surplus": 1, "vehicle_commands_refused": 3}
+    assert session.counts.nonzero() == counts
 
 
 def test_an_answer_to_a_tick_without_an_episode_is_passed_over() -> None:
@@ -85,7 +85,7 @@ def test_an_answer_to_a_tick_without_an_episode_is_passed_over() -> None:
     session.begin(4)
     session.driver.accelerate((0.0, 0.0), 3 * NANOSECONDS)
     assert not session.driver.answered
-    assert not session.counts["vehicle_commands_refused"]
+    assert not session.counts.vehicle_commands_refused
 
 
 def test_who_was_waited_for_in_vain_and_has_left_is_not_waited_for_again() -> None:
@@ -124,7 +124,7 @@ def test_a_safe_stop_brakes_ever_more_firmly_up_to_its_limit_and_is_told_of_once
         kinds += events["kind"].tolist()
     assert braking == pytest.approx([-1.0] * 4 + [0.5, 1.0, 1.5] + [2.0] * 4)
     assert kinds == [SAFE_STOP]
-    assert (session.counts["safe_stops"], session.counts["safe_stop_ticks"]) == (1, 7)
+    assert (session.counts.safe_stops, session.counts.safe_stop_ticks) == (1, 7)
 
 
 def test_a_command_ends_a_safe_stop_and_silence_begins_another() -> None:
@@ -136,7 +136,7 @@ def test_a_command_ends_a_safe_stop_and_silence_begins_another() -> None:
     assert session.braking() == -2.0
     session.begin(20)
     assert session.braking() > 0.0
-    assert session.counts["safe_stops"] == 2
+    assert session.counts.safe_stops == 2
 
 
 def test_in_real_time_a_command_of_long_ago_or_out_of_order_is_refused() -> None:
@@ -157,7 +157,7 @@ def test_a_command_stamped_in_the_future_is_refused_and_locks_no_later_one_out(c
             session.driver.accelerate((-1.0, 0.0), stamp)
     session.driver.accelerate((-2.0, 0.0), 10 * NANOSECONDS)
     assert session.braking() == 2.0
-    assert +session.counts == {"vehicle_commands_refused": 2, "vehicle_commands": 1}
+    assert session.counts.nonzero() == {"vehicle_commands_refused": 2, "vehicle_commands": 1}
 
 
 def test_the_stamp_of_the_first_tick_answers_that_tick_alone() -> None:
@@ -169,16 +169,16 @@ def test_the_stamp_of_the_first_tick_answers_that_tick_alone() -> None:
         session.driver.accelerate((-1.0, 0.0), 0)
 
 
-def test_a_late_answer_to_a_tick_that_was_told_twice_is_no_fault_and_a_third_one_is() -> None:
+def test_a_late_answer_to_a_tick_that_was_published_twice_is_no_fault_and_a_third_one_is() -> None:
     session = Session(ExternalConfig())
     session.begin(0)
-    session.driver.tell_again()
+    session.driver.repeat()
     session.driver.accelerate((-1.0, 0.0), 0)
     assert session.driver.answered
     session.begin(1)
     for _ in range(2):  # an answer to the odometry, and one to the list of objects
         session.driver.accelerate((-1.0, 0.0), 0)
     assert not session.driver.answered
-    assert +session.counts == {"vehicle_commands": 1}
+    assert session.counts.nonzero() == {"vehicle_commands": 1}
     with pytest.raises(InvalidInput, match="an earlier tick"):
         session.driver.accelerate((-1.0, 0.0), 0)

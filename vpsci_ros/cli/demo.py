@@ -10,6 +10,7 @@ from rich.console import Console
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.resources import RIGHT_TURNS, near_misses_path, params_dir
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.view.episodes import Episode, Source
@@ -74,7 +75,7 @@ def run_demo(folder: Path, data: Path | None, *, force: bool = False) -> None:
                 raise VpsciError(f"stage {stage}: {result.error}")
             if stage < 3:
                 learned = str(result.folder / "learner" / ("pretrained.safetensors", "refined.safetensors")[stage - 1])
-            console.print(f"{_outcome(stage, result.progress)}done in {result.wall_time:.0f} s")
+            console.print(f"{_outcome(stage, result.nodes.get('learner'))}done in {result.wall_time:.0f} s")
     export_bag(folder / "stage3" / "bag", folder / "dataset", console=console)
     console.rule("the same episodes by the shipped weights, which have learned for longer", align="left")
     write_view(folder / PAGE, demo_sources(folder, sections, near_misses), "vpsci demo")
@@ -121,18 +122,21 @@ def _number(episode: Episode) -> tuple[int, ...]:
     return tuple(int(part) for part in episode.name.split(":"))
 
 
-def _outcome(stage: int, progress: dict[str, float]) -> str:
+def _outcome(stage: int, learner: NodeStatus | None) -> str:
     """Return what a stage of learning came to: errors on clips that it never learned from, beside the control's."""
-    seen = {name.removeprefix("learner."): value for name, value in progress.items()}
+    seen = learner.figures if learner else {}
     if stage == 1 and "closed_loop_ade" in seen:
         return (
-            f"closed-loop error (ADE) on held-out clips: {seen['closed_loop_ade']:.3f} m, "
-            f"of the last velocity repeated: {seen['control_closed_loop_ade']:.3f} m\n"
+            f"closed-loop error (ADE) on held-out clips: {float(seen['closed_loop_ade']):.3f} m, "
+            f"of the last velocity repeated: {float(seen['control_closed_loop_ade']):.3f} m\n"
         )
     if stage == 2 and "updates" in seen:
+        count = {
+            name: round(float(seen[name])) for name in ("transitions", "lost", "updates", "refreshes", "rollbacks")
+        }
         return (
-            f"{seen['transitions']:.0f} transitions ({seen['lost']:.0f} lost), {seen['updates']:.0f} updates; policies "
-            f"took up {seen['refreshes'] - seen['rollbacks']:.0f} refreshes, {seen['rollbacks']:.0f} were rolled back\n"
+            f"{count['transitions']} transitions ({count['lost']} lost), {count['updates']} updates; policies took up "
+            f"{count['refreshes'] - count['rollbacks']} refreshes, {count['rollbacks']} were rolled back\n"
         )
     return ""
 

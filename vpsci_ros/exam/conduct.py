@@ -24,11 +24,13 @@ from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.measures import Drive, Key, drives
-from vpsci_ros.exam.process import command_of, failure, flood, running, silence
+from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns, write_motion
 from vpsci_ros.exam.report import Conduct
 from vpsci_ros.exam.sight import Sight, Watcher
 from vpsci_ros.nodes.config import GraphConfig
+from vpsci_ros.nodes.failures import Silence, flood, never_came
+from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.config import PolicyConfig
@@ -41,6 +43,7 @@ from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world import IDLE, Recorded, Scenario, World, WorldConfig, load_scenarios
+from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.crowd import CrowdConfig
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.monitor import MonitorConfig
@@ -50,7 +53,6 @@ from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
 _BATCH = 64  # episodes side by side, of the autopilot
 _STOPPED = "stopped on request"
 DYING = 1.0  # [s] from the last command of a system that ends to its end
-NEVER_CAME = "the ADS never published /vehicle/cmd_accel or /vehicle/cmd_control, in {:g} s (graph.progress_timeout)"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -209,37 +211,34 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
 def _meet(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     """Run the graph with one pedestrian; an ADS that fails is in the run's record."""
     from vpsci_ros.nodes.graph import run_graph
-    from vpsci_ros.nodes.watch import Watch
 
-    silent = silence(exam.config.silent_ticks)
+    silent = Silence(exam.config.silent_ticks)
     patience = exam.sections.get(GraphConfig, "graph").progress_timeout
     reasons: list[str] = []
     begun = time.monotonic()
-    told: dict[str, float] = {}
     with contextlib.ExitStack() as stack:
         ads = None
         if exam.config.ads != EXTERNAL:
             log = folder / "logs" / f"ads_{name}.log"
             ads = stack.enter_context(running(command_of(exam.config.ads, exam.latency), log))
 
-        def failed(watch: Watch) -> str:
-            seen = watch.summary()
-            told.update(seen)
-            spoke = any(seen.get(f"world_simulator.vehicle_commands{kind}") for kind in ("", "_refused", "_early"))
-            absent = seen.get("world_simulator.tick") == 0.0 and not spoke and watch.idle_time() > patience
-            late = time.monotonic() - begun > patience
-            reason = flood(seen, exam.config.surplus_limit, late=late)
-            reason = reason or (NEVER_CAME.format(patience) if ads and absent else silent(seen))
+        def failed(statuses: Mapping[str, NodeStatus], idle: float) -> str:
+            reason, counts = "", _counts(statuses)
+            if counts is not None:
+                late = time.monotonic() - begun > patience
+                reason = flood(counts, exam.config.surplus_limit, late=late)
+                reason = reason or (never_came(counts, idle, patience) if ads else "") or silent(counts)
             if reason and ads and not failure(ads):
-                time.sleep(DYING)  # who falls silent may be about to end with other words
+                time.sleep(DYING)  # a system that falls silent may be about to end with other words
             reasons.append((failure(ads) if ads else "") or reason)
             return reasons[-1]
 
         result = run_graph(_graph(exam, name, folder), folder / "runs" / name, quiet=quiet, stop_when=failed)
+    counts = _counts(result.nodes)
     if result.error == _STOPPED:
         print(f"what is done is in {folder}: the same command goes on there", file=sys.stderr)
         raise KeyboardInterrupt
-    if result.error and not any(reasons) and not told.get("world_simulator.tick"):
+    if result.error and not any(reasons) and not (counts and counts.tick):
         raise VpsciError(f"{title_of(name)}: {result.error}; does the ADS publish /vehicle/cmd_accel or cmd_control?")
 
 
@@ -276,10 +275,16 @@ def _conduct(exam: Exam, folder: Path, name: str) -> Conduct:
     record = read_record(folder / "runs" / name / RECORD)
     if record is None:
         return Conduct(wanted, failure=f"{title_of(name)}: has not been run")
-    keys = ("vehicle_commands_refused", "vehicle_commands_surplus", "safe_stops")
-    refused, surplus, stops = (int(record["results"]["progress"].get(f"world_simulator.{key}", 0)) for key in keys)
+    nodes = record["results"].get("nodes", {})
+    counts = _counts({node: NodeStatus.of(values) for node, values in nodes.items()}) or WorldCounts()
     failure = f"{title_of(name)}: {record['error']}" if record["error"] else ""
-    return Conduct(wanted, refused, surplus, stops, failure)
+    refused, surplus = counts.vehicle_commands_refused, counts.vehicle_commands_surplus
+    return Conduct(wanted, refused, surplus, counts.safe_stops, failure)
+
+
+def _counts(nodes: Mapping[str, NodeStatus]) -> WorldCounts | None:
+    """Return what the world of a graph has counted; None where it has reported nothing."""
+    return nodes["world_simulator"].counts if "world_simulator" in nodes else None
 
 
 def _read(exam: Exam, name: str, bag: Path, conduct: Conduct) -> Met:

@@ -6,7 +6,7 @@ import shlex
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from vpsci_ros.errors import InvalidInput
@@ -14,7 +14,6 @@ from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.processes import ChildProcess, stop
 
 OWN = "example_ads"
-LEAST_FLOOD = 2000  # commands; fewer are no flood, however few the ticks
 
 
 def command_of(text: str, latency: float | None = None) -> list[str]:
@@ -67,48 +66,6 @@ def failure(process: ChildProcess) -> str:
         return ""
     said = process.said()
     return f"the ADS {process.end}" + (f", having said {said!r}" if said else "") + f" (log: {process.log})"
-
-
-def silence(limit: int) -> Callable[[dict[str, float]], str]:
-    """Return what tells, from the world's diagnostics seen now and then, that the ADS has fallen silent.
-
-    It has where it left `limit` ticks unanswered while it answered fewer than that.
-    """
-    seen = {"ticks": 0.0, "missing": 0.0, "refused": 0.0}
-
-    def check(numbers: dict[str, float]) -> str:
-        ticks = numbers.get("world_simulator.tick", 0.0)
-        missing = numbers.get("world_simulator.vehicle_answers_missing", 0.0)
-        if ticks < seen["ticks"] or missing - seen["missing"] < 0.5 * (ticks - seen["ticks"]):
-            refused = numbers.get("world_simulator.vehicle_commands_refused", 0.0)
-            seen.update(ticks=ticks, missing=missing, refused=refused)
-        if missing - seen["missing"] < limit:
-            return ""
-        refused = numbers.get("world_simulator.vehicle_commands_refused", 0.0) - seen["refused"]
-        why = f"the {refused:.0f} that came were refused: late, not finite or out of range" if refused else "none came"
-        return f"the ADS gave no usable command for {missing - seen['missing']:.0f} ticks in a row; {why}"
-
-    return check
-
-
-def flood(numbers: dict[str, float], limit: int, *, late: bool) -> str:
-    """Return that the ADS floods, by the world's diagnostics; nothing where it does not.
-
-    :param limit: surplus commands a tick that are none yet.
-    :param late: the first tick should have come by now.
-    """
-    ticks, surplus, early = (
-        numbers.get(f"world_simulator.{key}", 0.0)
-        for key in ("tick", "vehicle_commands_surplus", "vehicle_commands_early")
-    )
-    if surplus > max(limit * (ticks + 1.0), LEAST_FLOOD):
-        return (
-            f"the ADS floods: {surplus:.0f} commands beyond the first one of a tick in {ticks:.0f} ticks, more than "
-            f"{limit} a tick (ads_test.surplus_limit)"
-        )
-    if late and ticks == 0.0 and early > LEAST_FLOOD:
-        return f"the ADS floods: {early:.0f} commands before the first tick, which never came"
-    return ""
 
 
 def _environment() -> dict[str, str]:

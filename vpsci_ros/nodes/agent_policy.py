@@ -1,13 +1,14 @@
 """A learned policy as a node: answers WorldState and SafetyState of a policy tick with one agent's accelerations."""
 
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 from rclpy.context import Context
 from rclpy.task import Future
 
-from vpsci_msgs.msg import PolicyWeights, SafetyState, WorldState
+from vpsci_msgs.msg import PolicyWeights, SafetyState
 from vpsci_msgs.srv import History
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
@@ -25,8 +26,8 @@ from vpsci_ros.wire.answers import SerializedSafety, write_action
 from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.world.tick import Actions, Tick
 
-SILENCE = 0.5  # [s] without a message: ask the world whether one was missed
-REPLY_PATIENCE = 1.0  # [s] for the world's reply, before asking again
+SILENCE = 0.5  # [s] without a message before the world is requested for one that was missed
+REPLY_PATIENCE = 1.0  # [s] for the world's reply, before the next request
 FOREIGN_PATIENCE = 0.2  # [s] for the service of a world that may have none; ours has one
 OWN_PATIENCE = 3.0  # [s]
 
@@ -35,9 +36,9 @@ class AgentPolicy(GraphNode):
     """`/world/state`, `/safety/state` and, where no weights are given, `/policy/weights` in, `/<agent>/action` out.
 
     A policy answers every tick at which some running episode is at a policy frame, with zeros for the episodes in
-    which it does not act, so that the world never waits in doubt. Before its first answer, and whenever nothing comes,
-    it asks the world for the policy frames that it has not seen (`/world/history`): so it answers as if it had been
-    there from the beginning when it is started again on the way, and misses nothing when it is matched late.
+    which it does not act, so that the world never waits in vain. Before its first answer, and whenever nothing comes,
+    it requests the policy frames that it has not seen (`/world/history`): so it answers as if it had been there from
+    the beginning when it is started again in mid-run, and misses nothing when it is matched late.
     """
 
     def __init__(
@@ -50,7 +51,7 @@ class AgentPolicy(GraphNode):
         self._version = 0  # of the weights
         self._actions: Output | None = None
         self._agent = make_agent(agent, config)
-        self._state: Shown | None = None
+        self._world: Shown | None = None
         self._ticks = received.TickSequence()
         self._safety: SafetyState | SerializedSafety | None = None
         self._known = -1  # tick of the latest policy frame that was worked through
@@ -65,13 +66,20 @@ class AgentPolicy(GraphNode):
         elif config.weights:
             self._take_up(self._agent, load_weights(weights_path(config.weights)), version=1)
         else:
-            learned = self._agent
-            self.input("/policy/weights", lambda message: self._on_weights(learned, message), LATCHED)
-        self.input("/world/state", self._on_state, raw=True)
-        self.input("/safety/state", self._on_safety, raw=True)
+            self.input("/policy/weights", _weights, partial(self._on_weights, self._agent), LATCHED)
+        self.input("/world/state", shown, self._on_state, raw=True)
+        self.input("/safety/state", safety_state, self._on_safety, raw=True)
         self._history = self.client("/world/history")
-        self.wall_timer(0.1, self._keep_up)
-        self.diagnose(self._status, lambda: "running" if self._caught_up else "waiting")
+        self.wall_timer(0.1, self._catch_up)
+
+    @property
+    def state(self) -> str:
+        """Whether it answers yet."""
+        return "running" if self._caught_up else "waiting"
+
+    def figures(self) -> dict[str, Any]:
+        """Return rate and lag of the answers, the version of the weights, and how many frames came by request."""
+        return self._meter.figures() | {"policy_version": self._version, "frames_recalled": self._recalled}
 
     def parameters_changed(self) -> None:
         """Take up the exploration and the temperature that were set on the running node."""
@@ -87,56 +95,44 @@ class AgentPolicy(GraphNode):
         if self._actions is None:
             self._actions = self.output(self._topic)
 
-    def _on_state(self, message: WorldState | bytes) -> None:
-        told = self.intake.read("/world/state", shown, message)
-        anew = None if told is None else self.intake.read("/world/state", self._ticks.take, told.tick)
-        if told is None or anew is None:
+    def _on_state(self, world: Shown) -> None:
+        restarted = self.intake.read("/world/state", self._ticks.take, world.tick)
+        if restarted is None:
             return
-        number = told.tick.number
-        if not anew and self._state is not None and number == self._state.tick.number:
-            self.intake.read("/world/state", _require_same, self._state.tick, told.tick)  # the first stands
+        number = world.tick.number
+        if not restarted and self._world is not None and number == self._world.tick.number:
+            self.intake.read("/world/state", _require_same, self._world.tick, world.tick)  # the first stands
             return
-        if anew:
-            self._known = min(self._known, number - 1)  # another world, or what was known was nobody's
-        self._state = told
+        if restarted:
+            self._known = min(self._known, number - 1)  # another world, or what was known was a stranger's
+        self._world = world
         self._meter.tick(number)
         self._answer()
 
-    def _on_safety(self, message: SafetyState | bytes) -> None:
-        told = self.intake.read("/safety/state", safety_state, message)
-        if told is None:
-            return
-        batch = len(self._state.tick.state) if self._state and told.tick > 0 else len(told.curvttc)
-        if self.intake.read("/safety/state", received.safety_state, told, batch) is None:
-            return
-        self._safety = told
-        self._answer()
+    def _on_safety(self, safety: SafetyState | SerializedSafety) -> None:
+        batch = len(self._world.tick.state) if self._world and safety.tick > 0 else len(safety.curvttc)
+        if self.intake.read("/safety/state", received.safety_state, safety, batch) is not None:
+            self._safety = safety
+            self._answer()
 
-    def _on_weights(self, agent: PolicyAgent, message: PolicyWeights) -> None:
-        data = self.intake.read("/policy/weights", received.weights, message)
-        weights = data and self.intake.read("/policy/weights", weights_from_bytes, data, "/policy/weights")
-        if not weights:
-            return
-        self._take_up(agent, weights, message.version)
-        self.get_logger().info(f"acts with weights of version {message.version}")
-
-    def _status(self) -> list[tuple[str, Any]]:
-        version = ("policy_version", self._version)
-        return [*self._meter.pairs(), version, ("frames_recalled", self._recalled)]
+    def _on_weights(self, agent: PolicyAgent, given: tuple[Weights, int]) -> None:
+        weights, version = given
+        self._take_up(agent, weights, version)
+        self.get_logger().info(f"acts with weights of version {version}")
 
     # ---- acting
 
     def _answer(self) -> None:
         self._received_at = arrived = time.perf_counter()
         safety = self._safety
-        if self._actions is None or self._state is None or safety is None:
+        if self._actions is None or self._world is None or safety is None:
             return
-        header, tick, _ = self._state
+        header, tick, _ = self._world
         if tick.number != safety.tick or tick.number <= self._known:
             return
         if not self._caught_up:
             self._first_received_at = self._first_received_at or arrived
-            self._keep_up()
+            self._catch_up()
             return
         self.simulated_time = time_of(header)
         message = self._act(header, tick, safety)
@@ -160,8 +156,8 @@ class AgentPolicy(GraphNode):
 
     # ---- catching up
 
-    def _keep_up(self) -> None:
-        """Ask the world for what was missed: before the first answer, and when nothing has come for a while."""
+    def _catch_up(self) -> None:
+        """Request what was missed from the world: before the first answer, and when nothing has come for a while."""
         now = time.perf_counter()
         if self._actions is None:
             topic = self.full_name("/policy/weights")
@@ -190,20 +186,28 @@ class AgentPolicy(GraphNode):
             return  # an earlier one, given up
         self._reply = None
         if response.running and response.tick < self._known and self._received_at < self._requested_at:
-            self._known = response.tick - 1  # nothing came since it asked: what it knew of was somebody else's
+            self._known = response.tick - 1  # nothing came since the request: what was known was a stranger's
         self._received_at = time.perf_counter()
         self._caught_up = True
-        for world, safety in zip(response.states, response.safeties, strict=True):
-            told = self.intake.read("/world/history", shown, world, "/world/history")
-            if told is None:
+        for state, safety in zip(response.states, response.safeties, strict=True):
+            world = self.intake.read("/world/history", shown, state, "/world/history")
+            if world is None:
                 continue
-            number = told.tick.number
-            if number == response.tick and (self._state is None or self._state.tick.number <= number):
-                self._state, self._safety = told, safety
+            number = world.tick.number
+            if number == response.tick and (self._world is None or self._world.tick.number <= number):
+                self._world, self._safety = world, safety
             elif self._known < number < response.tick:
-                self._act(told.header, told.tick, safety)
+                self._act(world.header, world.tick, safety)
                 self._recalled += 1
         self._answer()
+
+
+def _weights(message: PolicyWeights) -> tuple[Weights, int]:
+    """Return the weights of a message of this run's learner, and their version.
+
+    :raises InvalidInput: they are not, or they are none.
+    """
+    return weights_from_bytes(received.weights(message), "/policy/weights"), message.version
 
 
 def _require_same(first: Tick, second: Tick) -> None:

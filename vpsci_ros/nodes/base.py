@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from copy import copy
 from functools import partial
 from typing import Any, TypeVar
@@ -24,19 +24,22 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.nodes import status as reporting
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, PeerConfig, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.intake import Intake
 from vpsci_ros.nodes.middleware import set_defaults
 from vpsci_ros.nodes.output import Output
 from vpsci_ros.nodes.parameter_service import RefusingParameterService
+from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
 from vpsci_ros.parameters import Parameter, pick, refuse_unknown, table
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
+from vpsci_ros.world.counts import WorldCounts
 
 T = TypeVar("T")
 EXECUTORS: dict[str, Any] = {"events": EventsExecutor, "single": SingleThreadedExecutor}
-HAND_OVER_LIMIT = 4.0  # [s] for the recorder to have a topic's last messages
+FLUSH_LIMIT = 4.0  # [s] for the recorder to receive a topic's last messages
 DRAIN_LIMIT = 20.0  # [s] for what is still on its way when a node is asked to stop
 DIAGNOSTICS_PERIOD = 1.0  # [s] of wall time
 _SET_BY_ROS = ("use_sim_time", "start_type_description_service")
@@ -69,6 +72,7 @@ class GraphNode(Node, metaclass=_Destroying):
 
     essential_peers: tuple[str, ...] = ("world_simulator",)
     in_the_graph = False  # from when there is something to destroy
+    counts: WorldCounts | None = None  # of the world simulator, in its reports
 
     def __init__(self, name: str, *, context: Context | None = None, parameter_overrides: list[Any] | None = None):
         overrides = parameter_overrides or []
@@ -88,13 +92,13 @@ class GraphNode(Node, metaclass=_Destroying):
         self.frame_prefix = f"{namespace}/" if namespace else ""
         """Before the frames of this graph's vehicle and pedestrian, and its nodes' names in diagnostics."""
         self.simulated_time = Time()
-        """Of the latest message that came or went: the stamp of this node's diagnostics; nodes keep it up to date."""
+        """Of the latest message received or published: the stamp of the diagnostics; each node sets it."""
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.add_on_set_parameters_callback(self._check_parameters)  # both would be called at every declaration
         self.add_post_set_parameters_callback(self._take_up_parameters)
         self.intake = Intake(self)
-        self.diagnostics: list[Output] = []  # none or one
-        self._tell: Callable[[], tuple[str, list[tuple[str, Any]]]]
+        self.diagnostics = self.output("/diagnostics")
+        self.wall_timer(DIAGNOSTICS_PERIOD, self._report_and_look_for_peers)
 
     def config(self, kind: type[T]) -> T:
         """Return one of the section's configuration classes, filled with this node's parameters."""
@@ -107,20 +111,38 @@ class GraphNode(Node, metaclass=_Destroying):
         """Return an output for a topic of the table."""
         row = TOPICS[topic]
         publisher = self.create_publisher(row.type, row.ros_name, copy(row.qos), qos_overriding_options=_overriding())
-        made = Output(self, topic, publisher, listeners(topic, self.peers), self.peer_timeout)
+        expected = listeners(topic, self.peers)
+        made = Output(self, topic, publisher, expected, self.peer_timeout, self._is_stopping)
         self._offered.append(made)
         return made
 
+    def _is_stopping(self) -> bool:
+        return self.stop.is_set()
+
     def input(
-        self, topic: str, callback: Callable[[Any], None], qos: QoSProfile | None = None, raw: bool = False
+        self,
+        topic: str,
+        decode: Callable[[Any], T],
+        handle: Callable[[T], None],
+        qos: QoSProfile | None = None,
+        *,
+        raw: bool = False,
     ) -> Subscription:
-        """Subscribe to a topic of the table."""
+        """Subscribe to a topic of the table.
+
+        :param decode: called with each message, or its bytes where `raw`; refuses one by `InvalidInput`, and the
+            refusal is counted and logged.
+        :param handle: called with what `decode` returned.
+        """
         row = TOPICS[topic]
-        given = self.create_subscription(
-            row.type, row.ros_name, callback, copy(qos or row.qos), raw=raw, qos_overriding_options=_overriding()
+        return self.intake.add(
+            topic,
+            decode,
+            handle,
+            lambda receive: self.create_subscription(
+                row.type, row.ros_name, receive, copy(qos or row.qos), raw=raw, qos_overriding_options=_overriding()
+            ),
         )
-        self.intake.add(topic, given)
-        return given
 
     def serve(self, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Offer a service of the table."""
@@ -141,25 +163,46 @@ class GraphNode(Node, metaclass=_Destroying):
         """
         return self.create_timer(period, callback, clock=self._wall_clock)
 
-    def diagnose(
-        self, pairs: Callable[[], Iterable[tuple[str, Any]]], text: Callable[[], str] = lambda: "running"
-    ) -> None:
-        """Publish what `pairs` returns on `/diagnostics`, once a second of wall time and a last time at the end.
+    # ---- what it reports of itself
 
-        Beside it stand the messages that were refused, and second publishers of the node's topics.
+    @property
+    def state(self) -> str:
+        """What the node does, in a word or two."""
+        return "running"
 
-        Off the hot path: `pairs` is called by a timer, so a node only has to keep count. Without the readers that it
-        expects a message is dropped, never waited for.
+    def figures(self) -> dict[str, Any]:
+        """Return rates, progress and versions to be shown, by name; called about once a second."""
+        return {}
+
+    def status(self) -> NodeStatus:
+        """Return the node's report."""
+        return NodeStatus(
+            state=self.state,
+            figures=self.figures(),
+            published={output.topic: output.published for output in self._offered if output.published},
+            refused=dict(self.intake.refused),
+            second_publishers=self.intake.second_publishers,
+            sharing=self.intake.sharing,
+            counts=self.counts,
+        )
+
+    def report(self, *, wait: bool = False) -> None:
+        """Publish the status on `/diagnostics` and send it to the graph; once a second of wall time, and at the end.
+
+        :param wait: for the expected readers; otherwise the message is dropped where one is missing.
+        :raises VpsciError: waited for longer than `peer_timeout`.
         """
-        self._tell = lambda: (text(), list(pairs()))
-        self.diagnostics = [self.output("/diagnostics")]
-        self.wall_timer(DIAGNOSTICS_PERIOD, self._report_and_call)
+        self.intake.look()
+        status = self.status()
+        if wait or self.diagnostics.matched:
+            name = f"{self.frame_prefix}{self.get_name()}"
+            message = diagnostics_message(name, status.state, status.pairs().items(), self.simulated_time)
+            (self.diagnostics.publish if wait else self.diagnostics.publish_now)(message)
+        reporting.send(status)
 
-    def _report_and_call(self) -> None:
-        """Tell of oneself, and call for the peers that do not speak yet."""
+    def _report_and_look_for_peers(self) -> None:
         if not self._all_found:
             self._look_for_peers(self.intake.presence(self.peers))
-        self.intake.look()
         self.report()
 
     def _look_for_peers(self, present: dict[str, bool]) -> None:
@@ -171,21 +214,6 @@ class GraphNode(Node, metaclass=_Destroying):
         elif present:
             self.get_logger().info(f"found {', '.join(present)}")
 
-    def report(self, *, wait: bool = False) -> None:
-        """Publish the diagnostics now; `wait` for the readers that are expected rather than drop them.
-
-        :raises VpsciError: waited for longer than `peer_timeout`.
-        """
-        for output in self.diagnostics:
-            text, pairs = self._tell()
-            pairs += self.intake.pairs()
-            name = f"{self.frame_prefix}{self.get_name()}"
-            message = diagnostics_message(name, text, pairs, self.simulated_time)
-            if wait:
-                output.publish(message)
-            elif output.matched:
-                output.publish_now(message)
-
     @property
     def quiet(self) -> bool:
         """Whether a node that is asked to stop may do so; one that must not cut anything off answers no for a while."""
@@ -194,10 +222,10 @@ class GraphNode(Node, metaclass=_Destroying):
     def close(self) -> None:
         """Finish what the node has begun; called once on every way out, while publishing still works."""
 
-    def hand_over(self) -> None:
-        """Wait until the recorder has what this node said; not for long, since it may be dead."""
+    def flush(self) -> None:
+        """Wait until the recorder has received what this node published; not for long, since it may be dead."""
         recorded = [output for output in self._offered if "recorder" in output.expected and output.published]
-        all(output.flush(HAND_OVER_LIMIT) for output in recorded)
+        all(output.flush(FLUSH_LIMIT) for output in recorded)
 
     def _check_parameters(self, given: list[RosParameter]) -> SetParametersResult:
         try:
@@ -268,7 +296,8 @@ def _run(node_class: Callable[..., GraphNode], context: Context, stop: StopReque
         try:
             node.report()
             status = max(status, _attempt(node, node.close))
-            node.hand_over()
+            node.flush()
+            reporting.send(node.status())
         finally:
             executor.shutdown()
             node.destroy_node()

@@ -6,11 +6,12 @@ Any other process that ends on its own ends the run with an error that names it.
 
 import contextlib
 import os
+import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from vpsci_ros.bags.reader import Bag
@@ -20,22 +21,24 @@ from vpsci_ros.data.corpus import corpus_files
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.learning.config import LearnerConfig, RefineConfig
+from vpsci_ros.nodes import failures
 from vpsci_ros.nodes.config import GraphConfig, section_classes
-from vpsci_ros.nodes.watch import WATCH, Watch
+from vpsci_ros.nodes.shared_memory import remove_left_behind
+from vpsci_ros.nodes.status import PIPE, NodeStatus, StatusPipe
+from vpsci_ros.nodes.watch import Watch
 from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, table, values_of
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs import signature
-from vpsci_ros.runs.completeness import RecordedCounts, what_is_missing
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import require_empty_folder, sha256
 from vpsci_ros.runs.processes import ChildProcess, stop
 from vpsci_ros.runs.record import RECORD, room_for_record, write_record
 from vpsci_ros.runs.sections import Sections
-from vpsci_ros.runs.shared_memory import remove_left_behind
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 from vpsci_ros.world import WorldConfig
 
-STOP_STEPS = ((signal.SIGINT, 30.0), (signal.SIGKILL, 30.0))  # asked, and given so long [s]
+StopWhen = Callable[[Mapping[str, NodeStatus], float], str]
+STOP_STEPS = ((signal.SIGINT, 30.0), (signal.SIGKILL, 30.0))  # sent, and given so long [s]
 POLL = 0.1  # [s]
 ENDED_FOR_GOOD = (0, 2)  # exit statuses of a node that has finished, or refused its parameters: it would again
 WEIGHTS_OF_STAGE = {"pretrain": "pretrained.safetensors", "refine": "refined.safetensors"}  # what a learner leaves
@@ -43,13 +46,17 @@ WEIGHTS_OF_STAGE = {"pretrain": "pretrained.safetensors", "refine": "refined.saf
 
 @dataclass
 class GraphResult:
-    """How a run of a graph ended: `error` is empty when it ran to its end."""
+    """How a run of a graph ended.
+
+    :ivar error: why it is no success; empty when it ran to its end and is complete.
+    :ivar nodes: the last report of each node.
+    :ivar exits: exit status of each process.
+    """
 
     folder: Path
     error: str = ""
     wall_time: float = 0.0
-    second_publishers: list[str] = field(default_factory=list)
-    progress: dict[str, float] = field(default_factory=dict)
+    nodes: dict[str, NodeStatus] = field(default_factory=dict)
     exits: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -63,16 +70,17 @@ def run_graph(
     folder: str | Path,
     *,
     quiet: bool = False,
-    stop_when: Callable[[Watch], str] | None = None,
+    stop_when: StopWhen | None = None,
 ) -> GraphResult:
     """Run a graph to its end and return how it went.
 
-    A run that fails, is interrupted, or ends with anything missing returns with `error` set; see
-    `vpsci_ros.runs.completeness` and docs/promises.md.
+    A run that fails, is interrupted, or ends with anything missing returns with `error` set; the reasons are in
+    `vpsci_ros.nodes.failures`, and docs/promises.md lists them.
 
     :param sections: as `vpsci_ros.cli.parameter_file.load` returns them.
     :param folder: output folder, empty or new: bag/, learner/, log/, params.yaml (resolved), run.json.
-    :param stop_when: asked again and again; an answer ends the run, and is its `error`.
+    :param stop_when: called about ten times a second with the nodes' latest reports and for how long nothing has
+        happened [s]; an answer ends the run, and is its `error`.
     :raises InvalidInput: a parameter is refused, there are no such weights, or the folder is not empty; nothing has
         been started then.
     """
@@ -93,15 +101,14 @@ def run_graph(
         result.wall_time = time.monotonic() - begun
         learner = resolved.values.get("learner")
         near_misses = [] if learner is None else corpus_files(learner.get("near_misses", []))
-        with _told_in(result):
+        with _collecting_errors(result):
             write_record(
                 folder / RECORD,
                 begun=begun,
                 error=result.error,
                 results={
-                    "progress": result.progress,
+                    "nodes": {node: asdict(status) for node, status in result.nodes.items()},
                     "exit_status": result.exits,
-                    "second_publishers": result.second_publishers,
                 },
                 inputs=hashes | {str(path): sha256(path) for path in near_misses if path.is_file()},
             )
@@ -114,16 +121,16 @@ def _run_to_the_end(
     processes: "NodeProcesses",
     quiet: bool,
     requested: StopRequest,
-    stop_when: Callable[[Watch], str] | None,
+    stop_when: StopWhen | None,
 ) -> None:
-    """Start and watch the processes, stop them, and see to what they leave; `result` tells of it."""
+    """Start and watch the processes, stop them, and complete what they leave; fill `result` in."""
     with processes:
         try:
             with Watch(resolved, quiet=quiet) as watch:
                 result.error = _follow(processes, watch, resolved.get(GraphConfig, "graph"), requested, stop_when)
-                result.progress, result.second_publishers = watch.summary(), watch.second_publishers()
         finally:
             result.exits = processes.stop()
+            result.nodes = processes.statuses(0.0)
     _settle(result, processes)
     result.error = result.error or "; ".join(_incomplete(result, processes, resolved))
 
@@ -138,7 +145,7 @@ def resolve(sections: Sections, folder: Path) -> Sections:
         raise InvalidInput(f"graph.nodes = {graph.nodes}: expected world_simulator or learner among them, to lead")
     resolved = {"graph": values_of(graph)}
     for node in graph.nodes:
-        values = {**sections.values.get(node, {}), "peers": [*graph.nodes, WATCH]}
+        values = {**sections.values.get(node, {}), "peers": list(graph.nodes)}
         if node == "recorder":
             values["bag"] = str(folder / "bag")
         if node == "learner":
@@ -162,6 +169,8 @@ class NodeProcesses:
         self._arguments = ["--ros-args", "--params-file", str(parameters)]
         self._arguments += ["-r", f"__ns:={namespace}"] if namespace else []
         self.running: dict[str, ChildProcess] = {}
+        self.restarted: set[str] = set()
+        self._pipes: dict[str, StatusPipe] = {}
         self._secret = signature.new_secret()
 
     def __enter__(self) -> "NodeProcesses":
@@ -172,30 +181,48 @@ class NodeProcesses:
 
     def start(self, node: str) -> None:
         """Start a node; its log goes on where one of the same name has stopped."""
+        if node in self.running:
+            self.restarted.add(node)
+            self._pipes[node].close()
+        pipe = self._pipes[node] = StatusPipe()
         command = [sys.executable, "-m", f"vpsci_ros.nodes.{node}", *self._arguments]
         # Idle threads of torch must not keep the nodes from a core.
-        environment = {"OMP_WAIT_POLICY": "PASSIVE"} | dict(os.environ) | {signature.VARIABLE: self._secret}
-        self.running[node] = ChildProcess(command, self.logs / f"{node}.log", environment, holds_signals=True)
+        environment = {"OMP_WAIT_POLICY": "PASSIVE"} | dict(os.environ)
+        environment |= {signature.VARIABLE: self._secret, PIPE: str(pipe.write_end)}
+        log, inherited = self.logs / f"{node}.log", [pipe.write_end]
+        self.running[node] = ChildProcess(command, log, environment, holds_signals=True, inherited=inherited)
+        pipe.started()
 
     def __exit__(self, *_: object) -> None:
         self.stop()
+        for pipe in self._pipes.values():
+            pipe.close()
 
     def ended(self) -> dict[str, int]:
         """Return the exit status of each process that has ended."""
         return {node: process.status for node, process in self.running.items() if process.status is not None}
 
+    def statuses(self, seconds: float) -> dict[str, NodeStatus]:
+        """Return the latest report of each node that has made one, having waited so long for news."""
+        until = time.monotonic() + seconds
+        while True:
+            left = until - time.monotonic()
+            select.select([pipe.read_end for pipe in self._pipes.values() if pipe.open], [], [], max(0.0, left))
+            for pipe in self._pipes.values():
+                pipe.read()
+            if left <= 0.0:
+                return {node: pipe.latest for node, pipe in self._pipes.items() if pipe.latest}
+
     def stop(self) -> dict[str, int]:
-        """Ask all processes to stop, the recorder last; return their exit statuses. Those that do not are killed."""
+        """Stop all processes by signals, the recorder last; return their exit statuses. Those that go on are killed."""
         stop([process for node, process in self.running.items() if node != "recorder"], STOP_STEPS)
         stop([process for node, process in self.running.items() if node == "recorder"], STOP_STEPS)
         remove_left_behind()
         return self.ended()
 
     def explain(self, node: str) -> str:
-        """Return one line on how a process ended, with the last error line of its log."""
-        process = self.running[node]
-        said = process.said("error")
-        return f"{node} {process.end}" + (f": {said}" if said else "") + f" (log: {process.log})"
+        """Say how a process ended."""
+        return failures.ended(node, self.running[node])
 
 
 def _follow(
@@ -203,50 +230,45 @@ def _follow(
     watch: Watch,
     graph: GraphConfig,
     requested: StopRequest,
-    stop_when: Callable[[Watch], str] | None = None,
+    stop_when: StopWhen | None = None,
 ) -> str:
     """Wait for the end of the run; return what went wrong, or nothing."""
     restarts = graph.restarts
     while True:
-        watch.spin(POLL)
+        statuses = processes.statuses(POLL)
+        watch.take(statuses)
         if requested.is_set():
             return "stopped on request"
         ended = processes.ended()
-        if processes.leader in ended and ended[processes.leader] == 0:
-            watch.drain()
+        if ended.get(processes.leader) == 0:
             return ""
         for node, status in ended.items():
             if status in ENDED_FOR_GOOD or not node.endswith("_policy") or restarts == 0:
                 return processes.explain(node)
             restarts -= 1
-            watch.hold(node)
+            watch.pause_for(node)
             processes.start(node)
-        if stop_when is not None and (reason := stop_when(watch)):
+        reason = stop_when(statuses, watch.idle_time()) if stop_when else ""
+        reason = reason or failures.stands_still(watch.paused_time(), watch.idle_time(), graph, processes.logs)
+        if reason:
             return reason
-        if watch.paused_time() > graph.pause_timeout:
-            return (
-                f"the world was paused for {graph.pause_timeout:g} s (graph.pause_timeout) by a call of its service "
-                "world/pause; nobody asked it to go on"
-            )
-        if watch.idle_time() > graph.progress_timeout:
-            return f"no progress for {graph.progress_timeout:g} s; the nodes' logs are in {processes.logs}"
 
 
 def _settle(result: GraphResult, processes: NodeProcesses) -> None:
     """Complete the bag of a recorder that was killed, and draw what a learner has logged."""
-    with _told_in(result):
+    with _collecting_errors(result):
         if "recorder" in processes.running and not (result.bag / "metadata.yaml").exists():
             repair_bag(result.bag)
     if "learner" in processes.running:
         from vpsci_ros.report.learning import save_learning  # with torch, which no other graph needs here
 
-        with _told_in(result):
+        with _collecting_errors(result):
             save_learning(result.folder / "learner")
 
 
 @contextlib.contextmanager
-def _told_in(result: GraphResult) -> Iterator[None]:
-    """Have a part of the end that fails be an error of the run, and go on: as much as possible is to be left."""
+def _collecting_errors(result: GraphResult) -> Iterator[None]:
+    """Add the error of a block to the run's errors, and go on: the rest of what a run leaves is to be written, too."""
     text = ""
     try:
         yield
@@ -258,11 +280,11 @@ def _told_in(result: GraphResult) -> Iterator[None]:
 
 
 def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Sections) -> list[str]:
-    """Say what a run lacks that seems to have come to its end: every node's own end counts, and every message."""
+    """Say what a run lacks that seems to have come to its end."""
     missing = [processes.explain(node) for node, status in result.exits.items() if status != 0]
-    nodes, asked = list(processes.running), 0
+    nodes, requested = list(processes.running), 0
     if "world_simulator" in nodes:
-        asked = resolved.get(RunConfig, "world_simulator").total
+        requested = resolved.get(RunConfig, "world_simulator").total
     if "learner" in nodes:
         weights = result.folder / "learner" / WEIGHTS_OF_STAGE[resolved.get(LearnerConfig, "learner").stage]
         missing += [] if weights.is_file() else [f"the learner ended without {weights}"]
@@ -270,10 +292,10 @@ def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Section
         recorded = _recorded(result.bag) if "recorder" in nodes else None
     except InvalidInput as error:
         return [*missing, str(error)]
-    return missing + what_is_missing(asked, nodes, result.progress, recorded)
+    return missing + failures.incomplete(requested, nodes, result.nodes, recorded, processes.restarted)
 
 
-def _recorded(bag: Path) -> RecordedCounts:
+def _recorded(bag: Path) -> failures.RecordedCounts:
     """Return what a bag and its recorder say of the numbers of messages.
 
     :raises InvalidInput: the bag is not whole.
@@ -281,4 +303,4 @@ def _recorded(bag: Path) -> RecordedCounts:
     opened = Bag(bag)
     run = bag_run(opened)
     held = {name: topic.messages for name, topic in opened.topics().items()}
-    return RecordedCounts(run.count("seen"), run.count("refused"), run.count("written"), held)
+    return failures.RecordedCounts(run.count("seen"), run.count("refused"), run.count("written"), held)

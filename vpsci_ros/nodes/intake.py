@@ -1,71 +1,118 @@
-"""What a node takes in: who speaks on its topics, and which of their messages it refused."""
+"""What a node takes in: its subscriptions, the messages that it refuses, and the nodes that publish to it."""
 
+import math
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, TypeVar
 
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.nodes.config import NODES
 from vpsci_ros.nodes.topics import TOPICS, speakers
 
 T = TypeVar("T")
-SECOND = "second_publishers"  # their key in the diagnostics
+LOG_PERIOD = 5.0  # [s] between lines about refused messages of a topic
 UNKNOWN = "_NODE_NAME_UNKNOWN_"  # so the middleware calls a node of which it knows only the publisher yet
 
 
 class Intake:
-    """The subscriptions of a node, by topic of the table."""
+    """The subscriptions of a node, by topic of the table.
+
+    :ivar arrived: `time.perf_counter()` when the latest message came.
+    :ivar refused: topic -> messages that were refused.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._inputs: dict[str, Subscription] = {}
-        self._refused: Counter[str] = Counter()
+        self._receivers: dict[str, tuple[Callable[[Any], Any], Callable[[Any], None]]] = {}
         self._second: set[str] = set()
+        self._sharing: set[str] = set()
+        self.refused: Counter[str] = Counter()
+        self.arrived = 0.0
+        self._logged_at: dict[str, float] = {}  # topic -> [s]
 
-    def add(self, topic: str, subscription: Subscription) -> None:
-        """Take note of a subscription."""
-        self._inputs[topic] = subscription
+    def add(
+        self,
+        topic: str,
+        decode: Callable[[Any], T],
+        handle: Callable[[T], None],
+        subscribe: Callable[[Callable[[Any], None]], Subscription],
+    ) -> Subscription:
+        """Subscribe to a topic: `handle` gets what `decode` makes of each message that it does not refuse."""
+        self._receivers[topic] = decode, handle
+        self._inputs[topic] = subscribe(partial(self.receive, topic))
+        return self._inputs[topic]
+
+    def receive(self, topic: str, message: Any) -> None:
+        """Take a message of a topic in, or refuse it."""
+        self.arrived = time.perf_counter()
+        decode, handle = self._receivers[topic]
+        value = self.read(topic, decode, message)
+        if value is not None:
+            handle(value)
 
     def read(self, topic: str, convert: Callable[..., T], *arguments: Any) -> T | None:
         """Return what `convert` makes of a message; None where it refuses the message, which is counted and logged."""
         try:
             return convert(*arguments)
         except InvalidInput as error:
-            self._refused[topic] += 1
-            text = str(error)
-            if topic in self._inputs:  # the layout of messages knows of no namespaces
-                text = text.replace(topic, self._inputs[topic].topic_name, 1)
-            self._node.get_logger().warning(
-                f"refused {text} ({self._refused[topic]} so far)", throttle_duration_sec=5.0
-            )
+            self.refused[topic] += 1
+            self._log_refusal(topic, str(error))
             return None
 
+    def _log_refusal(self, topic: str, text: str) -> None:
+        now = time.monotonic()
+        if now - self._logged_at.get(topic, -math.inf) > LOG_PERIOD:
+            self._logged_at[topic] = now
+            count = f"{self.refused[topic]} so far"
+            if topic in self._inputs:
+                name = self._inputs[topic].topic_name  # with the namespace, which whoever decodes does not know
+                text = text.replace(topic, name, 1) if topic in text else f"{name}: {text}"
+                count += f", published by {', '.join(self.publishers(topic)) or 'a node that is gone'}"
+            self._node.get_logger().warning(f"refused {text} ({count})")
+
     def presence(self, peers: list[str]) -> dict[str, bool]:
-        """Return, for each other node among `peers` with topics that are listened to here, whether it publishes any."""
-        said: dict[str, bool] = {}  # some of what a peer publishes depends on its parameters, so one topic is enough
+        """Return, for each other node among `peers` that publishes a topic subscribed to here, whether it is there."""
+        found: dict[str, bool] = {}  # some of what a peer publishes depends on its parameters, so one topic is enough
         for topic, given in self._inputs.items():
             shared = len(TOPICS[topic].publishers) > 1  # by several nodes, of which one says nothing of the others
             names = self.publishers(topic) if shared else []
             for name in speakers(topic, [peer for peer in peers if peer != self._node.get_name()]):
-                full = f"{self._node.get_namespace().rstrip('/')}/{name}"
-                present = full in names if shared else given.get_publisher_count() > 0
-                said[name] = said.get(name, False) or present
-        return said
+                present = self._full(name) in names if shared else given.get_publisher_count() > 0
+                found[name] = found.get(name, False) or present
+        return found
 
     def look(self) -> None:
-        """Name whoever speaks where another does already."""
+        """Take note of the nodes that publish a topic beside the one that it belongs to."""
         for topic, given in self._inputs.items():
-            if len(TOPICS[topic].publishers) > 1 or given.get_publisher_count() < 2:
-                continue
-            found = second_publishers(self.publishers(topic), TOPICS[topic].publishers)
-            if found:
+            if TOPICS[topic].shared:
+                rest = self.publishers(topic)
+                for name in {self._full(node) for node in NODES} & set(rest):
+                    rest.remove(name)
+                self._sharing |= {f"{name} on {topic}" for name in rest}
+            elif given.get_publisher_count() > 1:
+                found = second_publishers(self.publishers(topic), TOPICS[topic].publishers)
                 self._second |= {f"{name} on {topic}" for name in found}
-                self._node.get_logger().warning(
-                    f"a second publisher on {given.topic_name}: {', '.join(found)}; is another graph in this domain?",
-                    throttle_duration_sec=5.0,
-                )
+                if found:
+                    text = f"a second publisher on {given.topic_name}: {', '.join(found)}"
+                    self._node.get_logger().warning(
+                        f"{text}; is another graph in this domain?", throttle_duration_sec=LOG_PERIOD
+                    )
+
+    @property
+    def second_publishers(self) -> list[str]:
+        """Nodes that were seen to publish beside the one that a topic belongs to, as "/NODE on /TOPIC"."""
+        return sorted(self._second)
+
+    @property
+    def sharing(self) -> list[str]:
+        """The same of nodes that are not the graph's, on topics that other programs may publish on, too."""
+        return sorted(self._sharing)
 
     def publishers(self, topic: str) -> list[str]:
         """Return the nodes that publish a topic, one name for each publisher, as far as they are known."""
@@ -73,14 +120,12 @@ class Intake:
         names = (f"{writer.node_namespace.rstrip('/')}/{writer.node_name}" for writer in writers)
         return [name for name in names if not name.endswith(UNKNOWN)]
 
-    def pairs(self) -> list[tuple[str, Any]]:
-        """Return what the diagnostics tell of it: messages refused by topic, and second publishers."""
-        refused = [(f"refused {topic}", count) for topic, count in sorted(self._refused.items())]
-        return refused + ([(SECOND, ", ".join(sorted(self._second)))] if self._second else [])
+    def _full(self, name: str) -> str:
+        return f"{self._node.get_namespace().rstrip('/')}/{name}"
 
 
 def second_publishers(names: Iterable[str], expected: Iterable[str]) -> list[str]:
-    """Return who else publishes a topic beside the first of the nodes that are expected to.
+    """Return the other publishers of a topic beside the first of the nodes that are expected to publish it.
 
     :param names: of the nodes that publish it, with their namespaces, one for each publisher.
     :param expected: names without namespaces.

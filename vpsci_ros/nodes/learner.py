@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.context import Context
 from std_msgs.msg import UInt64
 
@@ -38,8 +40,7 @@ class Learner(GraphNode):
         self._config = self.config(LearnerConfig)
         self._near_misses = load_corpus(self._config.near_misses)
         self._folder = Path(self._config.output)
-        self._status: dict[str, Any] = {}
-        self.diagnose(self._status.items, lambda: self._config.stage)
+        self._figures: dict[str, Any] = {}
         self._reported = 0.0
         self._preparations = 0  # of stage 1, before its first iteration
         self._last_receipt = time.monotonic()
@@ -50,11 +51,20 @@ class Learner(GraphNode):
         else:
             self._refiner = self._begin_refining()
 
+    @property
+    def state(self) -> str:
+        """Its stage."""
+        return self._config.stage
+
+    def figures(self) -> dict[str, Any]:
+        """Return the latest value of every number of its progress."""
+        return self._figures
+
     # ---- stage 1
 
     def _pretrain(self) -> None:
-        if not all(output.found() for output in self.diagnostics):
-            return  # until then, a recorder is answered that asks for the parameters
+        if not self.diagnostics.found():
+            return  # until then, the executor is free to reply to a recorder's request for the parameters
         try:
             pretrain(
                 self._near_misses,
@@ -96,7 +106,7 @@ class Learner(GraphNode):
         self._log = RefineLog(refiner, self._folder)
         self._weights = self.output("/policy/weights")
         self._consumed = self.output("/replay/consumed")
-        self.input("/replay", partial(self._on_transition, refiner), RECORDING)
+        self.input("/replay", self._transitions, partial(self._on_transitions, refiner), RECORDING)
         self._first = self.wall_timer(0.01, partial(self._publish_first, refiner))
         return refiner
 
@@ -104,12 +114,12 @@ class Learner(GraphNode):
         self._first.cancel()
         self._publish_weights(refiner)
 
-    def _on_transition(self, refiner: Refiner, message: Transition) -> None:
+    def _transitions(self, message: Transition) -> NDArray[np.void]:
         self._last_receipt = time.monotonic()
         self.simulated_time = message.header.stamp
-        rows = self.intake.read("/replay", layout.transitions, message)
-        if rows is None:
-            return
+        return layout.transitions(message)
+
+    def _on_transitions(self, refiner: Refiner, rows: NDArray[np.void]) -> None:
         refused = refiner.refused
         refiner.add(rows)
         if refiner.refused > refused:
@@ -145,7 +155,7 @@ class Learner(GraphNode):
     def _report(self, values: dict[str, float], last: bool = False) -> None:
         """Publish the latest value of every name, now and then."""
         for name, value in values.items():
-            self._status[name] = f"{value:.4g}" if isinstance(value, float) else value
+            self._figures[name] = f"{value:.4g}" if isinstance(value, float) else value
         now = time.monotonic()
         if now - self._reported > REPORT_PERIOD or last:
             self._reported = now

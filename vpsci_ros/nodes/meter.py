@@ -35,17 +35,17 @@ class Meter:
         self._spent += took
         self._longest = max(self._longest, took)
 
-    def pairs(self) -> list[tuple[str, Any]]:
+    def figures(self) -> dict[str, Any]:
         """Return answers in all, answers a second, mean and longest lag [ms], all three since the last call."""
         now, (then, before) = time.perf_counter(), self._reported
         fresh = self.count - before
         mean, longest = self._spent / max(fresh, 1), self._longest
         self._reported, self._spent, self._longest = (now, self.count), 0.0, 0.0
-        return [
-            ("tick", self._tick),
-            ("answers", self.count),
-            ("answers_per_second", round(fresh / max(now - then, 1e-9))),
-            ("lag_mean_ms", f"{1e3 * mean:.3f}"),
-            ("lag_max_ms", f"{1e3 * longest:.3f}"),
-            ("ticks_missed", self.missed),
-        ]
+        return {
+            "tick": self._tick,
+            "answers": self.count,
+            "answers_per_second": round(fresh / max(now - then, 1e-9)),
+            "lag_mean_ms": f"{1e3 * mean:.3f}",
+            "lag_max_ms": f"{1e3 * longest:.3f}",
+            "ticks_missed": self.missed,
+        }

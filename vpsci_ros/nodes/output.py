@@ -1,15 +1,14 @@
 """A publisher of a node of the graph: no message of it is lost because a reader was not there yet."""
 
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from rclpy.duration import Duration
+from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 from vpsci_ros.errors import VpsciError
-
-if TYPE_CHECKING:
-    from vpsci_ros.nodes.base import GraphNode
 
 STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
 
@@ -17,15 +16,29 @@ STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; s
 class Output:
     """A publisher that holds its first message back until every expected reader is matched, so that none is lost.
 
-    It also waits a moment for readers that nobody told it to expect, but that the middleware has announced already.
+    It also waits a moment for other readers that the middleware has announced already.
+
+    :param expected: nodes that are to read it.
+    :param timeout: how long to wait for them [s].
+    :param stopping: returns whether the node is to stop, and waits no more.
+    :ivar published: number of messages.
     """
 
-    def __init__(self, node: "GraphNode", topic: str, publisher: Publisher, expected: list[str], timeout: float):
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        publisher: Publisher,
+        expected: list[str],
+        timeout: float,
+        stopping: Callable[[], bool],
+    ) -> None:
         self.topic = topic
         self.expected = expected
         self._node = node
         self._publisher = publisher
         self._timeout = timeout
+        self._stopping = stopping
         self._ready = False
         self._waiting_since: float | None = None
         self.published = 0
@@ -47,7 +60,7 @@ class Output:
         return self._publisher.get_subscription_count() >= max(known, len(self.expected))
 
     def found(self) -> bool:
-        """Return whether every expected reader is there, for a node that asks again and again rather than wait.
+        """Return whether every expected reader is there, for a node that calls this again and again rather than wait.
 
         :raises VpsciError: they did not appear within `peer_timeout` of the first time.
         """
@@ -82,8 +95,8 @@ class Output:
     def _wait(self) -> None:
         begun = time.monotonic()
         last_notice = begun
-        # Matching goes on in the middleware's threads while this callback waits; a node that is to stop waits no more.
-        while not self.complete and not self._node.stop.is_set():
+        # Matching goes on in the middleware's threads while this callback waits.
+        while not self.complete and not self._stopping():
             now = time.monotonic()
             if self.matched and now - begun > STRANGER_PATIENCE:
                 break

@@ -1,4 +1,4 @@
-"""Perception as a node: what a driving system is told of the pedestrians, instead of where they truly are."""
+"""Perception as a node: the pedestrians as a driving system's sensors would have them, not where they truly are."""
 
 import math
 import sys
@@ -22,14 +22,14 @@ from vpsci_ros.world import load_scenarios
 from vpsci_ros.world.parked import Parked, parked_from
 from vpsci_ros.world.perception import SEEN, Memory, PerceptionConfig, blank, perceive, warm_up
 
-TELL_AGAIN = 1.25  # [s] of a world that stands still at the first tick; it knows by then that it waits for an answer
+REPEAT_AFTER = 1.25  # [s] of a world that stands still at the first tick; it knows by then that it waits for an answer
 
 
 class Perception(GraphNode):
     """`/world/state` in, `/perception/objects` out, a list of objects a tick, with the stamp of when they were seen.
 
-    It asks the world for its scenarios and the number of pedestrians; ticks that come before the answer wait for it.
-    The first list is told again while the world waits: a driving system may have been discovered too late to hear it.
+    It requests scenarios and the number of pedestrians from the world; ticks that come before the reply wait for it.
+    The first list is published again while the world waits, for a driving system that was discovered too late.
     """
 
     def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
@@ -42,36 +42,37 @@ class Perception(GraphNode):
         self._parked: Parked | None = None
         self._pedestrians = 1
         self._memory: Memory | None = None
-        self._told = 0
+        self._listed = 0
         self._first: bytes | None = None  # list, until the second one
-        self._first_at = 0.0  # [s] of the wall clock, when it was told
+        self._first_at = 0.0  # [s] of the wall clock, when it was published
         self._waiting: list[Shown] = []
         self._world = PeerParameters(self, ["world_simulator"], self._on_parameters)
-        self.input(WORLD, self._on_state, raw=True)
-        self.wall_timer(TELL_AGAIN / 4, self._tell_again)
-        self.diagnose(lambda: [*self._meter.pairs(), ("objects", self._told)])
+        self.input(WORLD, _shown, self._on_state, raw=True)
+        self.wall_timer(REPEAT_AFTER / 4, self._repeat_first)
+
+    def figures(self) -> dict[str, Any]:
+        """Return rate and lag of the lists, and how many objects they had."""
+        return self._meter.figures() | {"objects": self._listed}
 
     def _on_parameters(self, _: str, values: dict[str, Any]) -> None:
         self._parked = parked_from(load_scenarios(values["scenarios"], values["scenario_files"]))
         self._pedestrians = values.get("pedestrians", 1)
         waiting, self._waiting = self._waiting, []
-        for told in waiting:
-            self._look(told)
+        for world in waiting:
+            self._look(world)
 
-    def _on_state(self, message: WorldState | bytes) -> None:
-        arrived = time.perf_counter()
-        told = self.intake.read(WORLD, _shown, message)
-        if told is not None and self._world.missing:
-            self._waiting.append(told)
-        elif told is not None:
-            self._look(told)
-            self._meter.answered(arrived)
+    def _on_state(self, world: Shown) -> None:
+        if self._world.missing:
+            self._waiting.append(world)
+        else:
+            self._look(world)
+            self._meter.answered(self.intake.arrived)
 
-    def _look(self, told: Shown) -> None:
-        header, tick, period = told
+    def _look(self, world: Shown) -> None:
+        header, tick, period = world
         if len(tick.state) != self._pedestrians:
             raise VpsciError(
-                f"perception tells of one episode at a time: expected {self._pedestrians} rows of /world/state, got "
+                f"perception works on one episode at a time: expected {self._pedestrians} rows of /world/state, got "
                 f"{len(tick.state)}; set world_simulator.batch to 1"
             )
         first = self._memory is None
@@ -84,12 +85,12 @@ class Perception(GraphNode):
         listed = write_objects(seen, WireHeader(seen_at.sec, seen_at.nanosec, MAP))
         self._objects.publish(listed)
         self._first, self._first_at = listed if first else None, time.perf_counter()
-        self._told += len(seen)
+        self._listed += len(seen)
         self.simulated_time = time_of(header)
         self._meter.tick(tick.number)
 
-    def _tell_again(self) -> None:
-        if self._first is not None and time.perf_counter() - self._first_at > TELL_AGAIN:
+    def _repeat_first(self) -> None:
+        if self._first is not None and time.perf_counter() - self._first_at > REPEAT_AFTER:
             self._first_at = time.perf_counter()
             self._objects.publish_now(self._first)
 
@@ -99,10 +100,10 @@ def _shown(message: WorldState | bytes) -> Shown:
 
     :raises InvalidInput: as `vpsci_ros.nodes.serialized.shown`, or its ticks take no time.
     """
-    told = shown(message)
-    if not 0.0 < told.period < math.inf:
-        raise InvalidInput(f"{WORLD}: expected dt > 0 s, got {told.period:g}")
-    return told
+    world = shown(message)
+    if not 0.0 < world.period < math.inf:
+        raise InvalidInput(f"{WORLD}: expected dt > 0 s, got {world.period:g}")
+    return world
 
 
 def main(args: list[str] | None = None) -> int:

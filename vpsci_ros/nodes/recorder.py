@@ -33,7 +33,7 @@ class Recorder(GraphNode):
 
     Log times are the simulated times in the messages, so that a bag plays back at the pace of the world and is the
     same for the same seed; publish times are the wall times of receipt. Beside the messages the bag gets the
-    parameters of the other nodes, which it asks for, and a record of each episode.
+    parameters of the other nodes, which it requests, and a record of each episode.
     """
 
     def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
@@ -59,14 +59,13 @@ class Recorder(GraphNode):
         others = [name for name in (self.peers if explicit else NODES) if name not in ("recorder", "replayer")]
         self._peer_parameters = PeerParameters(self, others, self._on_parameters)
         if "learner" in others:
-            self.input("/policy/weights", self._on_weights, LATCHED)
+            self.input("/policy/weights", _digest, partial(self._bag.describe, WEIGHTS), LATCHED)
         # Where the nodes wait for this one, it first waits for their parameters: a short run would be over before.
         self._waiting: list[Topic] = wanted
         if explicit:
             self.wall_timer(0.02, self._subscribe_when_known)
         else:
             self._subscribe()
-        self.diagnose(self._pairs)
 
     def _subscribe_when_known(self) -> None:
         late = time.monotonic() - self._begun > 0.5 * self.peer_timeout  # the others wait for this one as long in all
@@ -78,7 +77,7 @@ class Recorder(GraphNode):
 
     def _subscribe(self) -> None:
         for row in self._waiting:
-            self.input(row.name, partial(self._on_message, row.name), RECORDING, raw=True)
+            self.input(row.name, bytes, partial(self._on_message, row.name), RECORDING, raw=True)
         self._waiting = []
 
     def _on_message(self, topic: str, data: bytes) -> None:
@@ -89,14 +88,15 @@ class Recorder(GraphNode):
                 return
         at = self.intake.read(topic, received.stamp, topic, data)
         clean = None if at is None else self.intake.read(topic, zeroed, TOPICS[topic].type_name, data, topic)
-        told = self.intake.read(topic, _events, data) if topic == EVENTS and clean is not None else (0, [])
-        if at is None or clean is None or told is None:
+        ticked = self.intake.read(topic, _events, data) if topic == EVENTS and clean is not None else (0, [])
+        if at is None or clean is None or ticked is None:
             self._bag.refuse(topic)
             return
         if self._ended and at > self._ended[0].end_time:
             self._write_ended()
         self._bag.write(topic, clean, at, time.time_ns())
-        self._ended += self._episodes.add(told[0], at, told[1], self._bag.path.name)
+        tick, events = ticked
+        self._ended += self._episodes.add(tick, at, events, self._bag.path.name)
         if topic != "/diagnostics" or self._untimed:
             self.simulated_time = Time(sec=at // 1_000_000_000, nanosec=at % 1_000_000_000)
 
@@ -112,18 +112,15 @@ class Recorder(GraphNode):
         for record in scenario_records(load_scenarios(values.get("scenarios", ()), values.get("scenario_files", ()))):
             self._bag.describe(SCENARIO, record)
 
-    def _on_weights(self, message: PolicyWeights) -> None:
-        data = self.intake.read("/policy/weights", received.weights, message)
-        if data is not None:
-            digest = hashlib.sha256(data).hexdigest()
-            self._bag.describe(WEIGHTS, {"version": str(message.version), "sha256": digest})
-
-    def _pairs(self) -> list[tuple[str, Any]]:
+    def figures(self) -> dict[str, Any]:
+        """Return numbers of messages, episodes and files."""
         rows = self._bag.topics.values()
-        seen, written = sum(row.seen for row in rows), sum(row.messages for row in rows)
-        episodes = self._recorded_episodes + len(self._ended)
-        counts = {"messages_seen": seen, "messages_written": written, "episodes": episodes}
-        return [*counts.items(), ("files", len(self._bag.files))]
+        return {
+            "messages_seen": sum(row.seen for row in rows),
+            "messages_written": sum(row.messages for row in rows),
+            "episodes": self._recorded_episodes + len(self._ended),
+            "files": len(self._bag.files),
+        }
 
     @property
     def quiet(self) -> bool:
@@ -137,6 +134,14 @@ class Recorder(GraphNode):
         self._bag.close(totals)
         written = sum(topic.messages for topic in self._bag.topics.values())
         self.get_logger().info(f"wrote {self._bag.folder}: {written} messages, {self._recorded_episodes} episodes")
+
+
+def _digest(message: PolicyWeights) -> dict[str, str]:
+    """Return the record of weights that the learner of this run has published.
+
+    :raises InvalidInput: they are another's.
+    """
+    return {"version": str(message.version), "sha256": hashlib.sha256(received.weights(message)).hexdigest()}
 
 
 def _events(data: bytes) -> tuple[int, list[EventRow]]:

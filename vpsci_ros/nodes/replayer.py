@@ -65,7 +65,6 @@ class Replayer(GraphNode):
         self._begun = False
         self.serve("/replayer/pause", self._on_pause)
         self.serve("/replayer/step", self._on_step)
-        self.diagnose(lambda: [("messages_published", self._sent), ("time", f"{self._at * 1e-9:.3f}")], self._status)
         self.wall_timer(PERIOD, self._on_timer)
 
     def _chosen(self, topics: dict[str, TopicInfo], config: ReplayerConfig) -> list[TopicInfo]:
@@ -154,7 +153,7 @@ class Replayer(GraphNode):
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data
         self._restart_pace()
-        response.success, response.message = True, f"{self._status()} at {self._at * 1e-9:.3f} s"
+        response.success, response.message = True, f"{self.state} at {self._at * 1e-9:.3f} s"
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -169,8 +168,14 @@ class Replayer(GraphNode):
         response.message = f"published {self._sent - before} messages at {self._at * 1e-9:.3f} s"
         return response
 
-    def _status(self) -> str:
+    @property
+    def state(self) -> str:
+        """Whether it plays."""
         return "paused" if self._paused else "waiting for readers" if not self._begun else "playing"
+
+    def figures(self) -> dict[str, Any]:
+        """Return how many messages were published, and the recorded time [s] of the last one."""
+        return {"messages_published": self._sent, "time": f"{self._at * 1e-9:.3f}"}
 
     def close(self) -> None:
         """Say how much was published, and wait until every reader has it."""

@@ -1,9 +1,12 @@
-"""Those who answer the world's ticks: their messages, handed in to the lock-step; and who of them is not there yet."""
+"""Those who answer the world's ticks: their messages, submitted to the lock-step, and which of them are missing yet."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
+from typing import Any
 
 from geometry_msgs.msg import AccelStamped
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.time import Time
 from std_msgs.msg import Header
@@ -16,6 +19,7 @@ from vpsci_ros.nodes.topics import COMMANDS
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.layout import MAP, WORLD
 from vpsci_ros.world.lockstep import LockStep
+from vpsci_ros.world.safe_stop import ExternalDriver
 
 
 class Respondents:
@@ -28,16 +32,16 @@ class Respondents:
         self._node = node
         self._lock_step = lock_step
         self._answered = answered
-        self._inputs = {"safety_monitor": node.input("/safety/state", self._on_safety, raw=True)}
-        for agent in lock_step.policies:
-            self._inputs[f"{agent}_policy"] = self._listen(agent)
-        for agent in lock_step.walkers:
-            self._inputs[f"an external {agent}"] = self._listen(agent)
+        self._inputs = {"safety_monitor": self._listen("/safety/state", self._take_safety)}
+        for names, agents in (("{}_policy", lock_step.policies), ("an external {}", lock_step.walkers)):
+            for agent in agents:
+                take = partial(self._take_action, agent)
+                self._inputs[names.format(agent)] = self._listen(f"/{agent}/action", take)
         self._commands = []
         if lock_step.external:
             self._commands = [
-                node.input("/vehicle/cmd_accel", self._on_acceleration, COMMANDS),
-                node.input("/vehicle/cmd_control", self._on_control, COMMANDS),
+                self._listen("/vehicle/cmd_accel", self._take_acceleration, COMMANDS),
+                self._listen("/vehicle/cmd_control", self._take_control, COMMANDS),
             ]
             lock_step.external.present = self.commanded
 
@@ -46,85 +50,81 @@ class Respondents:
         return any(given.get_publisher_count() for given in self._commands)
 
     def absent(self) -> set[str]:
-        """Return whom the world cannot do without and who does not speak yet."""
+        """Return those whose answers the world needs and who do not publish any yet."""
         absent = {name for name, given in self._inputs.items() if not given.get_publisher_count()}
         return absent | ({"an external driving system"} if self._commands and not self.commanded() else set())
 
-    def deaf(self) -> set[str]:
-        """Return the nodes that answer but are not yet known to read the world's state, or of a vehicle to drive."""
+    def not_subscribed(self) -> set[str]:
+        """Return the nodes that answer but are not yet known to subscribe to what they answer."""
         state, odometry = self._node.full_name(WORLD), self._node.full_name("/vehicle/odometry")
-        found = self._deaf(self._inputs.values(), state)
-        return found | (self._deaf(self._commands, odometry) if self._deaf(self._commands, state) else set())
+        found = self._not_subscribed(self._inputs.values(), state)
+        return found | (
+            self._not_subscribed(self._commands, odometry) if self._not_subscribed(self._commands, state) else set()
+        )
 
-    def _deaf(self, inputs: Iterable[Subscription], topic: str) -> set[str]:
+    def _not_subscribed(self, inputs: Iterable[Subscription], topic: str) -> set[str]:
         readers = self._node.get_subscriptions_info_by_topic(topic)
         known = {(reader.node_namespace, reader.node_name) for reader in readers}
         writers = [each for given in inputs for each in self._node.get_publishers_info_by_topic(given.topic_name)]
-        deaf = (each.node_name for each in writers if (each.node_namespace, each.node_name) not in known)
-        return {f"{name} to subscribe to {topic}" for name in deaf}
+        missing = (each.node_name for each in writers if (each.node_namespace, each.node_name) not in known)
+        return {f"{name} to subscribe to {topic}" for name in missing}
 
-    def _listen(self, agent: str) -> Subscription:
-        return self._node.input(f"/{agent}/action", partial(self._on_action, agent), raw=True)
+    def _listen(self, topic: str, take: Callable[[Any], None], qos: QoSProfile | None = None) -> Subscription:
+        """Subscribe: `take` submits a message to the lock-step, or refuses it; either way the world may go on."""
 
-    def _on_safety(self, message: SafetyState | bytes) -> None:
-        def take() -> None:
-            told = safety_state(message)
-            self._lock_step.take_assessment(told.tick, lambda tick: layout.assessment(told, tick))
+        def submit(message: Any) -> None:
+            self._node.intake.read(topic, take, message)
+            self._answered()
 
-        self._hand_in("/safety/state", take)
+        return self._node.input(topic, lambda message: message, submit, qos, raw=qos is None)
 
-    def _on_action(self, agent: str, message: AgentAction | bytes) -> None:
+    def _take_safety(self, message: SafetyState | bytes) -> None:
+        answer = safety_state(message)
+        self._lock_step.take_assessment(answer.tick, lambda tick: layout.assessment(answer, tick))
+
+    def _take_action(self, agent: str, message: AgentAction | bytes) -> None:
         topic = f"/{agent}/action"
+        answer = action(message, topic)
+        self._lock_step.take_action(
+            answer.tick, agent, answer.policy_version, lambda tick: layout.action(answer, len(tick.state), topic)
+        )
 
-        def take() -> None:
-            told = action(message, topic)
-            self._lock_step.take_action(
-                told.tick,
-                agent,
-                told.policy_version,
-                lambda tick: layout.action(told, len(tick.state), topic),
-            )
+    def _take_acceleration(self, message: AccelStamped) -> None:
+        values, frame = (message.accel.linear.x, message.accel.linear.y), message.header.frame_id
+        if (external := self._driver()) is not None:
+            own = vehicle_frames(self._node.frame_prefix)
+            with _named("(linear.x, linear.y)"):
+                if frame not in own:
+                    external.refuse(values, f"its frame is {frame!r}; expected one of {', '.join(map(repr, own))}")
+                external.accelerate(values, command_stamp(message.header))
 
-        self._hand_in(topic, take)
-
-    def _on_acceleration(self, message: AccelStamped) -> None:
-        assert self._lock_step.external is not None
-        external, values = self._lock_step.external, (message.accel.linear.x, message.accel.linear.y)
-        frame, own = message.header.frame_id, vehicle_frames(self._node.frame_prefix)
-
-        def take() -> None:
-            if frame not in own:
-                external.refuse(values, f"its frame is {frame!r}; expected one of {', '.join(map(repr, own))}")
-            external.accelerate(values, command_stamp(message.header))
-
-        self._command("/vehicle/cmd_accel", take, " (linear.x, linear.y)")
-
-    def _on_control(self, message: VehicleControl) -> None:
-        assert self._lock_step.external is not None
+    def _take_control(self, message: VehicleControl) -> None:
         values = message.steer, message.throttle, message.brake
-        take = partial(self._lock_step.external.control, values, command_stamp(message.header), message.tick)
-        self._command("/vehicle/cmd_control", take, " (steer, throttle, brake)")
+        if (external := self._driver()) is not None:
+            with _named("(steer, throttle, brake)"):
+                external.control(values, command_stamp(message.header), message.tick)
 
-    def _command(self, topic: str, take: Callable[[], None], fields: str) -> None:
+    def _driver(self) -> ExternalDriver | None:
+        """Return what takes commands; before the first tick they are counted, and answer nothing."""
         if self._lock_step.tick is None:
             self._lock_step.early_command()
-        else:
-            self._hand_in(topic, take, fields)
+            return None
+        return self._lock_step.external
 
-    def _hand_in(self, topic: str, take: Callable[[], None], fields: str = "") -> None:
-        try:
-            take()
-        except InvalidInput as error:
-            who = f" ({', '.join(self._node.intake.publishers(topic))} publish it)"
-            name = f"{self._node.full_name(topic)}{fields}"
-            self._node.get_logger().warning(f"refused {name}: {error}{who}", throttle_duration_sec=5.0)
-        self._answered()
+
+@contextmanager
+def _named(fields: str) -> Iterator[None]:
+    """Have a refusal say which fields the values are."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise InvalidInput(f"{fields} {error}") from None
 
 
 def vehicle_frames(prefix: str) -> tuple[str, ...]:
     """Return the frames that a command along the vehicle may name: none, the vehicle's, or the odometry's.
 
-    Who copies the header of the odometry, to say which tick is answered, has its frame `map` there.
+    A driving system that copies the odometry's header, to say which tick it answers, has the frame `map` there.
     """
     return "", MAP, "base_link", "vehicle/base_link", *([f"{prefix}vehicle/base_link"] if prefix else [])
 

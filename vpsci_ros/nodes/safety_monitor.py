@@ -1,15 +1,13 @@
 """The CurvTTC safety monitor: answers every WorldState with the CurvTTC of each parallel episode."""
 
 import sys
-import time
 from typing import Any
 
 from rclpy.context import Context
 
-from vpsci_msgs.msg import WorldState
 from vpsci_ros.nodes.base import GraphNode, run
 from vpsci_ros.nodes.meter import Meter
-from vpsci_ros.nodes.serialized import shown, time_of
+from vpsci_ros.nodes.serialized import Shown, shown, time_of
 from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
 from vpsci_ros.wire.answers import write_safety_state
 from vpsci_ros.world.monitor import MonitorConfig, assess, warm_up
@@ -25,20 +23,19 @@ class SafetyMonitor(GraphNode):
         warm_up(self._config)  # before the topic is there, for which the world waits
         self._meter = Meter()
         self._safety = self.output("/safety/state")
-        self.input("/world/state", self._on_state, raw=True)
-        self.diagnose(self._meter.pairs)
+        self.input("/world/state", shown, self._on_state, raw=True)
 
-    def _on_state(self, message: WorldState | bytes) -> None:
-        arrived = time.perf_counter()
-        told = self.intake.read("/world/state", shown, message)
-        if told is None:
-            return
-        header, tick, _ = told
+    def figures(self) -> dict[str, Any]:
+        """Return rate and lag of the answers."""
+        return self._meter.figures()
+
+    def _on_state(self, world: Shown) -> None:
+        header, tick, _ = world
         curvttc, distance, critical = assess(tick.state, self._config)
         self._safety.publish(write_safety_state(header, tick.number, curvttc, distance, critical))
         self.simulated_time = time_of(header)
         self._meter.tick(tick.number)
-        self._meter.answered(arrived)
+        self._meter.answered(self.intake.arrived)
 
 
 def main(args: list[str] | None = None) -> int:

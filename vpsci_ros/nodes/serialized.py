@@ -1,6 +1,6 @@
-"""What the nodes of the lock-step tell each other comes as bytes, which `vpsci_ros.wire` reads without message objects.
+"""Messages of the lock-step come as bytes, which `vpsci_ros.wire` reads without making message objects.
 
-Bytes that it does not know, of another implementation of DDS, say, the middleware turns into a message.
+Bytes of a layout that it does not know, from another implementation of DDS, the middleware turns into a message.
 """
 
 from typing import Any, NamedTuple
@@ -33,9 +33,9 @@ def shown(message: WorldState | bytes, where: str = WORLD) -> Shown:
     :raises InvalidInput: it is none, or as `vpsci_ros.wire.received.world_state`.
     """
     if isinstance(message, bytes):
-        told = world_state.read_world_state(message)
-        if told is not None:
-            return Shown(told.header, received.credible(told.tick, where), told.period)
+        state = world_state.read_world_state(message)
+        if state is not None:
+            return Shown(state.header, received.credible(state.tick, where), state.period)
         message = message_of(message, WorldState, where)
     stamp = message.header.stamp
     header = WireHeader(stamp.sec, stamp.nanosec, message.header.frame_id)

@@ -80,7 +80,7 @@ TOPICS = {
         Topic("/pedestrian/odometry", Odometry, ("world_simulator",), ("recorder",), LOCK_STEP),
         Topic("/pedestrians/odometry", Odometry, ("world_simulator",), ("recorder",), LOCK_STEP),
         Topic("/perception/objects", PointCloud2, ("perception",), ("recorder",), LOCK_STEP),
-        Topic("/episode/event", EpisodeEvent, ("world_simulator",), ("recorder", "graph_watch"), LOCK_STEP),
+        Topic("/episode/event", EpisodeEvent, ("world_simulator",), ("recorder",), LOCK_STEP),
         Topic("/replay", Transition, ("world_simulator",), ("learner", "recorder"), LOCK_STEP),
         Topic("/replay/consumed", UInt64, ("learner",), ("world_simulator",), LATCHED),
         Topic("/policy/weights", PolicyWeights, ("learner",), _POLICIES, LATCHED),
@@ -89,7 +89,7 @@ TOPICS = {
         Topic("/pedestrian/robot_description", String, ("world_simulator",), (), LATCHED),
         Topic("/tf", TFMessage, ("world_simulator",), ("recorder",), LOCK_STEP, shared=True),
         Topic("/tf_static", TFMessage, ("world_simulator",), ("recorder",), LATCHED, shared=True),
-        Topic("/diagnostics", DiagnosticArray, NODES, ("recorder", "graph_watch"), LOCK_STEP, shared=True),
+        Topic("/diagnostics", DiagnosticArray, NODES, ("recorder",), LOCK_STEP, shared=True),
     )
 }
 

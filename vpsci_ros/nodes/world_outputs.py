@@ -1,4 +1,4 @@
-"""What the world says: its state and time, its events and transitions, and views of one episode for existing tools."""
+"""What the world publishes: state and time, events and transitions, and views of one episode for existing tools."""
 
 from collections.abc import Mapping
 
@@ -25,7 +25,7 @@ class WorldOutputs:
     `/pedestrian/odometry` is that of the first pedestrian, `/pedestrians/odometry` of each, where there may be several.
 
     :param config: of the world: its tick, and how many pedestrians an episode may have.
-    :param pedestrian_odometry: tell pedestrians' odometry, beside the vehicle's.
+    :param pedestrian_odometry: publish pedestrians' odometry, beside the vehicle's.
     :param transitions: offer `/replay`.
     """
 
@@ -68,10 +68,6 @@ class WorldOutputs:
         """Return readers that are only believed to be on their way."""
         return {f"a reader of {output.full_name}" for output in self.all if not output.complete}
 
-    def pairs(self) -> list[tuple[str, int]]:
-        """Return how many messages were published, by topic, to be compared with what a bag holds."""
-        return [(f"published {output.topic}", output.published) for output in self.all]
-
     def tick(self, tick: Tick) -> None:
         """Publish a tick."""
         self._node.simulated_time = convert.stamp(tick.number, self._period)
@@ -82,30 +78,30 @@ class WorldOutputs:
         for output in self._fixed if not self._fixed_published else ():
             output.publish(convert.fixed_transforms(self._node.frame_prefix))
         self._fixed_published = True
-        self._tell_of_motion(tick, header)
+        self._publish_motion(tick, header)
         for output in self._markers:
             if output.has_readers:
                 output.publish(scene_markers(tick.state, self._scenarios, header))
 
-    def tell_again(self, tick: Tick) -> None:
-        """Publish odometry and transforms of a tick once more, for who did not listen yet."""
-        self._tell_of_motion(tick, Header(stamp=self._node.simulated_time, frame_id=MAP))
+    def repeat(self, tick: Tick) -> None:
+        """Publish odometry and transforms of a tick once more, for readers that were not subscribed yet."""
+        self._publish_motion(tick, Header(stamp=self._node.simulated_time, frame_id=MAP))
 
-    def _tell_of_motion(self, tick: Tick, header: Header) -> None:
-        """Publish odometry of those whom others may know of, and the same as transforms, while anybody listens."""
+    def _publish_motion(self, tick: Tick, header: Header) -> None:
+        """Publish odometry and the same as transforms, while anybody subscribes to them."""
         record, prefix = tick.state[0], self._node.frame_prefix
         moving = (*self._odometry, *self._pedestrians, *self._transforms)
         if record["status"] == IDLE or not any(output.has_readers for output in moving):
             return
-        told = list(convert.odometry_messages(record, header, prefix)[: len(self._odometry)])
-        for output, odometry in zip(self._odometry, told, strict=True):
+        published = list(convert.odometry_messages(record, header, prefix)[: len(self._odometry)])
+        for output, odometry in zip(self._odometry, published, strict=True):
             output.publish(odometry)
         for output in self._pedestrians:
             for pedestrian in tick.state[tick.state["status"] != IDLE]:
-                told.append(convert.pedestrian_odometry(pedestrian, header, prefix))
-                output.publish(told[-1])
+                published.append(convert.pedestrian_odometry(pedestrian, header, prefix))
+                output.publish(published[-1])
         for output in self._transforms:
-            output.publish(convert.transforms(told))
+            output.publish(convert.transforms(published))
 
     def events(self, events: NDArray[np.void], number: int) -> None:
         """Publish what happened up to the tick of this number, EVENT[n], n > 0."""

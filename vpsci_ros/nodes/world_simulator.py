@@ -5,7 +5,6 @@ What an answer is, when to wait and when to go on is in `world.lockstep`, the lo
 
 import sys
 import time
-from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -29,18 +28,19 @@ from vpsci_ros.wire import received
 from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
 from vpsci_ros.world import state as codes
+from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.lockstep import LockStep, LockStepConfig
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.safe_stop import ExternalConfig, ExternalDriver
 
 MISSING = {
-    codes.VEHICLE_ACTION_MISSING: "vehicle_answers_missing",
-    codes.PEDESTRIAN_ACTION_MISSING: "pedestrian_answers_missing",
-    codes.SAFETY_MISSING: "safety_answers_missing",
+    codes.VEHICLE_ACTION_MISSING: "vehicle",
+    codes.PEDESTRIAN_ACTION_MISSING: "pedestrian",
+    codes.SAFETY_MISSING: "safety",
 }
 STRANGER_PATIENCE = 3.0  # [s] for readers of the state that are only believed to be on their way
-TELL_AGAIN = 1.0  # [s] without an answer to the first tick
-TELL_PERIOD = 10.0  # [s] of wall time between lines that tell of an episode's end
+REPEAT_AFTER = 1.0  # [s] without an answer to the first tick
+LOG_PERIOD = 10.0  # [s] of wall time between lines about an episode's end
 
 
 class WorldSimulator(GraphNode):
@@ -49,6 +49,8 @@ class WorldSimulator(GraphNode):
     Finished when every episode of its queue has ended. Services: `/world/pause`, `/world/step`, `/world/reset`, and
     `/world/history` for policies that are started again on the way.
     """
+
+    counts: WorldCounts
 
     def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
         super().__init__("world_simulator", context=context, parameter_overrides=parameter_overrides)
@@ -61,25 +63,25 @@ class WorldSimulator(GraphNode):
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
         self._recorded = recorded_from_bag(config.recorded_bag) if config.recorded_bag else None
         self._loop = Loop(self._new_world())
-        self._counts: Counter[str] = Counter()
+        self.counts = WorldCounts()
         external = None
         if self._config.vehicle_driver == "external":
             if self._run.batch > 1:
                 raise InvalidInput(
                     f"an external vehicle driver drives one episode at a time; got batch = {self._run.batch}"
                 )
-            external = ExternalDriver(self.config(ExternalConfig), self._config.tick, self._counts)
+            external = ExternalDriver(self.config(ExternalConfig), self._config.tick, self.counts)
         if config.publish_transitions and self._config.pedestrians > 1:
             raise InvalidInput(
                 "publish_transitions: the learner learns from one pedestrian an episode; got pedestrians = "
                 f"{self._config.pedestrians}"
             )
-        self._lock_step = LockStep(config, self._config, self._counts, external)
+        self._lock_step = LockStep(config, self._config, self.counts, external)
         self._builder = TransitionBuilder(scenarios) if config.publish_transitions else None
         self._history = FrameHistory(self._config, self._run.batch)
         self._begun_at = self._tick_started = self._reported_at = time.monotonic()
-        self._retold_at = 0.0  # [s] of the wall clock, when the first tick was told once more
-        self._tell_at = 0.0  # [s] of the wall clock, when an end is worth a line again
+        self._repeated_at = 0.0  # [s] of the wall clock, when the first tick was published once more
+        self._log_at = 0.0  # [s] of the wall clock, when an episode's end is worth a line again
         self._all_here_since: float | None = None
         self._reported_tick = 0
         self._consumed = 0
@@ -93,7 +95,7 @@ class WorldSimulator(GraphNode):
         )
         self._respondents = Respondents(self, self._lock_step, self._go_on)
         if self._builder:
-            self.input("/replay/consumed", self._on_consumed)
+            self.input("/replay/consumed", self._consumed_by_learner, self._on_consumed)
         self.serve("/world/reset", self._on_reset)
         self.serve("/world/pause", self._on_pause)
         self.serve("/world/step", self._on_step)
@@ -101,7 +103,6 @@ class WorldSimulator(GraphNode):
         self._pacer: Timer | None = None
         self._set_pace()
         self.wall_timer(min(0.05, config.action_timeout / 4), self._on_timer)
-        self.diagnose(self.status, self._condition)
 
     def _new_world(self, first_tick: int = 0) -> World:
         run, scenarios = self._run, list(self._scenarios.values())
@@ -109,7 +110,9 @@ class WorldSimulator(GraphNode):
             self._config, scenarios, run.queue(), run.batch, run.seed, recorded=self._recorded, first_tick=first_tick
         )
 
-    def _condition(self) -> str:
+    @property
+    def state(self) -> str:
+        """Whether it moves."""
         begun = self._lock_step.tick is not None
         return "paused" if self._lock_step.paused else "running" if begun else "waiting"
 
@@ -146,7 +149,8 @@ class WorldSimulator(GraphNode):
             self._history.clear()
             if self._builder:
                 self._builder.clear()
-            self._counts["resets"] += 1
+            self.counts.resets += 1
+            self.counts.episodes_ended = 0
             self._publish(self._loop.world.take_started())
         return response
 
@@ -193,29 +197,30 @@ class WorldSimulator(GraphNode):
             topic = self.full_name("/replay")
             self.get_logger().info(f"waiting for the learner to catch up on {topic}", throttle_duration_sec=10.0)
         now = time.monotonic()
-        if self._untold and now - max(self._retold_at, self._tick_started) > TELL_AGAIN:
-            self._tell_again(now)
+        if self._first_tick_unanswered and now - max(self._repeated_at, self._tick_started) > REPEAT_AFTER:
+            self._repeat_first_tick(now)
         self._go_on(now)
 
     @property
-    def _untold(self) -> bool:
-        """Whether a driving system leaves the very first tick unanswered, and may not have heard of it."""
+    def _first_tick_unanswered(self) -> bool:
+        """Whether a driving system leaves the very first tick unanswered, and may not have received it."""
         external, waits = self._lock_step.external, self._lock_step.running and not self._lock_step.paused
         return external is not None and waits and self._loop.world.now.number == 0 and not external.answered
 
-    def _tell_again(self, now: float) -> None:
-        """Tell a driving system of the tick once more: the world knows of it, but not whether it knew of the world."""
+    def _repeat_first_tick(self, now: float) -> None:
+        """Publish the tick to the driving system once more: its subscriptions may have been matched too late for it."""
         assert self._lock_step.external is not None
-        self._retold_at = now
-        self._lock_step.external.tell_again()
-        self._outputs.tell_again(self._loop.world.now)
+        self._repeated_at = now
+        self._lock_step.external.repeat()
+        self._outputs.repeat(self._loop.world.now)
 
-    def _on_consumed(self, message: UInt64) -> None:
+    def _consumed_by_learner(self, message: UInt64) -> int:
         assert self._builder is not None
-        number = self.intake.read("/replay/consumed", received.consumed, message.data, self._builder.count)
-        if number is not None:
-            self._consumed = number
-            self._count_unread()
+        return received.consumed(message.data, self._builder.count)
+
+    def _on_consumed(self, number: int) -> None:
+        self._consumed = number
+        self._count_unread()
 
     def _begin_when_all_are_here(self) -> None:
         absent = self._respondents.absent() | self._outputs.absent()
@@ -225,7 +230,7 @@ class WorldSimulator(GraphNode):
         else:
             self._all_here_since = self._all_here_since or now
             if now - self._all_here_since < STRANGER_PATIENCE:
-                absent = self._respondents.deaf() | self._outputs.unread()
+                absent = self._respondents.not_subscribed() | self._outputs.unread()
         if absent:
             self.get_logger().info(f"waiting for {', '.join(sorted(absent))}", throttle_duration_sec=5.0)
             return
@@ -260,6 +265,7 @@ class WorldSimulator(GraphNode):
             self._count(events)
             self._outputs.events(events, tick.number)
         self._tick_started = time.monotonic()
+        self.counts.tick = tick.number
         self._lock_step.begin(tick, self._tick_started)
         if self._loop.world.done:
             self._lock_step.end()
@@ -270,16 +276,17 @@ class WorldSimulator(GraphNode):
     def _count(self, events: NDArray[np.void]) -> None:
         first = events["slot"] % self._config.pedestrians == 0  # an episode counts once
         ended = events[(events["kind"] == codes.FINISHED) & first]
+        self.counts.episodes_ended += len(ended)
         for outcome in ended["outcome"].tolist():
-            self._counts[OUTCOME_NAMES[outcome]] += 1
+            self.counts.add(OUTCOME_NAMES[outcome])
         # ROS's own throttle looks up the caller's source at every call, which takes a quarter of a millisecond.
-        if len(ended) and time.monotonic() >= self._tell_at:
-            self._tell_at = time.monotonic() + TELL_PERIOD
+        if len(ended) and time.monotonic() >= self._log_at:
+            self._log_at = time.monotonic() + LOG_PERIOD
             event, outcome = ended[0], OUTCOME_NAMES[ended["outcome"][0]]
             name, least = f"{event['scenario']}:{event['episode']}", f"{event['least_curvttc']:.2f} s"
             self.get_logger().info(f"{name} ended: {outcome}, least CurvTTC {least}")
-        for kind, name in MISSING.items():
-            self._counts[name] += int(np.count_nonzero(events["kind"] == kind))
+        for kind, sender in MISSING.items():
+            self.counts.add_fault(sender, "missing", int(np.count_nonzero(events["kind"] == kind)))
 
     def _count_unread(self) -> None:
         assert self._builder is not None
@@ -287,23 +294,21 @@ class WorldSimulator(GraphNode):
 
     # ---- what is reported beside the topics
 
-    def status(self) -> list[tuple[str, Any]]:
-        """Return what the diagnostics tell: ticks and their rate by the wall clock, and what the run has counted."""
+    def figures(self) -> dict[str, Any]:
+        """Return the rate of ticks by the wall clock, and how far the learner is behind."""
         tick, now = self._loop.world.now.number, time.monotonic()
         rate = (tick - self._reported_tick) / max(now - self._reported_at, 1e-9)
         mean = tick / max(self._tick_started - self._begun_at, 1e-9)
         self._reported_at, self._reported_tick = now, tick
-        pairs = [("tick", tick), ("ticks_per_second", round(rate)), ("ticks_per_second_mean", round(mean))]
-        if self._builder:
-            pairs.append(("transitions_not_consumed", self._lock_step.unread))
-        return pairs + sorted((+self._counts).items()) + self._outputs.pairs()
+        figures = {"ticks_per_second": round(rate), "ticks_per_second_mean": round(mean)}
+        return figures | ({"transitions_not_consumed": self._lock_step.unread} if self._builder else {})
 
     def close(self) -> None:
         """Say how it went."""
         if self._lock_step.tick is None:
             return
-        totals = ", ".join(f"{name} {count}" for name, count in sorted((+self._counts).items()))
-        self.get_logger().info(f"{self._loop.world.now.number} ticks; {totals}")
+        totals = ", ".join(f"{name} {count}" for name, count in self.counts.nonzero().items())
+        self.get_logger().info(f"ended: {totals}")
 
 
 def main(args: list[str] | None = None) -> int:

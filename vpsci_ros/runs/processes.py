@@ -22,11 +22,18 @@ class ChildProcess:
     :param environment: all of its variables, but for those that every child gets where nobody has set them.
     :param holds_signals: SIGINT and SIGTERM wait until it takes them, as `stop_requested_by_signals` does, so that none
         cuts its imports short.
+    :param inherited: file descriptors that it gets, under the same numbers.
     :raises OSError: the program cannot be started.
     """
 
     def __init__(
-        self, command: Sequence[str], log: Path, environment: Mapping[str, str], *, holds_signals: bool = False
+        self,
+        command: Sequence[str],
+        log: Path,
+        environment: Mapping[str, str],
+        *,
+        holds_signals: bool = False,
+        inherited: Collection[int] = (),
     ) -> None:
         self.log = log
         with open(log, "ab") as output:
@@ -37,6 +44,7 @@ class ChildProcess:
                 stderr=subprocess.STDOUT,
                 env={"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONUNBUFFERED": "1"} | dict(environment),
                 start_new_session=True,
+                pass_fds=tuple(inherited),
                 preexec_fn=_prepare_holding if holds_signals else _end_with_parent,  # noqa: PLW1509 - takes no lock
             )
         self.pid = self._process.pid

@@ -1,6 +1,5 @@
 """Lock-step: the answers that came to the present tick, and whether the world may move on to the next one."""
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
 from vpsci_ros.world.config import WorldConfig
+from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.events import NO_EVENTS
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.safe_stop import ExternalDriver
@@ -52,15 +52,16 @@ class LockStepConfig:
 
 
 class LockStep:
-    """Gathers the answers to a tick; those to earlier ticks are passed over, and bad ones count as missing.
+    """Collects the answers to a tick; those to earlier ticks are ignored, and bad ones count as missing.
 
-    The first answer stands. A second one from the same side that says something else is refused and counted, also when
-    the world has gone on meanwhile: then somebody else answers, too, and who was first is chance. So is one to a tick
-    that is still to come: its sender has read somebody else's state, or speaks in the place of who has not.
+    The first answer of a respondent stands. A later one that differs is refused and counted, also when the world has
+    moved on meanwhile: then a second program answers on the same topic, and which of them comes first is chance. An
+    answer to a tick that is still to come is refused and counted, too: the monitor and the policies answer only ticks
+    that the world has published, so such an answer is another program's, or rests on another program's state.
 
-    The world moves on when everybody has answered, or has been waited for in vain (`action_timeout`); not while it is
-    paused, unless a step was asked for; not before the wall clock says so, where it sets the pace; and not while the
-    learner is too far behind. `now` is a time of the wall clock [s], from whatever beginning.
+    The world moves on when all have answered, or `action_timeout` is over; not while it is paused, unless a step was
+    requested; not before the tick is due, where the wall clock sets the pace; and not while the learner is too far
+    behind. `now` is a time of a monotonic clock [s].
 
     :param counts: where refused answers and late ticks are counted.
     :param external: who drives the vehicle where no driver of the world does.
@@ -75,7 +76,7 @@ class LockStep:
         self,
         config: LockStepConfig,
         world: WorldConfig,
-        counts: Counter[str],
+        counts: WorldCounts,
         external: ExternalDriver | None = None,
     ) -> None:
         self.config = config
@@ -146,7 +147,7 @@ class LockStep:
 
     def early_command(self) -> None:
         """Count a command that came before the first tick, which answers nothing."""
-        self._counts["vehicle_commands_early"] += 1
+        self._counts.vehicle_commands_early += 1
 
     def answers(self) -> tuple[Assessment, Actions, NDArray[np.void]]:
         """Return the answers to the present tick as they are now, and the events of the external driver, EVENT[n]."""
@@ -172,23 +173,23 @@ class LockStep:
         try:
             answer = read(self.tick)
         except InvalidInput:
-            self._counts[f"{sender}_answers_refused"] += 1
+            self._counts.add_fault(sender, "refused")
             raise
         if first is None:
             self._taken.setdefault(number, {})[sender] = answer
             return answer
         if not _same(first, answer):
-            self._counts[f"{sender}_answers_contradicted"] += 1
+            self._counts.add_fault(sender, "contradicted")
             raise InvalidInput(f"expected one answer to tick {number}, got another that differs; the first stands")
         return None
 
     def _require_over(self, sender: str, number: int, now: int) -> None:
-        """Refuse an answer to a tick that is still to come: either is somebody else's, and others may believe it.
+        """Refuse an answer to a tick that is still to come.
 
         :raises InvalidInput: it is.
         """
         if number > now:
-            self._counts[f"{sender}_answers_early"] += 1
+            self._counts.add_fault(sender, "early")
             raise InvalidInput(f"expected no answer to tick {number} yet, which is still to come; got one")
 
     # ---- may it go on?
@@ -229,7 +230,7 @@ class LockStep:
     def beat(self) -> None:
         """Take note that by the wall clock the next tick is due."""
         if self.running and not self.paused:
-            self._counts["late_ticks"] += self._due  # the last one is not over yet
+            self._counts.late_ticks += self._due  # the last one is not over yet
             self._due = True
 
 

@@ -1,6 +1,6 @@
 """An external driving system at the wheel: its commands checked and held; a safe stop where it falls silent."""
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NoReturn
@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
+from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.events import NO_EVENTS
 from vpsci_ros.world.state import EPISODE, EVENT, RUNNING, SAFE_STOP
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Tick
 
-ANSWERS_TO_A_TELLING = 2  # to its odometry, and to the list of objects
+ANSWERS_TO_A_REPETITION = 2  # to its odometry, and to the list of objects
 LARGEST_ACCELERATION = 50.0  # [m/s2] beyond any vehicle's: a sign of wrong units
 
 
@@ -60,13 +61,13 @@ class ExternalDriver:
     :ivar present: tells whether anybody offers commands.
     """
 
-    def __init__(self, config: ExternalConfig, period: float, counts: Counter[str]) -> None:
+    def __init__(self, config: ExternalConfig, period: float, counts: WorldCounts) -> None:
         self.config = config
         self.present: Callable[[], bool] = lambda: True
         self._counts = counts
         self._tick_time = round(period * 1e9)  # [ns]
         self._now = 0  # [ns] of the present tick
-        self._told_again = (0, 0)  # a tick [ns] that was, and how many late answers to it are passed over
+        self._repeated = (0, 0)  # a tick [ns] that was, and how many late answers to it are passed over
         self._stamp = 0  # [ns] of the latest command
         self._commanded: int | None = None  # [ns] when the latest command came
         self._command = NO_ACTIONS
@@ -100,10 +101,10 @@ class ExternalDriver:
             self._commanded, self._command = self._now, Actions(np.zeros((1, 2)))  # rolls until it hears otherwise
         self._fresh = False
 
-    def tell_again(self) -> None:
-        """Take note that the present tick is told once more, so that late answers to it are no fault."""
-        stamp, answers = self._told_again
-        self._told_again = self._now, (answers if stamp == self._now else 0) + ANSWERS_TO_A_TELLING
+    def repeat(self) -> None:
+        """Take note that the present tick is published once more, so that late answers to it are no fault."""
+        stamp, answers = self._repeated
+        self._repeated = self._now, (answers if stamp == self._now else 0) + ANSWERS_TO_A_REPETITION
 
     def drive(self, state: NDArray[np.void]) -> tuple[Actions, NDArray[np.void]]:
         """Return the command to execute at the present tick, and the events to tell of, EVENT[n].
@@ -116,7 +117,7 @@ class ExternalDriver:
         if silence <= 0.0:
             self._stopping = False
             return _in_all(self._command, len(state)), NO_EVENTS
-        self._counts["safe_stop_ticks"] += 1
+        self._counts.safe_stop_ticks += 1
         braking = min(self.config.safe_stop_deceleration, self.config.safe_stop_jerk * silence)
         begins = not self._stopping or state["frame"][0] == 0
         self._stopping = True
@@ -162,17 +163,17 @@ class ExternalDriver:
         if command is None:
             self.refuse(values, "out of range or not finite")
         else:
-            self._counts["vehicle_commands"] += 1
-            self._counts["vehicle_commands_surplus"] += self._fresh  # a second one at this tick
+            self._counts.vehicle_commands += 1
+            self._counts.vehicle_commands_surplus += self._fresh  # a second one at this tick
             self._command, self._commanded, self._stamp = command, self._now, stamp
             self._fresh, self._given_up = True, False
 
     def _again(self, stamp: int | None) -> bool:
-        """Return whether it is another answer to a tick that was told more than once, and has been answered."""
-        told, answers = self._told_again
-        if stamp != told or answers == 0 or (stamp == self._now and not self._fresh):
+        """Return whether it is another answer to a tick that was published repeatedly, and has been answered."""
+        repeated, answers = self._repeated
+        if stamp != repeated or answers == 0 or (stamp == self._now and not self._fresh):
             return False
-        self._told_again = told, answers - 1
+        self._repeated = repeated, answers - 1
         return True
 
     def refuse(self, values: Sequence[float], reason: str) -> NoReturn:
@@ -180,11 +181,11 @@ class ExternalDriver:
 
         :raises InvalidInput: always, with the reason.
         """
-        self._counts["vehicle_commands_refused"] += 1
+        self._counts.vehicle_commands_refused += 1
         raise InvalidInput(f"{list(values)} at tick {self._now // self._tick_time}: {reason}")
 
     def _safe_stop(self, state: NDArray[np.void]) -> NDArray[np.void]:
-        self._counts["safe_stops"] += 1
+        self._counts.safe_stops += 1
         event = np.zeros(1, EVENT)
         for name in set(EVENT.names or ()) & set(EPISODE.names or ()):
             event[name] = state[name]

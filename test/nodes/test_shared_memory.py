@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from vpsci_ros.runs.shared_memory import remove_left_behind
+from vpsci_ros.nodes.shared_memory import remove_left_behind
 
 HOLD = (
     "import fcntl, sys, time; f = open(sys.argv[1]); fcntl.flock(f, fcntl.LOCK_EX); print(flush=True); time.sleep(60)"

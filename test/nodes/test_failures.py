@@ -1,0 +1,173 @@
+"""Why a run is no success: one that ended without an error is complete only if every number agrees."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from vpsci_ros.nodes.config import GraphConfig
+from vpsci_ros.nodes.failures import RecordedCounts, Silence, flood, incomplete, never_came, stands_still
+from vpsci_ros.nodes.status import NodeStatus
+from vpsci_ros.world.counts import WorldCounts
+
+NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "recorder"]
+WORLD = NodeStatus(published={"/world/state": 201, "/diagnostics": 3}, counts=WorldCounts(episodes_ended=6))
+STATUSES = {node: NodeStatus() for node in NODES} | {"world_simulator": WORLD}
+RECORDED = RecordedCounts(
+    seen={"/world/state": 203, "/diagnostics": 3},
+    refused={"/world/state": 2},
+    written={"/world/state": 201, "/diagnostics": 3},
+    held={"/world/state": 201, "/diagnostics": 3},
+)
+
+
+def with_counts(**counts: int) -> dict[str, NodeStatus]:
+    return STATUSES | {"world_simulator": replace(WORLD, counts=WorldCounts(**{"episodes_ended": 6} | counts))}
+
+
+def holding(**messages: int) -> RecordedCounts:
+    """Return the counts of a bag that holds these numbers of messages, all that its recorder saw."""
+    held = dict(RECORDED.held) | {f"/{name.replace('_', '/')}": number for name, number in messages.items()}
+    return RecordedCounts(held, {}, held, held)
+
+
+def test_a_run_whose_numbers_agree_lacks_nothing() -> None:
+    assert incomplete(6, NODES, STATUSES, RECORDED) == []
+    assert incomplete(0, ["learner"], {"learner": NodeStatus()}, None) == []
+
+
+def test_a_node_that_reported_nothing_is_named() -> None:
+    assert incomplete(6, [*NODES, "perception"], STATUSES, RECORDED) == ["perception reported nothing"]
+
+
+def test_answers_of_an_agent_that_is_no_node_of_the_graph_may_be_missing() -> None:
+    assert incomplete(6, NODES, with_counts(pedestrian_answers_missing=3), RECORDED) == []
+
+
+@pytest.mark.parametrize(
+    ("counts", "missing"),
+    [
+        ({"episodes_ended": 2}, "2 of 6 episodes ended"),
+        ({"vehicle_answers_missing": 113}, "113 answers of vehicle_policy are missing"),
+        ({"safety_answers_missing": 1}, "1 answers of safety_monitor are missing"),
+        (
+            {"vehicle_answers_contradicted": 4},
+            "4 answers contradict those of vehicle_policy: somebody else answered, too",
+        ),
+        (
+            {"safety_answers_early": 2},
+            "2 answers for safety_monitor came before their tick: somebody else published, too",
+        ),
+    ],
+)
+def test_whatever_is_missing_is_said(counts: dict[str, int], missing: str) -> None:
+    assert incomplete(6, NODES, with_counts(**counts), RECORDED) == [missing]
+
+
+def test_messages_that_came_and_were_not_written_are_said() -> None:
+    lost = replace(RECORDED, written=dict(RECORDED.written) | {"/world/state": 100})
+    assert incomplete(6, NODES, STATUSES, lost) == ["the recorder wrote 100 of 201 messages on /world/state"]
+
+
+@pytest.mark.parametrize(
+    ("held", "said"),
+    [
+        ({"world_state": 200}, "the bag holds 200 of 201 messages on /world/state"),
+        ({"world_state": 208}, "7 messages on /world/state are not the graph's: somebody else published, too"),
+        (
+            {"diagnostics": 9},
+            "6 messages on /diagnostics are not the graph's: somebody else published, too (/forger on /diagnostics)",
+        ),
+        ({"markers": 1000}, ""),  # on which anybody may draw
+    ],
+)
+def test_a_bag_holds_what_the_graph_published_neither_less_nor_more(held: dict[str, int], said: str) -> None:
+    statuses = STATUSES | {"recorder": NodeStatus(sharing=["/forger on /diagnostics", "/robot on /tf"])}
+    assert incomplete(6, NODES, statuses, holding(**held)) == ([said] if said else [])
+
+
+@pytest.mark.parametrize(
+    ("second", "restarted", "excused"),
+    [
+        ("/stranger on /vehicle/action", [], False),
+        ("/left/vehicle_policy on /vehicle/action", [], False),
+        ("/left/vehicle_policy on /vehicle/action", ["vehicle_policy"], True),
+        ("/rviz on /markers", [], True),
+        ("/second_ads on /vehicle/cmd_accel", [], True),
+    ],
+)
+def test_a_second_publisher_fails_the_run_and_is_named(second: str, restarted: list[str], excused: bool) -> None:
+    statuses = STATUSES | {"vehicle_policy": NodeStatus(second_publishers=[second])}
+    said = [] if excused else [f"a second publisher: {second}"]
+    assert incomplete(6, NODES, statuses, RECORDED, restarted) == said
+
+
+@pytest.mark.parametrize(
+    ("paused", "idle", "said"),
+    [(31.0, 0.0, "the world was paused for 30 s"), (29.0, 59.0, ""), (0.0, 61.0, "no progress for 60 s")],
+)
+def test_a_run_in_which_nothing_happens_ends_after_its_patience(paused: float, idle: float, said: str) -> None:
+    assert stands_still(paused, idle, GraphConfig(pause_timeout=30.0), "log")[: len(said) or None] == said
+
+
+def test_a_status_that_travels_through_the_pipe_is_the_same_and_its_odd_figures_are_no_numbers() -> None:
+    figures: dict[str, Any] = {"updates": "3.5", "rate": "nan", "loss": "1e999", "name": "[/red]"}
+    status = NodeStatus(figures=figures, counts=WorldCounts(goal=3))
+    assert [status.number(name) for name in (*figures, "absent")] == [3.5, None, None, None, None]
+    assert status.pairs() == figures | {"tick": 0, "goal": 3}
+
+
+def seen(*pairs: tuple[int, int]) -> str:
+    silent = Silence(20)
+    return [silent(WorldCounts(tick=tick, vehicle_answers_missing=missing)) for tick, missing in pairs][-1]
+
+
+def test_an_ads_that_misses_single_ticks_is_not_silent() -> None:
+    assert seen((100, 2), (500, 15), (2000, 60)) == ""
+
+
+def test_an_ads_that_answers_nothing_for_the_limit_is_silent_and_not_before() -> None:
+    assert seen((0, 0), (19, 19)) == ""
+    assert "no usable command for 20 ticks" in seen((0, 0), (20, 20))
+    assert "no usable command for 21 ticks" in seen((900, 3), (912, 12), (926, 24))
+
+
+def test_the_silence_of_one_graph_is_not_that_of_the_next() -> None:
+    assert seen((900, 30), (10, 1), (100, 2)) == ""
+
+
+def test_silence_says_whether_commands_came_and_were_refused() -> None:
+    silent = Silence(20)
+    counts = WorldCounts(tick=30, vehicle_answers_missing=30)
+    assert silent(counts).endswith("; none came")
+    assert silent(replace(counts, vehicle_commands_refused=29)).endswith(
+        "; the 29 that came were refused: late, not finite or out of range"
+    )
+
+
+def flooding(limit: int = 100, *, late: bool = False, **counts: int) -> str:
+    return flood(WorldCounts(**counts), limit, late=late)
+
+
+def test_more_surplus_commands_a_tick_than_the_limit_are_a_flood() -> None:
+    assert flooding(tick=124, vehicle_commands_surplus=12500) == ""
+    assert flooding(tick=124, vehicle_commands_surplus=12501) == (
+        "the ADS floods: 12501 commands beyond the first one of a tick in 124 ticks, more than 100 a tick "
+        "(ads_test.surplus_limit)"
+    )
+    assert flooding(tick=2, vehicle_commands_surplus=2000) == "", "too few to tell"
+
+
+def test_commands_before_the_first_tick_are_a_flood_only_where_that_never_comes() -> None:
+    assert flooding(tick=0, vehicle_commands_early=9000) == ""
+    assert flooding(tick=5, vehicle_commands_early=9000, late=True) == ""
+    assert "9000 commands before the first tick, which never came" in flooding(
+        tick=0, vehicle_commands_early=9000, late=True
+    )
+
+
+def test_a_system_that_never_spoke_is_said_to_have_never_come() -> None:
+    assert never_came(WorldCounts(), 61.0, 60.0).startswith("the ADS never published /vehicle/cmd_accel or ")
+    for counts in (WorldCounts(tick=1), WorldCounts(vehicle_commands_early=1), WorldCounts(vehicle_commands_refused=1)):
+        assert never_came(counts, 61.0, 60.0) == ""
+    assert never_came(WorldCounts(), 59.0, 60.0) == ""

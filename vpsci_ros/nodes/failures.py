@@ -1,0 +1,165 @@
+"""Why a run of a graph is no success: every reason that there is, as a sentence, from what its nodes report.
+
+While it runs: `ended`, `stands_still`, and of a driving system under test `Silence`, `flood`, `never_came`. At its end:
+`incomplete`. An empty answer is none.
+"""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from vpsci_ros.nodes.config import GraphConfig
+from vpsci_ros.nodes.status import NodeStatus
+from vpsci_ros.runs.processes import ChildProcess
+from vpsci_ros.world.counts import WorldCounts
+
+RESPONDENTS = {"safety_monitor": "safety", "vehicle_policy": "vehicle", "pedestrian_policy": "pedestrian"}
+OPEN_TO_ALL = ("/markers", "/tf", "/tf_static", "/vehicle/cmd_accel", "/vehicle/cmd_control")  # to publish on
+LEAST_FLOOD = 2000  # commands; fewer are no flood, however few the ticks
+
+
+@dataclass(frozen=True)
+class RecordedCounts:
+    """Messages of a bag by topic: those that came to the recorder, were refused by it, written, and are in the bag."""
+
+    seen: Mapping[str, int] = field(default_factory=dict)
+    refused: Mapping[str, int] = field(default_factory=dict)
+    written: Mapping[str, int] = field(default_factory=dict)
+    held: Mapping[str, int] = field(default_factory=dict)
+
+
+# ---- while it runs
+
+
+def ended(node: str, process: ChildProcess) -> str:
+    """Say how a node's process ended, with the last error in its log."""
+    said = process.said("error")
+    return f"{node} {process.end}" + (f": {said}" if said else "") + f" (log: {process.log})"
+
+
+def stands_still(paused: float, idle: float, graph: GraphConfig, logs: object) -> str:
+    """Say that nothing has happened for too long.
+
+    :param paused: for how long the world has been paused by a service call [s].
+    :param idle: for how long no node has reported any progress [s].
+    :param logs: folder of the nodes' logs.
+    """
+    if paused > graph.pause_timeout:
+        return (
+            f"the world was paused for {graph.pause_timeout:g} s (graph.pause_timeout) by a call of its service "
+            "world/pause, and no call resumed it"
+        )
+    if idle > graph.progress_timeout:
+        return f"no progress for {graph.progress_timeout:g} s; the nodes' logs are in {logs}"
+    return ""
+
+
+class Silence:
+    """Whether a driving system has fallen silent, from the world's counts seen now and then.
+
+    It has when it left `limit` ticks unanswered while it answered fewer than that.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._tick = self._missing = self._refused = 0
+
+    def __call__(self, counts: WorldCounts) -> str:
+        """Say so."""
+        missing, refused = counts.vehicle_answers_missing, counts.vehicle_commands_refused
+        if counts.tick < self._tick or missing - self._missing < 0.5 * (counts.tick - self._tick):
+            self._tick, self._missing, self._refused = counts.tick, missing, refused
+        if missing - self._missing < self._limit:
+            return ""
+        came = refused - self._refused
+        why = f"the {came} that came were refused: late, not finite or out of range" if came else "none came"
+        return f"the ADS gave no usable command for {missing - self._missing} ticks in a row; {why}"
+
+
+def flood(counts: WorldCounts, limit: int, *, late: bool) -> str:
+    """Say that a driving system floods the world.
+
+    :param limit: surplus commands a tick that are none yet.
+    :param late: the first tick should have come by now.
+    """
+    ticks, surplus, early = counts.tick, counts.vehicle_commands_surplus, counts.vehicle_commands_early
+    if surplus > max(limit * (ticks + 1), LEAST_FLOOD):
+        return (
+            f"the ADS floods: {surplus} commands beyond the first one of a tick in {ticks} ticks, more than "
+            f"{limit} a tick (ads_test.surplus_limit)"
+        )
+    if late and ticks == 0 and early > LEAST_FLOOD:
+        return f"the ADS floods: {early} commands before the first tick, which never came"
+    return ""
+
+
+def never_came(counts: WorldCounts, idle: float, patience: float) -> str:
+    """Say that a driving system has not published any command for the first tick within `patience` [s]."""
+    spoke = counts.vehicle_commands or counts.vehicle_commands_refused or counts.vehicle_commands_early
+    if counts.tick or spoke or idle <= patience:
+        return ""
+    topics = "/vehicle/cmd_accel or /vehicle/cmd_control"
+    return f"the ADS never published {topics}, in {patience:g} s (graph.progress_timeout)"
+
+
+# ---- at its end
+
+
+def incomplete(
+    requested: int,
+    nodes: Collection[str],
+    statuses: Mapping[str, NodeStatus],
+    recorded: RecordedCounts | None,
+    restarted: Collection[str] = (),
+) -> list[str]:
+    """Say what a run lacks that ended without an error, one clause each; nothing where it is complete.
+
+    :param requested: episodes; 0 where no world runs.
+    :param nodes: of the graph.
+    :param statuses: the last one of each node, through its pipe.
+    :param recorded: of its bag; None where the graph has no recorder.
+    :param restarted: nodes that were killed and started again, whose first process took its numbers along.
+    """
+    found = [f"{node} reported nothing" for node in nodes if node not in statuses]
+    world = statuses.get("world_simulator", NodeStatus()).counts or WorldCounts()
+    if world.episodes_ended < requested:
+        found.append(f"{world.episodes_ended} of {requested} episodes ended")
+    for node, sender in RESPONDENTS.items():
+        faults = world.faults(sender)
+        if node in nodes and faults.missing:
+            found.append(f"{faults.missing} answers of {node} are missing")
+        if faults.contradicted:
+            found.append(f"{faults.contradicted} answers contradict those of {node}: somebody else answered, too")
+        if faults.early:
+            found.append(f"{faults.early} answers for {node} came before their tick: somebody else published, too")
+    second = sorted({each for status in statuses.values() for each in status.second_publishers})
+    found += [f"a second publisher: {each}" for each in second if not _is_excused(each, restarted)]
+    return found + (list(_not_recorded(statuses, recorded, restarted)) if recorded else [])
+
+
+def _is_excused(second: str, restarted: Collection[str]) -> bool:
+    """Return whether "/NODE on /TOPIC" is no fault: open to all, or the same node's before it was started again."""
+    publisher, _, topic = second.partition(" on ")
+    return topic in OPEN_TO_ALL or publisher.rpartition("/")[2] in restarted
+
+
+def _not_recorded(
+    statuses: Mapping[str, NodeStatus], recorded: RecordedCounts, restarted: Collection[str]
+) -> Iterator[str]:
+    for topic, seen in recorded.seen.items():
+        readable, written = seen - recorded.refused.get(topic, 0), recorded.written.get(topic, 0)
+        if readable != written:
+            yield f"the recorder wrote {written} of {readable} messages on {topic}"
+    published: dict[str, int] = {}
+    for status in statuses.values():
+        for topic, number in status.published.items():
+            published[topic] = published.get(topic, 0) + number
+    unknown = {topic for node in restarted for topic in (*statuses[node].published, "/diagnostics")}
+    for topic in sorted(published.keys() & recorded.seen.keys() - unknown):
+        held = recorded.held.get(topic, 0)
+        if held < published[topic] and topic != "/diagnostics":
+            yield f"the bag holds {held} of {published[topic]} messages on {topic}"
+        if held > published[topic] and topic not in OPEN_TO_ALL:
+            others = {each for status in statuses.values() for each in status.sharing if each.endswith(topic)}
+            who = f" ({', '.join(sorted(others))})" if others else ""
+            extra = held - published[topic]
+            yield f"{extra} messages on {topic} are not the graph's: somebody else published, too{who}"

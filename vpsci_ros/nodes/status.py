@@ -1,0 +1,104 @@
+"""What a node reports of itself: one record, which goes out on `/diagnostics` and, in a graph, through a pipe.
+
+Anybody may publish on `/diagnostics`. What decides how a run ended comes through a pipe that `vpsci graph` gives to
+each process it starts, and that no other program has: lines of JSON, one a report, the last one at the node's end.
+"""
+
+import contextlib
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from vpsci_ros.world.counts import WorldCounts
+
+PIPE = "VPSCI_STATUS_PIPE"  # environment variable: number of the file descriptor to write to
+
+
+@dataclass
+class NodeStatus:
+    """A node's report.
+
+    :ivar state: "waiting", "running", "paused" or the like.
+    :ivar figures: rates, progress and versions by name, for people to read.
+    :ivar published: topic of the table -> messages that the node published there.
+    :ivar refused: topic -> messages that it refused.
+    :ivar second_publishers: "/NODE on /TOPIC" of the nodes that publish beside the one that the topic belongs to.
+    :ivar sharing: the same of nodes that are not the graph's, on topics that are meant to be shared.
+    :ivar counts: of the world simulator.
+    """
+
+    state: str = "running"
+    figures: dict[str, Any] = field(default_factory=dict)
+    published: dict[str, int] = field(default_factory=dict)
+    refused: dict[str, int] = field(default_factory=dict)
+    second_publishers: list[str] = field(default_factory=list)
+    sharing: list[str] = field(default_factory=list)
+    counts: WorldCounts | None = None
+
+    def pairs(self) -> dict[str, Any]:
+        """Return what `/diagnostics` carries, by key."""
+        pairs = dict(self.figures)
+        pairs |= {"tick": self.counts.tick} | self.counts.nonzero() if self.counts else {}
+        pairs |= {f"published {topic}": number for topic, number in self.published.items()}
+        pairs |= {f"refused {topic}": number for topic, number in sorted(self.refused.items())}
+        return pairs | ({"second_publishers": ", ".join(self.second_publishers)} if self.second_publishers else {})
+
+    def number(self, name: str) -> float | None:
+        """Return a figure as a finite number; None where there is none of this name."""
+        try:
+            value = float(self.figures[name])
+        except (KeyError, TypeError, ValueError):
+            return None
+        return value if math.isfinite(value) else None
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> "NodeStatus":
+        """Return the status of which `values` are the fields, as JSON has them."""
+        counts = values.get("counts")
+        return cls(**{**values, "counts": WorldCounts(**counts) if counts else None})
+
+
+def send(status: NodeStatus) -> None:
+    """Write a status to the pipe of the graph that started this process, if one did."""
+    if PIPE in os.environ:
+        with contextlib.suppress(OSError), open(int(os.environ[PIPE]), "wb", closefd=False) as pipe:
+            pipe.write(json.dumps(asdict(status), default=str).encode() + b"\n")  # the graph may have been killed
+
+
+class StatusPipe:
+    """The graph's end of one process's pipe.
+
+    :ivar latest: the status that came last.
+    :ivar open: whether more may come.
+    :ivar write_end: file descriptor for the process; to be closed here once that has been started.
+    """
+
+    def __init__(self) -> None:
+        self.latest: NodeStatus | None = None
+        self.read_end, self.write_end = os.pipe()
+        os.set_blocking(self.read_end, False)
+        self._rest = b""
+        self.open = True
+
+    def started(self) -> None:
+        """Leave the writing to the process, so that the pipe ends with it."""
+        os.close(self.write_end)
+
+    def read(self) -> None:
+        """Take what has come."""
+        data = bytearray()
+        with contextlib.suppress(BlockingIOError):
+            while block := os.read(self.read_end, 65536):
+                data += block
+            self.open = False
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        if lines:
+            self.latest = NodeStatus.of(json.loads(lines[-1]))
+
+    def close(self) -> None:
+        """Read no more."""
+        self.open = False
+        os.close(self.read_end)
