@@ -27,7 +27,6 @@ from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import cpu_name
-from vpsci_ros.runs.renamed import POLICY, renamed
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
@@ -157,7 +156,7 @@ class _Simulation:
             raise InvalidInput(f"{self._where}: a learner changed the weights while it was recorded")
         if node not in run.parameters:
             raise InvalidInput(f"{self._where}: it does not hold the parameters of {node}")
-        config = pick(PolicyConfig, renamed(run.parameters[node], POLICY), node)
+        config = pick(PolicyConfig, run.parameters[node], node)
         policy = make_agent(agent, config)
         if not isinstance(policy, PolicyAgent):
             return policy

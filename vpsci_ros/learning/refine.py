@@ -27,17 +27,16 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.held_out import HeldOut, split_as_before
 from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.learning.config import RefineConfig
 from vpsci_ros.learning.divergence import check_losses, require_finite_reward_weights
 from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
 from vpsci_ros.learning.replay import Batch, History, ReplayBuffer, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import EventRewards, SimulatedRewards
-from vpsci_ros.parameters import build
+from vpsci_ros.learning.shipped_names import stage_1_of
 from vpsci_ros.policy.weights import Weights, resolved, save_weights, weights_to_bytes
 from vpsci_ros.runs.identity import require_same
-from vpsci_ros.runs.renamed import PRETRAIN, renamed
 from vpsci_ros.world.observation import AGENTS
 
 RETURN_SMOOTHING = 0.02  # share of the newest episode in the running mean return (Figure 6)
@@ -95,7 +94,7 @@ class Refiner:
             self._maddpg,
             self._rewards,
             self._real,
-            _stage_1(weights),
+            stage_1_of(weights),
             lambda: self.reward_weights.values,
             lambda: self._buffer.simulated,
         )
@@ -347,12 +346,3 @@ class Refiner:
     def _actor_state(self) -> dict[str, dict[str, torch.Tensor]]:
         parts = {"actor": self._networks.actor, "target_actor": self._networks.target_actor}
         return {name: {k: v.detach().clone() for k, v in part.state_dict().items()} for name, part in parts.items()}
-
-
-def _stage_1(weights: Weights) -> PretrainConfig:
-    """Return the configuration of stage 1 that weights carry; the defaults where they carry none.
-
-    :raises InvalidInput: what they carry is no such configuration.
-    """
-    values = renamed(weights.configuration.get("PretrainConfig", {}), PRETRAIN)
-    return build(PretrainConfig, values, "the weights' configuration of stage 1")
