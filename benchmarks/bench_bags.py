@@ -58,7 +58,7 @@ def make(folder: Path, ticks: int, batch: int) -> Path:
 def node(name: str, *arguments: str) -> subprocess.Popen[bytes]:
     """Start a node."""
     given = [text for argument in arguments for text in ("-p", argument)]
-    command = [sys.executable, "-m", f"vpsci_ros.nodes.{name}", "--ros-args", *given]
+    command = [sys.executable, "-m", "vpsci_ros.nodes", name, "--ros-args", *given]
     return subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
 
 

@@ -151,7 +151,7 @@ def _command(pid: int) -> str:
 
 
 def _of_node(node: str, mark: str) -> list[int]:
-    return [pid for pid in _alive(mark) if f"vpsci_ros.nodes.{node} " in _command(pid)]
+    return [pid for pid in _alive(mark) if f"vpsci_ros.nodes {node} " in _command(pid)]
 
 
 def _alive_after(seconds: float, mark: str) -> list[str]:

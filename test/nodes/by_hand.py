@@ -38,7 +38,7 @@ class ByHand:
     def start(self, *nodes: str, extra: tuple[str, ...] = ()) -> None:
         """Start nodes; a second process of the same name replaces the first in `running`."""
         for node in nodes:
-            command = [sys.executable, "-m", f"vpsci_ros.nodes.{node}", "--ros-args"]
+            command = [sys.executable, "-m", "vpsci_ros.nodes", node, "--ros-args"]
             command += ["--params-file", str(self._parameters)]
             command += ["-r", f"__ns:={self._namespace}"] * bool(self._namespace)
             with open(self.folder / f"{node}.log", "ab") as log:

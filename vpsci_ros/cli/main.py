@@ -93,14 +93,13 @@ def node(
     context: typer.Context, name: Annotated[str, typer.Argument(help="Executable, as for `ros2 run vpsci_ros`.")]
 ) -> None:
     """Run one node without a ROS 2 installation's own tools: vpsci node NAME --ros-args -p batch:=4 ..."""
-    import importlib
-
     from vpsci_ros.errors import InvalidInput
     from vpsci_ros.nodes.config import EXECUTABLES
+    from vpsci_ros.nodes.entry import start
 
     if name not in EXECUTABLES:
         raise InvalidInput(f"unknown node {name!r}; expected one of {', '.join(EXECUTABLES)}")
-    raise typer.Exit(importlib.import_module(f"vpsci_ros.nodes.{name}").main([name, *context.args]))
+    raise typer.Exit(start(name, [name, *context.args]))
 
 
 @app.command()

@@ -5,7 +5,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from rclpy.context import Context
 from rclpy.task import Future
 
 from vpsci_msgs.msg import PolicyWeights, SafetyState
@@ -41,10 +40,8 @@ class AgentPolicy(GraphNode):
     the beginning when it is started again in mid-run, and misses nothing when it is matched late.
     """
 
-    def __init__(
-        self, agent: str, *, context: Context | None = None, parameter_overrides: list[Any] | None = None
-    ) -> None:
-        super().__init__(f"{agent}_policy", context=context, parameter_overrides=parameter_overrides)
+    def __init__(self, agent: str, **given: Any) -> None:
+        super().__init__(f"{agent}_policy", **given)
         config = self.config(PolicyConfig)
         warm_up()
         self._topic = f"/{agent}/action"

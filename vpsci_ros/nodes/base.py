@@ -27,8 +27,8 @@ from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes import status as reporting
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, PeerConfig, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
+from vpsci_ros.nodes.domain import set_defaults
 from vpsci_ros.nodes.intake import Intake
-from vpsci_ros.nodes.middleware import set_defaults
 from vpsci_ros.nodes.output import Output
 from vpsci_ros.nodes.parameter_service import RefusingParameterService
 from vpsci_ros.nodes.status import NodeStatus

@@ -4,8 +4,7 @@ Faster than separate processes where one core does all the work, because no mess
 of its own gives a node is lost: a second core, and a death that the others survive.
 """
 
-import importlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import rclpy
@@ -16,14 +15,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from vpsci_ros.nodes.base import EXECUTORS, GraphNode
 from vpsci_ros.nodes.config import GraphConfig, PeerConfig
-from vpsci_ros.nodes.middleware import set_defaults
+from vpsci_ros.nodes.domain import set_defaults
+from vpsci_ros.nodes.entry import node_class
 from vpsci_ros.runs.sections import Sections
-
-
-def node_class(name: str) -> Callable[..., GraphNode]:
-    """Return the class of a node of the table."""
-    module = importlib.import_module(f"vpsci_ros.nodes.{name}")
-    return getattr(module, "".join(part.capitalize() for part in name.split("_")))
 
 
 @contextmanager

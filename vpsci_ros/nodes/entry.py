@@ -1,22 +1,33 @@
 """The executables of `ros2 run vpsci_ros`, one by the name of each node, quick to import: Ctrl-C is heard at once.
 
 A node's own module takes a second to import, and Python would answer a Ctrl-C on the way with a traceback.
+`python -m vpsci_ros.nodes NODE` and `vpsci node NODE` start the same.
 """
 
 import importlib
 import importlib.util
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 
-def start(node: str) -> int:
-    """Import a node and run it until it has finished or is stopped; return its exit status, 0 where it was stopped."""
+def node_class(name: str) -> Any:
+    """Return the class of a node, `WorldSimulator` of "world_simulator"."""
+    module = importlib.import_module(f"vpsci_ros.nodes.{name}")
+    return getattr(module, "".join(part.capitalize() for part in name.split("_")))
+
+
+def start(name: str, args: list[str] | None = None) -> int:
+    """Run a node until it has finished or is stopped; return its exit status, 0 where it is stopped as it is imported.
+
+    :param args: as of a command line, the program's name first; None: this process's.
+    """
     try:
-        module = importlib.import_module(f"vpsci_ros.nodes.{node}")
+        kind = node_class(name)
+        from vpsci_ros.nodes import base, example_ads
     except KeyboardInterrupt:
         return 0
-    status: int = module.main()
-    return status
+    return example_ads.main(args) if name == "example_ads" else base.run(kind, args)
 
 
 def __getattr__(name: str) -> Callable[[], int]:

@@ -185,7 +185,7 @@ class NodeProcesses:
             self.restarted.add(node)
             self._pipes[node].close()
         pipe = self._pipes[node] = StatusPipe()
-        command = [sys.executable, "-m", f"vpsci_ros.nodes.{node}", *self._arguments]
+        command = [sys.executable, "-m", "vpsci_ros.nodes", node, *self._arguments]
         # Idle threads of torch must not keep the nodes from a core.
         environment = {"OMP_WAIT_POLICY": "PASSIVE"} | dict(os.environ)
         environment |= {signature.VARIABLE: self._secret, PIPE: str(pipe.write_end)}

@@ -1,6 +1,5 @@
 """The learner: stage 1 from real near misses, or stage 2 from `/replay` while the graph runs."""
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.context import Context
 from std_msgs.msg import UInt64
 
 from vpsci_msgs.msg import PolicyWeights, Transition
@@ -20,7 +18,7 @@ from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfi
 from vpsci_ros.learning.pretrain import CHECKPOINT, pretrain
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.refine_log import RefineLog
-from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.topics import RECORDING
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights
@@ -35,8 +33,8 @@ DRAIN_QUIET = 0.3  # [s]
 class Learner(GraphNode):
     """Stage 1: near misses in, weights out, then finished. Stage 2: `/replay` in, `/policy/weights` out."""
 
-    def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
-        super().__init__("learner", context=context, parameter_overrides=parameter_overrides)
+    def __init__(self, **given: Any) -> None:
+        super().__init__("learner", **given)
         self._config = self.config(LearnerConfig)
         self._near_misses = load_corpus(self._config.near_misses)
         self._folder = Path(self._config.output)
@@ -175,12 +173,3 @@ class Learner(GraphNode):
             if self._whole:
                 self.get_logger().info(f"wrote {self._refiner.save()}")
             self._report(self._refiner.summary(), last=True)
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node until it has learned or is stopped."""
-    return run(Learner, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

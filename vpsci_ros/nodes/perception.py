@@ -1,16 +1,13 @@
 """Perception as a node: the pedestrians as a driving system's sensors would have them, not where they truly are."""
 
 import math
-import sys
 import time
 from typing import Any
-
-from rclpy.context import Context
 
 from vpsci_msgs.msg import WorldState
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes import convert
-from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.serialized import Shown, shown, time_of
@@ -32,8 +29,8 @@ class Perception(GraphNode):
     The first list is published again while the world waits, for a driving system that was discovered too late.
     """
 
-    def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
-        super().__init__("perception", context=context, parameter_overrides=parameter_overrides)
+    def __init__(self, **given: Any) -> None:
+        super().__init__("perception", **given)
         self._config = self.config(PerceptionConfig)
         warm_up_reading()
         warm_up(self._config)  # before the topic is there, for which others wait
@@ -104,12 +101,3 @@ def _shown(message: WorldState | bytes) -> Shown:
     if not 0.0 < world.period < math.inf:
         raise InvalidInput(f"{WORLD}: expected dt > 0 s, got {world.period:g}")
     return world
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node until it is stopped."""
-    return run(Perception, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

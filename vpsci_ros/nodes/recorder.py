@@ -1,21 +1,20 @@
 """The recorder: writes every message of the graph, as it came off the wire, to a rosbag2 folder with MCAP storage."""
 
 import hashlib
-import sys
 import time
 from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from rclpy.context import Context
+from diagnostic_msgs.msg import DiagnosticArray
+from tf2_msgs.msg import TFMessage
 
 from vpsci_msgs.msg import EpisodeEvent, PolicyWeights
 from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog, EventRow, event_rows
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
-from vpsci_ros.nodes.base import GraphNode, run
-from vpsci_ros.nodes.config import NODES, RecorderConfig
-from vpsci_ros.nodes.ownership import is_own
+from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.config import EXECUTABLES, NODES, RecorderConfig
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.serialized import message_of
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
@@ -24,6 +23,7 @@ from vpsci_ros.wire.decoder import describe
 from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.wire.padding import zeroed
 from vpsci_ros.world import load_scenarios
+from vpsci_ros.world.observation import AGENTS
 
 DRAIN_QUIET = 0.3  # [s] without a message: nothing is on its way any more
 
@@ -36,8 +36,8 @@ class Recorder(GraphNode):
     parameters of the other nodes, which it requests, and a record of each episode.
     """
 
-    def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
-        super().__init__("recorder", context=context, parameter_overrides=parameter_overrides)
+    def __init__(self, **given: Any) -> None:
+        super().__init__("recorder", **given)
         config = self.config(RecorderConfig)
         explicit = set(self.peers) != set(self.essential_peers)
         recorded = [row for row in TOPICS.values() if "recorder" in row.subscribers]
@@ -150,10 +150,10 @@ def _events(data: bytes) -> tuple[int, list[EventRow]]:
     return message.tick, event_rows(received.events(message))
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node until it is stopped."""
-    return run(Recorder, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def is_own(message: DiagnosticArray | TFMessage, prefix: str) -> bool:
+    """Return whether a message is of the graph whose names begin with `prefix`, such as "left/", or nothing."""
+    if isinstance(message, DiagnosticArray):
+        own = {f"{prefix}{name}" for name in EXECUTABLES}
+        return bool(message.status) and all(status.name in own for status in message.status)
+    frames = [transform.child_frame_id for transform in message.transforms]
+    return bool(frames) and all(frame.startswith(tuple(f"{prefix}{agent}" for agent in AGENTS)) for frame in frames)

@@ -1,13 +1,11 @@
 """The replayer: publishes what a bag holds, message for message as it was recorded, at the pace of its times."""
 
 import importlib
-import sys
 import time
 from collections.abc import Iterator
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -18,7 +16,7 @@ from vpsci_ros.bags.episodes import bag_episodes, chosen_episode
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import ReplayerConfig
 from vpsci_ros.nodes.topics import LATCHED, TOPICS, listeners
 from vpsci_ros.wire.decoder import RawMessage
@@ -41,8 +39,8 @@ class Replayer(GraphNode):
 
     essential_peers = ()
 
-    def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
-        super().__init__("replayer", context=context, parameter_overrides=parameter_overrides)
+    def __init__(self, **given: Any) -> None:
+        super().__init__("replayer", **given)
         config = self.config(ReplayerConfig)
         self._rate, self._paused = config.rate, config.paused
         bag = Bag(config.bag)
@@ -187,12 +185,3 @@ class Replayer(GraphNode):
 
 def _names(topics: list[TopicInfo]) -> str:
     return ", ".join(topic.name for topic in topics) or "the chosen topics"
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node until the bag is over or it is stopped."""
-    return run(Replayer, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

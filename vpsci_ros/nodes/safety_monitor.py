@@ -1,11 +1,8 @@
 """The CurvTTC safety monitor: answers every WorldState with the CurvTTC of each parallel episode."""
 
-import sys
 from typing import Any
 
-from rclpy.context import Context
-
-from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.serialized import Shown, shown, time_of
 from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
@@ -16,8 +13,8 @@ from vpsci_ros.world.monitor import MonitorConfig, assess, warm_up
 class SafetyMonitor(GraphNode):
     """`/world/state` in, `/safety/state` out, in lock-step."""
 
-    def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
-        super().__init__("safety_monitor", context=context, parameter_overrides=parameter_overrides)
+    def __init__(self, **given: Any) -> None:
+        super().__init__("safety_monitor", **given)
         self._config = self.config(MonitorConfig)
         warm_up_reading()
         warm_up(self._config)  # before the topic is there, for which the world waits
@@ -36,12 +33,3 @@ class SafetyMonitor(GraphNode):
         self.simulated_time = time_of(header)
         self._meter.tick(tick.number)
         self._meter.answered(self.intake.arrived)
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node until it is stopped."""
-    return run(SafetyMonitor, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

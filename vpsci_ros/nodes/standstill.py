@@ -6,7 +6,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool
 
-from vpsci_ros.nodes.middleware import set_defaults
+from vpsci_ros.nodes.domain import set_defaults
 
 
 class Standstill:

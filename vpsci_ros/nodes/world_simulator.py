@@ -3,13 +3,11 @@
 What an answer is, when to wait and when to go on is in `world.lockstep`, the loop itself in `world.loop`.
 """
 
-import sys
 import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.context import Context
 from rclpy.timer import Timer
 from std_msgs.msg import Header, UInt64
 from std_srvs.srv import SetBool, Trigger
@@ -19,7 +17,7 @@ from vpsci_ros.bags.recorded import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.nodes import convert
-from vpsci_ros.nodes.base import GraphNode, run
+from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.history import FrameHistory
 from vpsci_ros.nodes.respondents import Respondents
 from vpsci_ros.nodes.world_outputs import WorldOutputs
@@ -52,8 +50,8 @@ class WorldSimulator(GraphNode):
 
     counts: WorldCounts
 
-    def __init__(self, *, context: Context | None = None, parameter_overrides: list[Any] | None = None) -> None:
-        super().__init__("world_simulator", context=context, parameter_overrides=parameter_overrides)
+    def __init__(self, **given: Any) -> None:
+        super().__init__("world_simulator", **given)
         self._run = self.config(RunConfig)
         self._config = self.config(WorldConfig)
         config = self.config(LockStepConfig)
@@ -309,12 +307,3 @@ class WorldSimulator(GraphNode):
             return
         totals = ", ".join(f"{name} {count}" for name, count in self.counts.nonzero().items())
         self.get_logger().info(f"ended: {totals}")
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node until its episodes have ended or it is stopped."""
-    return run(WorldSimulator, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,7 @@
+"""`python -m vpsci_ros.nodes NODE --ros-args ...` runs one node."""
+
+import sys
+
+from vpsci_ros.nodes.entry import start
+
+sys.exit(start(sys.argv[1], sys.argv[1:]))
