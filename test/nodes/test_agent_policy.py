@@ -41,19 +41,19 @@ class Session:
         self.spin_until(lambda: self.answered == [0])
 
     def state(self, tick: int) -> None:
-        """Hand in `/world/state`: one episode, at a policy frame at every other tick."""
+        """Send `/world/state`: one episode, at a policy frame at every other tick."""
         state = np.zeros(1, EPISODE)
         state["status"] = RUNNING
-        self.policy._on_state(convert.world_state_message(state, np.array([tick % 2 == 0]), tick, PERIOD))
+        self.policy.intake.receive("/world/state", convert.world_state_message(state, np.array([tick % 2 == 0]), tick, PERIOD))
 
     def safety(self, tick: int) -> None:
-        """Hand in `/safety/state` of a scene without danger."""
+        """Send `/safety/state` of a scene without danger."""
         far, calm = np.full(1, np.inf), np.zeros(1, bool)
         header = Header(stamp=convert.stamp(tick, PERIOD), frame_id=convert.MAP)
-        self.policy._on_safety(convert.safety_message(header, tick, far, far, calm))
+        self.policy.intake.receive("/safety/state", convert.safety_message(header, tick, far, far, calm))
 
     def missed(self) -> int:
-        return int(dict(self.policy._status())["ticks_missed"])
+        return int(self.policy.figures()["ticks_missed"])
 
     def spin_until(self, condition: Callable[[], bool]) -> None:
         for _ in range(10_000):

@@ -96,7 +96,7 @@ def test_a_state_whose_ticks_take_no_time_is_refused_and_counted(context: Contex
     state = np.zeros(1, EPISODE)
     message = convert.world_state_message(state, np.zeros(1, bool), 3, 0.05)
     message.dt = period
-    node._on_state(message)
+    node.intake.receive("/world/state", message)
     assert node.intake.refused == {"/world/state": 1}
     node.destroy_node()
 
