@@ -44,7 +44,8 @@ class Session:
         """Send `/world/state`: one episode, at a policy frame at every other tick."""
         state = np.zeros(1, EPISODE)
         state["status"] = RUNNING
-        self.policy.intake.receive("/world/state", convert.world_state_message(state, np.array([tick % 2 == 0]), tick, PERIOD))
+        message = convert.world_state_message(state, np.array([tick % 2 == 0]), tick, PERIOD)
+        self.policy.intake.receive("/world/state", message)
 
     def safety(self, tick: int) -> None:
         """Send `/safety/state` of a scene without danger."""

@@ -34,7 +34,7 @@ from vpsci_ros.nodes.vehicle_policy import VehiclePolicy
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import save_weights
-from vpsci_ros.runs.signature import VARIABLE, new_secret, signature
+from vpsci_ros.wire.signature import VARIABLE, new_secret, signature
 from vpsci_ros.world import EPISODE, RUNNING
 from vpsci_ros.world.lockstep import LockStepConfig
 

@@ -28,13 +28,13 @@ from vpsci_ros.nodes.status import PIPE, NodeStatus, StatusPipe
 from vpsci_ros.nodes.watch import Watch
 from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, table, values_of
 from vpsci_ros.resources import weights_path
-from vpsci_ros.runs import signature
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import require_empty_folder, sha256
 from vpsci_ros.runs.processes import ChildProcess, stop
 from vpsci_ros.runs.record import RECORD, room_for_record, write_record
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
+from vpsci_ros.wire import signature
 from vpsci_ros.world import WorldConfig
 
 StopWhen = Callable[[Mapping[str, NodeStatus], float], str]

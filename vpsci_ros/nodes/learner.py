@@ -23,8 +23,8 @@ from vpsci_ros.nodes.topics import RECORDING
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
-from vpsci_ros.runs.signature import signature
 from vpsci_ros.wire import layout
+from vpsci_ros.wire.signature import signature
 
 REPORT_PERIOD = 0.5  # [s] between diagnostics
 DRAIN_QUIET = 0.3  # [s]

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.signature import require_signature
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
+from vpsci_ros.wire.signature import require_signature
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.state import ENDED, OUTCOME_NAMES, SAFE_STOP, STARTED
 from vpsci_ros.world.tick import Tick, has_nan
@@ -100,7 +100,7 @@ def events(message: Any, where: str = EVENTS) -> NDArray[np.void]:
 def weights(message: Any, where: str = "/policy/weights") -> bytes:
     """Return the bytes of a PolicyWeights, whose frame_id is the signature of the run's learner.
 
-    :raises InvalidInput: it has none, where the run has a secret; see `vpsci_ros.runs.signature`.
+    :raises InvalidInput: it has none, where the run has a secret; see `vpsci_ros.wire.signature`.
     """
     data = bytes(message.safetensors)
     require_signature(message.header.frame_id, message.version, data, where)
