@@ -40,8 +40,9 @@ def crowd(batch: int, **world: object) -> Sections:
 @pytest.fixture
 def bag(domain: int, tmp_path: Path, request: pytest.FixtureRequest) -> Path:
     with composed(resolve(crowd(request.param), tmp_path)) as nodes:
-        told = dict(nodes["world_simulator"].status())
-    assert sum(told.get(name, 0) for name in ("collision", "goal", "timeout")) == 4
+        counts = nodes["world_simulator"].counts
+    assert counts is not None
+    assert counts.collision + counts.goal + counts.timeout == 4
     return tmp_path / "bag"
 
 
