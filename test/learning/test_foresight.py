@@ -235,7 +235,7 @@ def test_transitions_know_where_the_lane_goes():
     loop.world.state["route_s"] = 15.0
     loop.world.state["vehicle_heading"] = path.heading(15.0) + 2.0 * np.pi
     builder, still = TransitionBuilder([scenario]), Actions(np.zeros((1, 2)), np.zeros((1, 2)))
-    rows = np.concatenate([builder.observe(loop.step(still)) for _ in range(3)])
+    rows = np.concatenate([builder.observe(loop.step(still)).transitions for _ in range(3)])
     assert len(rows) == 1
     lane = rows["lane_heading"][0]
     true = [path.heading(15.0 + LANE_GRID * k) - path.heading(15.0) for k in range(LANE_NODES)]

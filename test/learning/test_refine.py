@@ -1,10 +1,12 @@
 import dataclasses
 
 import numpy as np
+import polars as pl
 import pytest
 
 from vpsci_ros.data.near_misses import split_by_clip
 from vpsci_ros.errors import InvalidInput, Stopped, VpsciError
+from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning.config import ForesightConfig, ImitationConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.online import Outcomes, refine
 from vpsci_ros.learning.refine import Refiner
@@ -70,7 +72,7 @@ def test_updates_fall_due_with_new_experience(refiner):
     assert len(shares) == 3  # 60 steps at 20 an update
     assert 0.0 < sum(shares) < 3.0
     assert refiner.received == 60
-    assert refiner.lost == 0
+    assert refiner.assembler.lost == 0
 
 
 def test_a_transition_that_is_not_a_number_is_counted_and_leaves_weights_and_returns_finite(refiner):
@@ -143,12 +145,16 @@ def test_what_is_kept_lies_as_far_on_the_way_back_to_stage_1_as_asked_and_its_er
     refiner.add(experience())
     while refiner.due:
         refiner.update()
-    learned, kept = refiner.current(), load_weights(refiner.save())
+    learned, measured, errors = refiner.current(), [], refiner._held_out.errors
+    refiner._held_out.errors = lambda weights: measured.append(weights) or errors(weights)
+    kept = refiner.save()
+    assert len(measured) == 1
+    assert load_weights(tmp_path / "refined.safetensors").digest() == kept.digest()
     for name in ("vehicle_actor.head.4.weight", "pedestrian_actor.head.4.weight"):
         way = learned.tensors[name] - start.tensors[name]
         assert np.abs(way).max() > 0.0005
         assert kept.tensors[name] - start.tensors[name] == pytest.approx(0.75 * way, abs=1e-5)
-    assert kept.facts["held_out"]["errors"] == refiner._held_out.errors(kept)
+    assert kept.facts["held_out"]["errors"] == errors(kept)
     assert kept.facts["held_out"]["errors"] != learned.facts["held_out"]["errors"]
     assert all(np.array_equal(kept.tensors[n], learned.tensors[n]) for n in kept.tensors if "critic" in n)
 
@@ -169,7 +175,7 @@ def test_a_learner_goes_on_from_a_checkpoint_to_the_same_result(tmp_path, networ
     first, second = (Refiner(QUICK, start, near_misses, seed=4) for _ in range(2))
 
     def learn(refiner, number):
-        refiner.add(experience(seed=number, first_number=60 * number, first_episode=6 * number))
+        refiner.take(np.split(experience(seed=number, first_episode=6 * number), 6), 60)
         while refiner.due:
             refiner.update()
 
@@ -211,7 +217,7 @@ def test_episodes_without_an_update_in_between_say_nothing_of_convergence(refine
     assert not refiner.finished
 
 
-def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, networks, near_misses):
+def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, networks, near_misses, monkeypatch):
     start = networks(gain=1.0).weights({}, {})
     exploring = dict.fromkeys(AGENTS, PolicyConfig(explore=True, seed=3))
     episodes = [(s, e) for e in range(8) for s in (1, 6)]
@@ -223,7 +229,11 @@ def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, 
     def stop(values):
         raise Stopped
 
+    measured, errors = [], HeldOut.errors
+    monkeypatch.setattr(HeldOut, "errors", lambda *known: measured.append(known) or errors(*known))
     whole = run("whole")
+    refreshes = pl.read_csv(tmp_path / "whole" / "refine_log.csv")["refreshes"][-1]
+    assert len(measured) == 1 + refreshes + 1, "stage 1's, each refresh's and the last one's errors, each once"
     with pytest.raises(Stopped):
         run("parts", stop)
     resumed = run("parts")

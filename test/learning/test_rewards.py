@@ -3,9 +3,8 @@ import pytest
 import torch
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.config import RewardsConfig
-from vpsci_ros.learning.rewards import EventRewards, RewardWeights, SimulatedRewards, predicted_velocity, speed_reward
+from vpsci_ros.learning.rewards import RewardWeights, SimulatedRewards, predicted_velocity, speed_reward
 from vpsci_ros.learning.transitions import TRANSITION
 
 STEPS = 10
@@ -69,13 +68,11 @@ def experienced(pedestrian_goal_at=None):
     rows["collision"][-1] = rows["terminal"][-1] = rows["last"][-1] = 1
     if pedestrian_goal_at is not None:
         rows["pedestrian_goal"][pedestrian_goal_at] = 1
-    (history,) = HistoryAssembler(EventRewards()).add(rows)
-    return history
+    return rows
 
 
 def test_the_speed_reward_is_zero_where_the_policy_acts_as_stage_1_did(rewards):
-    history = experienced()
-    rewards.refer([history])
+    (history,) = rewards.histories([experienced()])
     assert all(np.all(c[:, 2] < 0.0) for c in rewards.components(history).values())
     for agent in ("vehicle", "pedestrian"):
         velocity = history.observation[agent][:-1, :2]
@@ -84,9 +81,20 @@ def test_the_speed_reward_is_zero_where_the_policy_acts_as_stage_1_did(rewards):
 
 
 def test_collisions_and_goals_are_rewarded_as_equations_25_and_26_say(rewards):
-    history = experienced(pedestrian_goal_at=4)
-    rewards.refer([history])
+    (history,) = rewards.histories([experienced(pedestrian_goal_at=4)])
     components = rewards.components(history)
     assert components["vehicle"][:, 0].tolist() == [0.0] * 9 + [-200.0]
     assert components["vehicle"][:, 1].sum() == 0.0
     assert components["pedestrian"][4, 1] == 100.0
+    assert history.terminal
+
+
+def test_histories_of_several_lengths_are_those_that_each_would_be_alone(rewards):
+    long, short = experienced(), experienced()[:4]
+    short["next_vehicle_observation"][-1] = 7.0
+    for history, rows in zip(rewards.histories([long, short]), (long, short), strict=True):
+        (alone,) = rewards.histories([rows])
+        assert len(history) == len(rows)
+        assert history.observation["vehicle"][-1].tolist() == rows["next_vehicle_observation"][-1].tolist()
+        for agent in ("vehicle", "pedestrian"):
+            np.testing.assert_allclose(history.next_velocity[agent], alone.next_velocity[agent], atol=1e-6)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.learning.assembly import STALE, HistoryAssembler
-from vpsci_ros.learning.rewards import EventRewards
-from vpsci_ros.learning.transitions import TRANSITION, TransitionBuilder, usable
+from vpsci_ros.learning.transitions import STEPS, TRANSITION, TransitionBuilder, usable
 from vpsci_ros.world import COLLISION, ENDED, EPISODE, GOAL, RUNNING, World, WorldConfig, load_scenarios
 from vpsci_ros.world.events import NO_EVENTS
 from vpsci_ros.world.loop import Loop
@@ -14,34 +13,34 @@ from vpsci_ros.world.tick import Actions, Step, Tick
 
 @pytest.fixture(scope="module")
 def run():
-    """Sixteen episodes under constant braking: every tick's state, and all transitions."""
+    """Sixteen episodes under constant braking: all transitions, every tick's state, and what made them."""
     world = World(
         WorldConfig(spawn="paper"), load_scenarios([1, 2, 5, 7]), [(s, e) for e in range(4) for s in (1, 2, 5, 7)], 8, 3
     )
-    builder, rows, ticks = TransitionBuilder(world.scenarios), [], []
+    builder, made, ticks = TransitionBuilder(world.scenarios), [], []
     loop, action = Loop(world), np.tile([-1.0, 0.2], (8, 1))
     while not world.done:
         step = loop.step(Actions(vehicle=action, pedestrian=-action))
-        rows.append(builder.observe(step, 3, 4))
+        made.append(builder.observe(step, 3, 4))
         ticks.append(step)
-    return np.concatenate(rows), ticks, builder
+    return np.concatenate([tick.transitions for tick in made]), ticks, builder, [h for t in made for h in t.histories]
 
 
 def test_transitions_are_numbered_without_gaps(run):
-    rows, _, builder = run
+    rows, _, builder, _ = run
     assert len(rows) > 100
     assert np.array_equal(rows["number"], np.arange(len(rows)))
     assert builder.count == len(rows)
 
 
 def test_there_is_one_transition_for_every_step_that_the_policies_took(run):
-    rows, ticks, _ = run
+    rows, ticks, *_ = run
     taken = sum(int(step.assessment.acting.sum()) for step in ticks)
     assert len(rows) == taken
 
 
 def test_histories_begin_at_zero_and_follow_on_without_a_gap(run):
-    rows, _, _ = run
+    rows, *_ = run
     for key in {(int(r["scenario"]), int(r["episode"])) for r in rows}:
         mine = rows[(rows["scenario"] == key[0]) & (rows["episode"] == key[1])]
         assert mine["step"][0] == 0
@@ -51,21 +50,44 @@ def test_histories_begin_at_zero_and_follow_on_without_a_gap(run):
                 assert after["step"] == 0
             else:
                 assert after["step"] == before["step"] + 1
-                assert np.array_equal(before["next_vehicle_observation"], after["vehicle_observation"])
-                assert np.array_equal(before["next_pedestrian_observation"], after["pedestrian_observation"])
-                assert before["next_curvttc"] == after["curvttc"]
+
+
+def test_only_the_last_transition_of_a_history_says_what_the_step_after_sees(run):
+    rows, *_ = run
+    last = rows["last"] == 1
+    for agent in ("vehicle", "pedestrian"):
+        assert not rows[~last][f"next_{agent}_observation"].any()
+        assert rows[last][f"next_{agent}_observation"].any(axis=1).all()
+    assert not rows[~last]["next_curvttc"].any()
+
+
+def test_histories_in_process_are_those_that_the_transitions_make(run):
+    rows, _, _, histories = run
+    again = HistoryAssembler().add(rows)
+    assert len(again) == len(histories) > 10
+    assert all(np.array_equal(mine, theirs) for mine, theirs in zip(histories, again, strict=True))
+
+
+def test_a_history_may_be_longer_than_the_memory_that_it_begins_with():
+    builder, action = TransitionBuilder(load_scenarios([1])), np.ones((1, 2))
+    for step in range(STEPS + 2):
+        assert not builder.observe(acting(step, int(step > 0), step, Actions(action, action))).histories
+    (whole,) = builder.observe(acting(step + 1, 1, step + 1, Actions())).histories
+    assert whole["step"].tolist() == list(range(STEPS + 2))
 
 
 def test_the_vehicle_brakes_as_asked_in_the_frame_of_the_step(run):
     """-1 m/s2 for 0.1 s by (20): the next speed is 0.1 m/s lower, along the old heading but for the turn it makes."""
-    rows, _, _ = run
+    rows, *_ = run
     moving = rows[(rows["vehicle_observation"][:, 0] > 1.0) & (rows["collision"] == 0) & (rows["last"] == 0)]
-    speed = np.hypot(*moving["vehicle_next_velocity"].T)
+    following = rows[rows["step"] > 0]
+    after = {(row["scenario"], row["episode"], row["step"]): row["vehicle_observation"][0] for row in following}
+    speed = [after[row["scenario"], row["episode"], row["step"] + 1] for row in moving]
     np.testing.assert_allclose(speed, moving["vehicle_observation"][:, 0] - 0.1, atol=2e-3)
 
 
 def test_each_ended_episode_under_control_has_one_last_transition_with_its_outcome(run):
-    rows, ticks, _ = run
+    rows, ticks, *_ = run
     ended = {}
     for state in (step.tick.state for step in ticks):
         for record in state[(state["status"] == ENDED) & (state["controlled"] != 0)]:
@@ -77,7 +99,7 @@ def test_each_ended_episode_under_control_has_one_last_transition_with_its_outco
 
 
 def test_versions_of_the_policies_are_stamped(run):
-    rows, _, _ = run
+    rows, *_ = run
     assert (rows["vehicle_policy_version"] == 3).all()
     assert (rows["pedestrian_policy_version"] == 4).all()
 
@@ -89,12 +111,17 @@ def one_slot(frame, controlled, step):
     return state
 
 
-def test_a_missing_answer_ends_the_history():
-    builder, yes, action = TransitionBuilder(load_scenarios([1])), np.ones(1, bool), np.ones((1, 2))
+def acting(frame, controlled, step, actions):
+    yes = np.ones(1, bool)
+    tick = Tick(number=frame, state=one_slot(frame, controlled, step), policy_frame=yes)
+    return Step(tick, tick.assessed(np.ones(1), np.ones(1), yes), actions, NO_EVENTS)
 
-    def observe(frame, controlled, step, actions):
-        tick = Tick(number=frame, state=one_slot(frame, controlled, step), policy_frame=yes)
-        return builder.observe(Step(tick, tick.assessed(np.ones(1), np.ones(1), yes), actions, NO_EVENTS))
+
+def test_a_missing_answer_ends_the_history():
+    builder, action = TransitionBuilder(load_scenarios([1])), np.ones((1, 2))
+
+    def observe(*which):
+        return builder.observe(acting(*which)).transitions
 
     assert len(observe(0, 0, 0, Actions(action, action))) == 0
     rows = observe(2, 1, 1, Actions(pedestrian=action))
@@ -120,24 +147,22 @@ def test_interleaved_transitions_become_whole_histories():
     mixed = np.concatenate([rows for pair in zip(first, second, strict=True) for rows in ([pair[0]], [pair[1]])])
     mixed["number"] = np.arange(8)
     mixed["collision"][-1] = mixed["terminal"][-1] = 1
-    assembler = HistoryAssembler(EventRewards(-200.0, 100.0))
+    assembler = HistoryAssembler()
     finished = assembler.add(mixed[:5]) + assembler.add(mixed[5:])
     assert [len(h) for h in finished] == [4, 4]
-    assert finished[0].observation["vehicle"][:, 0].tolist() == [0, 1, 2, 3, 4]
-    assert finished[1].events["vehicle"][:, 0].tolist() == [0, 0, 0, -200]
-    assert (finished[0].terminal, finished[1].terminal) == (False, True)
+    assert finished[0]["vehicle_observation"][:, 0].tolist() == [0, 1, 2, 3]
+    assert finished[1]["collision"].tolist() == [0, 0, 0, 1]
     assert assembler.lost == 0
 
 
 def test_a_history_of_one_step_is_a_history():
-    (finished,) = HistoryAssembler(EventRewards(-200.0, 100.0)).add(history(1, 1))
+    (finished,) = HistoryAssembler().add(history(1, 1))
     assert len(finished) == 1
-    assert all(array.strides[0] % array.itemsize == 0 for array in finished.action.values())
 
 
 def test_a_lost_transition_is_counted_and_its_history_dropped():
     rows = np.concatenate([history(1, 5), history(2, 3, first_number=5)])
-    assembler = HistoryAssembler(EventRewards(-200.0, 100.0))
+    assembler = HistoryAssembler()
     finished = assembler.add(np.delete(rows, 2))
     assert assembler.lost == 1
     assert [len(h) for h in finished] == [3]
@@ -145,28 +170,16 @@ def test_a_lost_transition_is_counted_and_its_history_dropped():
 
 
 def test_a_history_whose_last_row_was_lost_is_dropped_once_nothing_can_end_it():
-    assembler = HistoryAssembler(EventRewards(-200.0, 100.0))
+    assembler = HistoryAssembler()
     assembler.add(history(1, 5)[:4])
     assembler.add(history(2, 3, first_number=5))
     assert (assembler.lost, assembler.dropped) == (1, 0)
     assembler.add(history(3, 1, first_number=STALE + 5))
     assert assembler.dropped == 4
-    assert not assembler.state()["rows"].size
-
-
-def test_an_assembler_goes_on_from_its_state():
-    rows = history(1, 6)
-    first, second = HistoryAssembler(EventRewards(-200.0, 100.0)), HistoryAssembler(EventRewards(-200.0, 100.0))
-    first.add(rows[:4])
-    second.restore(first.state())
-    (finished,) = second.add(rows[4:])
-    assert len(finished) == 6
-    assert second.received == 6
-    assert second.lost == 0
 
 
 def test_every_transition_of_the_world_may_be_learned_from(run):
-    rows, _, _ = run
+    rows, *_ = run
     assert usable(rows).all()
 
 
@@ -188,9 +201,9 @@ def test_a_transition_that_would_spoil_every_weight_is_refused_and_its_history_d
     rows["number"] = np.arange(len(rows))
     rows[name][1] = value
     assert usable(rows).tolist() == [True, False] + [True] * (len(rows) - 2)
-    assembler = HistoryAssembler(EventRewards(-1.0, 1.0))
+    assembler = HistoryAssembler()
     finished = assembler.add(rows)
     assert assembler.refused == 1
-    assert assembler.received == assembler.consumed == len(rows)
+    assert assembler.consumed == len(rows)
     assert sum(map(len, finished)) + assembler.refused + assembler.dropped == len(rows)
-    assert all(np.isfinite(history.observation[agent]).all() for history in finished for agent in history.observation)
+    assert all(np.isfinite(made["vehicle_observation"]).all() for made in finished)

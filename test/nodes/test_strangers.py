@@ -248,7 +248,7 @@ def test_a_learner_refuses_transitions_that_are_ragged_or_not_numbers_and_learns
     for message in (ragged, Transition(), convert.transition_message(rows, 4, PERIOD)):
         learner.intake.receive("/replay", message)
     assert refused(learner) == {"/replay": 1}
-    assert (learner._refiner.received, learner._refiner.refused) == (4, 1)
+    assert (learner._refiner.received, learner._refiner.assembler.refused) == (4, 1)
     assert learner.figures()["refused"] == 1
 
 

@@ -15,11 +15,10 @@ from vpsci_ros.learning.refine import CHECKPOINT, Refiner
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.simulation import SimulationConfig
-from vpsci_ros.policy.weights import Weights, weights_from_bytes
+from vpsci_ros.policy.weights import Weights
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.world import COLLISION, GOAL
 from vpsci_ros.world.loop import Loop
-from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import FINISHED, HANDED_OVER
 
 LOG, EPISODES = "refine_log.csv", "refine_episodes.csv"
@@ -86,7 +85,7 @@ def refine(
     if (out_dir / CHECKPOINT).exists():
         extra = refiner.restore(out_dir / CHECKPOINT)
         require_same(out_dir / CHECKPOINT, {"simulation": extra.get("simulation")}, {"simulation": identity})
-        done, rows, builder.count = extra["done"], extra["rows"], refiner.received
+        done, rows = extra["done"], extra["rows"]
         outcomes.outcomes, outcomes.least_curvttc = extra["outcomes"], extra["least_curvttc"]
     while done < len(episodes) and not refiner.finished:
         part = episodes[done : done + portion]
@@ -100,9 +99,9 @@ def refine(
         write_log(out_dir / EPISODES, refiner.episode_returns)
         if report is not None:
             report({"simulated": float(done), "episodes_wanted": float(len(episodes))} | rows[-1])
-    refiner.save()
+    refined = refiner.save()
     (out_dir / CHECKPOINT).unlink(missing_ok=True)
-    return refiner.final()
+    return refined
 
 
 def _simulate(
@@ -114,19 +113,15 @@ def _simulate(
 ) -> None:
     world = simulation.make_world(episodes)
     agents = policies(refiner.current(), world, simulation.policies)
-    for agent in agents.values():
-        agent.version = refiner.version
     for step in Loop(world, simulation.monitor, agents):
         outcomes.note(step.events)
-        rows = builder.observe(step, *(agents[agent].version for agent in AGENTS))
-        if len(rows):
-            refiner.add(rows)
+        completed = builder.observe(step)
+        refiner.take(completed.histories, len(completed.transitions))
         while refiner.due:
             refiner.update()
         if refiner.take_refresh():
-            fresh = weights_from_bytes(refiner.weights())
             for agent in agents.values():
-                agent.load(fresh, refiner.version)
+                agent.load(refiner.current(), refiner.version)
 
 
 __all__ = ["Outcomes", "Stopped", "refine"]

@@ -11,9 +11,9 @@ what was made of it by further training often do better than either (Wortsman et
 zero-shot models', https://arxiv.org/abs/2109.01903).
 """
 
-import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
 from vpsci_ros.learning.replay import Batch, History, ReplayBuffer, collate, recorded_histories, up_to_capacity
-from vpsci_ros.learning.rewards import EventRewards, SimulatedRewards
+from vpsci_ros.learning.rewards import SimulatedRewards
 from vpsci_ros.learning.shipped_names import stage_1_of
 from vpsci_ros.policy.weights import Weights, resolved, save_weights, weights_to_bytes
 from vpsci_ros.runs.identity import require_same
@@ -82,7 +82,7 @@ class Refiner:
         room = max(1, int(replay.real_share * replay.capacity))
         kept = [real[i] for i in up_to_capacity(real, room, self._rng)]
         self._buffer = ReplayBuffer(replay.capacity, kept, replay.priority_exponent, replay.real_bonus)
-        self._assembler = HistoryAssembler(EventRewards(config.rewards.collision, config.rewards.goal))
+        self.assembler = HistoryAssembler()
         self._rewards = SimulatedRewards(config.rewards, self._networks)
         self.reward_weights = self._rewards.weights
         self.stage_1_errors = self._held_out.errors(weights)
@@ -100,10 +100,12 @@ class Refiner:
         )
         self._acting, self._objective = objective.acting, objective.refine(start, config)
         self._accepted = self._actor_state()
-        self._credit, self._norm, self._calm, self._judged = 0.0, math.inf, 0, 0
+        self._credit, self._norm, self._calm, self._tested = 0.0, math.inf, 0, 0
         self._drawn, self._drawn_real = 0.0, 0.0
         self._refreshed = False
         self.updates, self.version, self.refreshes, self.rollbacks, self.episodes = 0, 1, 0, 0, 0
+        self.received = 0
+        """Transitions taken in so far."""
         self._last: dict[str, float] = {}
         self._returns = dict.fromkeys(AGENTS, 0.0)
         self.episode_returns: list[dict[str, float]] = []
@@ -112,15 +114,17 @@ class Refiner:
     # ---- experience in
 
     def add(self, transitions: NDArray[np.void]) -> None:
-        """Take transitions in, TRANSITION[n], in the order of their numbers; gaps in the numbers count as lost.
+        """Take transitions in that came by `/replay`, TRANSITION[n], in the order of their numbers.
 
         Those that are not `transitions.usable` are refused and counted, and the rest of their history is dropped.
         """
-        finished = self._assembler.add(transitions)
-        self._credit += len(transitions)
-        if finished:
-            self._rewards.refer(finished)
-        for history in finished:
+        self.take(self.assembler.add(transitions), len(transitions))
+
+    def take(self, finished: Sequence[NDArray[np.void]], transitions: int) -> None:
+        """Take whole histories in, TRANSITION[T] each, as so many new transitions completed them."""
+        self.received += transitions
+        self._credit += transitions
+        for history in self._rewards.histories(finished):
             components = self._rewards.components(history)
             self.reward_weights.episode(np.mean([components[agent] for agent in AGENTS], axis=0))
             totals = {agent: float(self.reward_weights.total(components[agent]).sum()) for agent in AGENTS}
@@ -129,29 +133,9 @@ class Refiner:
             self._buffer.append(history)
             self.episodes += 1
             self.episode_returns.append({"episode": self.episodes} | totals)
-            if self.updates > self._judged:  # else nothing was learned from the last episode, and the norm is old
-                self._judged = self.updates
+            if self.updates > self._tested:  # else nothing was learned from the last episode, and the norm is old
+                self._tested = self.updates
                 self._calm = self._calm + 1 if self._norm < self._config.convergence.gradient_tolerance else 0
-
-    @property
-    def received(self) -> int:
-        """Transitions taken in so far."""
-        return self._assembler.received
-
-    @property
-    def lost(self) -> int:
-        """Transitions that never came, by the gaps in their numbers."""
-        return self._assembler.lost
-
-    @property
-    def refused(self) -> int:
-        """Transitions that came and could not be learned from, see `transitions.usable`."""
-        return self._assembler.refused
-
-    @property
-    def consumed(self) -> int:
-        """The number of the transition that should come next."""
-        return self._assembler.consumed
 
     @property
     def due(self) -> bool:
@@ -200,9 +184,9 @@ class Refiner:
             "updates": self.updates,
             "episodes": self.episodes,
             "transitions": self.received,
-            "lost": self.lost,
-            "dropped": self._assembler.dropped,
-            "refused": self.refused,
+            "lost": self.assembler.lost,
+            "dropped": self.assembler.dropped,
+            "refused": self.assembler.refused,
             "version": self.version,
             "refreshes": self.refreshes,
             "rollbacks": self.rollbacks,
@@ -220,7 +204,7 @@ class Refiner:
         return self._described(self._accepted[self._acting], self.errors)
 
     def final(self) -> Weights:
-        """Return `current`, its actors drawn towards those of stage 1 by `refresh.stage_1_share`, measured anew.
+        """Return `current`, its actors drawn towards those of stage 1 by `refresh.stage_1_share`, measured again.
 
         :raises VpsciError: what was learned is not finite.
         """
@@ -232,8 +216,6 @@ class Refiner:
 
     def _described(self, actors: Mapping[str, torch.Tensor], errors: dict[str, float]) -> Weights:
         require_finite_reward_weights(self.reward_weights.values)
-        networks = copy.deepcopy(self._networks)
-        networks.actor.load_state_dict(actors)
         held_out = {"errors": errors, "stage_1": self.stage_1_errors, "control": self._held_out.control}
         learned = {
             "updates": self.updates,
@@ -241,14 +223,16 @@ class Refiner:
             "reward_weights": self.reward_weights.values.tolist(),
         }
         facts = self._facts | {"held_out": held_out, "learned": learned}
-        return networks.weights(self._start.configuration | resolved(self._config), facts)
+        weights = self._networks.weights(self._start.configuration | resolved(self._config), facts)
+        tensors = {name.replace(".", "_actor.", 1): part.numpy().copy() for name, part in actors.items()}
+        return replace(weights, tensors=weights.tensors | tensors)
 
     def weights(self) -> bytes:
         """Return the accepted weights as the bytes of a safetensors file, for `/policy/weights`."""
         return weights_to_bytes(self.current())
 
-    def save(self) -> Path:
-        """Write `final` to `out_dir` as `refined.safetensors` and return its path.
+    def save(self) -> Weights:
+        """Write `final` to `out_dir` as `refined.safetensors` and return it.
 
         :raises InvalidInput: there is no `out_dir`, or a tensor is not finite.
         :raises VpsciError: the reward weights are not finite.
@@ -256,8 +240,9 @@ class Refiner:
         if self._out_dir is None:
             raise InvalidInput("Refiner.save: expected an output folder, got none; give out_dir")
         self._out_dir.mkdir(parents=True, exist_ok=True)
-        save_weights(self._out_dir / WEIGHTS, self.final())
-        return self._out_dir / WEIGHTS
+        weights = self.final()
+        save_weights(self._out_dir / WEIGHTS, weights)
+        return weights
 
     def save_checkpoint(self, path: str | Path, extra: dict[str, Any] | None = None) -> None:
         """Write all that `restore` needs to go on to the same result, and `extra` with it."""
@@ -276,7 +261,6 @@ class Refiner:
         self._maddpg.actor_optimiser.load_state_dict(state["optimisers"][1])
         self._rng.bit_generator.state = state["rng"]
         self._buffer.restore([History(**fields) for fields in state["histories"]], state["highest"])
-        self._assembler.restore(state["assembler"])
         self.reward_weights.values = state["reward_weights"]
         for name, value in state["counters"].items():
             setattr(self, name, value)
@@ -293,8 +277,19 @@ class Refiner:
         }
 
     def _state(self) -> dict[str, Any]:
-        names = ["updates", "version", "refreshes", "rollbacks", "episodes", "errors", "_credit", "_norm", "_calm"]
-        names += ["_last", "_returns", "_refreshed", "episode_returns", "_judged", "_drawn", "_drawn_real"]
+        names = [
+            "updates",
+            "received",
+            "version",
+            "refreshes",
+            "rollbacks",
+            "episodes",
+            "errors",
+            "_credit",
+            "_norm",
+            "_calm",
+        ]
+        names += ["_last", "_returns", "_refreshed", "episode_returns", "_tested", "_drawn", "_drawn_real"]
         return {
             **self._identity(),
             "networks": dict(self._networks.state_dict()),
@@ -303,7 +298,6 @@ class Refiner:
             "rng": self._rng.bit_generator.state,
             "histories": [dict(vars(history)) for history in self._buffer.histories],
             "highest": self._buffer.highest,
-            "assembler": self._assembler.state(),
             "reward_weights": self.reward_weights.values,
             "counters": {name: getattr(self, name) for name in names},
         }

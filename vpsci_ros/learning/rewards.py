@@ -10,7 +10,7 @@ as it is.
 
 import copy
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -22,6 +22,7 @@ from vpsci_ros.learning.config import RewardsConfig, SpeedRewardsConfig
 from vpsci_ros.learning.maddpg import Scored
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.replay import Batch, History, collate
+from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world.observation import AGENTS, STEP
@@ -45,21 +46,6 @@ def speed_reward(predicted: Tensor, observed: Tensor, deviation: Tensor) -> Tens
     :param deviation: sigma of the recorded speeds, float[2] [m/s].
     """
     return -(((predicted - observed) / deviation) ** 2).sum(dim=-1)
-
-
-class EventRewards(NamedTuple):
-    """What single events are worth.
-
-    :ivar collision: C_collision of (25), of a step that ends in a collision.
-    :ivar goal: C_goal of (26), of the step by which an agent reaches its own goal.
-    """
-
-    collision: float = RewardsConfig.collision
-    goal: float = RewardsConfig.goal
-
-    def of(self, collision: NDArray[np.uint8], goal: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Return the rewards (25) and (26), float32[T, 2], of steps that end in these events or not, 0 or 1 [T]."""
-        return np.stack([self.collision * collision, self.goal * goal], axis=1).astype(np.float32)
 
 
 class RewardWeights:
@@ -145,18 +131,45 @@ class SimulatedRewards:
     def __init__(self, config: RewardsConfig, networks: Networks) -> None:
         self._exploration, self.speed = config.exploration, SpeedReward(networks, config.speed_scaling)
         self._frozen = copy.deepcopy(networks.actor).requires_grad_(False)
+        self._collision, self._goal = config.collision, config.goal
         self.weights = RewardWeights(config)
 
     @torch.no_grad()
-    def refer(self, histories: Sequence[History]) -> None:
-        """Fill in the next speeds that the frozen stage-1 actor would have chosen after the same histories."""
-        batch = collate(histories)
+    def histories(self, finished: Sequence[NDArray[np.void]]) -> list[History]:
+        """Return simulated experience, TRANSITION[T] each, as histories.
+
+        Their next speeds are those that the frozen stage-1 actor would have chosen after the same steps.
+        """
+        if not finished:
+            return []
+        padded = np.zeros((len(finished), max(map(len, finished))), TRANSITION)
+        padded["curvttc"] = np.inf
+        for row, steps in zip(padded, finished, strict=True):
+            row[: len(steps)] = steps
+        curvttc, chosen = torch.from_numpy(padded["curvttc"].copy()), {}
         for agent in AGENTS:
-            seen, before = batch.observation[agent][:, :-1], previous(batch.action[agent])
-            action = self._frozen[agent](seen, before, batch.curvttc[:, :-1])
-            velocity = predicted_velocity(seen[..., :2], action).numpy()
-            for history, row in zip(histories, velocity, strict=True):
-                history.next_velocity[agent] = row[: len(history)].copy()
+            seen, done = (torch.from_numpy(padded[f"{agent}_{name}"].copy()) for name in ("observation", "action"))
+            chosen[agent] = predicted_velocity(seen[..., :2], self._frozen[agent](seen, previous(done), curvttc))
+        return [
+            History(
+                {a: np.concatenate([rows[f"{a}_observation"], rows[f"next_{a}_observation"][-1:]]) for a in AGENTS},
+                np.append(rows["curvttc"], rows["next_curvttc"][-1]),
+                {a: rows[f"{a}_action"].copy() for a in AGENTS},  # a view of one record has odd strides
+                {a: chosen[a][i, : len(rows)].numpy().copy() for a in AGENTS},
+                {a: self._events(rows["collision"], rows[f"{a}_goal"]) for a in AGENTS},
+                terminal=bool(rows["terminal"][-1]),
+                real=False,
+                lane=rows["lane_heading"].copy(),
+            )
+            for i, rows in enumerate(finished)
+        ]
+
+    def _events(self, collision: NDArray[np.uint8], goal: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Return (25) and (26), float32[T, 2], of steps that end in a collision or reach the agent's own goal, or not.
+
+        :param collision, goal: 0 or 1, [T].
+        """
+        return np.stack([self._collision * collision, self._goal * goal], axis=1).astype(np.float32)
 
     def components(self, history: History) -> dict[str, NDArray[np.float64]]:
         """Return (collision, goal, speed) rewards of every step by agent, float64[T, 3], before their weights."""

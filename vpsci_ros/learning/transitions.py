@@ -1,16 +1,18 @@
 """Experience for the learner: one record per policy step, made from successive states of a world."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.world import Scenario
-from vpsci_ros.world.observation import ACTION_SIZE, LANE_GRID, LANE_NODES, OBSERVATION_SIZE, observe
+from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, LANE_GRID, LANE_NODES, OBSERVATION_SIZE, observe
 from vpsci_ros.world.state import COLLISION, ENDED, GOAL, PARKED_COLLISION
 from vpsci_ros.world.tick import Step
 
-# Fields as in vpsci_msgs/Transition, which says what each one holds; `number` counts transitions without gaps.
+# Fields as in vpsci_msgs/Transition, which says what each one holds; `number` counts transitions without gaps. What the
+# step after sees is zero but in the last transition of a history: elsewhere it is in the next transition.
 TRANSITION = np.dtype(
     [
         ("number", "u8"),
@@ -26,8 +28,6 @@ TRANSITION = np.dtype(
         ("next_vehicle_observation", "f4", OBSERVATION_SIZE),
         ("next_pedestrian_observation", "f4", OBSERVATION_SIZE),
         ("lane_heading", "f4", LANE_NODES),
-        ("vehicle_next_velocity", "f4", 2),
-        ("pedestrian_next_velocity", "f4", 2),
         ("collision", "u1"),
         ("vehicle_goal", "u1"),
         ("pedestrian_goal", "u1"),
@@ -39,6 +39,7 @@ TRANSITION = np.dtype(
 )
 
 
+STEPS = 128  # of a history, before its memory doubles
 MOST = 1e6  # no position [m], speed [m/s], acceleration [m/s2] or angle [rad] of a transition is beyond
 _FLAGS = ("collision", "vehicle_goal", "pedestrian_goal", "last", "terminal")
 _TIMES = ("curvttc", "next_curvttc")
@@ -62,6 +63,17 @@ def usable(rows: NDArray[np.void]) -> NDArray[np.bool_]:
     return good
 
 
+class Completed(NamedTuple):
+    """What a tick completed.
+
+    :ivar transitions: TRANSITION[n], in the order of the episodes' slots.
+    :ivar histories: those that end with one of these, whole, TRANSITION[T] each.
+    """
+
+    transitions: NDArray[np.void]
+    histories: list[NDArray[np.void]]
+
+
 class TransitionBuilder:
     """Pairs the state of each policy frame with the state one policy period, or the end of the episode, later.
 
@@ -69,79 +81,97 @@ class TransitionBuilder:
     history: what the rule-based pair does in their place is not the policies' experience.
 
     :param scenarios: of the world: where its lanes go is part of a transition.
+    :ivar count: transitions completed so far.
     """
 
     def __init__(self, scenarios: Sequence[Scenario]) -> None:
         self._lanes = {scenario.number: _lane_headings(scenario) for scenario in scenarios}
-        self.count = 0  # transitions made so far
-        self._pending = np.zeros(0, TRANSITION)
-        self._open = np.zeros(0, bool)
-        self._heading = np.zeros(0)
+        self.count = 0
+        self._resize(0)
+
+    def _resize(self, slots: int) -> None:
+        self._steps = np.zeros((slots, STEPS), TRANSITION)  # of the history under way in each slot
+        self._begun = np.zeros(slots, np.int64)  # how many of them have begun
+        self._open = np.zeros(slots, np.bool_)  # the last of them has no next state yet
 
     def clear(self) -> None:
         """Forget what was begun: other episodes begin. Numbers go on."""
-        self._open[:] = False
+        self._open[:], self._begun[:] = False, 0
 
-    def observe(self, step: Step, vehicle_version: int = 0, pedestrian_version: int = 0) -> NDArray[np.void]:
-        """Take one tick in and return the transitions that it completes, TRANSITION[n].
+    def observe(self, step: Step, vehicle_version: int = 0, pedestrian_version: int = 0) -> Completed:
+        """Take one tick in and return what it completes.
 
         :param step: whose actions are the policies'.
         :param vehicle_version, pedestrian_version: of the weights by which they acted.
         """
         (_, state, policy_frame, _), assessment, actions = step.tick, step.assessment, step.actions
         if len(self._open) != len(state):
-            self._pending, self._open = np.zeros(len(state), TRANSITION), np.zeros(len(state), bool)
-            self._heading = np.zeros(len(state))
-        acts = assessment.acting
-        if actions.vehicle is None or actions.pedestrian is None:
-            acts = np.zeros_like(acts)
+            self._resize(len(state))
+        both = actions.vehicle is not None and actions.pedestrian is not None
+        acts = assessment.acting & both
         due = self._open & (policy_frame | (state["status"] == ENDED))
         if not (due.any() or acts.any()):
-            return np.zeros(0, TRANSITION)
-        observations = observe(state)
-        rows = self._complete(state, assessment.curvttc, observations, due, acts)
+            return Completed(np.zeros(0, TRANSITION), [])
+        seen = dict(zip(AGENTS, observe(state), strict=True))
+        completed = self._complete(state, assessment.curvttc, seen, due, acts)
         if acts.any():
-            self._begin(state, assessment.curvttc, observations, acts, (actions.vehicle, actions.pedestrian))
-            self._pending["vehicle_policy_version"][acts] = vehicle_version
-            self._pending["pedestrian_policy_version"][acts] = pedestrian_version
+            slots = np.flatnonzero(acts)
+            rows = self._begin(state[slots], assessment.curvttc[slots])
+            rows["vehicle_policy_version"], rows["pedestrian_policy_version"] = vehicle_version, pedestrian_version
+            for agent, action in zip(AGENTS, (actions.vehicle, actions.pedestrian), strict=True):
+                rows[f"{agent}_observation"], rows[f"{agent}_action"] = seen[agent][slots], np.asarray(action)[slots]
+            self._store(slots, rows)
+        return completed
+
+    def _begin(self, state: NDArray[np.void], curvttc: NDArray[np.float64]) -> NDArray[np.void]:
+        """Return transitions that begin in states EPISODE[n], all but what the agents see and do."""
+        rows = np.zeros(len(state), TRANSITION)
+        for name in ("scenario", "episode", "vehicle_goal", "pedestrian_goal"):
+            rows[name] = state[name]
+        rows["step"] = np.where(state["controlled"] == 0, 0, state["step"])
+        rows["curvttc"] = curvttc
+        rows["lane_heading"] = self._lanes_ahead(state)
         return rows
 
-    def _begin(self, state, curvttc, observations, acts, actions) -> None:  # type: ignore[no-untyped-def]
-        pending = self._pending
-        for name in ("scenario", "episode", "vehicle_goal", "pedestrian_goal"):
-            pending[name][acts] = state[name][acts]
-        pending["step"][acts] = np.where(state["controlled"] == 0, 0, state["step"])[acts]
-        pending["curvttc"][acts] = curvttc[acts]
-        for agent, observation, action in zip(("vehicle", "pedestrian"), observations, actions, strict=True):
-            pending[f"{agent}_observation"][acts] = observation[acts]
-            pending[f"{agent}_action"][acts] = np.asarray(action)[acts]
-        self._heading[acts] = state["vehicle_heading"][acts]
-        pending["lane_heading"][acts] = self._lanes_ahead(state[acts])
-        self._open |= acts
+    def _store(self, slots: NDArray[np.int64], rows: NDArray[np.void]) -> None:
+        """Append begun transitions to the histories of their slots."""
+        place = np.where(rows["step"] == 0, 0, self._begun[slots])
+        if place.max() == self._steps.shape[1]:
+            self._steps = np.concatenate([self._steps, np.zeros_like(self._steps)], axis=1)
+        self._steps[slots, place] = rows
+        self._begun[slots], self._open[slots] = place + 1, True
 
-    def _complete(self, state, curvttc, observations, due, acts) -> NDArray[np.void]:  # type: ignore[no-untyped-def]
-        rows = self._pending[due]
-        now = state[due]
-        self._open &= ~due
+    def _complete(
+        self,
+        state: NDArray[np.void],
+        curvttc: NDArray[np.float64],
+        seen: dict[str, NDArray[np.float32]],
+        due: NDArray[np.bool_],
+        acts: NDArray[np.bool_],
+    ) -> Completed:
+        """Complete the open transitions of the slots `due`, bool[B].
+
+        :param state, curvttc, seen: EPISODE[B], float64[B] [s] and agent -> float32[B, 6], as they are now.
+        :param acts: bool[B]: where the policies go on.
+        """
+        slots = np.flatnonzero(due)
+        rows, now = self._steps[slots, self._begun[slots] - 1], state[slots]
+        self._open[slots] = False
         rows["number"] = self.count + np.arange(len(rows), dtype=np.uint64)
         self.count += len(rows)
-        rows["next_curvttc"] = curvttc[due]
-        heading = self._heading[due]
-        direction = now["vehicle_heading"]
-        velocities = {
-            "vehicle": (now["vehicle_speed"] * np.cos(direction), now["vehicle_speed"] * np.sin(direction)),
-            "pedestrian": (now["pedestrian_vx"], now["pedestrian_vy"]),
-        }
-        c, s = np.cos(heading), np.sin(heading)
-        for (agent, (east, north)), observation in zip(velocities.items(), observations, strict=True):
-            rows[f"next_{agent}_observation"] = observation[due]
-            rows[f"{agent}_next_velocity"] = np.stack([c * east + s * north, c * north - s * east], axis=1)
-            rows[f"{agent}_goal"] = (now[f"{agent}_goal"] != 0) & (rows[f"{agent}_goal"] == 0)
         ended = now["status"] == ENDED
         rows["collision"] = ended & (now["outcome"] == COLLISION)
         rows["terminal"] = ended & np.isin(now["outcome"], (COLLISION, GOAL, PARKED_COLLISION))
-        rows["last"] = ended | ~acts[due] | (now["controlled"] == 0)
-        return rows
+        rows["last"] = last = ended | ~acts[slots] | (now["controlled"] == 0)
+        rows["next_curvttc"] = np.where(last, curvttc[slots], 0.0)
+        for agent in AGENTS:
+            rows[f"next_{agent}_observation"] = np.where(last[:, None], seen[agent][slots], 0.0)
+            rows[f"{agent}_goal"] = (now[f"{agent}_goal"] != 0) & (rows[f"{agent}_goal"] == 0)
+        self._steps[slots, self._begun[slots] - 1] = rows
+        whole = slots[last & (self._steps["step"][slots, 0] == 0)]
+        histories = [self._steps[slot, : self._begun[slot]].copy() for slot in whole]
+        self._begun[slots[last]] = 0
+        return Completed(rows, histories)
 
     def _lanes_ahead(self, state: NDArray[np.void]) -> NDArray[np.float64]:
         """Return the lane's direction from the vehicle on, float64[n, LANE_NODES] [rad], relative to its heading."""

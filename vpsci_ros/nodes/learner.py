@@ -16,7 +16,7 @@ from vpsci_ros.data.corpus import load_corpus
 from vpsci_ros.errors import Stopped
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
 from vpsci_ros.learning.pretrain import CHECKPOINT, pretrain
-from vpsci_ros.learning.refine import Refiner
+from vpsci_ros.learning.refine import WEIGHTS, Refiner
 from vpsci_ros.learning.refine_log import RefineLog
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.topics import RECORDING
@@ -118,11 +118,11 @@ class Learner(GraphNode):
         return layout.transitions(message)
 
     def _on_transitions(self, refiner: Refiner, rows: NDArray[np.void]) -> None:
-        refused = refiner.refused
+        refused = refiner.assembler.refused
         refiner.add(rows)
-        if refiner.refused > refused:
+        if (now := refiner.assembler.refused) > refused:
             self.get_logger().warning(
-                f"refused {refiner.refused - refused} transitions, {refiner.refused} so far: expected finite numbers"
+                f"refused {now - refused} transitions, {now} so far: expected finite numbers"
                 f" and a CurvTTC that is not negative; does somebody else publish {self.full_name('/replay')}?",
                 throttle_duration_sec=5.0,
             )
@@ -136,7 +136,7 @@ class Learner(GraphNode):
             self.get_logger().info("converged by the test of section 4.1; no further updates")
         if refiner.take_refresh():
             self._publish_weights(refiner)
-        self._consumed.publish(UInt64(data=refiner.consumed))
+        self._consumed.publish(UInt64(data=refiner.assembler.consumed))
         self._report(refiner.summary())
         self._log.note()
 
@@ -171,5 +171,6 @@ class Learner(GraphNode):
         if self._refiner is not None:
             self._log.note(last=True)
             if self._whole:
-                self.get_logger().info(f"wrote {self._refiner.save()}")
+                self._refiner.save()
+                self.get_logger().info(f"wrote {self._folder / WEIGHTS}")
             self._report(self._refiner.summary(), last=True)
