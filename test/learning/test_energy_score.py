@@ -130,3 +130,11 @@ def test_a_deterministic_network_is_refused(interactions) -> None:
 def test_interactions_too_short_for_the_roll_outs_are_refused(interactions) -> None:
     with pytest.raises(InvalidInput, match="more than 999 steps"):
         draw_moments(interactions, 4, 999, True, np.random.default_rng(0))
+
+
+def test_dropout_ends_with_an_update_that_fails(interactions) -> None:
+    actors = Networks(SMALL).actor
+    with pytest.raises(KeyboardInterrupt), actors.dropping_out(0.3):
+        assert all(actors[agent].dropout == 0.3 for agent in AGENTS)
+        raise KeyboardInterrupt
+    assert all(actors[agent].dropout == 0.0 for agent in AGENTS)

@@ -1,9 +1,14 @@
 """The two parameter files of the paper's own algorithm give what Table 8 and section 3.2 give."""
 
 import pytest
+import torch
 
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.config import PretrainConfig, RefineConfig, StartConfig
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.pretrain import WEIGHTS
+from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.resources import params_dir
@@ -60,6 +65,22 @@ SECTION_3_2 = {
 def test_the_papers_files_have_the_papers_values(name, kind, expected):
     values = values_of(load(params_dir() / name).get(kind, "learner"))
     assert {key: values[key] for key in expected} == expected
+
+
+def test_the_papers_second_stage_begins_with_what_the_papers_first_one_makes():
+    """By the commands in the heads of both files."""
+    (command,) = [line for line in (params_dir() / "paper_stage1.yaml").read_text().splitlines() if " -o " in line]
+    folder = command.split(" -o ")[1].split()[0]
+    start = load(params_dir() / "paper_stage2.yaml").get(StartConfig, "learner").weights
+    assert start == f"{folder}/{WEIGHTS}"
+
+
+def test_the_papers_algorithm_refuses_policies_that_draw(near_misses):
+    torch.manual_seed(0)
+    drawing = Networks(NetworkConfig(hidden=16, heads=2, key_dimension=8, latent=3)).weights({}, {})
+    config = load(params_dir() / "paper_stage2.yaml").get(RefineConfig, "learner")
+    with pytest.raises(InvalidInput, match="latent = 3: the objective ddpg learns deterministic policies"):
+        Refiner(config, drawing, near_misses, seed=4)
 
 
 def test_the_papers_second_stage_simulates_three_thousand_episodes():

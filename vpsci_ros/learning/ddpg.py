@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.learning.imitation import Rehearsal
 from vpsci_ros.learning.maddpg import UpdateResult
@@ -39,12 +40,23 @@ class PolicyGradient:
 
 
 def _pretrain(training: Training, config: PretrainConfig) -> PolicyGradient:
+    _require_deterministic(training)
     return PolicyGradient(training, config.ddpg.critic_head_start)
 
 
 def _refine(training: Training, config: RefineConfig) -> PolicyGradient:
+    _require_deterministic(training)
     rehearsal = Rehearsal(training, config.rehearsal.rollouts)
     return PolicyGradient(training, config.ddpg.critic_warm_up, rehearsal, config.rehearsal.weight)
+
+
+def _require_deterministic(training: Training) -> None:
+    """Refuse actors that draw: the policy gradient of (27) does not reach their scales, nor what they draw."""
+    if latent := training.maddpg.networks.config.latent:
+        raise InvalidInput(
+            f"network.latent = {latent}: the objective ddpg learns deterministic policies; expected weights without "
+            "latent numbers, as params/paper_stage1.yaml makes them"
+        )
 
 
 OBJECTIVE = Objective(pretrain=_pretrain, refine=_refine)

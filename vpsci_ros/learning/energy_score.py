@@ -6,10 +6,8 @@ all of it: of positions at every step and of velocities, and the texture of thei
 deterministic actor that minimised a distance instead would learn the mean of what people do, which nobody does.
 """
 
-import contextlib
 import copy
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -170,7 +168,7 @@ class Scoring:
         rise = min(1.0, (iteration + 1) / RISE) * 0.5 * (1.0 + math.cos(math.pi * iteration / self._config.episodes))
         for group in self._optimiser.param_groups:
             group["lr"] = self._config.imitation.learning_rate * group["factor"] * rise
-        with _dropout(self._actors, self._config.imitation.dropout):
+        with self._actors.dropping_out(self._config.imitation.dropout):
             loss, losses = self._likeness.loss(rng)
         self._optimiser.zero_grad()
         loss.backward()
@@ -238,12 +236,3 @@ def _groups(actors: Actors, config: ImitationConfig) -> list[dict[str, object]]:
         {"params": [p for p in rest if p.ndim != 2], "weight_decay": 0.0, "factor": 1.0},
         {"params": noise, "weight_decay": 0.0, "factor": NOISE_FACTOR},
     ]
-
-
-@contextlib.contextmanager
-def _dropout(actors: Actors, share: float) -> Iterator[None]:
-    for agent in AGENTS:
-        actors[agent].dropout = share
-    yield
-    for agent in AGENTS:
-        actors[agent].dropout = 0.0

@@ -13,9 +13,7 @@ ends it. Augmentation: a near miss is seen in a mirror half of the time; the pla
 number of observed steps vary. Rotation needs none, since observations live in the vehicle's heading frame.
 """
 
-import contextlib
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -175,7 +173,7 @@ class Imitation:
             group["lr"] = self._config.learning_rate * group["factor"] * self._schedule(episode)
         start = draw(self._interactions, self._config, rng)
         torch.manual_seed(int(rng.integers(2**62)))  # of the dropout
-        with self._dropout():
+        with self._networks.actor.dropping_out(self._config.dropout):
             position, velocity = rollout_loss(self._networks, self._interactions, start, self._config)
         self.optimiser.zero_grad()
         (position + self._config.velocity_weight * velocity).backward()
@@ -186,14 +184,6 @@ class Imitation:
             "velocity_error": float(velocity.detach()),
             "imitation_gradient_norm": float(norm),
         }
-
-    @contextlib.contextmanager
-    def _dropout(self) -> Iterator[None]:
-        for agent in AGENTS:
-            self._networks.actor[agent].dropout = self._config.dropout
-        yield
-        for agent in AGENTS:
-            self._networks.actor[agent].dropout = 0.0
 
     def _schedule(self, episode: int) -> float:
         rise = min(1.0, (episode + 1) / RISE)

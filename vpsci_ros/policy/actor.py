@@ -10,6 +10,8 @@ much of both shows depends on the situation. With z = 0 and without noise the ac
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple, cast
 
 import torch
@@ -123,6 +125,17 @@ class Actors(nn.ModuleDict):
     def __getitem__(self, key: str) -> Actor:
         """Return the actor of "vehicle" or "pedestrian"."""
         return cast(Actor, super().__getitem__(key))
+
+    @contextmanager
+    def dropping_out(self, share: float) -> Iterator[None]:
+        """Leave out this share of the encoded histories and of the heads' first hidden layers, in here only."""
+        for agent in self:
+            self[agent].dropout = share
+        try:
+            yield
+        finally:
+            for agent in self:
+                self[agent].dropout = 0.0
 
 
 def previous(actions: Tensor) -> Tensor:
