@@ -45,7 +45,7 @@ def meeting(distance, speed, walking, steps=6, collision=False):
 
 def lost(networks, histories, at, steps=20, anticipation=0.0, pace=(0.5, 0.5), **more):
     start = moments_at(histories, np.array(at))
-    options = {"steps": steps, "margin": 0.5, "anticipation": anticipation, "pace": pace, "gain": 0.5}
+    options = {"steps": steps, "anticipation": anticipation, "pace": pace, "gain": 0.5}
     return foresee(networks.actor, start, **options, **more)
 
 

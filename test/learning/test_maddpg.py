@@ -115,6 +115,9 @@ def made_up(steps, terminal, seed):
     return History(normal(steps + 1, 6), curvttc, *rest, terminal=terminal, real=False)
 
 
+TEMPERATURE = 0.5  # of (5), low enough for weights that differ
+
+
 def by_algorithm_1(networks, histories, scored, agent, other, config):
     """Return delta, L with the weights (5), and -J, as means over steps; one history after the other, unpadded."""
     critic, target, delta, value = networks.critic[agent], networks.target_critic[agent], [], []
@@ -135,12 +138,13 @@ def by_algorithm_1(networks, histories, scored, agent, other, config):
         mine = networks.actor[agent](*seen[agent])[0, :-1]
         value.append(critic.value(critic.encode(*seen[agent])[0, :-1], mine, others))
     delta = torch.cat(delta)
-    omega = torch.exp(delta.detach().abs() / config.importance_temperature)
+    omega = torch.exp(delta.detach().abs() / TEMPERATURE)
     return delta.detach(), (omega / omega.mean() * delta**2).mean(), -torch.cat(value).mean()
 
 
-def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equation_5(networks):
+def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equation_5(networks, monkeypatch):
     """What is scored past the end of the shorter history is nothing but noise; all four actions at a step differ."""
+    monkeypatch.setattr("vpsci_ros.learning.maddpg.IMPORTANCE_TEMPERATURE", TEMPERATURE)
     made, slow = networks(gain=20.0), networks(seed=1, gain=20.0)
     made.target_actor.load_state_dict(slow.actor.state_dict())
     made.target_critic.load_state_dict(slow.critic.state_dict())
@@ -148,12 +152,12 @@ def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equatio
     torch.manual_seed(2)
     scored = Scored({a: torch.randn(2, 6, 2) for a in AGENTS}, {a: torch.randn(2, 6) for a in AGENTS})
     # steps of zero: gradients stay to be seen
-    config = UpdatesConfig(critic_learning_rate=0.0, discount=0.9, importance_temperature=0.5, gradient_clip=1e9)
-    told, expected = {}, {}
+    config = UpdatesConfig(critic_learning_rate=0.0, discount=0.9, gradient_clip=1e9)
+    known, expected = {}, {}
     for agent, other in (AGENTS, AGENTS[::-1]):
         delta, loss, objective = by_algorithm_1(made, histories, scored, agent, other, config)
         assert delta.abs().max() - delta.abs().min() > 0.5  # the weights (5) differ by a factor of e
-        told[agent] = (float((delta**2).mean()), float(objective.detach()))
+        known[agent] = (float((delta**2).mean()), float(objective.detach()))
         for name, of in (("critic", loss), ("actor", objective)):
             network = getattr(made, name)[agent]
             expected[name, agent] = torch.autograd.grad(of, list(network.parameters()))
@@ -161,7 +165,7 @@ def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equatio
     maddpg, batch = Maddpg(made, config, 0.0), collate(histories)
     result = maddpg.update(batch, scored, maddpg.act(batch))
     for agent in AGENTS:
-        assert (result.critic_loss[agent], result.actor_loss[agent]) == pytest.approx(told[agent], rel=1e-4)
+        assert (result.critic_loss[agent], result.actor_loss[agent]) == pytest.approx(known[agent], rel=1e-4)
     for (name, agent), gradients in expected.items():
         for parameter, gradient in zip(getattr(made, name)[agent].parameters(), gradients, strict=True):
             torch.testing.assert_close(parameter.grad, gradient, atol=1e-5, rtol=1e-3)

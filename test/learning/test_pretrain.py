@@ -85,15 +85,15 @@ def test_weights_and_log_say_how_they_came_about(tmp_path, near_misses):
     assert reports[-1]["control_closed_loop_ade"] > 0.0
 
 
-def test_a_short_run_improves_both_held_out_errors(tmp_path):
+def test_a_short_run_improves_both_held_out_errors(tmp_path, monkeypatch):
     """The made sample brakes and yields by rule, so a hundred steps of a small network learn much of it."""
-    thin = {"dropout": 0.0, "head_factor": 1.0, "learning_rate": 1e-2}  # a head of eight is thin enough
+    monkeypatch.setattr("vpsci_ros.learning.imitation.HEAD_FACTOR", 1.0)
     config = PretrainConfig(
         episodes=100,
         held_out_fraction=0.3,
         replay=ReplayConfig(batch_size=32),
         updates=UpdatesConfig(target_update_rate=0.05),
-        imitation=ImitationConfig(rollouts=16, rollout_steps=4, velocity_weight=10.0, **thin),
+        imitation=ImitationConfig(rollouts=16, rollout_steps=4, dropout=0.0, learning_rate=1e-2),
     )
     table = synthetic_near_misses(interactions=30, seed=3).table
     errors = pretrain(table, config, SMALL, seed=1, out_dir=tmp_path).facts["held_out"]

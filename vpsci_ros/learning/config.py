@@ -53,9 +53,6 @@ class UpdatesConfig:
     critic_learning_rate: float = parameter(2e-4, "step size of the critics", low=0.0, high=1.0)
     discount: float = parameter(0.99, "discount factor", low=0.0, high=1.0)
     target_update_rate: float = parameter(0.01, "soft update rate of the target networks", low=0.0, high=1.0)
-    importance_temperature: float = parameter(
-        10.0, "temperature of the importance weights (5), in units of the temporal-difference error", low=1e-3, high=1e9
-    )
     gradient_clip: float = parameter(1.0, "gradients are scaled down to this norm", low=1e-6, high=1e9)
 
 
@@ -95,12 +92,6 @@ class ImitationConfig:
     """Objectives closed_loop and energy_score in stage 1: recorded trajectories, rolled out."""
 
     learning_rate: float = parameter(1.5e-4, "peak step size of the actors", low=0.0, high=1.0)
-    head_factor: float = parameter(
-        10.0, "the actors' heads take larger steps by this; they begin near zero", low=0.01, high=1e3
-    )
-    velocity_weight: float = parameter(
-        10.0, "weight of the next velocity's error against the positions'", unit="s", low=0.0, high=1e3
-    )
     rollouts: int = parameter(32, "near misses rolled out in one update", low=1, high=4096)
     rollout_steps: int = parameter(
         15,
@@ -109,7 +100,6 @@ class ImitationConfig:
         low=0,
         high=200,
     )
-    weight_decay: float = parameter(0.05, "decoupled weight decay of the actors", low=0.0, high=10.0)
     dropout: float = parameter(0.3, "share of the encoded history that the actors' heads do without", low=0.0, high=0.9)
     mirror: bool = parameter(True, "mirror every other near miss left to right")
 
@@ -119,12 +109,6 @@ class EnergyScoreConfig:
     """Objective energy_score in stage 1: the distribution of recorded trajectories."""
 
     samples: int = parameter(6, "roll-outs of each near miss, with other latent numbers and noise", low=2, high=256)
-    texture_weight: float = parameter(
-        1.0,
-        "weight of the distance of the accelerations' texture to people's against the score",
-        low=0.0,
-        high=1e3,
-    )
 
 
 @dataclass(frozen=True)
@@ -241,15 +225,8 @@ class ForesightConfig:
         low=0.0,
         high=1e4,
     )
-    clearance_margin: float = parameter(0.5, "clearance that the agents should keep", unit="m", low=0.01, high=10.0)
     clearance_ahead: float = parameter(
         0.0, "weight of the clearance that speeds of the moment lead to within 2 s", low=0.0, high=100.0
-    )
-    pace_weights: list[float] = parameter(
-        [0.5, 0.5],
-        "weights of the vehicle's and of the pedestrian's velocity in the goal reward",
-        low=0.0,
-        high=100.0,
     )
     speeding_weight: float = parameter(
         1.0,
@@ -274,13 +251,10 @@ class ForesightConfig:
     def __post_init__(self) -> None:
         if len(self.scale) != 3:
             raise InvalidInput(f"foresight.scale must be three numbers, got {self.scale}")
-        if len(self.pace_weights) != 2:
-            raise InvalidInput(f"foresight.pace_weights must be two numbers, got {self.pace_weights}")
-        shares = self.insisting_shares
-        if len(shares) != 2 or self.braking_share + sum(shares) > 1.0:
+        if len(self.insisting_shares) != 2 or self.braking_share + sum(self.insisting_shares) > 1.0:
             raise InvalidInput(
                 f"foresight.insisting_shares must be two numbers that add up to 1 at most together with braking_share "
-                f"= {self.braking_share:g}, got {shares}"
+                f"= {self.braking_share:g}, got {self.insisting_shares}"
             )
 
 
@@ -307,7 +281,7 @@ class RehearsalConfig:
 
 @dataclass(frozen=True)
 class RefreshConfig:
-    """What stage 2 hands out to the policies, and keeps in the end."""
+    """What stage 2 gives the policies to act by, and keeps in the end."""
 
     updates: int = parameter(50, "updates between two refreshes of the policies", low=1, high=1_000_000)
     rollback_margin: float = parameter(
@@ -362,17 +336,15 @@ class RefineConfig:
         """Refuse a world in which a policy does not act, or that moves otherwise than the differentiable copy of it.
 
         :raises InvalidInput: a driver is not the policy; there are several pedestrians, or others than adults, whom the
-            policy does not always move; or what transitions do not tell (`pedestrian_gain`,
+            policy does not always move; or what transitions do not hold (`pedestrian_gain`,
             `lane_following`, `policy_period`) is not as the objective takes for granted.
         """
         known: dict[str, str | float] = {f"{agent}_driver": "policy" for agent in AGENTS} | {"pedestrians": 1}
         known |= find_objective(self.objective).known_world
         for name, expected in known.items():
             if (got := getattr(world, name)) != expected:
-                hint = (
-                    "" if name.endswith("_driver") else ", since transitions do not tell it; set it so, or choose ddpg"
-                )
-                hint = "" if name == "pedestrians" else hint
+                general = name.endswith("_driver") or name == "pedestrians"
+                hint = "" if general else ", since transitions do not hold it; set it so, or choose ddpg"
                 raise InvalidInput(
                     f"world_simulator.{name} = {_text(got)}: stage 2 with learner.objective {self.objective} "
                     f"expects {_text(expected)}{hint}"

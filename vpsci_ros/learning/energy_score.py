@@ -21,10 +21,10 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.kinematics.rollout import ActorPair, Draws, roll_out
 from vpsci_ros.kinematics.scene import Scene, scene_at
 from vpsci_ros.learning import foresight
-from vpsci_ros.learning.config import ImitationConfig, PretrainConfig, RefineConfig
+from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.learning.foresight import step_along
 from vpsci_ros.learning.human_foresight import GAIN, foresee_people
-from vpsci_ros.learning.imitation import OBSERVED, RISE, RecordedSteps, Start, recorded
+from vpsci_ros.learning.imitation import OBSERVED, RISE, WEIGHT_DECAY, RecordedSteps, Start, recorded
 from vpsci_ros.learning.likeness import REACH, direction, energy_score, lent, smoothed, texture_distance, velocities
 from vpsci_ros.learning.maddpg import UpdateResult
 from vpsci_ros.learning.networks import Networks
@@ -34,8 +34,9 @@ from vpsci_ros.policy.actor import Actors, previous
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, STEP
 
 AT_ONSET = 0.5  # share of roll-outs that begin within two steps of the first critical one, as they are measured
-LENDERS = 200  # recorded moments beside the rolled-out ones, to compare textures with and to lend residuals
+LENDERS = 200  # recorded moments beside the rolled-out ones, to compare textures with and to borrow residuals from
 VELOCITY_SHARE = 0.5  # [s] weight of the velocities' score against the positions'
+TEXTURE_WEIGHT = 1.0  # of the distance of the accelerations' texture to people's against the score
 REHEARSED_STEPS = 30  # of the near misses rolled out again in stage 2
 NOISE_FACTOR = 10.0  # steps of the few numbers of the noise are larger by this
 _COLUMNS = {"vehicle": (slice(0, 2), slice(3, 5)), "pedestrian": (slice(5, 7), slice(7, 9))}
@@ -96,7 +97,7 @@ def sample(
     return Sampled(torch.stack(out, dim=1).unflatten(0, (-1, samples)), data.motion[rows[:, None], at])
 
 
-def likeness_loss(sampled: Sampled, lenders: Tensor, texture_weight: float) -> dict[str, Tensor]:
+def likeness_loss(sampled: Sampled, lenders: Tensor) -> dict[str, Tensor]:
     """Return energy score of positions [m] and velocities [m/s] and texture distance, means of both agents, by name.
 
     :param lenders: float32[n, T + 1, 9], recorded motion of other moments.
@@ -113,14 +114,13 @@ def likeness_loss(sampled: Sampled, lenders: Tensor, texture_weight: float) -> d
         velocity = velocities(borrowed).unflatten(0, (count, samples))
         known = smoothed(happened)
         parts["velocity_score"] = parts["velocity_score"] + 0.5 * energy_score(velocity, velocities(known))
-        if texture_weight > 0.0:
-            recordings = torch.cat([known, smoothed(lenders[..., place])])
-            parts["texture"] = parts["texture"] + 0.5 * texture_distance(borrowed, recordings)
+        recordings = torch.cat([known, smoothed(lenders[..., place])])
+        parts["texture"] = parts["texture"] + 0.5 * texture_distance(borrowed, recordings)
     return parts
 
 
 class Likeness:
-    """What is left of the distance to people, of a few moments drawn anew each time."""
+    """What is left of the distance to people, of a few moments, drawn again each time."""
 
     def __init__(self, networks: Networks, interactions: Interactions, config: PretrainConfig) -> None:
         if networks.config.latent == 0:
@@ -138,7 +138,6 @@ class Likeness:
     def loss(self, rng: np.random.Generator) -> tuple[Tensor, dict[str, float]]:
         """Return a scalar with gradient, and its parts by name."""
         config, steps = self._config.imitation, self._config.imitation.rollout_steps
-        texture_weight = self._config.energy_score.texture_weight
         torch.manual_seed(int(rng.integers(2**62)))
         start = draw_moments(self._interactions, config.rollouts, steps, config.mirror, rng)
         others = draw_moments(self._interactions, LENDERS, steps, config.mirror, rng)
@@ -147,9 +146,9 @@ class Likeness:
         lenders = recorded(self._interactions, Start(others.row, others.at, others.at, others.mirror), steps + 1).motion
         tracked = self._networks.config.tracked_steps
         sampled = sample(self._networks.actor, data, lead, self._config.energy_score.samples, steps, tracked)
-        parts = likeness_loss(sampled, lenders, texture_weight)
+        parts = likeness_loss(sampled, lenders)
         total = parts["position_score"] + VELOCITY_SHARE * parts["velocity_score"]
-        total = total + texture_weight * parts["texture"]
+        total = total + TEXTURE_WEIGHT * parts["texture"]
         return total, {name: float(part.detach()) for name, part in parts.items()}
 
 
@@ -160,7 +159,7 @@ class Scoring:
         self._training, self._config = training, config
         self._actors = training.maddpg.networks.actor
         self._likeness = Likeness(training.maddpg.networks, training.real, config)
-        self._optimiser = torch.optim.AdamW(_groups(self._actors, config.imitation), lr=config.imitation.learning_rate)
+        self._optimiser = torch.optim.AdamW(_groups(self._actors), lr=config.imitation.learning_rate)
         self.optimisers = (self._optimiser,)
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
@@ -226,13 +225,13 @@ OBJECTIVE = Objective(
 )
 
 
-def _groups(actors: Actors, config: ImitationConfig) -> list[dict[str, object]]:
+def _groups(actors: Actors) -> list[dict[str, object]]:
     """Return the optimiser's groups: matrices decay, the numbers of the noise take larger steps."""
     named = [(name, p) for agent in AGENTS for name, p in actors[agent].named_parameters()]
     noise = [p for name, p in named if name in ("persistence_logit", "stillness")]
     rest = [p for name, p in named if name not in ("persistence_logit", "stillness")]
     return [
-        {"params": [p for p in rest if p.ndim == 2], "weight_decay": config.weight_decay, "factor": 1.0},
+        {"params": [p for p in rest if p.ndim == 2], "weight_decay": WEIGHT_DECAY, "factor": 1.0},
         {"params": [p for p in rest if p.ndim != 2], "weight_decay": 0.0, "factor": 1.0},
         {"params": noise, "weight_decay": 0.0, "factor": NOISE_FACTOR},
     ]

@@ -22,7 +22,7 @@ The speed reward is taken at the recorded steps rather than at the foreseen ones
 
 The copy is simpler than the world: the vehicle keeps to its lane whatever its lateral action, which in the world
 moves it within the lane; so the lateral action learns from the speed reward and from rehearsal only. What transitions
-do not tell is taken for granted: the paper's 0.5 of (21)-(24), lane following, and steps of 0.1 s. A world that
+do not hold is taken for granted: the paper's 0.5 of (21)-(24), lane following, and steps of 0.1 s. A world that
 differs is refused and needs `objective: ddpg`.
 """
 
@@ -43,6 +43,8 @@ from vpsci_ros.policy.actor import Actors, previous
 from vpsci_ros.policy.sst import StepState
 from vpsci_ros.world.observation import AGENTS, LANE_GRID, STEP
 
+CLEARANCE_MARGIN = 0.5  # [m] clearance of the footprints that both should keep
+PACE_WEIGHTS = (0.5, 0.5)  # of the vehicle's and of the pedestrian's velocity in the goal loss
 CRUISE = 3.5  # [m/s] pace that a vehicle which stands or creeps should take up
 LONGEST = 20.0  # times the median: the length to which gradients of single roll-outs are shortened
 BRAKING = (1.0, 5.0)  # [m/s2] least and greatest deceleration of a vehicle that brakes whatever its policy says
@@ -98,16 +100,14 @@ def foresee(
     start: Moments,
     *,
     steps: int,
-    margin: float,
     anticipation: float,
-    pace: Sequence[float],
+    pace: Sequence[float] = PACE_WEIGHTS,
     gain: float,
     speeding_weight: float = 1.0,
     scripted: Mapping[str, Tensor] | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Let both actors act together for `steps` steps, and return what they lose by collision and by goal.
 
-    :param margin: clearance [m] below which the first counts.
     :param anticipation: weight of the clearances that the speeds of the moment lead to after `rewards.AHEAD`,
         beside that of the moment.
     :param pace: weights of the vehicle's and of the pedestrian's pace.
@@ -128,7 +128,7 @@ def foresee(
         return actions
 
     for scene in roll_out(lane.start, act, [len(start.speed)] * steps, lane.advance):
-        collision = collision + collision_loss(scene, lane.speed, margin, anticipation).mean()
+        collision = collision + collision_loss(scene, lane.speed, CLEARANCE_MARGIN, anticipation).mean()
     return collision / steps, goal / steps
 
 

@@ -16,7 +16,7 @@ from torch import Tensor
 from vpsci_ros.kinematics.lane import OnLane
 from vpsci_ros.kinematics.rollout import Actions, ActorPair, Draws, Seen, roll_out
 from vpsci_ros.learning.config import ForesightConfig
-from vpsci_ros.learning.foresight import Moments, bounded, remembered
+from vpsci_ros.learning.foresight import CLEARANCE_MARGIN, PACE_WEIGHTS, Moments, bounded, remembered
 from vpsci_ros.learning.rewards import collision_loss, pedestrian_pace_loss, vehicle_pace_loss
 from vpsci_ros.policy.actor import Actors, Distribution
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
@@ -42,7 +42,7 @@ class Losses(NamedTuple):
 
 def foresee_people(actors: Actors, stage_1: Actors, start: Moments, config: ForesightConfig) -> Losses:
     """Let persons drawn from torch's global generator act for `config.steps` steps from each moment."""
-    count, weights, weight = len(start.speed), config.pace_weights, config.speeding_weight
+    count, weight = len(start.speed), config.speeding_weight
     latent = {agent: torch.randn(count, actors[agent].latent) for agent in AGENTS}
     draws = Draws(latent, {agent: torch.randn(count, ACTION_SIZE) for agent in AGENTS})
     lane = OnLane(start.lane, start.speed, start.pedestrian, start.walking, GAIN)
@@ -61,14 +61,14 @@ def foresee_people(actors: Actors, stage_1: Actors, start: Moments, config: Fore
         lateral = lane.speed * lane.speed * seen.scene.curvature.abs()
         faster, sharper = actions["vehicle"][:, 0] - SPEEDING_UP, lateral - CORNERING
         beyond = faster.clamp(min=0.0) ** 2 + sharper.clamp(min=0.0) ** 2
-        pace = weights[0] * vehicle_pace_loss(lane.speed, start.cruise, weight).mean()
+        pace = PACE_WEIGHTS[0] * vehicle_pace_loss(lane.speed, start.cruise, weight).mean()
         walk = pedestrian_pace_loss(seen.scene.pedestrian_velocity, start.course, weight).mean()
-        goal = goal + (pace + weights[1] * walk) / config.steps
+        goal = goal + (pace + PACE_WEIGHTS[1] * walk) / config.steps
         departure = departure + (departed + beyond.mean()) / config.steps
         return actions
 
     for scene in roll_out(lane.start, act, [count] * config.steps, lane.advance):
-        near = collision_loss(scene, lane.speed, config.clearance_margin, config.clearance_ahead).mean()
+        near = collision_loss(scene, lane.speed, CLEARANCE_MARGIN, config.clearance_ahead).mean()
         collision = collision + near / config.steps
     return Losses(collision, goal, departure)
 

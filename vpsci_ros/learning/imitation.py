@@ -34,6 +34,9 @@ from vpsci_ros.world.observation import AGENTS, STEP
 
 OBSERVED = 10  # steps observed before a roll-out, at most
 RISE = 20  # iterations until the step size is at its peak
+WEIGHT_DECAY = 0.05  # decoupled, of the actors' matrices
+HEAD_FACTOR = 10.0  # the heads take larger steps by this; they begin near zero
+VELOCITY_WEIGHT = 10.0  # [s] of the next velocity's error against the positions': both are then about as large
 _SMOOTH = 0.02  # [m] below this, distances count by their square
 
 
@@ -160,9 +163,9 @@ class Imitation:
         self._networks, self._interactions, self._config = networks, interactions, config.imitation
         self._episodes, self._gradient_clip = config.episodes, config.updates.gradient_clip
         groups = []
-        for part, factor in (("encoder", 1.0), ("head", self._config.head_factor)):
+        for part, factor in (("encoder", 1.0), ("head", HEAD_FACTOR)):
             mine = [p for agent in AGENTS for p in getattr(networks.actor[agent], part).parameters()]
-            for matrices, decay in ((True, self._config.weight_decay / factor), (False, 0.0)):
+            for matrices, decay in ((True, WEIGHT_DECAY / factor), (False, 0.0)):
                 parameters = [p for p in mine if (p.ndim == 2) == matrices]
                 groups.append({"params": parameters, "weight_decay": decay, "factor": factor})
         self.optimiser = torch.optim.AdamW(groups, lr=self._config.learning_rate)
@@ -176,7 +179,7 @@ class Imitation:
         with self._networks.actor.dropping_out(self._config.dropout):
             position, velocity = rollout_loss(self._networks, self._interactions, start, self._config)
         self.optimiser.zero_grad()
-        (position + self._config.velocity_weight * velocity).backward()
+        (position + VELOCITY_WEIGHT * velocity).backward()
         norm = torch.nn.utils.clip_grad_norm_(self._networks.actor.parameters(), self._gradient_clip)
         self.optimiser.step()
         return {
@@ -201,4 +204,4 @@ class Rehearsal:
         """Return the closed-loop error of some of them, a scalar with gradient."""
         start = draw(self._interactions, self._config, rng)
         position, velocity = rollout_loss(self._networks, self._interactions, start, self._config)
-        return position + self._config.velocity_weight * velocity
+        return position + VELOCITY_WEIGHT * velocity

@@ -14,6 +14,7 @@ from vpsci_ros.policy.actor import previous
 from vpsci_ros.world.observation import AGENTS
 
 LARGEST_IMPORTANCE = 10.0  # of (5), relative to the batch's mean: the exponential would let one sample rule a batch
+IMPORTANCE_TEMPERATURE = 10.0  # tau of (5), in units of the error; the paper gives none
 Tensors = dict[str, Tensor]
 
 
@@ -109,7 +110,7 @@ class Maddpg:
             encoded[agent] = critic.encode(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
             value = critic.value(encoded[agent], scored.action[agent], scored.action[other])
             delta = (targets[agent] - value) * batch.present
-            omega = importance(delta.detach() * self._unit, batch.present, self.config.importance_temperature)
+            omega = importance(delta.detach() * self._unit, batch.present, IMPORTANCE_TEMPERATURE)
             losses.append((omega * delta**2).sum() / count)
             critic_loss[agent] = float((delta.detach() ** 2).sum() / count) * self._unit**2
             error += delta.detach().abs() * (self._unit / len(AGENTS))

@@ -27,14 +27,14 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.held_out import HeldOut, split_as_before
 from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
-from vpsci_ros.learning.config import RefineConfig
+from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.learning.divergence import check_losses, require_finite_reward_weights
 from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
 from vpsci_ros.learning.replay import Batch, History, ReplayBuffer, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import SimulatedRewards
-from vpsci_ros.learning.shipped_names import stage_1_of
+from vpsci_ros.parameters import build
 from vpsci_ros.policy.weights import Weights, resolved, save_weights, weights_to_bytes
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.world.observation import AGENTS
@@ -94,7 +94,9 @@ class Refiner:
             self._maddpg,
             self._rewards,
             self._real,
-            stage_1_of(weights),
+            build(
+                PretrainConfig, weights.configuration.get("PretrainConfig", {}), "the weights' configuration of stage 1"
+            ),
             lambda: self.reward_weights.values,
             lambda: self._buffer.simulated,
         )

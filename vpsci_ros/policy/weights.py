@@ -122,16 +122,15 @@ def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
         tensors = load(data)
         texts = {name: parse_json(text, where) for name, text in metadata.items() if name not in ("format", CHECKSUM)}
         configuration = texts.pop("configuration")
-        older = {"risk_input": False, "tracked_steps": 0, "latent": 0}  # what files had before these parameters
-        values = older | configuration["NetworkConfig"]
+        values = configuration["NetworkConfig"]
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
-        raise InvalidInput(f"{where}: damaged weights file: {reason(error)}; copy or train it anew") from None
+        raise InvalidInput(f"{where}: damaged weights file: {reason(error)}; copy or train it again") from None
     network = build(NetworkConfig, values, f"{where}, configuration")
     _check(tensors, network, where)
     weights = Weights(network, tensors, configuration, texts)
-    if CHECKSUM in metadata and metadata[CHECKSUM] != weights.digest():  # files of earlier versions have none
+    if metadata.get(CHECKSUM) != weights.digest():
         raise InvalidInput(
-            f"{where}: damaged weights file: its tensors are not those it was written with; copy it anew"
+            f"{where}: damaged weights file: its tensors are not those it was written with; copy it again"
         )
     return weights
 

@@ -60,6 +60,8 @@ def _shapes(message: str, record: np.dtype[Any]) -> dict[str, tuple[int, ...]]:
 _STATE = _shapes("WorldState", EPISODE)
 _EVENT = _shapes("EpisodeEvent", EVENT)
 _TRANSITION = _shapes("Transition", TRANSITION)
+_AFTER = {name: _TRANSITION.pop(name) for name in tuple(_TRANSITION) if name.startswith("next_")}
+"""What the step after the last one of a history holds; of the others the next transition says it."""
 _DTYPES = {code: np.dtype(code) for code in "BIQfd"}
 _VERSIONS = ("vehicle_policy_version", "pedestrian_policy_version")
 
@@ -91,7 +93,9 @@ def event_fields(events: Array) -> dict[str, Array]:
 def transition_fields(rows: Array) -> dict[str, Any]:
     """Return the fields of a Transition of TRANSITION[n] records, n > 0, numbered without gaps."""
     versions = {name: int(rows[name][-1]) for name in _VERSIONS}
-    return {name: rows[name] for name in _TRANSITION} | versions | {"first_number": int(rows["number"][0])}
+    after = rows[rows["last"] != 0]
+    fields = {name: rows[name] for name in _TRANSITION} | {name: after[name] for name in _AFTER}
+    return fields | versions | {"first_number": int(rows["number"][0])}
 
 
 class PlanarMotion(NamedTuple):
@@ -233,6 +237,8 @@ def transitions(message: Any, where: str = "/replay") -> Array:
     :raises InvalidInput: the arrays differ in length.
     """
     rows = _records(message, _TRANSITION, np.zeros(len(message.scenario), TRANSITION), where)
+    last = rows["last"] != 0
+    rows[last] = _records(message, _AFTER, rows[last], where)
     rows["number"] = message.first_number + np.arange(len(rows), dtype=np.uint64)
     for name in _VERSIONS:
         rows[name] = getattr(message, name)
