@@ -76,14 +76,12 @@ def test_a_history_may_be_longer_than_the_memory_that_it_begins_with():
     assert whole["step"].tolist() == list(range(STEPS + 2))
 
 
-def test_the_vehicle_brakes_as_asked_in_the_frame_of_the_step(run):
-    """-1 m/s2 for 0.1 s by (20): the next speed is 0.1 m/s lower, along the old heading but for the turn it makes."""
-    rows, *_ = run
-    moving = rows[(rows["vehicle_observation"][:, 0] > 1.0) & (rows["collision"] == 0) & (rows["last"] == 0)]
-    following = rows[rows["step"] > 0]
-    after = {(row["scenario"], row["episode"], row["step"]): row["vehicle_observation"][0] for row in following}
-    speed = [after[row["scenario"], row["episode"], row["step"] + 1] for row in moving]
-    np.testing.assert_allclose(speed, moving["vehicle_observation"][:, 0] - 0.1, atol=2e-3)
+def test_the_vehicle_brakes_as_requested_in_the_frame_of_the_step(run):
+    """-1 m/s2 for 0.1 s by (20): the next speed is 0.1 m/s lower, along the lane."""
+    *_, histories = run
+    for speed in (whole["vehicle_observation"][:, 0] for whole in histories):
+        before, after = speed[:-1], speed[1:]
+        np.testing.assert_allclose(after[before > 1.0], before[before > 1.0] - 0.1, atol=2e-3)
 
 
 def test_each_ended_episode_under_control_has_one_last_transition_with_its_outcome(run):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
-from vpsci_msgs.msg import AgentAction, EpisodeEvent, SafetyState, Transition, WorldState
+from vpsci_msgs.msg import AgentAction, EpisodeEvent, SafetyState, WorldState
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.nodes import convert

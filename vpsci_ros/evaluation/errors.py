@@ -1,4 +1,4 @@
-"""Table 9's columns for any models, under the two honest protocols of DESIGN.md, with confidence intervals."""
+"""Table 9's columns for any models, under the two honest protocols, with confidence intervals."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -11,11 +11,12 @@ from vpsci_ros.data.interactions import Interactions, from_table
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import (
+    Measured,
     ProtocolErrors,
     closed_loop,
     constant_velocity_reconstruction,
     eligible,
-    reconstruct,
+    measure,
 )
 from vpsci_ros.evaluation.realism.onsets import find_onsets
 from vpsci_ros.evaluation.realism.score import energy_score
@@ -29,7 +30,6 @@ CONTROLS = ("repeat_velocity", "constant_velocity", "constant_velocity_tracked")
 TRACKED_STEPS = NetworkConfig().tracked_steps
 
 
-Measured = dict[str, ProtocolErrors]  # by protocol
 Share = tuple[float, list[float]]  # and its interval
 
 
@@ -100,11 +100,6 @@ def fixed_3s(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor
             for name, own in scores.items()
         },
     }
-
-
-def measure(model: Predictor, interactions: Interactions) -> Measured:
-    """Return a model's errors by protocol; `interactions` as `eligible` returns them."""
-    return {"reconstruction": reconstruct(model, interactions), "closed_loop": closed_loop(model, interactions)}
 
 
 def compare(errors: Mapping[str, Measured], interactions: Interactions, seed: int) -> dict[str, Any]:

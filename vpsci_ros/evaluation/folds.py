@@ -9,8 +9,7 @@ import polars as pl
 from vpsci_ros.data.interactions import Interactions, from_table
 from vpsci_ros.data.near_misses import folds_by_clip
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.errors import Measured
-from vpsci_ros.evaluation.protocols import ProtocolErrors, eligible
+from vpsci_ros.evaluation.protocols import Measured, ProtocolErrors, eligible
 
 Parts = list[tuple[pl.DataFrame, Interactions]]
 

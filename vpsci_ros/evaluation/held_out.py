@@ -4,8 +4,8 @@ import polars as pl
 
 from vpsci_ros.data.interactions import Interactions, from_table
 from vpsci_ros.data.near_misses import split_by_clip
-from vpsci_ros.evaluation.predictors import PolicyPredictor, RepeatVelocity
-from vpsci_ros.evaluation.protocols import closed_loop, eligible, reconstruct
+from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
+from vpsci_ros.evaluation.protocols import eligible, measure
 from vpsci_ros.policy.weights import Weights
 
 
@@ -18,25 +18,18 @@ class HeldOut:
 
     def __init__(self, table: pl.DataFrame) -> None:
         self.interactions: Interactions = eligible(from_table(table))
-        control = RepeatVelocity()
-        reconstruction = reconstruct(control, self.interactions)
-        loop = closed_loop(control, self.interactions)
-        self.control = {
-            "reconstruction_ade": float(reconstruction.ade.mean()),
-            "reconstruction_fde": float(reconstruction.fde.mean()),
-            "closed_loop_ade": float(loop.ade.mean()),
-            "closed_loop_fde": float(loop.fde.mean()),
-        }
+        self.control = self._errors(RepeatVelocity())
 
     def errors(self, weights: Weights) -> dict[str, float]:
         """Return ADE and FDE [m] of both protocols, means over interactions and agents."""
-        policy = PolicyPredictor(weights)
-        reconstruction, loop = reconstruct(policy, self.interactions), closed_loop(policy, self.interactions)
+        return self._errors(PolicyPredictor(weights))
+
+    def _errors(self, model: Predictor) -> dict[str, float]:
+        measured = measure(model, self.interactions).items()
         return {
-            "reconstruction_ade": float(reconstruction.ade.mean()),
-            "reconstruction_fde": float(reconstruction.fde.mean()),
-            "closed_loop_ade": float(loop.ade.mean()),
-            "closed_loop_fde": float(loop.fde.mean()),
+            f"{protocol}_{name}": float(getattr(errors, name).mean())
+            for protocol, errors in measured
+            for name in ("ade", "fde")
         }
 
 

@@ -51,6 +51,10 @@ class ProtocolErrors:
         return {name: float(value) for name, value in zip(QUANTITIES, values, strict=True)}
 
 
+Measured = dict[str, ProtocolErrors]
+"""Errors by protocol."""
+
+
 def eligible(interactions: Interactions) -> Interactions:
     """Return the interactions of at least one second that the protocols take.
 
@@ -113,6 +117,11 @@ def closed_loop(model: Predictor, interactions: Interactions) -> ProtocolErrors:
     )
     apart = _turn(gap[..., 0:2] - gap[..., 5:7], predicted[..., 2])
     return _errors(distance, np.concatenate([velocity, apart, -apart], axis=2), inside)
+
+
+def measure(model: Predictor, interactions: Interactions) -> Measured:
+    """Return a model's errors by protocol; `interactions` as `eligible` returns them."""
+    return {"reconstruction": reconstruct(model, interactions), "closed_loop": closed_loop(model, interactions)}
 
 
 def horizon(interactions: Interactions) -> NDArray[np.int64]:

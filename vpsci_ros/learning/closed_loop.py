@@ -13,7 +13,7 @@ import torch
 
 from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.learning.foresight import draw_moments, draw_scripted, foresee, moments_at, step_along
-from vpsci_ros.learning.imitation import Imitation, Rehearsal
+from vpsci_ros.learning.imitation import Rehearsal, TrajectoryImitation
 from vpsci_ros.learning.maddpg import Tensors, UpdateResult
 from vpsci_ros.learning.objectives import Objective, Training
 from vpsci_ros.learning.replay import Batch
@@ -23,21 +23,21 @@ GAIN = 0.5  # `pedestrian_gain` of the world that is foreseen, (21)-(24)
 
 
 class Imitating:
-    """See `Stage`: the actors learn from recorded trajectories."""
+    """See `StageObjective`: the actors learn from recorded trajectories."""
 
     def __init__(self, training: Training, config: PretrainConfig) -> None:
         self._training = training
-        self._imitation = Imitation(training.maddpg.networks, training.real, config)
+        self._imitation = TrajectoryImitation(training.maddpg.networks, training.real, config)
         self.optimisers = (self._imitation.optimiser,)
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
-        """See `Stage.update`."""
+        """See `StageObjective.update`."""
         losses = self._imitation.update(rng, iteration)
         return replace(self._training.update_critics(batch, rng), more=losses)
 
 
 class Foreseeing:
-    """See `Stage`: the actors learn from what they lose in the next simulated seconds."""
+    """See `StageObjective`: the actors learn from what they lose in the next simulated seconds."""
 
     optimisers = ()
 
@@ -46,7 +46,7 @@ class Foreseeing:
         self._rehearsal = Rehearsal(training, config.rehearsal.rollouts)
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
-        """See `Stage.update`."""
+        """See `StageObjective.update`."""
         actions = self._training.maddpg.act(batch)
         result = self._training.maddpg.update(batch, self._training.rewards.score(batch, actions, rng), None)
         return replace(result, actions=actions, more=self._look_ahead(batch, actions, rng))

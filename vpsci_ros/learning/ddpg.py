@@ -4,7 +4,7 @@ Recorded actions reproduce the recorded speeds, so their reward (14)-(15) is zer
 other actions. The practical replay buffer of stage 1 therefore holds the recorded histories, and what is scored against
 the observed next speeds at every step is the acting policy's action with exploration around it.
 
-In stage 2 sampling (17) and the speed reward alone let the actors forget people faster than the critics can tell them,
+In stage 2 sampling (17) and the speed reward alone let the actors forget people faster than the critics can teach them,
 so every update also rehearses a few real near misses in closed loop, and adds that gradient to the policy's.
 """
 
@@ -21,7 +21,7 @@ from vpsci_ros.learning.replay import Batch
 
 
 class PolicyGradient:
-    """See `Stage`. The actors rest for the first `rest` iterations, while the critics warm up."""
+    """See `StageObjective`. The actors rest for the first `rest` iterations, while the critics warm up."""
 
     optimisers = ()
 
@@ -29,7 +29,7 @@ class PolicyGradient:
         self._training, self._rest, self._rehearsal, self._weight = training, rest, rehearsal, weight
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
-        """See `Stage.update`."""
+        """See `StageObjective.update`."""
         if iteration < self._rest:
             return replace(self._training.update_critics(batch, rng), rested=True)
         maddpg = self._training.maddpg

@@ -7,7 +7,6 @@ deterministic actor that minimised a distance instead would learn the mean of wh
 """
 
 import copy
-import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,19 +21,28 @@ from vpsci_ros.kinematics.rollout import ActorPair, Draws, roll_out
 from vpsci_ros.kinematics.scene import Scene, scene_at
 from vpsci_ros.learning import foresight
 from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.learning.descent import WEIGHT_DECAY, Descent
 from vpsci_ros.learning.foresight import step_along
 from vpsci_ros.learning.human_foresight import GAIN, foresee_people
-from vpsci_ros.learning.imitation import OBSERVED, RISE, WEIGHT_DECAY, RecordedSteps, Start, recorded
-from vpsci_ros.learning.likeness import REACH, direction, energy_score, lent, smoothed, texture_distance, velocities
+from vpsci_ros.learning.imitation import OBSERVED, RecordedSteps, Start, recorded
+from vpsci_ros.learning.likeness import (
+    REACH,
+    direction,
+    energy_score,
+    smoothed,
+    texture_distance,
+    velocities,
+    with_residual,
+)
 from vpsci_ros.learning.maddpg import UpdateResult
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Objective, Training
 from vpsci_ros.learning.replay import Batch
-from vpsci_ros.policy.actor import Actors, previous
+from vpsci_ros.policy.actor import Actors, before_step, previous
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, STEP
 
 AT_ONSET = 0.5  # share of roll-outs that begin within two steps of the first critical one, as they are measured
-LENDERS = 200  # recorded moments beside the rolled-out ones, to compare textures with and to borrow residuals from
+OTHERS = 200  # recorded moments beside the rolled-out ones, to compare textures with and to borrow residuals from
 VELOCITY_SHARE = 0.5  # [s] weight of the velocities' score against the positions'
 TEXTURE_WEIGHT = 1.0  # of the distance of the accelerations' texture to people's against the score
 REHEARSED_STEPS = 30  # of the near misses rolled out again in stage 2
@@ -86,10 +94,9 @@ def sample(
         done = data.action[agent]
         _, states = actors[agent].remember(data.observation[agent], previous(done), data.curvttc, taken)
         memory[agent] = [state.repeated(samples) for state in states]
-        last = done[rows, np.maximum(lead - 1, 0)] * torch.from_numpy((lead > 0).astype(np.float32))[:, None]
-        before[agent] = last.repeat_interleave(samples, dim=0)
-        draws.latent[agent] = torch.randn(len(last) * samples, actors[agent].latent)
-        draws.noise[agent] = torch.randn(len(last) * samples, ACTION_SIZE)
+        before[agent] = before_step(done, taken).repeat_interleave(samples, dim=0)
+        draws.latent[agent] = torch.randn(len(lead) * samples, actors[agent].latent)
+        draws.noise[agent] = torch.randn(len(lead) * samples, ACTION_SIZE)
     moving = [len(lead) * samples] * steps
     out = [scene.rows(), *(now.rows() for now in roll_out(scene, ActorPair(actors, memory, before, draws), moving))]
     out += out[-1:] * (steps + 1 - len(out))  # NaN, for the check of losses to find
@@ -97,24 +104,24 @@ def sample(
     return Sampled(torch.stack(out, dim=1).unflatten(0, (-1, samples)), data.motion[rows[:, None], at])
 
 
-def likeness_loss(sampled: Sampled, lenders: Tensor) -> dict[str, Tensor]:
+def likeness_loss(sampled: Sampled, others_motion: Tensor) -> dict[str, Tensor]:
     """Return energy score of positions [m] and velocities [m/s] and texture distance, means of both agents, by name.
 
-    :param lenders: float32[n, T + 1, 9], recorded motion of other moments.
+    :param others_motion: float32[n, T + 1, 9], recorded motion of other moments.
     """
     count, samples = sampled.motion.shape[:2]
-    lender = lenders[torch.randint(len(lenders), (count * samples,))]
+    other = others_motion[torch.randint(len(others_motion), (count * samples,))]
     parts = {"position_score": torch.zeros(()), "velocity_score": torch.zeros(()), "texture": torch.zeros(())}
     for place, speed in _COLUMNS.values():
         track, happened = sampled.motion[..., place], sampled.happened[..., place]
         parts["position_score"] = parts["position_score"] + 0.5 * energy_score(track[:, :, 1:], happened[:, 1:])
         start = sampled.motion[:, :, 0].flatten(0, 1)
-        ways = direction(start[:, speed], start[:, 2]), direction(lender[:, 0, speed], lender[:, 0, 2])
-        borrowed = smoothed(lent(track.flatten(0, 1), ways[0], lender[..., place], ways[1]))
+        ways = direction(start[:, speed], start[:, 2]), direction(other[:, 0, speed], other[:, 0, 2])
+        borrowed = smoothed(with_residual(track.flatten(0, 1), ways[0], other[..., place], ways[1]))
         velocity = velocities(borrowed).unflatten(0, (count, samples))
         known = smoothed(happened)
         parts["velocity_score"] = parts["velocity_score"] + 0.5 * energy_score(velocity, velocities(known))
-        recordings = torch.cat([known, smoothed(lenders[..., place])])
+        recordings = torch.cat([known, smoothed(others_motion[..., place])])
         parts["texture"] = parts["texture"] + 0.5 * texture_distance(borrowed, recordings)
     return parts
 
@@ -140,45 +147,40 @@ class Likeness:
         config, steps = self._config.imitation, self._config.imitation.rollout_steps
         torch.manual_seed(int(rng.integers(2**62)))
         start = draw_moments(self._interactions, config.rollouts, steps, config.mirror, rng)
-        others = draw_moments(self._interactions, LENDERS, steps, config.mirror, rng)
+        others = draw_moments(self._interactions, OTHERS, steps, config.mirror, rng)
         lead = start.at - start.begin
         data = recorded(self._interactions, start, OBSERVED + steps + 1)
-        lenders = recorded(self._interactions, Start(others.row, others.at, others.at, others.mirror), steps + 1).motion
+        others_motion = recorded(
+            self._interactions, Start(others.row, others.at, others.at, others.mirror), steps + 1
+        ).motion
         tracked = self._networks.config.tracked_steps
         sampled = sample(self._networks.actor, data, lead, self._config.energy_score.samples, steps, tracked)
-        parts = likeness_loss(sampled, lenders)
+        parts = likeness_loss(sampled, others_motion)
         total = parts["position_score"] + VELOCITY_SHARE * parts["velocity_score"]
         total = total + TEXTURE_WEIGHT * parts["texture"]
         return total, {name: float(part.detach()) for name, part in parts.items()}
 
 
 class Scoring:
-    """See `Stage`: the actors learn what people do."""
+    """See `StageObjective`: the actors learn what people do."""
 
     def __init__(self, training: Training, config: PretrainConfig) -> None:
         self._training, self._config = training, config
         self._actors = training.maddpg.networks.actor
         self._likeness = Likeness(training.maddpg.networks, training.real, config)
-        self._optimiser = torch.optim.AdamW(_groups(self._actors), lr=config.imitation.learning_rate)
-        self.optimisers = (self._optimiser,)
+        self._descent = Descent(self._actors, _groups(self._actors), config)
+        self.optimisers = (self._descent.optimiser,)
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
-        """See `Stage.update`; the step size rises over the first iterations and falls along a cosine to the last."""
-        rise = min(1.0, (iteration + 1) / RISE) * 0.5 * (1.0 + math.cos(math.pi * iteration / self._config.episodes))
-        for group in self._optimiser.param_groups:
-            group["lr"] = self._config.imitation.learning_rate * group["factor"] * rise
+        """See `StageObjective.update`."""
         with self._actors.dropping_out(self._config.imitation.dropout):
             loss, losses = self._likeness.loss(rng)
-        self._optimiser.zero_grad()
-        loss.backward()
-        norm = torch.nn.utils.clip_grad_norm_(self._actors.parameters(), self._config.updates.gradient_clip)
-        self._optimiser.step()
-        losses["likeness_gradient_norm"] = float(norm)
+        losses["likeness_gradient_norm"] = self._descent.step(loss, iteration)
         return replace(self._training.update_critics(batch, rng), more=losses)
 
 
 class Regularised:
-    """See `Stage`: the actors learn not to collide and to reach their goals, and stay near what people do."""
+    """See `StageObjective`: the actors learn not to collide and to reach their goals, and stay near what people do."""
 
     optimisers = ()
 
@@ -192,7 +194,7 @@ class Regularised:
         self._stage_1 = copy.deepcopy(networks.actor).requires_grad_(False)
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
-        """See `Stage.update`."""
+        """See `StageObjective.update`."""
         return replace(self._training.update_critics(batch, rng), more=self._look_ahead(rng))
 
     def _look_ahead(self, rng: np.random.Generator) -> dict[str, float]:

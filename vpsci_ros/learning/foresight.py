@@ -11,12 +11,11 @@ Events have no gradient, so each gets a smooth stand-in (`rewards`):
 
 - collision (25): clearance of the footprints below a margin, now and, by a weight, where both would be shortly;
 - goal (26): how far each agent's velocity is from that of the hand-over; a vehicle's is `CRUISE` along its lane at
-  least. Weights say whose delay costs more; who learns to give way hangs on the luck of a training, too.
+  least. Weights say whose delay costs more; which agent learns to give way also depends on the seed of a training.
 
-In some of the roll-outs one of the two does not do as its policy says: the vehicle brakes to a stand, and stays, or it
-keeps its speed; or the pedestrian walks on. Who learns beside one partner only learns a convention with it, say that
-the vehicle always gives way, and has no answer to anybody else; people on the road have, and so should whoever meets a
-driving system.
+In some of the roll-outs one of the two does not act by its policy: the vehicle brakes to a stand and stays, or it keeps
+its speed; or the pedestrian walks on. A policy that trains with one partner only learns a convention with that partner,
+for example that the vehicle always gives way, and cannot answer others; policies that test a driving system must.
 
 The speed reward is taken at the recorded steps rather than at the foreseen ones.
 
@@ -39,7 +38,7 @@ from vpsci_ros.kinematics.rollout import Actions, ActorPair, Seen, roll_out
 from vpsci_ros.kinematics.scene import from_heading_frame
 from vpsci_ros.learning.replay import History, collate
 from vpsci_ros.learning.rewards import collision_loss, pedestrian_pace_loss, vehicle_pace_loss
-from vpsci_ros.policy.actor import Actors, previous
+from vpsci_ros.policy.actor import Actors, before_step, previous
 from vpsci_ros.policy.sst import StepState
 from vpsci_ros.world.observation import AGENTS, LANE_GRID, STEP
 
@@ -75,10 +74,7 @@ def moments_at(histories: Sequence[History], at: NDArray[np.int64]) -> Moments:
     """Return the moments at step `at`, int64[M], of M simulated histories."""
     batch, rows = collate(histories), np.arange(len(histories))
     seen = batch.observation["pedestrian"][rows, at]
-    before = {}
-    for agent in AGENTS:
-        first = torch.from_numpy((at > 0).astype(np.float32))[:, None]
-        before[agent] = batch.action[agent][rows, np.maximum(at - 1, 0)] * first
+    taken = torch.from_numpy(at)
     longest = max(1, int(at.max()))
     return Moments(
         speed=(seen[:, 0] - seen[:, 4]).clamp(min=0.0),  # (7): own velocity minus the relative one is the vehicle's
@@ -87,11 +83,11 @@ def moments_at(histories: Sequence[History], at: NDArray[np.int64]) -> Moments:
         walking=seen[:, 0:2],
         cruise=batch.observation["vehicle"][:, 0, 0].clamp(min=CRUISE),
         course=from_heading_frame(batch.observation["pedestrian"][:, 0, 0:2], -_turned(histories, at)),
-        before=before,
+        before={agent: before_step(batch.action[agent], taken) for agent in AGENTS},
         observation={agent: batch.observation[agent][:, :longest] for agent in AGENTS},
         acted={agent: previous(batch.action[agent])[:, :longest] for agent in AGENTS},
         curvttc=batch.curvttc[:, :longest],
-        taken=torch.from_numpy(at),
+        taken=taken,
     )
 
 

@@ -22,7 +22,7 @@ from vpsci_ros.policy.actor import Actors, Distribution
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
 
 GAIN = 1.0  # `pedestrian_gain` of the world: a recorded person's acceleration is the motion's, not twice that (21)
-TOLERANCE = 0.3  # [m/s2] added to the scale of stage 1's noise: whoever does nothing at all may still do something else
+TOLERANCE = 0.3  # [m/s2] added to the scale of stage 1's noise: an agent that does nothing may still do something else
 SPEEDING_UP = 1.5  # [m/s2] above it people do not accelerate in a turn
 CORNERING = 2.5  # [m/s2] lateral acceleration above which people do not drive through a turn
 

@@ -7,13 +7,12 @@ out with the vehicle's velocity by its observed positions (`tracked_steps`): pub
 to make up for that learned little else. The same histories, with every step as recorded, add the error of the next
 velocity, which is what the reconstruction measures.
 
-A few hundred near misses hold some fifty drivers, so the actors would soon know them by heart. Dropout in front of
+A few hundred near misses hold some fifty drivers, so the actors soon overfit. Dropout in front of
 both layers of the head, weight decay and the running average of the weights delay that, and the number of iterations
 ends it. Augmentation: a near miss is seen in a mirror half of the time; the place where the history begins and the
 number of observed steps vary. Rotation needs none, since observations live in the vehicle's heading frame.
 """
 
-import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -26,15 +25,14 @@ from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.kinematics.rollout import ActorPair, roll_out
 from vpsci_ros.kinematics.scene import scene_at
 from vpsci_ros.learning.config import ImitationConfig, PretrainConfig
+from vpsci_ros.learning.descent import WEIGHT_DECAY, Descent
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training
-from vpsci_ros.policy.actor import previous
+from vpsci_ros.policy.actor import before_step, previous
 from vpsci_ros.policy.sst import StepState
 from vpsci_ros.world.observation import AGENTS, STEP
 
 OBSERVED = 10  # steps observed before a roll-out, at most
-RISE = 20  # iterations until the step size is at its peak
-WEIGHT_DECAY = 0.05  # decoupled, of the actors' matrices
 HEAD_FACTOR = 10.0  # the heads take larger steps by this; they begin near zero
 VELOCITY_WEIGHT = 10.0  # [s] of the next velocity's error against the positions': both are then about as large
 _SMOOTH = 0.02  # [m] below this, distances count by their square
@@ -55,7 +53,7 @@ class Start(NamedTuple):
 
 @dataclass(frozen=True)
 class RecordedSteps:
-    """Recorded steps of M roll-outs as tensors, `begin` first and mirrored where asked; past the end zero."""
+    """Recorded steps of M roll-outs as tensors, `begin` first, mirrored by `Start.mirror`; past the end zero."""
 
     motion: Tensor  # [M, T, 9] rows as in `Interactions.motion`
     curvttc: Tensor  # [M, T] [s]
@@ -123,7 +121,7 @@ def rollout_loss(
     velocity_error, histories = _observed(networks, data, lead)
     rows = np.arange(len(lead))
     begin = scene_at(data.motion, torch.from_numpy(lead), networks.config.tracked_steps)
-    before = {agent: data.action[agent][rows, np.maximum(lead - 1, 0)] * _column(lead > 0) for agent in AGENTS}
+    before = {agent: before_step(data.action[agent], torch.from_numpy(lead)) for agent in AGENTS}
     share = torch.from_numpy((0.5 / np.maximum(steps, 1) / len(steps)).astype(np.float32))
     moving = [int((steps > step).sum()) for step in range(int(steps[0]))]  # those that have ended lie at the end
     position_error = torch.zeros(())
@@ -134,10 +132,6 @@ def rollout_loss(
             distance = torch.sqrt(squared + _SMOOTH**2) - _SMOOTH
             position_error = position_error + (distance * share[: moving[step]]).sum()
     return position_error, velocity_error
-
-
-def _column(mask: NDArray[np.bool_]) -> Tensor:
-    return torch.from_numpy(mask.astype(np.float32))[:, None]
 
 
 def _observed(
@@ -156,41 +150,32 @@ def _observed(
     return error, histories
 
 
-class Imitation:
+class TrajectoryImitation:
     """Both actors, their optimiser, and the near misses that they learn from."""
 
     def __init__(self, networks: Networks, interactions: Interactions, config: PretrainConfig) -> None:
         self._networks, self._interactions, self._config = networks, interactions, config.imitation
-        self._episodes, self._gradient_clip = config.episodes, config.updates.gradient_clip
         groups = []
         for part, factor in (("encoder", 1.0), ("head", HEAD_FACTOR)):
             mine = [p for agent in AGENTS for p in getattr(networks.actor[agent], part).parameters()]
             for matrices, decay in ((True, WEIGHT_DECAY / factor), (False, 0.0)):
                 parameters = [p for p in mine if (p.ndim == 2) == matrices]
                 groups.append({"params": parameters, "weight_decay": decay, "factor": factor})
-        self.optimiser = torch.optim.AdamW(groups, lr=self._config.learning_rate)
+        self._descent = Descent(networks.actor, groups, config)
+        self.optimiser = self._descent.optimiser
 
-    def update(self, rng: np.random.Generator, episode: int) -> dict[str, float]:
-        """Take one step; the step size rises over the first iterations and falls along a cosine to the last."""
-        for group in self.optimiser.param_groups:
-            group["lr"] = self._config.learning_rate * group["factor"] * self._schedule(episode)
+    def update(self, rng: np.random.Generator, iteration: int) -> dict[str, float]:
+        """Take one step, and return the losses by name."""
         start = draw(self._interactions, self._config, rng)
         torch.manual_seed(int(rng.integers(2**62)))  # of the dropout
         with self._networks.actor.dropping_out(self._config.dropout):
             position, velocity = rollout_loss(self._networks, self._interactions, start, self._config)
-        self.optimiser.zero_grad()
-        (position + VELOCITY_WEIGHT * velocity).backward()
-        norm = torch.nn.utils.clip_grad_norm_(self._networks.actor.parameters(), self._gradient_clip)
-        self.optimiser.step()
+        norm = self._descent.step(position + VELOCITY_WEIGHT * velocity, iteration)
         return {
             "rollout_error": float(position.detach()),
             "velocity_error": float(velocity.detach()),
-            "imitation_gradient_norm": float(norm),
+            "imitation_gradient_norm": norm,
         }
-
-    def _schedule(self, episode: int) -> float:
-        rise = min(1.0, (episode + 1) / RISE)
-        return rise * 0.5 * (1.0 + math.cos(math.pi * episode / self._episodes))
 
 
 class Rehearsal:

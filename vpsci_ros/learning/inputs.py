@@ -92,5 +92,5 @@ def _corpus(learner: LearnerConfig) -> pl.DataFrame:
 
 
 def _without_output(*configs: object) -> dict[str, object]:
-    """Return the values of the learner's section without the output folder, which a run is told apart from."""
+    """Return the values of the learner's section without the output folder, no part of a run's identity."""
     return {name: value for name, value in values_of(*configs).items() if name != "output"}

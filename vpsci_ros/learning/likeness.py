@@ -6,8 +6,8 @@ and estimation' by Gneiting and Raftery 2007, https://doi.org/10.1198/0162145060
 same between two sets: roll-outs of many moments on the one side, recordings of many moments on the other.
 
 Camera noise and gait are no behaviour, and roll-outs have neither. Velocities and accelerations are therefore taken of
-positions averaged over 0.9 s, and what the average takes away from recordings of other moments is lent to the roll-outs
-(`lent`), as the classifier of `vpsci realism` does.
+positions averaged over 0.9 s, and what the average takes away from recordings of other moments is added to the
+roll-outs (`with_residual`), as the classifier of `vpsci realism` does.
 """
 
 from functools import cache
@@ -60,13 +60,13 @@ def smoothed(track: Tensor) -> Tensor:
     return torch.einsum("ij,...jc->...ic", smoothing(track.shape[-2] - 1), track)
 
 
-def lent(track: Tensor, direction: Tensor, lender: Tensor, lender_direction: Tensor) -> Tensor:
-    """Return positions [M, T + 1, 2] smoothed, each with what smoothing takes away from its lender's.
+def with_residual(track: Tensor, direction: Tensor, other: Tensor, other_direction: Tensor) -> Tensor:
+    """Return positions [M, T + 1, 2] smoothed, each with what smoothing takes away from another's.
 
-    :param direction, lender_direction: of motion at the first step, [M] [rad]; residuals turn with it.
+    :param direction, other_direction: of motion at the first step, [M] [rad]; residuals turn with it.
     """
-    residual = lender - smoothed(lender)
-    turn = direction - lender_direction
+    residual = other - smoothed(other)
+    turn = direction - other_direction
     c, s = torch.cos(turn)[:, None], torch.sin(turn)[:, None]
     x, y = residual.unbind(dim=-1)
     return smoothed(track) + torch.stack([c * x - s * y, s * x + c * y], dim=-1)
@@ -98,7 +98,7 @@ def texture(track: Tensor) -> list[Tensor]:
     """Return what makes the motion of one agent look like a person's, blocks [M, f] of smoothed tracks [M, T + 1, 2].
 
     Accelerations along and across the way, in order of time and of size, and how fast they change; speeds. Sorted by
-    size they tell whether somebody does a little all the time or, as people, nothing and then something.
+    size they show whether somebody does a little all the time or, as people, nothing and then something.
     """
     velocity = velocities(track)
     change = (velocity[:, 1:] - velocity[:, :-1]) / STEP

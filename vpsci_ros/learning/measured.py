@@ -17,7 +17,7 @@ from vpsci_ros.world.tick import Assessment, Tick
 
 
 class NoAcceleration:
-    """The control in simulation: whoever is handed to it keeps its speed (and the vehicle its lane)."""
+    """The control in simulation: an agent under it keeps its speed, and the vehicle its lane."""
 
     def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.float64]:
         """See `Agent.act`."""

@@ -2,7 +2,7 @@
 
 Each is a module of this room of the same name, which holds it as `OBJECTIVE`; other distributions add theirs
 (docs/extending.md). Configurations check their choice here, so nothing here imports them but for their types;
-nor torch, which whoever only reads a configuration does without.
+nor torch, which reading a configuration does not need.
 """
 
 import importlib
@@ -63,7 +63,7 @@ class Training(NamedTuple):
         return replace(self.maddpg.update(batch, scored, None), actions=actions)
 
 
-class Stage(Protocol):
+class StageObjective(Protocol):
     """An objective at work in one stage."""
 
     @property
@@ -87,15 +87,15 @@ class Objective:
     :ivar known_world: what this objective takes for granted in stage 2, by the names of `WorldConfig`.
     """
 
-    pretrain: Callable[[Training, "PretrainConfig"], Stage]
-    refine: Callable[[Training, "RefineConfig"], Stage]
+    pretrain: Callable[[Training, "PretrainConfig"], StageObjective]
+    refine: Callable[[Training, "RefineConfig"], StageObjective]
     acting: str = "actor"
     whole_tracks: bool = False
     known_world: Mapping[str, float | bool] = field(default_factory=dict)
 
 
 class _BuiltIn(Mapping[str, Objective]):
-    """The objectives of `OBJECTIVES`, imported when they are asked for."""
+    """The objectives of `OBJECTIVES`, imported when they are looked up."""
 
     def __getitem__(self, name: str) -> Objective:
         found: Objective = importlib.import_module(f"vpsci_ros.learning.{name}").OBJECTIVE

@@ -49,7 +49,7 @@ def pretrain(
 
     A checkpoint in `out_dir` made by the same configuration, data and seed is gone on from, to the same result; where
     `report` raises `Stopped` or KeyboardInterrupt, one is written before the exception goes on. An interrupt within an
-    iteration leaves the last one as it is. The log is written anew at every held-out error and checkpoint, and however
+    iteration leaves the last one as it is. The log is written again at every held-out error and checkpoint, and however
     the run ends.
 
     :param near_misses: near-miss table; `config.held_out_fraction` of it, by whole clips, is kept for the held-out

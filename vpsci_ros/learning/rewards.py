@@ -205,8 +205,8 @@ def collision_loss(scene: Scene, speed: Tensor, margin: float, anticipation: flo
     """Return how far the clearance of the footprints falls short of `margin` [m], as a share of it, squared; [B].
 
     To that of now comes `anticipation` times the mean of those that the speeds and the curvature of the moment lead to
-    after `AHEAD`. This is CurvTTC made smooth: who only minds clearance passes a hand's breadth from the other, and
-    people do not.
+    after `AHEAD`. This is CurvTTC made smooth: policies that keep clearance alone pass the other at a hand's
+    breadth, and people do not.
 
     :param speed: of the vehicle [B] [m/s].
     """
@@ -223,7 +223,7 @@ def collision_loss(scene: Scene, speed: Tensor, margin: float, anticipation: flo
 def vehicle_pace_loss(speed: Tensor, cruise: Tensor, speeding_weight: float) -> Tensor:
     """Return how far `speed` is from `cruise`, [B] [m/s] each, as a share of it, squared; faster counts more.
 
-    People in a near miss slow down, and who may as well speed up learns to race the other to the crossing.
+    People in a near miss slow down; a policy that loses no more by speeding up learns to race to the crossing.
     """
     faster = (speed / cruise - 1.0).clamp(min=0.0)
     return (1.0 - speed / cruise) ** 2 + (speeding_weight - 1.0) * faster**2
@@ -232,8 +232,8 @@ def vehicle_pace_loss(speed: Tensor, cruise: Tensor, speeding_weight: float) -> 
 def pedestrian_pace_loss(walking: Tensor, course: Tensor, speeding_weight: float) -> Tensor:
     """Return how far the velocity `walking` is from `course`, [B, 2] [m/s] each, as `vehicle_pace_loss`; [B].
 
-    Sideways counts as well: who is free to drift is pushed along by the car, metres away from where it wanted to cross.
-    It is zero where the course is that of somebody who stands.
+    Sideways counts as well: otherwise the car pushes the pedestrian along, metres away from where it wanted to cross.
+    It is zero where the course is that of a pedestrian who stands.
     """
     pace = course.norm(dim=1)
     moving, pace = pace > _WALKING, pace.clamp(min=_WALKING)

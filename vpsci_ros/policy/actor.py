@@ -138,6 +138,11 @@ class Actors(nn.ModuleDict):
                 self[agent].dropout = 0.0
 
 
+def before_step(actions: Tensor, at: Tensor) -> Tensor:
+    """Return the actions float32[B, 2] before steps `at`, int64[B], of executed actions [B, T, 2]; zero at 0."""
+    return actions[torch.arange(len(at)), (at - 1).clamp(min=0)] * (at > 0)[:, None]
+
+
 def previous(actions: Tensor) -> Tensor:
     """Shift executed actions float32[B, T, 2] by one step, so that entry t is the action before step t (zero at 0)."""
     return torch.cat([torch.zeros_like(actions[:, :1]), actions[:, :-1]], dim=1)

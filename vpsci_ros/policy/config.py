@@ -22,7 +22,7 @@ class NetworkConfig:
     key_dimension: int = parameter(32, "keys and queries of one head; heads * key_dimension = hidden", low=1, high=256)
     attention_window: int = parameter(10, "steps that attention looks back over, this one included", low=1, high=64)
     carry_state: bool = parameter(
-        True, "carry the SST state over the whole history; false: start it anew in each attention window"
+        True, "carry the SST state over the whole history; false: start it again in each attention window"
     )
     risk_input: bool = parameter(
         True, "CurvTTC's risk enters the networks with the observation, and does not only gate their attention"
@@ -36,8 +36,8 @@ class NetworkConfig:
     )
     latent: int = parameter(
         0,
-        "latent numbers an episode and agent, what kind of person acts; who has any adds autocorrelated noise to the "
-        "actions, too; 0: a deterministic policy, as the paper",
+        "latent numbers of each agent and episode, drawn at its start: what kind of person acts; a policy with some "
+        "of them also adds autocorrelated noise to its actions; 0: a deterministic policy, as the paper's",
         low=0,
         high=64,
     )
@@ -83,8 +83,8 @@ class PolicyConfig:
     )
     temperature: float = parameter(
         1.0,
-        "of a stochastic policy: factor on what it draws, who acts and what happens to them; 1: as learned, 0: the "
-        "deterministic middle; a deterministic policy draws nothing",
+        "of a stochastic policy: factor on its latent numbers and its noise; 1: as learned, 0: the deterministic "
+        "middle; a deterministic policy draws nothing",
         low=0.0,
         high=10.0,
         read_only=False,

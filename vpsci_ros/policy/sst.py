@@ -40,7 +40,7 @@ ABSENT = -1e9  # logit of a step before the history began
 
 
 class Window(NamedTuple):
-    """The last inputs of B histories for a network whose state starts anew in every window, oldest first."""
+    """The last inputs of B histories for a network whose state starts again in every window, oldest first."""
 
     inputs: Tensor  # [B, W, hidden], filled from the front
     risks: Tensor  # [B, W], likewise

@@ -62,7 +62,7 @@ class StreamingActor:
         self._action = np.zeros((capacity, ACTION_SIZE), np.float32)
         self._latent = np.zeros((capacity, network.latent), np.float32)
         self._noise, self._burst = (np.zeros((capacity, ACTION_SIZE), np.float32) for _ in range(2))
-        # The inputs of the last steps, for networks whose state starts anew in every window.
+        # The inputs of the last steps, for networks whose state starts again in every window.
         memory = 0 if network.carry_state else self._window
         self._inputs = np.zeros((memory, capacity, OBSERVATION_SIZE + ACTION_SIZE + network.risk_input), np.float32)
         self._past_risks = np.zeros((memory, capacity), np.float32)

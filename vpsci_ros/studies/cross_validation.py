@@ -13,9 +13,10 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.data.interactions import table_hash
-from vpsci_ros.evaluation.errors import Measured, compare, measure
+from vpsci_ros.evaluation.errors import compare
 from vpsci_ros.evaluation.folds import held_out_folds, pooled
 from vpsci_ros.evaluation.predictors import PolicyPredictor
+from vpsci_ros.evaluation.protocols import Measured, measure
 from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1
 from vpsci_ros.learning import refine as stage_2
@@ -70,7 +71,7 @@ def cross_validate(
     The layout is that of `errors.evaluate`, with the model `pretrained` and, if there is a refinement, `refined`: their
     errors are those of all interactions, each by the fold's policies that have not learned from its clip. `folds` adds
     the fold's own n, clips and closed-loop ADE as a share of `repeat_velocity`'s, by model. The intervals resample
-    clips and do not tell how much a training's seed matters.
+    clips and do not hold how much a training's seed matters.
 
     :param seed: of folds and trainings of stage 1.
     :param refinement: stage 2; None: stage 1 alone.

@@ -14,7 +14,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.sst import ABSENT, EncoderLayer, StepState
 
 
-class Memory(StepState):
+class LayerMemory(StepState):
     """What a layer remembers of B histories: tensors [B, ...] that are zero for an empty history."""
 
     def __init__(self, *parts: Tensor) -> None:
@@ -33,7 +33,7 @@ class Memory(StepState):
 class BaselineLayer(EncoderLayer):
     """A layer whose memory of a history has a fixed shape: what a network of one's own derives its layer from."""
 
-    def empty(self, rows: int) -> Memory:
+    def empty(self, rows: int) -> LayerMemory:
         """Return the memory of `rows` empty histories."""
         raise NotImplementedError
 
@@ -50,15 +50,15 @@ class FeedForwardLayer(BaselineLayer):
     def forward(self, x: Tensor, risks: Tensor, taken: Tensor | None = None) -> tuple[Tensor, StepState | None]:
         """See `SSTLayer.forward`."""
         out: Tensor = self.norm(x + self.bend(x))
-        return out, None if taken is None else Memory()
+        return out, None if taken is None else LayerMemory()
 
     def step(self, x: Tensor, risks: Tensor, state: StepState) -> Tensor:
         """See `SSTLayer.step`."""
         return self.forward(x, risks)[0]
 
-    def empty(self, rows: int) -> Memory:
+    def empty(self, rows: int) -> LayerMemory:
         """See `BaselineLayer.empty`."""
-        return Memory()
+        return LayerMemory()
 
 
 class LSTMLayer(BaselineLayer):
@@ -82,25 +82,25 @@ class LSTMLayer(BaselineLayer):
         if taken is None:
             return out, None
         rows = torch.arange(len(x))
-        return out, Memory(*(torch.stack(part, dim=1)[rows, taken] for part in (hs, cs)))
+        return out, LayerMemory(*(torch.stack(part, dim=1)[rows, taken] for part in (hs, cs)))
 
     def step(self, x: Tensor, risks: Tensor, state: StepState) -> Tensor:
         """See `SSTLayer.step`."""
-        assert isinstance(state, Memory)
+        assert isinstance(state, LayerMemory)
         h, c = self.cell(x, state.parts)
         state.parts = (h, c)
         out: Tensor = self.norm(x + h)
         return out
 
-    def empty(self, rows: int) -> Memory:
+    def empty(self, rows: int) -> LayerMemory:
         """See `BaselineLayer.empty`."""
-        return Memory(torch.zeros(rows, self.width), torch.zeros(rows, self.width))
+        return LayerMemory(torch.zeros(rows, self.width), torch.zeros(rows, self.width))
 
 
 class TransformerLayer(BaselineLayer):
     """Causal attention over the last `attention_window` inputs, then a feed-forward part (Vaswani et al. 2017).
 
-    A learned bias for each head and age tells attention how long ago a step was.
+    A learned bias for each head and age says to attention how long ago a step was.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -129,7 +129,7 @@ class TransformerLayer(BaselineLayer):
 
     def step(self, x: Tensor, risks: Tensor, state: StepState) -> Tensor:
         """See `SSTLayer.step`."""
-        assert isinstance(state, Memory)
+        assert isinstance(state, LayerMemory)
         newest = self.key(x), self.value(x), torch.ones(len(x))
         keys, values, known = (torch.cat([n[:, None], p], dim=1) for n, p in zip(newest, state.parts, strict=True))
         state.parts = keys[:, :-1], values[:, :-1], known[:, :-1]
@@ -138,16 +138,16 @@ class TransformerLayer(BaselineLayer):
         share = torch.softmax(logits + (1.0 - known)[..., None] * ABSENT, dim=1)
         return self._output(x, (share[..., None] * values.unflatten(2, (self.heads, -1))).sum(dim=1).flatten(1))
 
-    def empty(self, rows: int) -> Memory:
+    def empty(self, rows: int) -> LayerMemory:
         """Return keys and values, [rows, window - 1, hidden], newest first, and which of them there are."""
         past = self.window - 1
-        return Memory(*(torch.zeros(rows, past, *shape) for shape in ((self.width,), (self.width,), ())))
+        return LayerMemory(*(torch.zeros(rows, past, *shape) for shape in ((self.width,), (self.width,), ())))
 
-    def _remembered(self, keys: Tensor, values: Tensor, taken: Tensor) -> Memory:
+    def _remembered(self, keys: Tensor, values: Tensor, taken: Tensor) -> LayerMemory:
         at = taken[:, None] - 1 - torch.arange(self.window - 1)
         known, rows = (at >= 0).to(torch.float32), torch.arange(len(keys))[:, None]
         at = at.clamp(0, keys.shape[1] - 1)
-        return Memory(keys[rows, at] * known[..., None], values[rows, at] * known[..., None], known)
+        return LayerMemory(keys[rows, at] * known[..., None], values[rows, at] * known[..., None], known)
 
     def _output(self, x: Tensor, context: Tensor) -> Tensor:
         x = self.norm(x + self.attended(context))

@@ -143,12 +143,12 @@ def reward_weight_study(
     out_dir = Path(out_dir)
     learner_seed = simulation.seed if learner_seed is None else learner_seed
     resting = {a: replace(c, explore=False, seed=fresh.seed) for a, c in simulation.policies.items()}
-    anew = replace(simulation, episodes=fresh.episodes, seed=fresh.seed, policies=resting)
+    measuring = replace(simulation, episodes=fresh.episodes, seed=fresh.seed, policies=resting)
     identity = {"weights": weights.digest(), "data": table_hash(near_misses), "learner_seed": learner_seed}
-    identity |= {"simulation": simulation.identity(), "fresh": anew.identity()}
+    identity |= {"simulation": simulation.identity(), "fresh": measuring.identity()}
 
     def measured(model: Weights | None) -> dict[str, Any]:
-        return dict(rates_with_intervals(measure_outcomes(model, anew)))
+        return dict(rates_with_intervals(measure_outcomes(model, measuring)))
 
     def row(name: str, chosen: RefineConfig) -> dict[str, Any]:
         folder = out_dir / name

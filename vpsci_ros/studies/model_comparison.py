@@ -9,8 +9,9 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.data.interactions import from_table, table_hash
-from vpsci_ros.evaluation.errors import Measured, compare, measure, share_of
+from vpsci_ros.evaluation.errors import compare, share_of
 from vpsci_ros.evaluation.folds import held_out_folds, pooled
+from vpsci_ros.evaluation.protocols import Measured, measure
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.config import PretrainConfig
 from vpsci_ros.learning.networks import Networks
@@ -39,7 +40,7 @@ def compare_models(
 
     The layout is that of `errors.evaluate`. Each trained model also has `parameters`, the number of both actors', and,
     where `ma_sst` is among the models and by protocol, `share_of_ma_sst`: its ADE as a share of that model's, and the
-    95% interval of the share by resampling clips. A training that is stopped begins anew; finished ones are kept.
+    95% interval of the share by resampling clips. A training that is stopped begins again; finished ones are kept.
 
     :param models: of `vpsci_ros.studies.networks.MODELS`.
     :param report: called with the fold's name ("1", ...) and what `train` reports, updates counted over all its models.

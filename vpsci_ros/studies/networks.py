@@ -18,12 +18,12 @@ from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.predictors import Actions, PolicyPredictor, Predictor
 from vpsci_ros.learning.config import PretrainConfig
-from vpsci_ros.learning.imitation import Imitation
+from vpsci_ros.learning.imitation import TrajectoryImitation
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.sst import EncoderLayer, SSTLayer, StepState
 from vpsci_ros.runs.plugins import PluginGroup
-from vpsci_ros.studies.layers import BaselineLayer, FeedForwardLayer, LSTMLayer, Memory, TransformerLayer
+from vpsci_ros.studies.layers import BaselineLayer, FeedForwardLayer, LayerMemory, LSTMLayer, TransformerLayer
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
 
 
@@ -88,7 +88,7 @@ def train(
     networks.set_statistics(*interactions.samples(), config.rewards.least_speed_deviation)
     if not model.together:
         config = replace(config, imitation=replace(config.imitation, rollout_steps=0))
-    imitation = Imitation(networks, interactions, config)
+    imitation = TrajectoryImitation(networks, interactions, config)
     rng = np.random.default_rng(seed)
     for episode in range(config.episodes):
         losses = imitation.update(rng, episode)
@@ -153,6 +153,6 @@ class LayerPredictor:
         return self._networks.target_actor[agent].encoder.layers
 
 
-def _empty(layer: nn.Module, count: int) -> Memory:
+def _empty(layer: nn.Module, count: int) -> LayerMemory:
     assert isinstance(layer, BaselineLayer)
     return layer.empty(count)
