@@ -32,10 +32,10 @@ def test_the_driving_systems_episodes_come_from_its_bag_with_the_exams_verdicts(
     table = rows(drives(read_episodes(own_bag)), exam, "ads")
     (source,) = exam_sources(tmp_path, table, None, 1000, pytest.fail)
     assert source.key == "ads-walker"
-    assert sorted(e.name for e in source.episodes) == ["1:0", "1:2", "6:4"]
+    assert sorted(e.episode.name for e in source.episodes) == ["1:0", "1:2", "6:4"]
     by_name = {f"{row['scenario']}:{row['episode']}": row for row in table.to_dicts()}
     for episode in source.episodes:
-        row = by_name[episode.name]
+        row = by_name[episode.episode.name]
         assert episode.yielded == row["yielded"]
         assert ("conflict" in episode.marks) == row["conflict"]
         assert ("evasion_success" in episode.marks) == (row["critical"] and not row["collision"])
@@ -45,10 +45,10 @@ def test_the_autopilots_episodes_are_those_of_the_exam(exam, tmp_path: Path) -> 
     found = autopilot(exam, "walker")
     (source,) = exam_sources(tmp_path, rows(found, exam, "autopilot"), exam, 1000, pytest.fail)
     assert source.key == "autopilot-walker"
-    shown = {episode.name: episode for episode in source.episodes}
+    shown = {each.episode.name: each.episode for each in source.episodes}
     for drive in found:
-        values = shown[f"{drive.scenario}:{drive.episode}"].values
-        np.testing.assert_array_equal(values[:, 0].astype(np.float32), drive.values[:, 0])
+        x = shown[f"{drive.scenario}:{drive.episode}"].x
+        np.testing.assert_array_equal(x.astype(np.float32), drive.values[:, 0])
 
 
 def test_episodes_that_end_otherwise_now_are_left_out_and_it_is_said(exam, tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_of_too_many_the_nearest_are_shown(exam, tmp_path: Path) -> None:
     table = rows(autopilot(exam, "walker"), exam, "autopilot")
     (source,) = exam_sources(tmp_path, table, exam, 2, pytest.fail)
     nearest = table.sort("least_curvttc", "scenario", "episode").head(2)
-    assert {e.name for e in source.episodes} == {f"1:{number}" for number in nearest["episode"]}
+    assert {e.episode.name for e in source.episodes} == {f"1:{number}" for number in nearest["episode"]}
     assert source.total == 3
 
 

@@ -64,7 +64,7 @@ def test_a_dataset_of_it_is_verified_and_recorded_without_the_file(midblock: Pat
     save_episode(bag, f"41:{numbers[0]}", tmp_path / "episode.png")
     for left in (folder, bag):
         source = read_source(left)
-        assert source.episodes[0].group == "midblock"
+        assert source.episodes[0].episode.group == "midblock"
         assert packed(source)["grounds"][41]["lane"][0] == [0.0, 0.0]
 
 
@@ -82,7 +82,7 @@ def test_the_exam_takes_place_there(midblock: Path, domain: int, tmp_path: Path)
     assert run_exam(prepare(load(params_dir() / "ads_test.yaml", settings)), tmp_path / "exam", quiet=True) == []
     assert "midblock" in (tmp_path / "exam" / "exam.json").read_text(encoding="utf-8")
     sources = read_exam(tmp_path / "exam", 10)
-    assert [(source.key, source.episodes[0].group) for source in sources] == [
+    assert [(source.key, source.episodes[0].episode.group) for source in sources] == [
         ("ads-walker", "midblock"), ("autopilot-walker", "midblock")
     ]  # fmt: skip
     assert all(41 in packed(source)["grounds"] for source in sources)
@@ -118,7 +118,7 @@ def test_further_scenarios_and_routes_of_a_map_go_through_generate_graph_and_vie
     bag = run_graph_with(settings, tmp_path / "run")
     assert verify_bag(bag).difference == ""
     for source in (read_source(tmp_path / "set"), read_source(bag)):
-        assert {episode.scenario for episode in source.episodes} == numbers
+        assert {each.episode.key[0] for each in source.episodes} == numbers
         assert set(packed(source)["grounds"]) == numbers
 
 

@@ -1,19 +1,19 @@
 """What is packed is unpacked again within the step of each quantity, whatever its size; nothing known is lost."""
 
 import base64
-import dataclasses
 
 import numpy as np
 import pytest
+from view.motion import episode
 
-from vpsci_ros.view.episodes import FIELDS, Episode, Source
-from vpsci_ros.view.grounds import ground
-from vpsci_ros.view.pack import FINEST, INFINITE, UNKNOWN, grounds, packed
-from vpsci_ros.world import load_scenarios
+from vpsci_ros.view.pack import FIELDS, FINEST, INFINITE, UNKNOWN, ground, grounds, packed
+from vpsci_ros.view.sources import Shown, Source
+from vpsci_ros.world import Scenario, load_scenario
 
 
-def source(values: np.ndarray, scenario: int = 1) -> Source:
-    return Source("key", "title", 0.1, [Episode("1:0", "place", scenario, "goal", "both", values, marks=("m",))], 1)
+def source(values: np.ndarray, scenario: Scenario | int = 1, others: np.ndarray | None = None) -> Source:
+    shown = Shown(episode(values, scenario=scenario, others=others), "both", ("m",))
+    return Source("key", "title", 0.1, [shown], 1)
 
 
 def unpacked(row: dict) -> tuple[np.ndarray, np.ndarray]:
@@ -67,25 +67,20 @@ def test_an_episode_keeps_its_least_time_its_onset_and_its_marks() -> None:
     assert (episode["least"], episode["onset"], row["marks"], episode["marks"]) == (1.25, 20, ["m"], [0])
 
 
-def test_the_ground_of_a_scenario_of_the_package_is_there_and_of_others_none() -> None:
-    found = grounds([source(motion(), 1), source(motion(), 200), source(motion(), 0)])
-    assert set(found) == {1}
-    assert len(found[1]["crosswalk"]) >= 4
-    assert found[1]["lane_width"] > 2.0
-
-
-def test_a_source_brings_the_grounds_of_its_own_scenarios() -> None:
-    refuge = load_scenarios([103])[0]
-    own = dataclasses.replace(source(motion(), 103), scenarios=[refuge])
-    assert packed(own)["grounds"] == {103: ground(refuge)}
-    assert grounds([own]) == {}
+def test_the_ground_of_a_scenario_of_the_package_is_the_pages_and_that_of_ones_own_its_sources() -> (
+    None
+):
+    own, paper = load_scenario(103), load_scenario(1)
+    sources = [source(motion(), paper), source(motion(), own), source(motion(), 0)]
+    assert grounds(sources) == {1: ground(paper)}
+    assert [packed(each)["grounds"] for each in sources] == [{}, {103: ground(own)}, {}]
+    assert len(ground(paper)["crosswalk"]) >= 4
+    assert ground(paper)["lane_width"] > 2.0
 
 
 def test_further_pedestrians_come_back_within_half_a_step_and_cost_nothing_where_there_are_none() -> None:
     others = np.random.default_rng(3).normal(0.0, 2.0, (2, 50, 4))
-    alone = source(motion())
-    crowd = dataclasses.replace(alone, episodes=[dataclasses.replace(alone.episodes[0], others=others)])
-    row = packed(crowd)
+    alone, row = source(motion()), packed(source(motion(), others=others))
     assert row["episodes"][0]["others"] == 2
     codes = np.frombuffer(base64.b64decode(row["others"]), "<i2").reshape(2, 50, 4)
     back = codes * np.array(row["other_steps"]) + [*row["episodes"][0]["middle"], 0.0, 0.0]

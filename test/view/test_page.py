@@ -6,14 +6,17 @@ from typing import Any
 import browser as real
 import numpy as np
 import pytest
+from view.motion import episode
 
-from vpsci_ros.view.episodes import FIELDS, Episode, Size, Source, judged
+from vpsci_ros.view.pack import FIELDS
 from vpsci_ros.view.page import write_view
+from vpsci_ros.view.sources import Shown, Source, shown
+from vpsci_ros.world import load_scenario
 
 ODD = '<img src=x onerror="alert(1)">&"\'</script>{{ 1 }} é☃'
 
 
-def approach(name: str, *, speed: float, scenario: int = 1, frames: int = 101, marks: tuple[str, ...] = ()) -> Episode:
+def approach(name: str, *, speed: float, scenario: int = 1, frames: int = 101, marks: tuple[str, ...] = ()) -> Shown:
     """A vehicle east along y = 0 at `speed`, a pedestrian north along x = 12 m; CurvTTC falls until they are past."""
     t = np.arange(frames) * 0.05
     values = np.zeros((frames, len(FIELDS)))
@@ -21,10 +24,10 @@ def approach(name: str, *, speed: float, scenario: int = 1, frames: int = 101, m
     values[:, 5], values[:, 6], values[:, 8] = 12.0, -3.0 + 1.2 * t, 1.2
     values[:, 9] = np.where(t < 2.0, 12.0 / speed - t, np.inf).clip(0.05)
     values[:, 10] = (t > 0.5) & (t < 2.0)
-    yielded, found = judged(values, 0.05, Size())
     outcome = "collision" if speed > 5.0 else "goal"
-    return Episode(name, ODD if scenario == 0 else "LocationA_PedCross_S-N", scenario, outcome, yielded, values,
-                   Size(), (*found, *marks))  # fmt: skip
+    road = load_scenario(scenario) if scenario else 0
+    group = "LocationA_PedCross_S-N" if scenario else ODD
+    return shown(episode(values, name, group, road, outcome, period=0.05, marks=marks))
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.resources import RIGHT_TURNS, near_misses_path, params_dir
 from vpsci_ros.runs.sections import Sections
-from vpsci_ros.view.episodes import Episode, Source
 from vpsci_ros.view.page import write_view
+from vpsci_ros.view.sources import Shown, Source, read_source, shown
 
 PAGE = "demo.html"
 MARKER = ".vpsci_demo"  # in an output folder that a later demo may replace
@@ -95,13 +95,11 @@ def demo_sources(folder: Path, sections: Sections, near_misses: Path) -> list[So
 
     :param sections: of stage 3, with the weights that were just trained.
     """
+    from vpsci_ros.data.gathered import gathered
     from vpsci_ros.policy.agent import policies
     from vpsci_ros.policy.simulation import simulation_of
     from vpsci_ros.policy.weights import load_weights
     from vpsci_ros.resources import weights_path
-    from vpsci_ros.view.bag import bag_source, episodes_of
-    from vpsci_ros.view.recorded import near_miss_source
-    from vpsci_ros.view.sources import LIMIT
     from vpsci_ros.world.loop import Loop
 
     simulation = simulation_of(sections)
@@ -109,17 +107,18 @@ def demo_sources(folder: Path, sections: Sections, near_misses: Path) -> list[So
     agents = policies(load_weights(weights_path("refined")), world, simulation.policies)
     steps = Loop(world, simulation.monitor, agents)
     period = simulation.world.tick
-    own = sorted(episodes_of(((step.tick.state, step.assessment.curvttc) for step in steps), period), key=_number)
-    trained = bag_source(folder / "stage3" / "bag", LIMIT)
+    ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
+    own = sorted(map(shown, gathered(ticks, period, simulation.scenarios)), key=_key)
+    trained = read_source(folder / "stage3" / "bag")
     return [
         Source("shipped", "shipped weights", period, own, len(own)),
-        replace(trained, key="trained", title="learned for a minute", episodes=sorted(trained.episodes, key=_number)),
-        replace(near_miss_source(near_misses, LIMIT), key="near_misses", title="near misses"),
+        replace(trained, key="trained", title="learned for a minute", episodes=sorted(trained.episodes, key=_key)),
+        replace(read_source(near_misses), key="near_misses", title="near misses"),
     ]
 
 
-def _number(episode: Episode) -> tuple[int, ...]:
-    return tuple(int(part) for part in episode.name.split(":"))
+def _key(each: Shown) -> tuple[int, int]:
+    return each.episode.key
 
 
 def _outcome(stage: int, learner: NodeStatus | None) -> str:

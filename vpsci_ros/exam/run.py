@@ -35,9 +35,8 @@ from vpsci_ros.runs.files import require_empty_folder, sha256, write_json, write
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.provenance import cpu_name, software_versions
 from vpsci_ros.runs.sections import Sections
-from vpsci_ros.view.episodes import Source
 from vpsci_ros.view.page import write_view
-from vpsci_ros.view.sources import LIMIT
+from vpsci_ros.view.sources import LIMIT, Source
 from vpsci_ros.world import WorldConfig
 
 IDENTITY, EPISODES, VIEW = "exam.json", "episodes.parquet", "view.html"

@@ -7,14 +7,13 @@ from typing import Any
 
 import polars as pl
 
+from vpsci_ros.data.gathered import gathered
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import Exam, autopilot_loop
 from vpsci_ros.exam.config import ALONE, title_of
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.scores import MEASURES
-from vpsci_ros.view.bag import bag_source, episodes_of
-from vpsci_ros.view.episodes import Episode, Source
-from vpsci_ros.view.grounds import shipped
+from vpsci_ros.view.sources import Shown, Source, read_source, shown
 
 MARKS = {name.removesuffix("_rate"): measure for name, measure in MEASURES.items() if measure.statistic is None}
 """Shares of episodes that the exam gives: the page filters by them, so that each number opens its episodes."""
@@ -43,7 +42,7 @@ def exam_sources(
         own, beside = (mine.filter(pl.col("driver") == driver) for driver in (ADS, BASELINE))
         if own.height:
             chosen = _chosen(own, limit)
-            bag = bag_source(folder / "runs" / str(pedestrian) / "bag", limit, list(chosen), recover=True)
+            bag = read_source(folder / "runs" / str(pedestrian) / "bag", limit, list(chosen), recover=True)
             found.append(_source(ADS, str(pedestrian), bag, chosen, own.height))
         if beside.height and exam is not None:
             found += _autopilot(exam, str(pedestrian), beside, limit, tell)
@@ -71,14 +70,13 @@ def _source(driver: str, pedestrian: str, source: Source, chosen: Rows, total: i
         source,
         key=key_of(driver, pedestrian),
         title=f"{who}, {title_of(pedestrian)}",
-        episodes=[_marked(episode, chosen[episode.name]) for episode in source.episodes],
+        episodes=[_marked(each, chosen[each.episode.name]) for each in source.episodes],
         total=total,
     )
 
 
-def _marked(episode: Episode, row: dict[str, Any]) -> Episode:
-    marks = tuple(name for name in MARKS if row[f"mark {name}"])
-    return dataclasses.replace(episode, yielded=row["yielded"], marks=marks)
+def _marked(each: Shown, row: dict[str, Any]) -> Shown:
+    return each._replace(yielded=row["yielded"], marks=tuple(name for name in MARKS if row[f"mark {name}"]))
 
 
 def _autopilot(
@@ -86,12 +84,12 @@ def _autopilot(
 ) -> list[Source]:
     chosen = _chosen(rows, limit)
     wanted = {(row["scenario"], row["episode"]) for row in chosen.values()}
-    ticks = ((step.tick.state, step.assessment.curvttc) for step in autopilot_loop(exam, pedestrian))
-    own = [scenario for scenario in exam.scenarios if scenario.number not in shipped()]
-    episodes = list(episodes_of(ticks, exam.world.tick, wanted, own))
-    if any(episode.outcome != chosen[episode.name]["outcome"] for episode in episodes):
+    steps = autopilot_loop(exam, pedestrian)
+    ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
+    episodes = list(map(shown, gathered(ticks, exam.world.tick, exam.scenarios, wanted=wanted)))
+    if any(each.episode.outcome != chosen[each.episode.name]["outcome"] for each in episodes):
         tell(f"the autopilot with {title_of(pedestrian)} is left out: simulated again, its episodes end otherwise, "
              "since another version of this package made the exam")  # fmt: skip
         return []
-    source = Source(BASELINE, BASELINE, exam.world.tick, episodes, rows.height, own)
+    source = Source(BASELINE, BASELINE, exam.world.tick, episodes, rows.height)
     return [_source(BASELINE, pedestrian, source, chosen, rows.height)]

@@ -1,7 +1,7 @@
 """Episodes made small: whole numbers of 16 bits in base64, and a row of JSON for each.
 
 A frame takes 22 bytes, 29 in base64: a thousand episodes of 10 s at 0.05 s come to 6 MB. Positions count from the
-middle of their episode. Pedestrians beside the one that matters take eight bytes each and frame more.
+middle of their episode. Pedestrians beside the most critical one take eight bytes each and frame more.
 """
 
 import base64
@@ -10,15 +10,30 @@ from typing import Any
 
 import numpy as np
 
+from vpsci_ros.data.episode import Episode, Floats
 from vpsci_ros.safety import CRITICAL_TTC
-from vpsci_ros.view.episodes import FIELDS, Source
-from vpsci_ros.view.grounds import ground, shipped
+from vpsci_ros.view.sources import Source
+from vpsci_ros.world import Scenario
+from vpsci_ros.world.scenario import shipped_scenarios
 
 UNKNOWN, INFINITE, LARGEST = -32768, 32767, 32766
-FINEST = {"x": 5e-3, "y": 5e-3, "heading": 5e-4, "speed": 1e-3, "curvature": 2e-5, "ped_x": 5e-3, "ped_y": 5e-3,
-          "ped_vx": 1e-3, "ped_vy": 1e-3, "curvttc": 1e-3, "held": 1.0}  # fmt: skip
+FINEST = {
+    "x": 5e-3,  # [m] centre of the vehicle
+    "y": 5e-3,  # [m]
+    "heading": 5e-4,  # [rad] counter-clockwise from x, without jumps
+    "speed": 1e-3,  # [m/s]
+    "curvature": 2e-5,  # [1/m] positive to the left
+    "ped_x": 5e-3,  # [m] centre of the pedestrian
+    "ped_y": 5e-3,  # [m]
+    "ped_vx": 1e-3,  # [m/s]
+    "ped_vy": 1e-3,  # [m/s]
+    "curvttc": 1e-3,  # [s] infinity where no contact is predicted, NaN where it is not known
+    "held": 1.0,  # 1 while the policies control the agents
+}
 """Steps by which numbers are kept, in their units; coarser ones where a source's numbers are larger than 32766."""
-OTHER_STEPS = [FINEST[name] for name in ("ped_x", "ped_y", "ped_vx", "ped_vy")]
+FIELDS = tuple(FINEST)
+_WALK = ("ped_x", "ped_y", "ped_vx", "ped_vy")
+OTHER_STEPS = [FINEST[name] for name in _WALK]
 
 
 def packed(source: Source) -> dict[str, Any]:
@@ -28,33 +43,34 @@ def packed(source: Source) -> dict[str, Any]:
     int16[n * frames, 4] one after the other, in steps of `other_steps`.
     The grounds of scenarios of one's own are in it: two sources may have different ones of the same number.
     """
-    groups = sorted({episode.group for episode in source.episodes})
-    marks = sorted({mark for episode in source.episodes for mark in episode.marks})
+    groups = sorted({shown.episode.group for shown in source.episodes})
+    marks = sorted({mark for shown in source.episodes for mark in shown.marks})
     rows, parts, others = [], [], []
-    for episode in source.episodes:
-        values = episode.values.copy()
+    for episode, yielded, own in source.episodes:
+        values, beside = _values(episode)
         middle = _middle(values)
         values[:, (0, 1)] -= middle
         values[:, (5, 6)] -= middle
         values[:, 2] -= 2.0 * np.pi * np.round(values[0, 2] / (2.0 * np.pi))
         parts.append(values)
-        others.append((episode.others - [*middle, 0.0, 0.0]).reshape(-1, 4))
-        critical = np.flatnonzero(episode.curvttc < CRITICAL_TTC)
+        others.append((beside - [*middle, 0.0, 0.0]).reshape(-1, 4))
+        critical = np.flatnonzero(values[:, FIELDS.index("curvttc")] < CRITICAL_TTC)
+        least = episode.least_curvttc
         rows.append(
             {
                 "name": episode.name,
                 "group": groups.index(episode.group),
-                "scenario": episode.scenario,
+                "scenario": episode.key[0],
                 "outcome": episode.outcome,
-                "yielded": episode.yielded,
-                "least": round(episode.least, 3) if np.isfinite(episode.least) else None,
+                "yielded": yielded,
+                "least": round(least, 3) if np.isfinite(least) else None,
                 "onset": int(critical[0]) if len(critical) else None,
                 "frames": len(values),
                 "middle": middle.round(3).tolist(),
-                "size": [float(value) for value in episode.size],
-                "marks": [marks.index(mark) for mark in episode.marks],
+                "size": [float(value) for value in (episode.length, episode.width, episode.radius)],
+                "marks": [marks.index(mark) for mark in own],
             }
-            | ({"others": len(episode.others)} if len(episode.others) else {})
+            | ({"others": len(beside)} if len(beside) else {})
         )
     frames = np.concatenate(parts)
     steps = _steps(frames)
@@ -68,9 +84,39 @@ def packed(source: Source) -> dict[str, Any]:
         "episodes": rows,
         "fields": FIELDS,
         "steps": steps.tolist(),
-        "grounds": {scenario.number: ground(scenario) for scenario in source.scenarios},
+        "grounds": _grounds([source], shipped=False),
         "frames": base64.b64encode(_quantised(frames, steps).tobytes()).decode(),
     } | _packed_others(np.concatenate(others))
+
+
+def _values(episode: Episode) -> tuple[Floats, Floats]:
+    """Return the vehicle and the most critical pedestrian, float64[T, 11], and the others, float64[n - 1, T, 4]."""
+    seen, chosen = episode.filled(), episode.most_critical
+    walk = np.stack([getattr(seen, name) for name in _WALK], axis=-1)
+    vehicle = np.column_stack([seen.x, seen.y, seen.heading, seen.speed, seen.curvature])
+    values = np.column_stack([vehicle, walk[chosen], seen.curvttc[chosen], seen.controlled[chosen]])
+    return values, np.delete(walk, chosen, axis=0)
+
+
+def grounds(sources: Sequence[Source]) -> dict[int, Any]:
+    """Return the ground of every scenario of Table 6 that occurs, by its number."""
+    return _grounds(sources, shipped=True)
+
+
+def _grounds(sources: Sequence[Source], *, shipped: bool) -> dict[int, Any]:
+    table_6 = {scenario.number for scenario in shipped_scenarios()}
+    used = (shown.episode.scenario for source in sources for shown in source.episodes)
+    found = {road.number: road for road in used if road is not None and (road.number in table_6) == shipped}
+    return {number: ground(found[number]) for number in sorted(found)}
+
+
+def ground(scenario: Scenario) -> dict[str, Any]:
+    """Return lane, lane_width, route, crosswalk and parked vehicles of a scenario [m, rad] as JSON values."""
+    lines = {"lane": scenario.vehicle.path.points[::2], "route": scenario.pedestrian.path.points[::2],
+             "crosswalk": scenario.crosswalk, "parked": scenario.parked}  # fmt: skip
+    return {"lane_width": scenario.vehicle.lane_width} | {
+        name: np.asarray(points).round(3).tolist() for name, points in lines.items()
+    }
 
 
 def _packed_others(motion: np.ndarray) -> dict[str, Any]:
@@ -82,12 +128,6 @@ def _packed_others(motion: np.ndarray) -> dict[str, Any]:
         "other_steps": steps.tolist(),
         "others": base64.b64encode(_quantised(motion, steps).tobytes()).decode(),
     }
-
-
-def grounds(sources: Sequence[Source]) -> dict[int, Any]:
-    """Return the ground of every scenario of Table 6 that occurs, by its number."""
-    numbers = {episode.scenario for source in sources for episode in source.episodes}
-    return {number: ground(scenario) for number, scenario in shipped().items() if number in numbers}
 
 
 def _middle(values: np.ndarray) -> np.ndarray:

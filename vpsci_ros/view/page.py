@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vpsci_ros.report import html
-from vpsci_ros.view.episodes import Source
 from vpsci_ros.view.pack import grounds, packed
-from vpsci_ros.view.sources import with_unique_keys
+from vpsci_ros.view.sources import Source, with_unique_keys
 
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 SCENE = ("data.js", "scene.js")

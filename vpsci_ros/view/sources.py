@@ -1,47 +1,73 @@
-"""What a path holds, a near-miss table, a dataset or a bag, as a source of the page."""
+"""What the page shows: episodes with who gave way and the marks it filters by, in the sources that they come from."""
 
 import dataclasses
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
-from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.data.episode import YIELDED, Episode
+from vpsci_ros.episodes import open_source
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.resources import near_misses_path
-from vpsci_ros.view.bag import bag_source
-from vpsci_ros.view.episodes import Source
-from vpsci_ros.view.generated import dataset_source
-from vpsci_ros.view.recorded import near_miss_source
+from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC, Yielded
 
 LIMIT = 1000  # episodes of a source on one page, unless more are asked for
-EXPECTED = "expected a near-miss table (Parquet), the folder of a dataset, a bag or the folder of an exam"
 
 
-def read_source(path: Path, limit: int = LIMIT, wanted: Sequence[str] = ()) -> Source:
-    """Return what lies at `path`, or the near misses that it names ("right_turns").
+class Shown(NamedTuple):
+    """An episode on the page: of several pedestrians the most critical one is looked at, the others are beside it.
+
+    :ivar yielded: who gave way, one of `YIELDED`.
+    :ivar marks: names that the page filters by, say "hard_braking".
+    """
+
+    episode: Episode
+    yielded: str
+    marks: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Episodes of one kind.
+
+    :ivar key: by which links find it, unique on its page.
+    :ivar title: as people read it.
+    :ivar period: time from one frame to the next [s].
+    :ivar total: episodes that there are, of which `episodes` may be a part.
+    """
+
+    key: str
+    title: str
+    period: float
+    episodes: Sequence[Shown]
+    total: int
+
+
+def shown(episode: Episode) -> Shown:
+    """Return an episode with who gave way in it, and the marks that apply."""
+    code, least = episode.yielded(), episode.least_curvttc
+    applies = {
+        "critical": least < CRITICAL_TTC,
+        "conflict": least < CONFLICT_TTC,
+        "vehicle_yields": code & Yielded.VEHICLE,
+        "pedestrian_yields": code & Yielded.PEDESTRIAN,
+    }
+    return Shown(episode, YIELDED[code], (*(name for name, does in applies.items() if does), *episode.marks))
+
+
+def read_source(path: Path, limit: int = LIMIT, wanted: Sequence[str] = (), *, recover: bool = False) -> Source:
+    """Return the episodes of a near-miss table, a dataset or a bag, see `vpsci_ros.episodes.read_episodes`.
 
     :param limit: episodes at most; where there are more, evenly spread ones are taken.
-    :param wanted: only these episodes, by name: "6:12", or the number of an interaction.
-    :raises InvalidInput: nothing is there, it is none of these or damaged, it holds no episode, or none as wanted.
+    :param wanted: only these episodes.
+    :raises InvalidInput: also where there is no episode.
     """
-    path = near_misses_path(path)
-    if not path.exists():
-        raise InvalidInput(f"{path}: no such file or folder; {EXPECTED}")
-    if path.is_dir() and (path / DESCRIPTION).is_file():
-        source = dataset_source(path, limit, wanted)
-    elif path.suffix in (".mcap", ".db3") or (path.is_dir() and _holds_bag(path)):
-        source = bag_source(path, limit, wanted)
-    elif path.is_dir():
-        raise InvalidInput(f"{path}: neither dataset.json nor a bag in it; {EXPECTED}")
-    else:
-        source = near_miss_source(path, limit, wanted)
-    if not source.episodes:
+    found = open_source(path, recover=recover)
+    episodes = [shown(episode) for episode in found.read(wanted, limit)]
+    if not episodes:
         raise InvalidInput(f"{path}: holds no episode, so there is nothing to show")
-    return source
-
-
-def _holds_bag(path: Path) -> bool:
-    return any(file.suffix in (".mcap", ".db3", ".zstd") or file.name == "metadata.yaml" for file in path.iterdir())
+    return Source(found.key, f"{found.key} ({found.kind})", found.period, episodes, len(found.listed))
 
 
 def with_unique_keys(sources: Sequence[Source]) -> list[Source]:
