@@ -215,7 +215,7 @@ def test_a_policy_that_waits_for_weights_refuses_what_is_none(context: Context, 
     assert policy.figures()["policy_version"] == 0
 
 
-def test_a_policy_of_a_run_takes_weights_from_its_own_learner_only(
+def test_a_policy_of_a_run_takes_weights_from_its_own_learner_only_and_none_twice(
     context: Context, stage: Callable[..., Stage], weights: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(VARIABLE, new_secret())
@@ -231,6 +231,10 @@ def test_a_policy_of_a_run_takes_weights_from_its_own_learner_only(
     assert refused(policy) == {"/policy/weights": 5}
     assert policy.figures()["policy_version"] == 0
     policy.intake.receive("/policy/weights", message(7, signature(7, data)))
+    assert policy.figures()["policy_version"] == 7
+    for repeated in (1, 7):
+        policy.intake.receive("/policy/weights", message(repeated, signature(repeated, data)))
+    assert refused(policy) == {"/policy/weights": 7}
     assert policy.figures()["policy_version"] == 7
 
 

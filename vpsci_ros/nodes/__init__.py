@@ -1,5 +1,6 @@
 """One ROS 2 node a file: each turns messages into one call of the core and the result into messages.
 
-`topics` is the table of who speaks to whom and with which quality of service, `convert` the only place where
-messages become arrays and back, `base` the form that all nodes share, `graph` starts and watches them as processes.
+`topics` is the table of topics with their publishers, subscribers and quality of service, `convert` the only place
+where arrays become messages, `base` the form that all nodes share. `graph` starts the nodes as processes, `status` is
+what each of them reports, and `failures` has every reason why a run is no success.
 """

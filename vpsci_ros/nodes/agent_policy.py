@@ -23,11 +23,12 @@ from vpsci_ros.resources import weights_path
 from vpsci_ros.wire import layout, received
 from vpsci_ros.wire.answers import SerializedSafety, write_action
 from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.signature import is_signed
 from vpsci_ros.world.tick import Actions, Tick
 
 SILENCE = 0.5  # [s] without a message before the world is requested for one that was missed
 REPLY_PATIENCE = 1.0  # [s] for the world's reply, before the next request
-FOREIGN_PATIENCE = 0.2  # [s] for the service of a world that may have none; ours has one
+FOREIGN_PATIENCE = 0.2  # [s] for the service of another program's world, which may not offer it; ours does
 OWN_PATIENCE = 3.0  # [s]
 
 
@@ -63,7 +64,7 @@ class AgentPolicy(GraphNode):
         elif config.weights:
             self._take_up(self._agent, load_weights(weights_path(config.weights)), version=1)
         else:
-            self.input("/policy/weights", _weights, partial(self._on_weights, self._agent), LATCHED)
+            self.input("/policy/weights", self._weights, partial(self._on_weights, self._agent), LATCHED)
         self.input("/world/state", shown, self._on_state, raw=True)
         self.input("/safety/state", safety_state, self._on_safety, raw=True)
         self._history = self.client("/world/history")
@@ -111,6 +112,19 @@ class AgentPolicy(GraphNode):
         if self.intake.read("/safety/state", received.safety_state, safety, batch) is not None:
             self._safety = safety
             self._answer()
+
+    def _weights(self, message: PolicyWeights) -> tuple[Weights, int]:
+        """Return the weights of a message of this run's learner, and their version.
+
+        :raises InvalidInput: another program published them, perhaps a copy of earlier ones, or they are no weights.
+        """
+        data = received.weights(message)
+        if is_signed() and message.version <= self._version:
+            raise InvalidInput(
+                f"/policy/weights: expected a version above {self._version}, got {message.version} once more; does "
+                "another program repeat what this run's learner has published?"
+            )
+        return weights_from_bytes(data, "/policy/weights"), message.version
 
     def _on_weights(self, agent: PolicyAgent, given: tuple[Weights, int]) -> None:
         weights, version = given
@@ -197,14 +211,6 @@ class AgentPolicy(GraphNode):
                 self._act(world.header, world.tick, safety)
                 self._recalled += 1
         self._answer()
-
-
-def _weights(message: PolicyWeights) -> tuple[Weights, int]:
-    """Return the weights of a message of this run's learner, and their version.
-
-    :raises InvalidInput: they are not, or they are none.
-    """
-    return weights_from_bytes(received.weights(message), "/policy/weights"), message.version
 
 
 def _require_same(first: Tick, second: Tick) -> None:

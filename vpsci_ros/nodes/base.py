@@ -40,7 +40,7 @@ from vpsci_ros.world.counts import WorldCounts
 T = TypeVar("T")
 EXECUTORS: dict[str, Any] = {"events": EventsExecutor, "single": SingleThreadedExecutor}
 FLUSH_LIMIT = 4.0  # [s] for the recorder to receive a topic's last messages
-DRAIN_LIMIT = 20.0  # [s] for what is still on its way when a node is asked to stop
+DRAIN_LIMIT = 20.0  # [s] to receive what is still on its way when a node is to stop
 DIAGNOSTICS_PERIOD = 1.0  # [s] of wall time
 _SET_BY_ROS = ("use_sim_time", "start_type_description_service")
 
@@ -206,7 +206,7 @@ class GraphNode(Node, metaclass=_Destroying):
         self.report()
 
     def _look_for_peers(self, present: dict[str, bool]) -> None:
-        """Say who is missing, and once that nobody is; who ends later is not waited for."""
+        """Log which peers are missing, and once that none is; a peer that ends later is not waited for."""
         self._all_found = all(present.values())
         if not self._all_found:
             absent = [name for name, here in present.items() if not here]
@@ -216,7 +216,7 @@ class GraphNode(Node, metaclass=_Destroying):
 
     @property
     def quiet(self) -> bool:
-        """Whether a node that is asked to stop may do so; one that must not cut anything off answers no for a while."""
+        """Whether a node that is to stop may do so; False as long as messages are on their way to it."""
         return True
 
     def close(self) -> None:
@@ -263,7 +263,7 @@ class GraphNode(Node, metaclass=_Destroying):
 
 
 def run(node_class: Callable[..., GraphNode], args: list[str] | None = None) -> int:
-    """Run one node until it has finished or a signal asks it to stop; return the exit status.
+    """Run one node until it has finished or gets a signal to stop; return the exit status.
 
     0: finished or stopped on request; 1: it failed; 2: a parameter or an input file was refused.
 
@@ -329,7 +329,7 @@ def _descriptor(row: Parameter) -> ParameterDescriptor:
         description=text,
         additional_constraints=constraints,
         read_only=row.read_only,
-        dynamic_typing=row.type not in (bool, int, float, str),  # the type of an empty list cannot be told
+        dynamic_typing=row.type not in (bool, int, float, str),  # an empty list does not show its type
     )
     if row.low is not None and row.high is not None:
         if row.type is float:

@@ -59,7 +59,7 @@ class GraphConfig:
 
 @dataclass(frozen=True)
 class PeerConfig:
-    """What every node has: the peers it waits for before it speaks, and what runs its callbacks."""
+    """What every node has: the peers it waits for before it publishes, and what runs its callbacks."""
 
     peers: list[str] = parameter([], "nodes of this graph; empty: only those without which this node cannot work")
     peer_timeout: float = parameter(

@@ -1,4 +1,4 @@
-"""The executables of `ros2 run vpsci_ros`, one by the name of each node, quick to import: Ctrl-C is heard at once.
+"""The executables of `ros2 run vpsci_ros`, one by the name of each node, quick to import, so that Ctrl-C works at once.
 
 A node's own module takes a second to import, and Python would answer a Ctrl-C on the way with a traceback.
 `python -m vpsci_ros.nodes NODE` and `vpsci node NODE` start the same.

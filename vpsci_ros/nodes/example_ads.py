@@ -58,7 +58,7 @@ class ExampleAds(Node):
         self.answer()
 
     def on_objects(self, message: PointCloud2) -> None:
-        """Take in who is seen."""
+        """Take in the pedestrians that are seen."""
         self.seen = message
         self.answer()
 

@@ -78,7 +78,7 @@ class Silence:
 def flood(counts: WorldCounts, limit: int, *, late: bool) -> str:
     """Say that a driving system floods the world.
 
-    :param limit: surplus commands a tick that are none yet.
+    :param limit: surplus commands a tick that are no flood yet.
     :param late: the first tick should have come by now.
     """
     ticks, surplus, early = counts.tick, counts.vehicle_commands_surplus, counts.vehicle_commands_early
@@ -94,8 +94,8 @@ def flood(counts: WorldCounts, limit: int, *, late: bool) -> str:
 
 def never_came(counts: WorldCounts, idle: float, patience: float) -> str:
     """Say that a driving system has not published any command for the first tick within `patience` [s]."""
-    spoke = counts.vehicle_commands or counts.vehicle_commands_refused or counts.vehicle_commands_early
-    if counts.tick or spoke or idle <= patience:
+    published = counts.vehicle_commands or counts.vehicle_commands_refused or counts.vehicle_commands_early
+    if counts.tick or published or idle <= patience:
         return ""
     topics = "/vehicle/cmd_accel or /vehicle/cmd_control"
     return f"the ADS never published {topics}, in {patience:g} s (graph.progress_timeout)"

@@ -71,7 +71,7 @@ class Intake:
             self._logged_at[topic] = now
             count = f"{self.refused[topic]} so far"
             if topic in self._inputs:
-                name = self._inputs[topic].topic_name  # with the namespace, which whoever decodes does not know
+                name = self._inputs[topic].topic_name  # with the namespace, which the decoder does not know
                 text = text.replace(topic, name, 1) if topic in text else f"{name}: {text}"
                 count += f", published by {', '.join(self.publishers(topic)) or 'a node that is gone'}"
             self._node.get_logger().warning(f"refused {text} ({count})")

@@ -9,7 +9,7 @@ LARGEST_GAP = 100_000  # ticks
 class Meter:
     """Counts answers, how long each took, and the ticks of the world that never came.
 
-    Wall-clock matters: they tell of the machine, not of the episodes, and differ from run to run.
+    These are figures of the machine by the wall clock, not of the episodes, and differ from run to run.
     """
 
     def __init__(self) -> None:

@@ -84,7 +84,7 @@ class Output:
         self.publish_now(message)
 
     def publish_now(self, message: Any) -> None:
-        """Publish to whoever is there."""
+        """Publish to the readers that are matched."""
         self._publisher.publish(message)
         self.published += 1
 

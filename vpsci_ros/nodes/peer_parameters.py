@@ -1,4 +1,4 @@
-"""Asks the nodes of the graph for their parameters, through the services that every ROS 2 node has."""
+"""Requests of the parameters of the graph's nodes, through the services that every ROS 2 node has."""
 
 import itertools
 import time
@@ -13,16 +13,16 @@ from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.parameters import table
 
-PERIOD = 0.1  # [s] between looks at who is there
-PATIENCE = 1.0  # [s] for an answer before asking again: what is asked before both ways are matched is lost
+PERIOD = 0.1  # [s] between looks at which services are there
+PATIENCE = 1.0  # [s] for a reply before the next request: one that is sent before both directions are matched is lost
 
 
 class PeerParameters:
-    """Asks each node once it is there, until it has answered.
+    """Sends each node a request once it is there, until it has replied.
 
-    A node answers nothing where it lacks a parameter, so a learner is asked for those of either stage in turn.
+    A node replies with nothing where it lacks a parameter, so the requests to a learner alternate between the stages.
 
-    :param names: nodes in the namespace of `node`; those without a section of `SECTIONS` are not asked.
+    :param names: nodes in the namespace of `node`; those without a section of `SECTIONS` get no request.
     :param received: called with a node's name and its parameters, once each.
     """
 
@@ -32,14 +32,14 @@ class PeerParameters:
         self._clients = {name: node.create_client(GetParameters, f"{name}/get_parameters") for name in known}
         self._requested_at = dict.fromkeys(known, 0.0)
         self._stages = itertools.cycle(LEARNER)
-        node.wall_timer(PERIOD, self._ask)
+        node.wall_timer(PERIOD, self._request)
 
     @property
     def missing(self) -> list[str]:
-        """Nodes that have not answered yet."""
+        """Nodes that have not replied yet."""
         return list(self._requested_at)
 
-    def _ask(self) -> None:
+    def _request(self) -> None:
         now = time.monotonic()
         for name, requested_at in self._requested_at.items():
             if now - requested_at > PATIENCE and self._clients[name].service_is_ready():
@@ -47,9 +47,9 @@ class PeerParameters:
                 values = {"stage": next(self._stages)} if name == "learner" else {}
                 names = [row.name for kind in section_classes(name, values) for row in table(kind)]
                 future = self._clients[name].call_async(GetParameters.Request(names=names))
-                future.add_done_callback(partial(self._on_answer, name, names))
+                future.add_done_callback(partial(self._on_reply, name, names))
 
-    def _on_answer(self, name: str, names: list[str], future: Any) -> None:
+    def _on_reply(self, name: str, names: list[str], future: Any) -> None:
         answer = future.result().values
         if not answer and name in self._requested_at:
             self._requested_at[name] = 0.0  # a learner of the other stage

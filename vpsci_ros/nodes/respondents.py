@@ -132,7 +132,7 @@ def vehicle_frames(prefix: str) -> tuple[str, ...]:
 def command_stamp(header: Header) -> int | None:
     """Return which simulated time [ns] a command answers; None for the present, where nobody has set a stamp.
 
-    A header of tick 0 has the stamp 0, too: its frame `map` tells it from one that was left as it was made.
+    A header of tick 0 has the stamp 0, too: its frame `map` distinguishes it from a header that nobody has filled in.
     """
     stamp = int(Time.from_msg(header.stamp).nanoseconds)
     return None if stamp == 0 and header.frame_id != MAP else stamp

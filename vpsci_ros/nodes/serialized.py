@@ -70,11 +70,11 @@ def time_of(header: WireHeader) -> Time:
 def message_of(data: bytes, kind: Any, where: str) -> Any:
     """Return the message that bytes are.
 
-    :raises InvalidInput: they are none.
+    :raises InvalidInput: they are no such message.
     """
     try:
         return deserialize_message(data, kind)
-    except Exception as error:  # noqa: BLE001  the middleware says in ways of its own that these bytes are none
+    except Exception as error:  # noqa: BLE001  the middleware raises errors of several kinds
         raise InvalidInput(f"{where}: {len(data)} bytes that are no {kind.__name__}: {error}") from None
 
 

@@ -1,7 +1,7 @@
 """Shared memory that a killed process of Fast DDS has left behind.
 
 Fast DDS keeps each segment of its shared memory as a file, and beside it a lock file whose name ends in `_el`, which
-its owner holds for as long as it lives. A segment whose lock anybody can take is nobody's any more. Ports, which are
+its owner holds for as long as it lives. A segment whose lock can be taken has lost its owner. Ports, which are
 files as well, are small, and taken over by the next process that needs them.
 """
 
@@ -18,7 +18,7 @@ _SEGMENT, _LOCK = "fastrtps_[0-9a-f]*", "_el"  # "port" begins with another lett
 def remove_left_behind(folder: Path = FOLDER) -> list[str]:
     """Remove this user's segments of Fast DDS that no process holds any more, and return their names.
 
-    Those of processes that live are left alone, whoever they belong to.
+    Those of live processes are left alone.
     """
     removed = []
     for lock in sorted(folder.glob(f"{_SEGMENT}{_LOCK}")) if folder.is_dir() else ():

@@ -1,4 +1,4 @@
-"""Is this the same run? Whoever goes on with something asks here, and gets the same words where it is not."""
+"""Whether a folder holds the same run: one check, with one error, for every command that goes on with a run."""
 
 import json
 from collections.abc import Iterator, Mapping

@@ -2,7 +2,7 @@
 
 A distribution that somebody installs beside this one names its addition in its own `pyproject.toml`, and from then on
 the name is as good as a built-in one: in parameter files, on the command line and in code. `docs/extending.md` has a
-page for each kind. Nothing of another distribution is imported before its name is asked for.
+page for each kind. Nothing of another distribution is imported before its name is used.
 See https://packaging.python.org/en/latest/specifications/entry-points/.
 """
 

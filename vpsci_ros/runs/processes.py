@@ -1,4 +1,4 @@
-"""Child processes: each with a log and a session of its own, watched, asked to stop, and gone in the end."""
+"""Child processes: each with a log and a session of its own, watched, and stopped by signals."""
 
 import contextlib
 import ctypes
@@ -11,13 +11,13 @@ from pathlib import Path
 
 from vpsci_ros.runs.stop_request import REQUESTS
 
-STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # asked, and given so long [s]
+STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # sent, and given so long [s]
 
 
 class ChildProcess:
     """A process that was started, with all that it starts itself; its output goes on where its log has stopped.
 
-    Ctrl-C does not reach it, so that whoever started it stops it in order. Should that be killed, it is asked to end.
+    Ctrl-C does not reach it, so that this process stops it in order. If this process is killed, it gets SIGTERM.
 
     :param environment: all of its variables, but for those that every child gets where nobody has set them.
     :param holds_signals: SIGINT and SIGTERM wait until it takes them, as `stop_requested_by_signals` does, so that none

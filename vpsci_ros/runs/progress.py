@@ -77,7 +77,7 @@ class StageBar(Bars):
         return self
 
     def show(self, report: dict[str, float], title: str = "") -> None:
-        """Take the latest numbers of `pretrain` or `refine` in; another `title` than before begins anew."""
+        """Take the latest numbers of `pretrain` or `refine` in; another `title` than before begins again."""
         if title and title != self._title:
             self._title, self._latest = title, {}
             self.clear()

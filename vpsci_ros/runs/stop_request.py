@@ -2,7 +2,7 @@
 
 Python runs a signal's handler between any two instructions of the main thread, another handler's among them. What takes
 a lock there, as `threading.Event.set` does, waits for ever for itself where a second signal comes in between. To set a
-flag is one instruction and takes no lock; whoever waits asks for it again and again.
+flag is one instruction and takes no lock; the loop that waits looks at it again and again.
 """
 
 import contextlib
@@ -16,7 +16,7 @@ REQUESTS = (signal.SIGINT, signal.SIGTERM)
 
 
 class StopRequest:
-    """Whether somebody has asked to stop; once made, a request stands."""
+    """Whether a stop was requested; once made, a request stands."""
 
     def __init__(self) -> None:
         self._made = False
@@ -37,7 +37,7 @@ class StopRequest:
         return self._made
 
     def check(self) -> None:
-        """Stop here if asked to.
+        """Stop here if that was requested.
 
         :raises Stopped: it was.
         """

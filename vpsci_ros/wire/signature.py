@@ -20,6 +20,11 @@ def new_secret() -> str:
     return secrets.token_hex(32)
 
 
+def is_signed() -> bool:
+    """Return whether this process is of a run with a secret, so that its messages are signed."""
+    return bool(os.environ.get(VARIABLE))
+
+
 def signature(version: int, data: bytes) -> str:
     """Return the HMAC-SHA256 (RFC 2104) of a version and its bytes, as hexadecimal digits; empty without a secret."""
     secret = os.environ.get(VARIABLE, "")
@@ -32,7 +37,7 @@ def require_signature(given: str, version: int, data: bytes, where: str) -> None
     :param where: the topic, which opens the message.
     :raises InvalidInput: the signature is another one, or none.
     """
-    if not hmac.compare_digest(given.encode(), signature(version, data).encode()) and os.environ.get(VARIABLE):
+    if not hmac.compare_digest(given.encode(), signature(version, data).encode()) and is_signed():
         raise InvalidInput(
             f"{where}: version {version} is not signed by this run's learner; does another one publish in this domain?"
         )

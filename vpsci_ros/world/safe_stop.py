@@ -58,7 +58,7 @@ class ExternalDriver:
 
     :param period: of a tick [s].
     :param counts: where commands and safe stops are counted.
-    :ivar present: tells whether anybody offers commands.
+    :ivar present: returns whether anybody publishes commands.
     """
 
     def __init__(self, config: ExternalConfig, period: float, counts: WorldCounts) -> None:
@@ -83,7 +83,7 @@ class ExternalDriver:
 
     @property
     def answered(self) -> bool:
-        """Whether the world need not wait at this tick; having waited in vain, it waits for nobody who is not there."""
+        """Whether the world need not wait: after a tick without a command it waits only for a publisher of commands."""
         return self.real_time or self._fresh or (self._given_up and not self.present())
 
     def begin(self, tick: Tick, *, running: bool = True) -> None:
@@ -98,7 +98,7 @@ class ExternalDriver:
             self._given_up = not self._fresh and running
             self._command = NO_ACTIONS
         elif self._commanded is None:
-            self._commanded, self._command = self._now, Actions(np.zeros((1, 2)))  # rolls until it hears otherwise
+            self._commanded, self._command = self._now, Actions(np.zeros((1, 2)))  # rolls until a command comes
         self._fresh = False
 
     def repeat(self) -> None:
@@ -107,7 +107,7 @@ class ExternalDriver:
         self._repeated = self._now, (answers if stamp == self._now else 0) + ANSWERS_TO_A_REPETITION
 
     def drive(self, state: NDArray[np.void]) -> tuple[Actions, NDArray[np.void]]:
-        """Return the command to execute at the present tick, and the events to tell of, EVENT[n].
+        """Return the command to execute at the present tick, and the events to publish, EVENT[n].
 
         :param state: EPISODE[B], the rows of one episode, all of which get the command.
         """
