@@ -150,9 +150,8 @@ class Likeness:
         others = draw_moments(self._interactions, OTHERS, steps, config.mirror, rng)
         lead = start.at - start.begin
         data = recorded(self._interactions, start, OBSERVED + steps + 1)
-        others_motion = recorded(
-            self._interactions, Start(others.row, others.at, others.at, others.mirror), steps + 1
-        ).motion
+        others = Start(others.row, others.at, others.at, others.mirror)
+        others_motion = recorded(self._interactions, others, steps + 1).motion
         tracked = self._networks.config.tracked_steps
         sampled = sample(self._networks.actor, data, lead, self._config.energy_score.samples, steps, tracked)
         parts = likeness_loss(sampled, others_motion)
