@@ -173,7 +173,7 @@ def compare(name: str, mine: pl.DataFrame, real: pl.DataFrame, shares: dict[str,
     clips = real["clip"].to_numpy().astype(object), mine["clip"].to_numpy().astype(object)
     for what, columns in SETS.items():
         sides = {c: real[c].to_numpy() for c in columns}, {c: mine[c].to_numpy()[:, None] for c in columns}
-        found = two_sample(*sides, clips, seed, paired=False)
+        found = two_sample(sides[0], [sides[1]], clips, seed, paired=False)
         low, high = found.auc_interval
         print(f"  C2ST of the onset, {what}: {found.auc:.2f} [{low:.2f}, {high:.2f}]")
 

@@ -61,7 +61,7 @@ def realism(
     -o a run that is stopped (Ctrl-C) goes on when the same command is given
     again.
 
-    About 20 s of one core for each model; 2 minutes in all.
+    About a minute of one core for each model.
     """
     given = locals()
     from vpsci_ros.studies.realism import RealismStudy, run_realism

@@ -1,5 +1,6 @@
 """All protocols in one run, resumed from its parts; evidence from elsewhere is read as published."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,10 @@ from vpsci_ros.data.episode_frames import EpisodeBatch
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.elsewhere import elsewhere, reactions
 from vpsci_ros.evaluation.realism.free import AFTER, as_near_misses, described
-from vpsci_ros.evaluation.realism.onsets import Onsets
+from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets, lenders
 from vpsci_ros.evaluation.realism.run import RealismConfig, measure_realism
+from vpsci_ros.evaluation.realism.same_start import CONTROLS, SameStart
+from vpsci_ros.evaluation.realism.samplers import constant_turn, constant_velocity
 from vpsci_ros.world import GOAL
 
 CONFLICTS = """"Encroachment_Time","Reaction.to.conflict","Ped.Reaction","Encroachment.Car.After.Ped"
@@ -54,7 +57,7 @@ def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(conflicts
 
     result = measure()
     models = result["same_start"]["models"]
-    assert list(models) == ["recorded", "constant_velocity_tracked", "social_force", "residual_sampler", "noisy"]
+    assert list(models) == [*CONTROLS, "noisy"]
     assert told == list(models)
     assert models["recorded"]["energy_score"] == pytest.approx(0.0, abs=1e-12)
     assert models["constant_velocity_tracked"]["of_constant_velocity"] == pytest.approx(1.0)
@@ -62,6 +65,35 @@ def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(conflicts
     assert models["noisy"]["roll_outs"] == 4
     (parts / "same_start_noisy.part.json").write_text('{"kept": true}')
     assert measure()["same_start"]["models"]["noisy"] == {"kept": True}
+
+
+def test_two_sources_are_measured_together_and_each_alone_with_lenders_of_its_own(tmp_path: Path) -> None:
+    table = synthetic_near_misses(interactions=16, seed=3).table
+    two = table.with_columns(source=pl.when(pl.col("interaction") < 8).then(pl.lit("here")).otherwise(pl.lit("there")))
+    found = measure_realism(two, {}, RealismConfig())["same_start"]
+    assert found["interactions"] == sum(found["by_source"][name]["interactions"] for name in ("here", "there"))
+    assert list(found["by_source"]["there"]["models"]) == list(CONTROLS)
+    assert found["not_in_library"] == []
+    onsets = find_onsets(two)
+    allowed = lenders(onsets, onsets)
+    assert (onsets.source[:, None] == onsets.source[None])[allowed].all()
+    assert not np.diag(allowed).any()
+    foreign = SameStart(onsets.take(np.flatnonzero(onsets.source == "here")), onsets.take(np.array([15])), 0)
+    assert foreign.missing == ["here"]  # the only one in the library is from there
+
+
+def test_the_mean_turn_repeats_a_motion_that_everybody_has() -> None:
+    t = 0.1 * np.arange(31)
+    speed, way = 4.0 - 0.5 * t, 4.0 * t - 0.25 * t**2
+    angle = -0.1 * way  # a bend of 10 m, 0.5 m/s2
+    x, y = 10.0 * np.sin(-angle), -10.0 * (1.0 - np.cos(angle))
+    motion = np.stack([x, y, angle, speed * np.cos(angle), speed * np.sin(angle), x * 0, x * 0, x * 0, x * 0], axis=1)
+    base = find_onsets(synthetic_near_misses(interactions=4, seed=3).table).take(np.array([0, 1]))
+    own = replace(base.interactions, motion=np.stack([motion, motion]), first=np.zeros(2, np.int64))
+    onsets = replace(base, interactions=own)
+    assert constant_turn(onsets, onsets, constant_velocity(onsets))[:, 0, 0] == pytest.approx(
+        onsets.recorded[:, 0], abs=0.05
+    )
 
 
 def test_a_model_must_not_have_a_controls_name() -> None:

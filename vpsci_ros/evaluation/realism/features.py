@@ -1,15 +1,15 @@
 """What the classifier sees of a trajectory: some forty features of positions smoothed over 0.9 s.
 
 Camera noise and gait would tell any simulation from a recording at once. So positions are smoothed by lines over 0.9 s,
-and what that takes away from recordings of *other* clips is lent to every simulation, in place of what it takes away
-from the simulation itself; recordings keep their own.
+and what that takes away from recordings of *other* clips of the same source is lent to every simulation, in place of
+what it takes away from the simulation itself; recordings keep their own.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.realism.motion import motion, smoothed, with_onset
-from vpsci_ros.evaluation.realism.onsets import Onsets
+from vpsci_ros.evaluation.realism.onsets import Onsets, lenders
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
@@ -32,12 +32,12 @@ def lent(positions: Floats, onsets: Onsets, seed: int, library: Onsets | None = 
     along = _frames(known)
     residual = np.einsum("...ij,...tj->...ti", along, known - smoothed(known))[:, 0]
     pace = _pace(known)[:, 0]
-    strange = onsets.clip[:, None] != library.clip[None, :]
+    allowed = lenders(onsets, library)
     out, own = smoothed(path), _frames(path)
     for agent in range(2):
         gap = np.abs(_pace(path)[:, :, agent, None] - pace[None, None, :, agent])
-        order = np.argsort(np.where(strange[:, None], gap, np.inf), axis=-1)
-        choices = min(_LENDERS, int(strange.sum(axis=1).min()))
+        order = np.argsort(np.where(allowed[:, None], gap, np.inf), axis=-1)
+        choices = min(_LENDERS, int(allowed.sum(axis=1).min()))
         lender = np.take_along_axis(order, rng.integers(0, choices, (*order.shape[:2], 1)), axis=-1)[..., 0]
         out[:, :, agent] += np.einsum("...ji,...tj->...ti", own[:, :, agent], residual[lender, agent])
     return out[..., 1:, :]

@@ -42,8 +42,8 @@ def free(table: pl.DataFrame, dataset: Dataset, episodes: int, seed: int) -> dic
     generated = features(lent(simulated.recorded[:, None], simulated, seed, onsets["recorded"]), simulated)
     own = features(onsets["recorded"].recorded[:, None], onsets["recorded"])
     tests = {
-        "onset": two_sample(start["recorded"], _column(start["generated"]), clips, seed, paired=False),
-        "after": two_sample({name: value[:, 0] for name, value in own.items()}, generated, clips, seed, paired=False),
+        "onset": two_sample(start["recorded"], [_column(start["generated"])], clips, seed, paired=False),
+        "after": two_sample({name: value[:, 0] for name, value in own.items()}, [generated], clips, seed, paired=False),
     }
     return {
         "interactions": {name: len(found) for name, found in onsets.items()},

@@ -40,6 +40,11 @@ class Onsets:
         return self.interactions.clip
 
     @property
+    def source(self) -> NDArray[np.object_]:
+        """object[N]: the data set that each comes from."""
+        return np.array([clip.partition("/")[0] for clip in self.clip], object)
+
+    @property
     def start(self) -> Floats:
         """float64[N, 9]: the step of the onset, as a row of `Interactions.motion`."""
         return self.interactions.motion[np.arange(len(self)), self.interactions.first]
@@ -54,6 +59,13 @@ class Onsets:
     def take(self, rows: NDArray[np.int64]) -> "Onsets":
         """Return the onsets `rows`, in that order."""
         return Onsets(self.interactions.take(rows), self.number[rows], self.size[rows])
+
+
+def lenders(onsets: Onsets, library: Onsets) -> NDArray[np.bool_]:
+    """Return who may be borrowed from for whom, bool[n, L]: other clips, of the same source where there are any."""
+    strange = onsets.clip[:, None] != library.clip[None, :]
+    near = strange & (onsets.source[:, None] == library.source[None, :])
+    return np.where(near.any(axis=1, keepdims=True), near, strange)
 
 
 def find_onsets(table: pl.DataFrame, *, history: int = 0) -> Onsets:

@@ -3,11 +3,13 @@
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
@@ -15,10 +17,11 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.elsewhere import elsewhere
 from vpsci_ros.evaluation.realism.free import free
 from vpsci_ros.evaluation.realism.onsets import find_onsets
-from vpsci_ros.evaluation.realism.same_start import CONTROLS, SameStart, same_start
+from vpsci_ros.evaluation.realism.same_start import CONTROLS, SameStart
 from vpsci_ros.evaluation.realism.simulators import Simulator
 from vpsci_ros.runs.files import write_json
 
+Floats = NDArray[np.float64]
 Told = Callable[[str, int, int], None]
 
 
@@ -60,15 +63,24 @@ def measure_realism(
         raise InvalidInput(f"models: {taken[0]} is the name of a control; call the model something else")
     chosen = [reference.clean(t) if config.clean else t for t in (table, library) if t is not None]
     onsets = find_onsets(chosen[0])
-    measured = SameStart(onsets, find_onsets(chosen[1]) if len(chosen) > 1 else onsets, config.seed)
-    wanted = measured.controls() | dict(simulators)
+    borrowed = find_onsets(chosen[1]) if len(chosen) > 1 else onsets
+    whole = SameStart(onsets, borrowed, config.seed)
+    sources = {source: np.flatnonzero(onsets.source == source) for source in sorted(set(onsets.source))}
+    alone = {} if len(sources) < 2 else sources
+    measured = {name: SameStart(onsets.take(rows), borrowed, config.seed) for name, rows in alone.items()}
+    wanted = whole.controls() | dict(simulators)
     total = len(wanted) + (dataset is not None) + (conflicts is not None)
-    models = {}
+    models: dict[str, dict[str, Any]] = {source: {} for source in ("", *alone)}
     for done, (name, simulate) in enumerate(wanted.items()):
         if told is not None:
             told(name, done, total)
-        models[name] = _kept(parts, f"same_start_{name}", partial(_measured, measured, simulate))
-    result: dict[str, Any] = {"same_start": same_start(models, onsets)}
+        positions = cache(partial(simulate, onsets))
+        models[""][name] = _kept(parts, f"same_start_{name}", partial(_measured, whole, positions, slice(None)))
+        for source, rows in alone.items():
+            make = partial(_measured, measured[source], positions, rows)
+            models[source][name] = _kept(parts, f"same_start_{name}_{source}", make)
+    start = {source: _same_start(models[source], own) for source, own in measured.items()}
+    result: dict[str, Any] = {"same_start": _same_start(models[""], whole) | ({"by_source": start} if start else {})}
     if dataset is not None:
         result["free"] = _kept(parts, "free", lambda: free(chosen[0], dataset, config.episodes, config.seed))
     if conflicts is not None:
@@ -77,8 +89,18 @@ def measure_realism(
     return result
 
 
-def _measured(measured: SameStart, simulate: Simulator) -> dict[str, Any]:
-    return measured.measure(simulate(measured.onsets))
+def _measured(measured: SameStart, positions: Callable[[], Floats], rows: NDArray[np.int64] | slice) -> dict[str, Any]:
+    return measured.measure(positions()[rows])
+
+
+def _same_start(models: dict[str, Any], measured: SameStart) -> dict[str, Any]:
+    onsets = measured.onsets
+    return {
+        "interactions": len(onsets),
+        "clips": len(set(onsets.clip)),
+        "not_in_library": measured.missing,
+        "models": models,
+    }
 
 
 def _kept(folder: Path | None, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:

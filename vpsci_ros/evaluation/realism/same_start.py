@@ -1,10 +1,9 @@
 """Protocol A: simulators and recordings from the same recorded onsets, scored beside controls.
 
 Both agents set out from the first step at which CurvTTC, as known then, is below 5 s, with up to a second of history,
-and run for 3 s. `constant_velocity_tracked`, `social_force` and `residual_sampler` are the controls.
+and run for 3 s. `constant_velocity_tracked`, `constant_turn`, `social_force` and `residual_sampler` are the controls.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,32 +13,39 @@ from vpsci_ros.evaluation.realism.features import features, lent
 from vpsci_ros.evaluation.realism.likelihood import likelihoods
 from vpsci_ros.evaluation.realism.motion import motion, with_onset
 from vpsci_ros.evaluation.realism.onsets import Onsets
-from vpsci_ros.evaluation.realism.samplers import residual_sampler
+from vpsci_ros.evaluation.realism.samplers import constant_turn, residual_sampler
 from vpsci_ros.evaluation.realism.score import energy_score, errors, min_ade
 from vpsci_ros.evaluation.realism.simulators import Simulator, rule_based, tracked
-from vpsci_ros.evaluation.realism.two_sample import FAMILIES, family, two_sample
+from vpsci_ros.evaluation.realism.two_sample import FAMILIES, REPETITIONS, family, two_sample
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 
 Floats = NDArray[np.float64]
 CONTROL = "constant_velocity_tracked"
-CONTROLS = ("recorded", CONTROL, "social_force", "residual_sampler")
-DRAWS = 2  # of the roll-outs of each onset that the classifier sees
+TURN = "constant_turn"
+CONTROLS = ("recorded", CONTROL, TURN, "social_force", "residual_sampler")
+DRAWS = 2  # of the roll-outs of each onset that the classifier sees in a repetition
+FAMILY_REPETITIONS = 3
 
 
 class SameStart:
     """Measures simulators one by one on the same onsets.
 
-    :param onsets: those to be scored on; library: those whose residuals the sampler lends, of other clips.
+    :param onsets: those to be scored on; library: those whose residuals the sampler lends, of other clips. Where it
+        lacks a source that is scored, the noise of measurement comes from the scored clips: it is the camera's.
     :param seed: of the classifier, of what is lent, and of the resampling of clips.
     """
 
     def __init__(self, onsets: Onsets, library: Onsets, seed: int) -> None:
         self.onsets, self._library, self._seed = onsets, library, seed
+        self.missing = sorted(set(onsets.source) - set(library.source))
+        self._noise = onsets if self.missing else library
         self._middle = tracked(onsets)
+        self._turn = constant_turn(onsets, library, self._middle)
         self._draws = cluster_counts(onsets.clip.astype(str), seed)
         own = features(onsets.recorded[:, None], onsets)
         self._real = {name: value[:, 0] for name, value in own.items()}
-        self._control = energy_score(self._middle, onsets.recorded)
+        middles = {"constant_velocity": self._middle, TURN: self._turn}
+        self._energies = {name: energy_score(middle, onsets.recorded) for name, middle in middles.items()}
         self._ends = [likelihoods(p, onsets)["all"] for p in (self._middle, onsets.recorded[:, None])]
 
     def controls(self) -> dict[str, Simulator]:
@@ -47,6 +53,7 @@ class SameStart:
         return {
             "recorded": lambda onsets: onsets.recorded[:, None],
             CONTROL: lambda onsets: self._middle,
+            TURN: lambda onsets: self._turn,
             "social_force": rule_based,
             "residual_sampler": self._residuals,
         }
@@ -66,10 +73,16 @@ class SameStart:
         scores, likely = energy_score(positions, onsets.recorded), likelihoods(positions, onsets)
         contact = motion(with_onset(positions, onsets.start), onsets.start, onsets.size).clearance <= 0.0
         touched = contact.any(axis=-1).mean(axis=1)
-        seen = positions[:, np.arange(DRAWS) % positions.shape[1]]
-        made = features(lent(seen, onsets, self._seed, self._library), onsets)
+        made = [self._seen(positions, self._seed + k) for k in range(REPETITIONS)]
+        clips, times = (onsets.clip, onsets.clip), {"all": REPETITIONS}
         tests = {
-            name: two_sample(family(self._real, name), family(made, name), (onsets.clip, onsets.clip), self._seed)
+            name: two_sample(
+                family(self._real, name),
+                [family(one, name) for one in made],
+                clips,
+                self._seed,
+                repetitions=times.get(name, FAMILY_REPETITIONS),
+            )
             for name in FAMILIES
         }
         first = tests["all"]
@@ -78,8 +91,7 @@ class SameStart:
             "roll_outs": positions.shape[1],
             "energy_score": float(scores.mean()),
             "energy_score_interval": self._mean(scores),
-            "of_constant_velocity": float(scores.mean() / self._control.mean()),
-            "of_constant_velocity_interval": list(interval((self._draws @ scores) / (self._draws @ self._control))),
+            **self._of_controls(scores),
             "ade": float(errors(positions, onsets.recorded).mean()),
             "min_ade_6": float(min_ade(positions, onsets.recorded).mean()),
             "likelihood": float(likely["all"].mean()),
@@ -88,6 +100,7 @@ class SameStart:
             "likelihood_of": {name: float(value.mean()) for name, value in likely.items() if name != "all"},
             "c2st_auc": first.auc,
             "c2st_auc_interval": list(first.auc_interval),
+            "c2st_auc_spread": first.spread,
             "picked": first.picked,
             "c2st_auc_of": {name: [tests[name].auc, *tests[name].auc_interval] for name in FAMILIES[1:]},
             "given_away_by": first.importance,
@@ -95,10 +108,21 @@ class SameStart:
             "collision_rate_interval": self._mean(touched),
         }
 
+    def _seen(self, positions: Floats, seed: int) -> dict[str, Floats]:
+        """Return what the classifier sees in one repetition: `DRAWS` roll-outs of each onset, with borrowed noise."""
+        order = np.random.default_rng(seed).permuted(
+            np.tile(np.arange(positions.shape[1]), (len(positions), 1)), axis=1
+        )
+        chosen = order[:, np.arange(DRAWS) % positions.shape[1], None, None, None]
+        drawn = np.take_along_axis(positions, chosen, axis=1)
+        return features(lent(drawn, self.onsets, seed, self._noise), self.onsets)
+
+    def _of_controls(self, scores: Floats) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        for name, control in self._energies.items():
+            out[f"of_{name}"] = float(scores.mean() / control.mean())
+            out[f"of_{name}_interval"] = list(interval((self._draws @ scores) / (self._draws @ control)))
+        return out
+
     def _mean(self, values: Floats) -> list[float]:
         return list(interval(self._draws @ values / self._draws.sum(axis=1)))
-
-
-def same_start(measured: Mapping[str, dict[str, Any]], onsets: Onsets) -> dict[str, Any]:
-    """Return Protocol A's part of `vpsci realism --json`."""
-    return {"interactions": len(onsets), "clips": len(set(onsets.clip)), "models": dict(measured)}
