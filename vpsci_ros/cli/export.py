@@ -7,7 +7,9 @@ import typer
 
 
 def export(
-    source: Annotated[Path, typer.Argument(metavar="SOURCE", help="Folder of a dataset or of an exam, or a bag.")],
+    source: Annotated[
+        Path, typer.Argument(metavar="SOURCE", help="Near-miss table, folder of a dataset or of an exam, or bag.")
+    ],
     formats: Annotated[
         str,
         typer.Option(
