@@ -23,6 +23,7 @@ from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.cli.options import read_sections
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.exam.conduct import Exam, loop_with
+from vpsci_ros.exam.config import MOVING
 from vpsci_ros.exam.measures import Key
 from vpsci_ros.exam.run import prepare
 from vpsci_ros.exam.search.imitation import lessons
@@ -90,7 +91,7 @@ def drive(exam: Exam, keys: list[Key], *, learn: bool) -> Driven:
         step = loop.step(Actions(vehicle=driver.act(loop.world.now.state)))
         state, ttc = step.tick.state, step.assessment.curvttc
         hit = (state["status"] == ENDED) & (state["outcome"] == COLLISION)
-        for record in state[hit & (state["vehicle_speed"] > exam.config.moving)]:
+        for record in state[hit & (state["vehicle_speed"] > MOVING)]:
             failed.add((int(record["scenario"]), int(record["episode"])))
         for slot in range(len(state)) if learn else ():
             if state["status"][slot] != IDLE:

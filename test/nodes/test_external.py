@@ -214,7 +214,7 @@ def test_in_real_time_the_last_command_holds(drive: Callable[..., Drive]) -> Non
 def test_silence_in_real_time_brings_the_vehicle_to_a_safe_stop_which_an_event_tells(
     drive: Callable[..., Drive],
 ) -> None:
-    session = drive(**FAST, command_silence=0.5, safe_stop_deceleration=4.0, safe_stop_jerk=8.0)
+    session = drive(**FAST, command_silence=0.5, safe_stop_deceleration=2.5)
     keep = iter([0.0, 0.0, 0.0])
     session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: given(odometry, next(keep, None)))
     session.run()
@@ -222,7 +222,7 @@ def test_silence_in_real_time_brings_the_vehicle_to_a_safe_stop_which_an_event_t
     moving = braking[: int(np.argmin(session.speed)) - 1]
     begins = int(np.argmax(moving > 1e-6))
     assert np.allclose(moving[:begins], 0.0, atol=1e-9), "the last command holds until then"
-    assert moving[begins : begins + 12] == pytest.approx(np.minimum(4.0, 8.0 * 0.05 * np.arange(1, 13)))
+    assert moving[begins : begins + 12] == pytest.approx(np.minimum(2.5, 5.0 * 0.05 * np.arange(1, 13)))
     assert session.speed[-1] == 0.0
     assert session.kinds[EpisodeEvent.SAFE_STOP] == 1
     assert session.world.counts.safe_stops == 1

@@ -5,7 +5,7 @@ import pytest
 from world.helpers import SCENARIOS, frames, run
 
 from vpsci_ros.world import GOAL, RUNNING, World, WorldConfig, people
-from vpsci_ros.world.config import of_record
+from vpsci_ros.world.drivers import RUNNING_SPEED
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.monitor import MonitorConfig, assess
 from vpsci_ros.world.tick import Actions
@@ -92,16 +92,11 @@ def test_accelerations_never_jump_though_the_policies_brake_at_once_when_they_ta
             jump = np.abs(state["vehicle_acceleration"] - before["vehicle_acceleration"])
             assert (jump[moving] <= allowed).all()
             change = [state[f"pedestrian_{axis}"] - before[f"pedestrian_{axis}"] for axis in ("ax", "ay")]
-            free = same & (walking(state) < config.pedestrian_top_speed - 0.5)  # at that speed it stays
+            free = same & (walking(state) < RUNNING_SPEED - 0.5)  # at that speed it stays
             assert (np.hypot(*change)[free] <= allowed).all()
             held += int((moving & (state["controlled"] > 0)).sum())
         before = state
     assert held > 1000
-
-
-def test_a_record_without_a_spawn_is_of_the_papers():
-    assert of_record({"tick": 0.05}) == {"tick": 0.05, "spawn": "paper"}
-    assert of_record({"spawn": "human"})["spawn"] == "human"
 
 
 def test_the_papers_spawn_draws_its_walking_speeds_and_throttles():

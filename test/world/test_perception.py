@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import load_scenarios
-from vpsci_ros.world.parked import parked_from
+from vpsci_ros.world.parked import EYE_FORWARD, parked_from
 from vpsci_ros.world.perception import (
     ABSENT,
     HIDDEN,
@@ -71,7 +71,8 @@ def test_who_is_outside_of_the_view_or_too_far_is_not_told(bearing: float, dista
     state["vehicle_heading"] = heading = 2.0
     angle = heading + math.radians(bearing)
     state["pedestrian_x"], state["pedestrian_y"] = distance * math.cos(angle), distance * math.sin(angle)
-    config = PerceptionConfig(field_of_view=120.0, reach=20.0, sensor_forward=0.0)
+    state["vehicle_x"], state["vehicle_y"] = -EYE_FORWARD * math.cos(heading), -EYE_FORWARD * math.sin(heading)
+    config = PerceptionConfig(field_of_view=120.0, reach=20.0)
     assert watch(state, 1, config)["status"][0, 0] == status
 
 

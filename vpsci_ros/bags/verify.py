@@ -31,7 +31,6 @@ from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
-from vpsci_ros.world.config import of_record
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.monitor import MonitorConfig
@@ -116,7 +115,7 @@ class _Simulation:
             raise InvalidInput(
                 f"{self._where}: it does not hold the parameters of the nodes, so no recorder of vpsci_ros wrote it"
             )
-        config = pick(WorldConfig, of_record(world), "world_simulator")
+        config = pick(WorldConfig, world, "world_simulator")
         self.cpu = run.software.get("cpu", "")
         external = [agent for agent in AGENTS if getattr(config, f"{agent}_driver") == "external"]
         if external:

@@ -8,6 +8,8 @@ from vpsci_ros.policy.agent_types import AGENT_TYPES
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.safety import CONFLICT_TTC
 
+SEVERE_TTC = 1.0  # [s] a severe conflict is one with a CurvTTC below
+MOVING = 0.5  # [m/s] a vehicle slower than this at the contact stood: the pedestrian walked into it
 EXTERNAL = "external"  # an ADS that the user starts himself
 ALONE = "alone"  # the reference of the time lost: nobody there
 DRIVERS = {
@@ -94,7 +96,6 @@ class ExamConfig:
     conflict: float = parameter(
         CONFLICT_TTC, "an episode is a conflict where CurvTTC falls below (section 4.5)", unit="s", low=0.0, high=10.0
     )
-    severe: float = parameter(1.0, "and a severe one where it falls below", unit="s", low=0.0, high=10.0)
     hard_braking: float = parameter(
         3.5,
         "braking harder than this is hard: just above the 3.4 m/s2 that AASHTO's Policy on Geometric Design takes most "
@@ -102,13 +103,6 @@ class ExamConfig:
         unit="m/s2",
         low=0.1,
         high=20.0,
-    )
-    moving: float = parameter(
-        0.5,
-        "a vehicle slower than this at the contact stood: the pedestrian walked into it",
-        unit="m/s",
-        low=0.0,
-        high=5.0,
     )
     fail_if: list[str] = parameter([], "criteria as for --fail-if, checked in addition")
     search: SearchConfig = field(default_factory=SearchConfig)

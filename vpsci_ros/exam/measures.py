@@ -12,7 +12,7 @@ from vpsci_ros.data.dataset_reader import EpisodeArrays
 from vpsci_ros.data.episode_frames import QUANTITIES, EpisodeBatch
 from vpsci_ros.data.parquet import Column
 from vpsci_ros.evaluation.yields import yields
-from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.config import MOVING, SEVERE_TTC, ExamConfig
 from vpsci_ros.exam.sight import Sight
 from vpsci_ros.safety import CRITICAL_TTC, HORIZON, Yielded
 from vpsci_ros.world import COLLISION, OUTCOME_NAMES, PARKED_COLLISION
@@ -142,11 +142,11 @@ def episode_table(
                 "driven": float(drive.path[-1]),
                 "collision": collided,
                 "impact_speed": impact,
-                "moving_collision": collided and impact > config.moving,
+                "moving_collision": collided and impact > MOVING,
                 "least_curvttc": least,
                 "critical": least < CRITICAL_TTC,
                 "conflict": least < config.conflict,
-                "severe_conflict": least < config.severe,
+                "severe_conflict": least < SEVERE_TTC,
                 "hardest_braking": braking,
                 "hard_braking": braking > config.hard_braking,
                 "yielded": YIELDED[Yielded(code)],

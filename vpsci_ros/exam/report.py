@@ -9,7 +9,7 @@ import polars as pl
 
 from vpsci_ros.evaluation import statistics
 from vpsci_ros.evaluation.statistics import Estimate
-from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.config import SEVERE_TTC, ExamConfig
 from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, difference, estimate
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.world.perception import PerceptionConfig
@@ -91,7 +91,7 @@ def make_report(
 
 def definitions(config: ExamConfig) -> dict[str, dict[str, str]]:
     """Return measure -> title, unit and definition, with the thresholds of `config` in it."""
-    limits = {"conflict": config.conflict, "severe": config.severe, "hard_braking": config.hard_braking}
+    limits = {"conflict": config.conflict, "severe": SEVERE_TTC, "hard_braking": config.hard_braking}
     return {
         name: {"title": row.title, "unit": row.unit, "definition": row.definition.format(**limits)}
         for name, row in MEASURES.items()

@@ -24,7 +24,6 @@ from vpsci_ros.generate.workers import Workers
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import cpu_name
 from vpsci_ros.runs.sections import Sections
-from vpsci_ros.world.config import of_record
 from vpsci_ros.world.scenario import scenario_from
 
 BLOCK = 1024
@@ -106,7 +105,7 @@ def job_of(data: Dataset) -> Job:
     where, description = data.folder / DESCRIPTION, data.description
     try:
         sections = Sections(dict(description["configuration"]))
-        world = of_record(sections.values["world_simulator"]) | {"seed": description["seed"]}
+        world = dict(sections.values["world_simulator"]) | {"seed": description["seed"]}
         sections = sections.changed("world_simulator", world)
         stored = description["weights"]
         weights = {agent: data.folder / entry["file"] for agent, entry in stored.items()}

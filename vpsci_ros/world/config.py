@@ -1,8 +1,6 @@
 """Parameters of the world: periods, the hand-over, who drives, and how the learned accelerations become motion."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
@@ -12,11 +10,6 @@ from vpsci_ros.world.kinds import KindMixture
 VEHICLE_DRIVERS = ("policy", "autopilot", "external", "replay")
 SPAWNS = ("human", "paper")
 PEDESTRIAN_DRIVERS = ("policy", "autopilot", "external", "replay", "constant_velocity", "social_force")
-
-
-def of_record(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the world's parameters of a stored record as they were meant: without `spawn` it was the paper's."""
-    return {"spawn": "paper", **values}
 
 
 @dataclass(frozen=True)
@@ -50,9 +43,6 @@ class WorldConfig:
         "share of the policy's acceleration of the pedestrian that becomes motion; 0.5 in (21)-(24)",
         low=0.0,
         high=1.0,
-    )
-    pedestrian_top_speed: float = parameter(
-        5.0, "a pedestrian under a policy or an external driver runs no faster", unit="m/s", low=0.5, high=12.0
     )
     proximity_distance: float = parameter(
         4.0, "the autopilot brakes fully for a pedestrian this near ahead of its front", unit="m", low=0.0, high=50.0

@@ -28,6 +28,7 @@ from vpsci_ros.world.social_force import social_force
 POLICY, EXTERNAL, REPLAY = (VEHICLE_DRIVERS.index(name) for name in ("policy", "external", "replay"))
 CONSTANT_VELOCITY = PEDESTRIAN_DRIVERS.index("constant_velocity")
 SOCIAL_FORCE = PEDESTRIAN_DRIVERS.index("social_force")
+RUNNING_SPEED = 5.0  # [m/s] that a pedestrian does not exceed: above the 4 m/s of the paper's fastest walkers
 EXTERNAL_GAIN = 0.5  # share of an external pedestrian's acceleration that becomes motion, (21)-(24)
 _HALF_LENGTH, _HALF_WIDTH = 0.5 * VEHICLE_LENGTH, 0.5 * VEHICLE_WIDTH
 _STRAIGHT_AHEAD = _HALF_WIDTH + PEDESTRIAN_RADIUS + 0.25  # [m] to either side, for the autopilot
@@ -172,7 +173,7 @@ def _intended(episode, i, answers, tables, settings):  # type: ignore[no-untyped
 def move_pedestrian(episode, ax, ay, settings):  # type: ignore[no-untyped-def]
     """Move the pedestrian through one tick with an acceleration [m/s2] in the world's frame."""
     now = episode.pedestrian_x, episode.pedestrian_y, episode.pedestrian_vx, episode.pedestrian_vy
-    x, y, vx, vy = motion.walk(*now, ax, ay, 1.0, min(settings.top_speed, TOP_SPEED[episode.kind]), settings.period)
+    x, y, vx, vy = motion.walk(*now, ax, ay, 1.0, min(RUNNING_SPEED, TOP_SPEED[episode.kind]), settings.period)
     episode.pedestrian_path += math.sqrt((x - episode.pedestrian_x) ** 2 + (y - episode.pedestrian_y) ** 2)
     episode.pedestrian_ax = (vx - episode.pedestrian_vx) / settings.period
     episode.pedestrian_ay = (vy - episode.pedestrian_vy) / settings.period

@@ -27,14 +27,11 @@ _PAIR = (
 
 @dataclass(frozen=True)
 class MonitorConfig:
-    """What counts as critical, and the sizes of the two road users (the simulated Model 3 and a pedestrian's disc)."""
+    """What counts as critical, between the simulated Model 3 and a pedestrian's disc."""
 
     critical_threshold: float = parameter(CRITICAL_TTC, "critical where CurvTTC is below", unit="s", low=0.0, high=60.0)
     horizon: float = parameter(HORIZON, "look ahead so far", unit="s", low=0.1, high=60.0)
     method: str = parameter("footprint", "definition of CurvTTC", choices=("footprint", "center"))
-    length: float = parameter(VEHICLE_LENGTH, "length of the vehicle", unit="m", low=0.1, high=30.0)
-    width: float = parameter(VEHICLE_WIDTH, "width of the vehicle", unit="m", low=0.1, high=10.0)
-    radius: float = parameter(PEDESTRIAN_RADIUS, "radius of the pedestrian", unit="m", low=0.01, high=2.0)
 
 
 def assess(
@@ -46,7 +43,7 @@ def assess(
     are read in place by compiled code, in threads for large batches; `curvttc` gives the same bits.
     """
     ttc, distance, critical = np.empty(len(state)), np.empty(len(state)), np.empty(len(state), np.bool_)
-    sizes = config.length, config.width, config.radius, config.horizon
+    sizes = VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS, config.horizon
     if config.method == "footprint":
         threshold = config.critical_threshold
         in_threads(
@@ -56,8 +53,7 @@ def assess(
     present = state["status"] != IDLE
     ttc[:] = math.inf
     pair = (state[name][present] for name in _PAIR)
-    names = "length", "width", "radius", "horizon"
-    ttc[present] = curvttc(*pair, **dict(zip(names, sizes, strict=True)), method="center")
+    ttc[present] = curvttc(*pair, horizon=config.horizon, method="center")
     distance[:] = np.sqrt(
         (state["vehicle_x"] - state["pedestrian_x"]) ** 2 + (state["vehicle_y"] - state["pedestrian_y"]) ** 2
     )

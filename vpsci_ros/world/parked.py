@@ -17,7 +17,7 @@ from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.scenario import Scenario
 from vpsci_ros.world.state import ENDED, FINISHED, IDLE, PARKED_COLLISION, RUNNING
 
-EYE_FORWARD = 0.2  # [m] from the vehicle's centre along its centre line to the eye: behind the windscreen
+EYE_FORWARD = 0.2  # [m] from the vehicle's centre to the driver's eye and to the sensor: behind the windscreen
 LEAST_VISIBLE = 0.25  # of the pedestrian's disc: they see each other where so much of it is free
 MOST_SCENARIOS = 256  # numbers of scenarios are bytes
 
@@ -42,15 +42,14 @@ def parked_from(scenarios: Sequence[Scenario]) -> Parked | None:
     return Parked(boxes, counts, row_of)
 
 
-def visible(state: NDArray[np.void], parked: Parked | None, eye_forward: float = EYE_FORWARD) -> NDArray[np.float64]:
+def visible(state: NDArray[np.void], parked: Parked | None) -> NDArray[np.float64]:
     """Return what share of the pedestrian is seen from the vehicle's eye, float64[B], 0 to 1, for EPISODE[B].
 
-    :param eye_forward: from the vehicle's centre to the eye [m].
     :returns: 1 where nothing is parked, 0 in idle slots.
     """
     share = (state["status"] != IDLE).astype(np.float64)
     if parked is not None:
-        _visible(state, *parked, eye_forward, np.empty((3 * parked.boxes.shape[1], 2)), share)
+        _visible(state, *parked, np.empty((3 * parked.boxes.shape[1], 2)), share)
     return share
 
 
@@ -60,12 +59,12 @@ def in_sight(state: NDArray[np.void], parked: Parked | None) -> NDArray[np.bool_
 
 
 @kernel
-def _visible(state, boxes, counts, row_of, eye_forward, shadows, share):  # type: ignore[no-untyped-def]
+def _visible(state, boxes, counts, row_of, shadows, share):  # type: ignore[no-untyped-def]
     for i in range(state.size):
         episode, row = state[i], row_of[state[i].scenario]
         if episode.status != IDLE and counts[row] > 0:
-            eye_x = episode.vehicle_x + eye_forward * np.cos(episode.vehicle_heading)
-            eye_y = episode.vehicle_y + eye_forward * np.sin(episode.vehicle_heading)
+            eye_x = episode.vehicle_x + EYE_FORWARD * np.cos(episode.vehicle_heading)
+            eye_y = episode.vehicle_y + EYE_FORWARD * np.sin(episode.vehicle_heading)
             x, y = episode.pedestrian_x, episode.pedestrian_y
             share[i] = visible_pair(eye_x, eye_y, x, y, PEDESTRIAN_RADIUS, boxes[row], counts[row], shadows)
 

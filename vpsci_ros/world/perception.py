@@ -62,9 +62,6 @@ class PerceptionConfig:
         360.0, "whole angle that the sensor sees, its middle straight ahead", unit="degrees", low=1.0, high=360.0
     )
     reach: float = parameter(0.0, "how far the sensor sees; 0: however far", unit="m", low=0.0, high=1000.0)
-    sensor_forward: float = parameter(
-        EYE_FORWARD, "where the sensor is, ahead of the vehicle's centre", unit="m", low=-3.0, high=3.0
-    )
     least_visible: float = parameter(
         0.0, "a pedestrian is seen where so much of it is not hidden by parked vehicles; 0: however little",
         low=0.0, high=1.0,
@@ -105,7 +102,6 @@ class _Settings(NamedTuple):
     all_round: bool
     least_cosine: float  # of the angle between straight ahead and the pedestrian
     reach: float  # [m]
-    sensor_forward: float  # [m]
     least_visible: float
     position_noise: float  # [m]
     velocity_noise: float  # [m/s]
@@ -146,7 +142,7 @@ def perceive(
             f"perceive: expected {len(memory.trackers)} rows, {pedestrians} for each episode, got {len(state)}"
         )
     trackers, now = memory.trackers.copy(), np.zeros(len(state), OBJECT)
-    share = visible(state, parked, config.sensor_forward)
+    share = visible(state, parked)
     begun = np.zeros(len(state), np.bool_)
     _perceive(state, share, begun, _settings(config, period), pedestrians, trackers, now)
     if not len(memory.late):
@@ -171,7 +167,6 @@ def _settings(config: PerceptionConfig, period: float) -> _Settings:
         all_round=config.field_of_view >= 360.0,
         least_cosine=math.cos(math.radians(0.5 * config.field_of_view)),
         reach=config.reach or math.inf,
-        sensor_forward=config.sensor_forward,
         least_visible=config.least_visible,
         position_noise=config.position_noise,
         velocity_noise=config.velocity_noise,
@@ -246,8 +241,8 @@ def _follow(episode, share, begun, settings, tracker, found):  # type: ignore[no
 def _sight(episode, share, settings):  # type: ignore[no-untyped-def]
     """Return SEEN, OUT_OF_VIEW or HIDDEN."""
     c, s = math.cos(episode.vehicle_heading), math.sin(episode.vehicle_heading)
-    dx = episode.pedestrian_x - episode.vehicle_x - settings.sensor_forward * c
-    dy = episode.pedestrian_y - episode.vehicle_y - settings.sensor_forward * s
+    dx = episode.pedestrian_x - episode.vehicle_x - EYE_FORWARD * c
+    dy = episode.pedestrian_y - episode.vehicle_y - EYE_FORWARD * s
     distance = math.sqrt(dx * dx + dy * dy)
     ahead = settings.all_round or c * dx + s * dy >= settings.least_cosine * distance
     if not ahead or distance > settings.reach:

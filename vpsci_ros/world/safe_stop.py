@@ -16,6 +16,7 @@ from vpsci_ros.world.state import EPISODE, EVENT, RUNNING, SAFE_STOP
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Tick
 
 ANSWERS_TO_A_REPETITION = 2  # to its odometry, and to the list of objects
+SAFE_STOP_JERK = 5.0  # [m/s3] at which a safe stop builds up; half of what people brake with (`people.JERK`)
 LARGEST_ACCELERATION = 50.0  # [m/s2] beyond any vehicle's: a sign of wrong units
 
 
@@ -39,9 +40,6 @@ class ExternalConfig:
     )
     safe_stop_deceleration: float = parameter(
         5.0, "real time: a safe stop brakes so firmly at last", unit="m/s2", low=0.5, high=8.88, read_only=False
-    )
-    safe_stop_jerk: float = parameter(
-        5.0, "real time: and gets there at this rate, from nothing", unit="m/s3", low=0.5, high=1000.0, read_only=False
     )
 
 
@@ -118,7 +116,7 @@ class ExternalDriver:
             self._stopping = False
             return _in_all(self._command, len(state)), NO_EVENTS
         self._counts.safe_stop_ticks += 1
-        braking = min(self.config.safe_stop_deceleration, self.config.safe_stop_jerk * silence)
+        braking = min(self.config.safe_stop_deceleration, SAFE_STOP_JERK * silence)
         begins = not self._stopping or state["frame"][0] == 0
         self._stopping = True
         return _in_all(Actions(np.array([[-braking, 0.0]])), len(state)), self._safe_stop(

@@ -17,34 +17,25 @@ from vpsci_ros.world.paths import Path
 from vpsci_ros.world.people import TURNING_DECELERATION
 from vpsci_ros.world.scenario import Scenario
 
+_QUANTITIES = (
+    "lane_step",  # [m] between samples of the lane
+    "vehicle_goal",  # [m] along the lane
+    "full_throttle_speed",  # [m/s] that throttle 1 stands for
+    "walk_step",  # [m] between samples of the walking route
+    "pedestrian_goal",  # [m] along the route
+    "conflict",  # [m] along the route, where it crosses the lane
+    "standing_room",  # [m] at the start of the route, over which waiting pedestrians are spread
+    "waiting",  # share of walkers who stand first (human spawn)
+    # what a spawn is drawn from
+    "lowest_s", "highest_s",  # [m] along the lane
+    "lowest_throttle", "highest_throttle",  # 0 to 1
+    "lowest_initial", "highest_initial",  # share of the speed that the throttle stands for
+    "lowest_speed", "highest_speed",  # [m/s] of the walker
+    "lowest_arrival", "highest_arrival",  # [s] until the walker is at the lane
+    "lowest_offset", "highest_offset",  # [m] to the left of the route
+)  # fmt: skip
 SCENARIO = np.dtype(
-    [
-        (name, "f8")
-        for name in (
-            "lane_step",
-            "vehicle_goal",
-            "full_throttle_speed",
-            "walk_step",
-            "pedestrian_goal",
-            "conflict",
-            "standing_room",
-            "waiting",
-            "lowest_s",
-            "highest_s",
-            "lowest_throttle",
-            "highest_throttle",
-            "lowest_initial",
-            "highest_initial",
-            "lowest_speed",
-            "highest_speed",
-            "lowest_arrival",
-            "highest_arrival",
-            "lowest_offset",
-            "highest_offset",
-        )
-    ]
-    + [("lane_count", "i8"), ("walk_count", "i8"), ("number", "u1")],
-    align=True,
+    [(name, "f8") for name in _QUANTITIES] + [("lane_count", "i8"), ("walk_count", "i8"), ("number", "u1")], align=True
 )
 
 
@@ -68,15 +59,14 @@ class Settings(NamedTuple):
     vehicle_driver: int
     pedestrian_driver: int
     pedestrian_gain: float
-    top_speed: float
     proximity_distance: float
     lane_following: bool
     human: bool  # the spawn is "human"
     pedestrians: int  # rows of an episode
 
 
-class Answers(NamedTuple):
-    """What the world was told about its tick; an array of length 0 stands for a missing answer."""
+class Inputs(NamedTuple):
+    """The answers to a tick for compiled code; an array of length 0 stands for a missing one."""
 
     curvttc: NDArray[np.float64]  # [B] [s]
     critical: NDArray[np.uint8]  # [B]
@@ -105,7 +95,6 @@ def settings_from(config: WorldConfig) -> Settings:
         vehicle_driver=VEHICLE_DRIVERS.index(config.vehicle_driver),
         pedestrian_driver=PEDESTRIAN_DRIVERS.index(config.pedestrian_driver),
         pedestrian_gain=config.pedestrian_gain,
-        top_speed=config.pedestrian_top_speed,
         proximity_distance=config.proximity_distance,
         lane_following=config.lane_following,
         human=config.spawn == "human",

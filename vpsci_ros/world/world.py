@@ -16,7 +16,7 @@ from vpsci_ros.world.recording import NO_RECORDINGS, Recorded
 from vpsci_ros.world.scenario import Scenario
 from vpsci_ros.world.spawn import spawn_all
 from vpsci_ros.world.state import EPISODE, IDLE
-from vpsci_ros.world.tables import Answers, crowd_from, settings_from, tables_from
+from vpsci_ros.world.tables import Inputs, crowd_from, settings_from, tables_from
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Floats, Tick
 
 _NO_VALUES = np.empty(0)
@@ -119,8 +119,8 @@ class World:
         happened = [events for events in (decided, arrived, self._begin(self.now.number + 1)) if len(events)]
         return np.concatenate(happened) if happened else NO_EVENTS
 
-    def _move(self, answers: Answers, part: slice) -> None:
-        own = Answers(*(array[part] for array in answers))  # type: ignore[arg-type]  # length 0 stays 0
+    def _move(self, answers: Inputs, part: slice) -> None:
+        own = Inputs(*(array[part] for array in answers))  # type: ignore[arg-type]  # length 0 stays 0
         pushes = self._pushes[part]
         engine.move(self.state[part], own, self._tables, self._recordings, self._settings, pushes, self._bits[part])
 
@@ -202,9 +202,9 @@ class World:
             raise InvalidInput(f"episode of scenario {scenario}: this world has scenario {known} only")
         return self._rows[scenario]
 
-    def _answers(self, assessment: Assessment, actions: Actions) -> Answers:
+    def _answers(self, assessment: Assessment, actions: Actions) -> Inputs:
         """Return the answers as compiled code takes them."""
-        return Answers(
+        return Inputs(
             curvttc=assessment.curvttc if assessment.answered else _NO_VALUES,
             critical=assessment.critical.view(np.uint8),
             policy_frame=(self.now.policy_frame if self._has_policies else self._no_slots).view(np.uint8),

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.config import MOVING, SEVERE_TTC, ExamConfig
 from vpsci_ros.exam.measures import Key
 from vpsci_ros.safety import HORIZON, clearance
 from vpsci_ros.world import ENDED, IDLE
@@ -36,13 +36,13 @@ class Watched(NamedTuple):
         :param curvttc: float64[B] [s].
         """
         if self.failure.endswith("conflict"):
-            threshold = self.config.conflict if self.failure == "conflict" else self.config.severe
+            threshold = self.config.conflict if self.failure == "conflict" else SEVERE_TTC
             found = np.fmin(curvttc, HORIZON) - threshold
         else:
             place = ("vehicle_x", "vehicle_y", "vehicle_heading", "pedestrian_x", "pedestrian_y")
             found = clearance(*(state[name] for name in place))
             if self.failure == "moving_collision":
-                found = np.where(state["vehicle_speed"] > self.config.moving, found, found + STANDING)
+                found = np.where(state["vehicle_speed"] > MOVING, found, found + STANDING)
         margin: Floats = np.where(state["status"] == IDLE, np.inf, found)
         return margin
 
