@@ -111,7 +111,7 @@ def test_a_missing_file_says_where_the_packages_own_are(tmp_path) -> None:
 
 
 def test_the_markdown_table_has_a_row_for_each_parameter() -> None:
-    rows = markdown_table(Example).splitlines()[2:]
+    rows = markdown_table(table(Example)).splitlines()[2:]
     assert len(rows) == len(table(Example)) == 4
     assert rows[0] == "| `gain` | `1.0` | m | 0 to 2 | a gain |"
 

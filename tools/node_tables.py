@@ -1,27 +1,43 @@
 #!/usr/bin/env python
-"""Write the node tables of docs/nodes.md from the code: `tools/node_tables.py` (or `--check`, which only compares)."""
+"""Write docs/nodes.md and docs/parameters.md from the code; with `--check` only compare them with it."""
 
 import sys
 from pathlib import Path
 
 from vpsci_ros.cli.parameter_file import ELSEWHERE
-from vpsci_ros.nodes.config import PeerConfig
+from vpsci_ros.data.filters import FilterConfig
+from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.generate.config import DatasetConfig
+from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
+from vpsci_ros.nodes.config import GraphConfig, PeerConfig, RecorderConfig, ReplayerConfig
 from vpsci_ros.nodes.topics import SERVICES, TOPICS
-from vpsci_ros.parameters import markdown_table
+from vpsci_ros.parameters import Parameter, markdown_table, table
+from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
+from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.world.config import WorldConfig
+from vpsci_ros.world.lockstep import LockStepConfig
+from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.perception import PerceptionConfig
+from vpsci_ros.world.safe_stop import ExternalConfig
 
-PAGE = Path(__file__).parent.parent / "docs" / "nodes.md"
-INTRODUCTION = """# Nodes: topics and parameters
+DOCS = Path(__file__).parent.parent / "docs"
+INTRODUCTION = """# Nodes: topics and services
 
-Written from the code by `tools/node_tables.py`; a test holds it to the code. `params/*.yaml` set these parameters;
-`ros2 run vpsci_ros NODE --ros-args -p NAME:=VALUE`, `vpsci node NODE --ros-args ...` and
-`vpsci graph --set NODE.NAME=VALUE` override them. A name that no node has, a wrong type or a value out of range ends
-the node with a message that says so, and so does a name in a file that nothing reads in the stage that it is for: the
-message names the stage that does. A name with a dot is one of a group, which a file may write as a mapping
-(`noise: {start: 0.1}`). What several nodes have, such as `seed` and `noise`, stands once, in the section `/**`, which
-ROS 2 gives to every node.
+Written from the code by `tools/node_tables.py`; a test holds it to the code. What can be set is in
+[Parameters](parameters.md).
 """
 
-SHARED = "every node"
+PARAMETERS = """# Parameters
+
+Every parameter once, by what it is for. Written from the code by `tools/node_tables.py`; a test holds it to the code.
+`params/*.yaml` set most of them; `--set NODE.NAME=VALUE` of the commands, `vpsci node NODE --ros-args ...` and
+`ros2 run vpsci_ros NODE --ros-args -p NAME:=VALUE` override them. An unknown name, a wrong type or a value out of range
+ends the command with a message that says so, and so does a name in a file that nothing reads in the stage that it is
+for: the message names the stage that does. A name with a dot is one of a group, which a file may write as a mapping
+(`noise: {start: 0.1}`). What several nodes have, such as `seed` and `noise`, stands once, in the section `/**`, which
+ROS 2 gives to every node. "(running)": may be set on the running node.
+"""
+
 NOTES = """
 ## Names, time and diagnostics
 
@@ -71,34 +87,72 @@ def page() -> str:
         kind = f"{package}/{service.type.__name__}"
         parts.append(f"| `{service.name}` | {kind} | `{service.server}` | {service.description} |")
     parts.append(NOTES)
-    tables = {
-        f"{section}, {stage.name}" if section == "learner" else section: classes
-        for stage in ELSEWHERE
-        for section, classes in stage.sections.items()
-    }
-    tables = {SHARED: (PeerConfig,)} | tables
-    printed: dict[type, str] = {}
-    for title, classes in tables.items():
-        parts.append(f"\n## {title}\n")
+    return _joined(parts)
+
+
+GROUPS: dict[str, tuple[str, tuple[type, ...]]] = {
+    "Simulated episodes and datasets": (
+        "What happens in a simulated episode, and which episodes a dataset keeps.",
+        (RunConfig, WorldConfig, PolicyConfig, MonitorConfig, DatasetConfig, FilterConfig),
+    ),
+    "Exams of a driving system": (
+        "With which pedestrians a driving system is tested, what it perceives, and how its commands are used.",
+        (ExamConfig, ExternalConfig, PerceptionConfig),
+    ),
+    "Graphs and bags": (
+        "How nodes run together, and how their messages are recorded and replayed.",
+        (GraphConfig, PeerConfig, LockStepConfig, RecorderConfig, ReplayerConfig),
+    ),
+    "Learning from your own recordings": (
+        "From which near misses the policies learn, and where the weights go. Parameter files set the rest.",
+        (LearnerConfig, StartConfig),
+    ),
+    "Research: how the policies learn": (
+        "The networks and the way in which they learn.",
+        (NetworkConfig, PretrainConfig, RefineConfig),
+    ),
+}
+"""What a reader wants to set -> in one sentence, and the tables."""
+
+
+def parameter_page() -> str:
+    """Return the page of all parameters, each described once."""
+    parts, described = [PARAMETERS], dict[str, Parameter]()
+    for title, (sentence, classes) in GROUPS.items():
+        parts += [f"\n## {title}\n", sentence + "\n"]
         for config in classes:
-            if config not in printed:
-                printed[config] = title
-                parts += [" ".join((config.__doc__ or "").split()) + "\n", markdown_table(config), ""]
-        elsewhere = dict.fromkeys(printed[config] for config in classes if printed[config] not in (SHARED, title))
-        if elsewhere:
-            parts.append(f"It also has parameters that stand under {' and '.join(elsewhere)}, with the same meaning.\n")
+            sections = ", ".join(f"`{name}`" for name in _sections_of(config))
+            rows = [row for row in table(config) if described.get(row.name) != row]
+            same = len(table(config)) - len(rows)
+            described |= {row.name: row for row in rows}
+            parts += [f"### {config.__name__.removesuffix('Config')}\n", f"In {sections}. {_first(config)}\n"]
+            parts += [f"{same} more are described above, with the same defaults.\n"] if same else []
+            parts += [markdown_table(rows), ""]
+    return _joined(parts)
+
+
+def _sections_of(config: type) -> list[str]:
+    found = (section for stage in ELSEWHERE for section, classes in stage.sections.items() if config in classes)
+    return list(dict.fromkeys(found))
+
+
+def _first(config: type) -> str:
+    return " ".join((config.__doc__ or "").split("\n\n")[0].split())
+
+
+def _joined(parts: list[str]) -> str:
     return "\n".join(parts).replace("\n\n\n", "\n\n").rstrip() + "\n"
 
 
 def main() -> int:
-    """Write the page, or compare it with the code."""
-    if "--check" in sys.argv[1:]:
-        if PAGE.read_text(encoding="utf-8") != page():
-            print(f"{PAGE.name} differs from the code; run tools/node_tables.py", file=sys.stderr)
+    """Write the pages, or compare them with the code."""
+    for name, text in (("nodes.md", page()), ("parameters.md", parameter_page())):
+        path = DOCS / name
+        if "--check" not in sys.argv[1:]:
+            path.write_text(text, encoding="utf-8")
+        elif path.read_text(encoding="utf-8") != text:
+            print(f"{name} differs from the code; run tools/node_tables.py", file=sys.stderr)
             return 1
-        return 0
-    PAGE.parent.mkdir(exist_ok=True)
-    PAGE.write_text(page(), encoding="utf-8")
     return 0
 
 

@@ -2,15 +2,15 @@
 
 A configuration class lists its fields with `parameter(...)`; a field whose type is another configuration class is a
 group, and its parameters are named with a dot (`noise.start`), as ROS 2 names nested ones. The same fields are checked
-here when a YAML file is read (`build`), declared on nodes, and printed in docs/nodes.md, so that name, default, unit
-and range are written down exactly once. Parameter files have the layout of ROS 2, so that the same file serves
+here when a YAML file is read (`build`), declared on nodes, and printed in docs/parameters.md, so that name, default,
+unit and range are written down exactly once. Parameter files have the layout of ROS 2, so that the same file serves
 `ros2 run ... --ros-args --params-file FILE`, `vpsci graph --params FILE` and the commands that run in process.
 """
 
 import dataclasses
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -237,10 +237,10 @@ def as_ros_parameters(sections: Mapping[str, Mapping[str, Any]], *, any_namespac
     }
 
 
-def markdown_table(config: type) -> str:
-    """Return the parameter table of `config` as GitHub Markdown, for the README."""
+def markdown_table(rows: Iterable[Parameter]) -> str:
+    """Return rows of parameter tables as GitHub Markdown, for the documentation."""
     lines = ["| parameter | default | unit | range | what it sets |", "|---|---|---|---|---|"]
-    for row in table(config):
+    for row in rows:
         bounds = "" if row.low is None and row.high is None else f"{_bound(row.low)} to {_bound(row.high)}"
         bounds = " \\| ".join(row.choices) if row.choices else bounds
         default = f"`{row.default}`" if row.default != "" else ""

@@ -1,13 +1,25 @@
-"""The page of node tables says what the code says."""
+"""The pages of topics and of parameters say what the code says, of each parameter once."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
 
+from vpsci_ros.cli.parameter_file import ELSEWHERE
+from vpsci_ros.parameters import table
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_the_page_of_node_tables_is_that_of_the_code() -> None:
+def test_the_pages_of_topics_and_parameters_are_those_of_the_code() -> None:
     command = [sys.executable, str(ROOT / "tools" / "node_tables.py"), "--check"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 0, result.stderr
+
+
+def test_the_page_of_parameters_describes_every_parameter_and_none_twice() -> None:
+    page = (ROOT / "docs" / "parameters.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^\| `(.*)$", page, re.MULTILINE)
+    classes = {config for stage in ELSEWHERE for kinds in stage.sections.values() for config in kinds}
+    assert {line.partition("`")[0] for line in lines} == {row.name for config in classes for row in table(config)}
+    assert len(set(lines)) == len(lines)
