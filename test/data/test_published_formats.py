@@ -5,6 +5,7 @@ import polars as pl
 import pytest
 
 from vpsci_ros.data.importers import import_trajectories
+from vpsci_ros.data.importers.described import UNREADABLE
 from vpsci_ros.errors import InvalidInput
 
 HEADING = 2.0  # [rad] of the car, 6 m/s from the origin; the walker comes from its right and is hit
@@ -219,6 +220,36 @@ def test_a_wrong_description_is_refused_by_key(old, new, said, tmp_path):
     write_described(tmp_path)
     (tmp_path / "layout.yaml").write_text(LAYOUT.replace(old, new))
     with pytest.raises(InvalidInput, match=said):
+        import_trajectories(tmp_path, "described")
+
+
+def damaged(folder, change):
+    """Write the described scene with a second walker, whose rows are changed."""
+    write_described(folder)
+    rows = pl.read_csv(folder / "one.csv", infer_schema=False)
+    other = rows.filter(pl.col("who") == "walker").with_columns(who=pl.lit("zoe"))
+    pl.concat([rows, other.with_columns(**change)]).write_csv(folder / "one.csv")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"px": pl.when(pl.int_range(pl.len()) == 3).then(pl.lit("?")).otherwise("px")},
+        {"n": pl.when(pl.int_range(pl.len()) == 3).then(pl.lit("2")).otherwise("n")},
+    ],
+)
+def test_a_described_road_user_that_cannot_be_read_is_left_out_and_counted(change, tmp_path):
+    damaged(tmp_path, change)
+    (summary,) = import_trajectories(tmp_path, "described").summaries
+    assert (summary.near_misses, summary.left_out[UNREADABLE]) == (1, 1)
+    assert any("the first left out" in text and "line" in text for text in summary.assumed)
+
+
+def test_a_description_that_fits_nobody_is_refused(tmp_path):
+    write_described(tmp_path)
+    rows = pl.read_csv(tmp_path / "one.csv").with_columns(px=pl.lit("?"))
+    rows.write_csv(tmp_path / "one.csv")
+    with pytest.raises(InvalidInput, match="expected a finite number, got '\\?'"):
         import_trajectories(tmp_path, "described")
 
 

@@ -53,7 +53,7 @@ _WHAT = "a near-miss table"
 _FLOATS = [name for name, column in NEAR_MISS_COLUMNS.items() if column.dtype is pl.Float64]
 _CONSTANT = ("source", "clip", "veh_id", "ped_id")
 _FLAGS = ("standing", "begins_critical", "contact")
-_TURN_LIMIT = 1.0  # [rad] a heading turns by less than this in one step, or it is wrapped or in degrees
+TURN_LIMIT = 1.0  # [rad] a heading turns by less than this in one step, or it is wrapped or in degrees
 
 
 def read_near_misses(path: str | Path) -> pl.DataFrame:
@@ -174,7 +174,7 @@ def _check_order(table: pl.DataFrame, where: str, given: list[str]) -> None:
 
 def _check_motion(table: pl.DataFrame, where: str) -> None:
     inside = pl.col("interaction") == pl.col("interaction").shift(1)
-    jump = inside & (pl.col("veh_heading").diff().abs() > _TURN_LIMIT)
+    jump = inside & (pl.col("veh_heading").diff().abs() > TURN_LIMIT)
     _refuse_first(table, jump, "veh_heading", where, "radians, unwrapped: no jump between two steps")
     gap = pl.struct("veh_x", "veh_y", "ped_x", "ped_y", "distance").map_batches(_distance_error, pl.Float64)
     _refuse_first(table, gap > 0.01, "distance", where, "metres between (veh_x, veh_y) and (ped_x, ped_y)")

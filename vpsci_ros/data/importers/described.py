@@ -14,18 +14,25 @@
     width: 1.8
 """
 
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import polars as pl
+
 from vpsci_ros.data.importers.importer import Clip, Importer
 from vpsci_ros.data.importers.layout import Layout, clip_of, read_csv
+from vpsci_ros.data.near_misses import TURN_LIMIT
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import read_yaml, require_form, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import refuse_unknown
 
 FILE = "layout.yaml"
+UNREADABLE = "road users that cannot be read"  # a count of `Clip.left_out`
 _COLUMNS = ("id", "frame", "time", "class", "x", "y", "vx", "vy", "heading", "length", "width")
 _KEYS: dict[str, Any] = {
     "files": "*.csv",
@@ -45,7 +52,7 @@ _KEYS: dict[str, Any] = {
 def described(folder: Path) -> Iterator[Clip]:
     """Yield a clip for each file that the layout in the folder names.
 
-    :raises InvalidInput: no layout, or one with a key that is missing, unknown or wrong; or see `clip_of`.
+    :raises InvalidInput: no layout, or one with a key that is missing, unknown or wrong; or see `_readable`.
     """
     path = folder / FILE
     values = _values(path)
@@ -56,8 +63,46 @@ def described(folder: Path) -> Iterator[Clip]:
     size = float(values["length"]), float(values["width"])
     for file in files:
         table = read_parquet(file, "a table of tracks") if file.suffix == ".parquet" else read_csv(file)
-        clip = clip_of(file.stem, {file: (table, layout)})
-        yield clip.with_size(*size)
+        yield _without_jumps(_readable(file, table, layout)).with_size(*size)
+
+
+def _readable(path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
+    """Return the clip of a table without the road users that cannot be read, as long as they are fewer than half.
+
+    :raises InvalidInput: see `clip_of`.
+    """
+    try:
+        return clip_of(path.stem, {path: (table, layout)})
+    except InvalidInput as refused:
+        column = layout.columns["id"]
+        if column not in table.columns:
+            raise
+        known = table.drop_nulls(column)
+        numbered = known.with_columns(known[column].cast(pl.String).rank("dense").cast(pl.Int64).alias(column))
+        clips, bad = [], 0
+        for track in numbered.partition_by(column, maintain_order=True):
+            try:
+                clips.append(clip_of(path.stem, {path: (track, layout)}))
+            except InvalidInput:
+                bad += 1
+        if bad >= len(clips):
+            raise
+        left_out = Counter({UNREADABLE: bad, "rows without an id": table.height - known.height})
+        for clip in clips:
+            left_out.update(clip.left_out)
+        return Clip(
+            path.stem,
+            [track for clip in clips for track in clip.vehicles],
+            [track for clip in clips for track in clip.pedestrians],
+            left_out,
+            (*dict.fromkeys(text for clip in clips for text in clip.assumed), f"the first left out: {refused}"),
+        )
+
+
+def _without_jumps(clip: Clip) -> Clip:
+    good = [track for track in clip.vehicles if np.abs(np.diff(track.values["heading"])).max(initial=0.0) < TURN_LIMIT]
+    left_out = {**clip.left_out, "vehicles whose heading jumps": len(clip.vehicles) - len(good)}
+    return replace(clip, vehicles=good, left_out=left_out)
 
 
 def _values(path: Path) -> dict[str, Any]:
