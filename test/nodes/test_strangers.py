@@ -14,6 +14,7 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, UInt64
@@ -178,6 +179,33 @@ def test_a_recorder_refuses_bytes_that_are_no_message(
         recorder._on_message(topic, b"\x00\x01\x00\x00" + b"\xff" * 40)
     assert refused(recorder) == {"/tf": 1, "/tf_static": 1, "/diagnostics": 1, "/episode/event": 1}
     recorder.close()
+
+
+def test_a_recorder_refuses_states_and_answers_that_the_other_nodes_refuse(
+    context: Context, stage: Callable[..., Stage], tmp_path: Path
+) -> None:
+    recorder = Recorder(context=context, parameter_overrides=[Parameter("bag", value=str(tmp_path / "bag"))])
+    stage(recorder)
+    recorder._on_parameters("world_simulator", {"batch": 1, "pedestrians": 1})
+    header = Header(stamp=convert.stamp(1, PERIOD), frame_id=convert.MAP)
+    good, bad = np.zeros((1, 2)), (np.zeros((2, 2)), np.full((1, 2), np.nan))
+    sent = {
+        "/world/state": [
+            state(1),
+            *BAD_STATES,
+            convert.world_state_message(np.zeros(2, EPISODE), bad[0][0], 1, PERIOD),
+        ],
+        "/safety/state": [safety(1), safety(1, curvttc=np.full(1, np.nan)), safety(1, distance=np.zeros(2))],
+        "/vehicle/action": [convert.action_message(header, 1, pairs, 1) for pairs in (good, *bad)],
+    }
+    for topic, messages in sent.items():
+        for message in messages:
+            recorder._on_message(topic, serialize_message(message))
+    refused = {f"refused {topic}": len(messages) - 1 for topic, messages in sent.items()}
+    assert shown(recorder) == refused
+    recorder.close()
+    info = bag_info(tmp_path / "bag")
+    assert (info["messages_seen"], info["messages"]) == (11, 3)
 
 
 CODES = [*range(11), 255]  # of types of a parameter's value; 10 and 255 are none

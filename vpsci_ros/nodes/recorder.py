@@ -13,18 +13,22 @@ from vpsci_msgs.msg import EpisodeEvent, PolicyWeights
 from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog, EventRow, event_rows
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.nodes import serialized
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import EXECUTABLES, NODES, RecorderConfig
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.serialized import message_of
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
-from vpsci_ros.wire import received
+from vpsci_ros.wire import layout, received
 from vpsci_ros.wire.decoder import describe
-from vpsci_ros.wire.layout import EVENTS
+from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.wire.padding import zeroed
 from vpsci_ros.world import load_scenarios
 from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.tick import Actions
 
+_ACTIONS = {f"/{agent}/action": agent for agent in AGENTS}
 DRAIN_QUIET = 0.3  # [s] without a message: nothing is on its way any more
 
 
@@ -49,6 +53,7 @@ class Recorder(GraphNode):
         sizes = {"chunk_size": config.chunk_size * 1024, "split_size": config.split_size}
         self._bag = BagWriter(config.bag, topics, **sizes)
         self._bag.describe(SOFTWARE, software_record())
+        self._rows = 0  # of the arrays of states and answers; 0: not known
         self._episodes = EpisodeLog()
         self._ended: list[BagEpisode] = []
         self._recorded_episodes = 0
@@ -56,6 +61,7 @@ class Recorder(GraphNode):
         if self._untimed:
             self.simulated_time = self.get_clock().now().to_msg()
         self._last_receipt = self._begun = time.monotonic()
+        serialized.warm_up()
         others = [name for name in (self.peers if explicit else NODES) if name not in ("recorder", "replayer")]
         self._peer_parameters = PeerParameters(self, others, self._on_parameters)
         if "learner" in others:
@@ -88,7 +94,7 @@ class Recorder(GraphNode):
                 return
         at = self.intake.read(topic, received.stamp, topic, data)
         clean = None if at is None else self.intake.read(topic, zeroed, TOPICS[topic].type_name, data, topic)
-        ticked = self.intake.read(topic, _events, data) if topic == EVENTS and clean is not None else (0, [])
+        ticked = self.intake.read(topic, self._checked, topic, data) if clean is not None else None
         if at is None or clean is None or ticked is None:
             self._bag.refuse(topic)
             return
@@ -100,6 +106,24 @@ class Recorder(GraphNode):
         if topic != "/diagnostics" or self._untimed:
             self.simulated_time = Time(sec=at // 1_000_000_000, nanosec=at % 1_000_000_000)
 
+    def _checked(self, topic: str, data: bytes) -> tuple[int, list[EventRow]]:
+        """Return the tick and the events of a serialized EpisodeEvent, none of other messages.
+
+        :raises InvalidInput: a state, an answer or events that the nodes which act on them refuse as well.
+        """
+        if topic == EVENTS:
+            message = message_of(data, EpisodeEvent, EVENTS)
+            return message.tick, event_rows(received.events(message))
+        if topic == WORLD:
+            rows = len(serialized.shown(data).tick.state)
+            if self._rows and rows != self._rows:
+                raise InvalidInput(f"{topic}: expected {self._rows} pedestrians, got {rows}; are two worlds here?")
+        elif topic == SAFETY and self._rows:
+            received.safety_state(serialized.safety_state(data), self._rows)
+        elif topic in _ACTIONS and self._rows:
+            Actions(**{_ACTIONS[topic]: layout.action(serialized.action(data, topic), self._rows, topic)})
+        return 0, []
+
     def _write_ended(self) -> None:
         """Write the records of the episodes whose last tick is over."""
         for episode in self._ended:
@@ -109,6 +133,8 @@ class Recorder(GraphNode):
 
     def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
         self._bag.describe(NODE, node_record(node, values))
+        if node == "world_simulator":
+            self._rows = int(values.get("batch", 0)) * int(values.get("pedestrians", 1))
         for record in scenario_records(load_scenarios(values.get("scenarios", ()), values.get("scenario_files", ()))):
             self._bag.describe(SCENARIO, record)
 
@@ -142,12 +168,6 @@ def _digest(message: PolicyWeights) -> dict[str, str]:
     :raises InvalidInput: they are another's.
     """
     return {"version": str(message.version), "sha256": hashlib.sha256(received.weights(message)).hexdigest()}
-
-
-def _events(data: bytes) -> tuple[int, list[EventRow]]:
-    """Return the tick and the events of a serialized EpisodeEvent."""
-    message = message_of(data, EpisodeEvent, EVENTS)
-    return message.tick, event_rows(received.events(message))
 
 
 def is_own(message: DiagnosticArray | TFMessage, prefix: str) -> bool:
