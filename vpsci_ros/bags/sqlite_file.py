@@ -1,4 +1,7 @@
-"""One sqlite3 file of a bag, as `ros2 bag record` wrote them by default before Jazzy."""
+"""One sqlite3 file of a bag, as `ros2 bag record` wrote them by default before Jazzy.
+
+Python's own sqlite3 reads it: rosbags' reader needs metadata.yaml and a whole file, and these are read without.
+"""
 
 import contextlib
 import sqlite3

@@ -12,7 +12,7 @@ from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.data.episode_frames import EpisodeBatch, EpisodeFrames
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.wire import layout
+from vpsci_ros.wire import received
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import SAFETY, TYPES, WORLD
 
@@ -96,10 +96,10 @@ def _messages(bag: Bag, start: int, stop: int) -> Iterator[tuple[str, Any, int]]
 
 
 def _tick(folder: str | Path, world: Any, time: int, safety: Any | None) -> RecordedTick:
-    tick = layout.world_state(world, f"{folder}: {WORLD}")
+    tick = received.world_state(world, f"{folder}: {WORLD}")
     curvttc = distance = np.full(len(tick.state), np.nan)
     if safety is not None:
-        curvttc, distance, _ = layout.safety_state(safety, len(tick.state), f"{folder}: {SAFETY}")
+        curvttc, distance, _ = received.safety_state(safety, len(tick.state), f"{folder}: {SAFETY}")
     return RecordedTick(
         number=tick.number, period=float(world.dt), state=tick.state, curvttc=curvttc, distance=distance, time=time
     )

@@ -184,11 +184,12 @@ class _Simulation:
             return f"tick {tick}: every episode has ended before it when simulated again, but the bag goes on"
         self.take_actions()
         _, state, frame, _ = self._loop.world.now
+        assessed = self._loop.assessment
         result.ticks += 1
         result.episodes += int(np.count_nonzero((state["status"] != 0) & (state["frame"] == 0)))
         simulated: dict[str, Fields] = {
             WORLD: layout.world_state_fields(state, frame),
-            SAFETY: self._loop.assessment._asdict(),
+            SAFETY: layout.safety_fields(assessed.curvttc, assessed.distance, assessed.critical),
         }
         for agent in self._loop.agents:
             action = self._actions.of(agent)
@@ -218,9 +219,7 @@ class _Simulation:
 def _compare(where: str, message: Any, simulated: Fields, result: VerifiedBag) -> str:
     """Return the first field in which a message differs from what was simulated, empty for none."""
     for name, values in simulated.items():
-        recorded = getattr(message, name, None)
-        if recorded is None:
-            continue  # a field of the state that the message does not carry
+        recorded = getattr(message, name)
         if values is None:
             return f"{where}: the policy answered, though nobody requests it when simulated again"
         again = np.ascontiguousarray(values).astype(recorded.dtype)

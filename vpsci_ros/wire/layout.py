@@ -37,13 +37,6 @@ TYPES = {
 }
 """What has no need of ROS to be written; all topics stand in `vpsci_ros.nodes.topics`."""
 
-# A message that lacks one of these tells too little of the world; an older one may lack others.
-_NEEDED = (
-    *("scenario", "episode", "frame", "status", "outcome"),
-    *("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed"),
-    *("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"),
-)
-
 
 def sequences(message: str) -> dict[str, str]:
     """Return the sequences of numbers of a message of this package in the order of its definition: name -> type."""
@@ -162,15 +155,14 @@ def checked(field: array[Any] | Array, length: int, where: str, name: str) -> Ar
 
 
 def world_state(message: Any, where: str = WORLD) -> Tick:
-    """Return the tick that a WorldState tells of; fields of EPISODE that it lacks are 0.
+    """Return the tick of a WorldState.
 
-    Pedestrians are numbered by the rows of their episode: rows in a row of one episode have one vehicle.
+    Pedestrians are numbered by the rows of their episode: adjacent rows of one episode have one vehicle.
 
-    :raises InvalidInput: the arrays differ in length, or one that is needed is missing; `where` opens the message.
+    :raises InvalidInput: the arrays differ in length, or one is missing; `where` opens the message.
     """
-    state = _records(message, _STATE, np.zeros(len(message.scenario), EPISODE), where, _NEEDED)
-    flags = getattr(message, "policy_frame", None)
-    frame = np.zeros(len(state), bool) if flags is None else checked(flags, len(state), where, "policy_frame") != 0
+    state = _records(message, _STATE, np.zeros(len(getattr(message, "scenario", ())), EPISODE), where)
+    frame = checked(message.policy_frame, len(state), where, "policy_frame") != 0
     number_pedestrians(state)
     return Tick(number=int(message.tick), state=state, policy_frame=frame)
 
@@ -224,19 +216,19 @@ def action(message: Any, batch: int, where: str) -> Array:
 
 
 def events(message: Any, where: str = EVENTS) -> Array:
-    """Return the EVENT[n] records of an EpisodeEvent; fields that it lacks are 0.
+    """Return the EVENT[n] records of an EpisodeEvent.
 
-    :raises InvalidInput: the arrays differ in length.
+    :raises InvalidInput: the arrays differ in length, or one is missing.
     """
-    return _records(message, _EVENT, np.zeros(len(message.kind), EVENT), where)
+    return _records(message, _EVENT, np.zeros(len(getattr(message, "kind", ())), EVENT), where)
 
 
 def transitions(message: Any, where: str = "/replay") -> Array:
     """Return the TRANSITION[n] records of a Transition.
 
-    :raises InvalidInput: the arrays differ in length.
+    :raises InvalidInput: the arrays differ in length, or one is missing.
     """
-    rows = _records(message, _TRANSITION, np.zeros(len(message.scenario), TRANSITION), where)
+    rows = _records(message, _TRANSITION, np.zeros(len(getattr(message, "scenario", ())), TRANSITION), where)
     last = rows["last"] != 0
     rows[last] = _records(message, _AFTER, rows[last], where)
     rows["number"] = message.first_number + np.arange(len(rows), dtype=np.uint64)
@@ -256,18 +248,11 @@ def motion(message: Any, agent: str) -> PlanarMotion:
     )
 
 
-def _records(
-    message: Any, fields: dict[str, tuple[int, ...]], into: Array, where: str, needed: tuple[str, ...] = ()
-) -> Array:
-    """Fill `fields` of records by those of a message, as far as it has them."""
-    length = len(into)
-    for name, shape in fields.items():  # at every tick, of every field: numpy takes arrays of Python as they are
+def _records(message: Any, shapes: dict[str, tuple[int, ...]], into: Array, where: str) -> Array:
+    """Fill fields of records, by name -> shape in one record, from the sequences of a message."""
+    for name, shape in shapes.items():
         field = getattr(message, name, None)
-        if field is not None:
-            if shape:
-                into[name] = checked(field, length * math.prod(shape), where, name).reshape(-1, *shape)
-            else:
-                into[name] = field if len(field) == length else checked(field, length, where, name)
-        elif name in needed:
+        if field is None:
             raise InvalidInput(f"{where} has no field {name}; it is of another version")
+        into[name] = checked(field, len(into) * math.prod(shape), where, name).reshape(-1, *shape)
     return into
