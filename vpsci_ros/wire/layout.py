@@ -162,7 +162,8 @@ def world_state(message: Any, where: str = WORLD) -> Tick:
     :raises InvalidInput: the arrays differ in length, or one is missing; `where` opens the message.
     """
     state = _records(message, _STATE, np.zeros(len(getattr(message, "scenario", ())), EPISODE), where)
-    frame = checked(message.policy_frame, len(state), where, "policy_frame") != 0
+    flags = getattr(message, "policy_frame", np.zeros(0, np.uint8))
+    frame = checked(flags, len(state), where, "policy_frame") != 0
     number_pedestrians(state)
     return Tick(number=int(message.tick), state=state, policy_frame=frame)
 
