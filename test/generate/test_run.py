@@ -2,12 +2,12 @@
 
 import dataclasses
 import errno
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
-import time
-from multiprocessing import get_context, popen_spawn_posix
+from multiprocessing import connection, popen_spawn_posix
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.job import Unit
 from vpsci_ros.generate.journal import FOLDER, Journal, journal_of
 from vpsci_ros.generate.run import RECORD, generate
+from vpsci_ros.generate.simulate import Simulator
 from vpsci_ros.generate.workers import Processes, Serial
 from vpsci_ros.runs.files import sha256
 
@@ -108,15 +109,37 @@ def test_a_worker_killed_while_it_is_being_started_costs_nothing_but_time(job, m
     assert hashes(tmp_path / "d") == hashes(made)
 
 
-def test_a_pool_that_breaks_leaves_no_process_that_it_was_just_starting(job) -> None:
-    workers = Processes(job, 8, 2)
-    straggler = get_context("spawn").Process(target=time.sleep, args=(600.0,), daemon=True)
-    straggler.start()
-    workers.submit(Unit(1, (0,)))
-    workers._pool._processes[straggler.pid] = straggler  # as one that `submit` starts while its pool breaks
-    workers._revive([])
-    assert not straggler.is_alive()
+def test_a_worker_killed_while_it_writes_a_result_costs_nothing_but_time(job, monkeypatch) -> None:
+    unit, killed = Unit(1, range(200)), []
+    workers = Processes(job, 64, 2)
+
+    def wait(connections):
+        ready = connection.wait(connections)
+        for one in ready:
+            if (
+                workers._running.get(one) is not None and not killed
+            ):  # it waits to write what does not fit into the pipe
+                killed.append(workers._processes[one].pid)
+                os.kill(killed[0], signal.SIGKILL)
+        return ready
+
+    monkeypatch.setattr("vpsci_ros.generate.workers.wait", wait)
+    workers.submit(unit)
+    ((found, data),) = workers.collect()
     workers.close()
+    assert len(killed) == 1
+    assert found == unit
+    assert len(data) > 1_000_000, "more than a pipe takes at once"
+    assert data == Simulator(job, 7).run(unit).to_bytes()
+
+
+def test_an_error_in_a_worker_is_raised_here(job) -> None:
+    workers = Processes(job, 8, 1)
+    workers.submit(Unit(99, range(8)))
+    with pytest.raises(InvalidInput, match="scenario 99"):
+        workers.collect()
+    workers.close()
+    assert not multiprocessing.active_children()
 
 
 def test_a_finished_dataset_is_not_computed_again(make, made, tmp_path) -> None:

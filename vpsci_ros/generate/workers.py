@@ -4,16 +4,15 @@ A worker gets the job once, then units, and gives their episodes back as bytes; 
 lost or half written when it dies. `Serial` is the same without processes, `ray_workers` the same over a cluster.
 """
 
+import contextlib
+import multiprocessing
 import os
 import signal
 import threading
 import time
 from collections import deque
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
-from multiprocessing.reduction import ForkingPickler
-from multiprocessing.shared_memory import SharedMemory
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from typing import Protocol
 
 from vpsci_ros.errors import VpsciError
@@ -21,7 +20,7 @@ from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.simulate import Simulator
 
 _MOST_DEATHS = 3  # in a row without a unit computed
-_simulator: Simulator | None = None
+_READY = b""  # what a worker says once when it is up
 
 
 class Workers(Protocol):
@@ -65,99 +64,115 @@ class Serial:
 class Processes:
     """Computes units in `size` processes of this machine.
 
-    A process that dies (killed, out of memory) takes its companions along; all are started anew and the units that
-    were on their way are computed again. The job lies in shared memory: a process is started through a pipe, and what
-    does not fit into the pipe would keep this process waiting for ever for one that dies before it has read it.
+    Each process has a connection of its own, of which this process holds one end alone: what a process that dies
+    (killed, out of memory) was writing ends there, so that nobody waits for the rest. Another one is started in its
+    place, and its unit is computed again. A pool of `concurrent.futures` or of loky, whose processes share a pipe that
+    the parent can write to as well, waits for ever for a process that is killed while it writes a result.
     """
 
     def __init__(self, job: Job, batch: int, size: int) -> None:
         self.size = size
-        data = bytes(ForkingPickler.dumps(job))
-        self._job = SharedMemory(create=True, size=len(data))
-        assert self._job.buf is not None  # it is until close()
-        self._job.buf[: len(data)] = data
-        self._batch = batch
-        self._running: dict[Future[bytes], Unit] = {}
+        self._job = job, batch
+        self._queue: deque[Unit] = deque()
+        self._processes: dict[Connection, BaseProcess] = {}
+        self._running: dict[Connection, Unit | None] = {}  # of the processes that are up; None: it is idle
         self._deaths = 0
-        self._pool = self._start()
+        for _ in range(size):
+            self._start()
 
-    def _start(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(
-            self.size, get_context("spawn"), initializer=_begin, initargs=(self._job.name, self._batch, os.getpid())
-        )
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe()
+        process = context.Process(target=_work, args=(there, os.getpid()), daemon=True)
+        process.start()
+        there.close()
+        self._processes[here] = process
 
     @property
     def pids(self) -> list[int]:
-        """Process ids of the workers that are up."""
-        return list(self._pool._processes)
+        """Process ids of the workers."""
+        return [process.pid for process in self._processes.values() if process.pid is not None]
 
     def submit(self, unit: Unit) -> None:
         """Hand a unit to the next free process."""
-        try:
-            self._running[self._pool.submit(_compute, unit)] = unit
-        except (BrokenProcessPool, OSError):  # OSError: the pool has found out, and closes its pipes
-            self._revive([unit])
+        self._queue.append(unit)
+        self._hand_out()
 
     def collect(self) -> list[tuple[Unit, bytes]]:
         """Wait for a process to finish a unit.
 
         :raises VpsciError: processes die again and again.
         """
-        while True:
-            done, _ = wait(self._running, return_when=FIRST_COMPLETED)
-            units = [(self._running.pop(future), future) for future in done]
-            lost = [unit for unit, future in units if isinstance(future.exception(), BrokenProcessPool)]
-            found = [(unit, future.result()) for unit, future in units if unit not in lost]
-            if found:
-                self._deaths = 0
-            if lost:
-                self._revive(lost)
-            if found:
-                return found
+        found: list[tuple[Unit, bytes]] = []
+        while not found:
+            for connection in wait(list(self._processes)):
+                assert isinstance(connection, Connection)
+                try:
+                    said = connection.recv()
+                except (EOFError, OSError):  # it has died, perhaps in the middle of what it was writing
+                    self._replace(connection)
+                else:
+                    if isinstance(said, Exception):
+                        raise said
+                    if said == _READY:
+                        self._send(connection, self._job)
+                    elif (unit := self._running[connection]) is not None:
+                        found.append((unit, said))
+                    self._running[connection] = None
+            self._hand_out()
+        self._deaths = 0
+        return found
 
-    def _end(self) -> None:
-        """End the pool and its processes.
+    def _hand_out(self) -> None:
+        for connection, unit in self._running.items():
+            if unit is None and self._queue:
+                self._running[connection] = self._queue.popleft()
+                self._send(connection, self._running[connection])
 
-        A broken pool ends them itself, but for one that it is starting just then; for that it waits, and this process
-        with it when it wants to end (CPython 3.11, `terminate_broken`).
-        """
-        processes = list(self._pool._processes.values()) if self._pool._processes else []
-        self._pool.shutdown(wait=False, cancel_futures=True)
-        for process in processes:
-            process.kill()
-        for process in processes:
-            process.join()
+    def _send(self, connection: Connection, what: object) -> None:
+        with contextlib.suppress(OSError):  # it has died, which reading from it will tell
+            connection.send(what)
 
-    def _revive(self, lost: list[Unit]) -> None:
+    def _replace(self, connection: Connection) -> None:
+        """Start another process in place of one that has died, and have its unit computed again."""
         self._deaths += 1
-        if self._deaths >= _MOST_DEATHS:
+        self._stop(connection)
+        unit = self._running.pop(connection, None)
+        if unit is not None:
+            self._queue.appendleft(unit)
+        if self._deaths >= _MOST_DEATHS * self.size:
             raise VpsciError(
-                f"workers died {self._deaths} times in a row (out of memory, killed?) at "
-                f"{', '.join(f'scenario {u.scenario} from {u.numbers[0]}' for u in lost)}; "
-                "what was finished is kept: run the same command again, perhaps with fewer --workers"
+                f"workers died {self._deaths} times in a row (out of memory, killed?)"
+                + (f" at scenario {unit.scenario} from {unit.numbers[0]}" if unit else "")
+                + "; what was finished is kept: run the same command again, perhaps with fewer --workers"
             )
-        lost = [*lost, *self._running.values()]
-        self._running.clear()
-        self._end()
-        self._pool = self._start()
-        for unit in lost:
-            self.submit(unit)
+        self._start()
+
+    def _stop(self, connection: Connection) -> None:
+        process = self._processes.pop(connection)
+        process.kill()
+        process.join()
+        connection.close()
 
     def close(self) -> None:
         """End the processes, also in the middle of a unit."""
-        self._end()
-        self._job.close()
-        self._job.unlink()
+        for connection in list(self._processes):
+            self._stop(connection)
 
 
-def _begin(shared: str, batch: int, parent: int) -> None:
-    global _simulator  # noqa: PLW0603 - a worker's one possession, made once in the process
+def _work(connection: Connection, parent: int) -> None:
+    """Compute the units that come, in a process of its own."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to deal with
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-    memory = SharedMemory(shared)
-    assert memory.buf is not None
-    _simulator = Simulator(ForkingPickler.loads(memory.buf), batch)
-    memory.close()
+    try:
+        connection.send(_READY)
+        simulator = Simulator(*connection.recv())
+        while True:
+            connection.send(simulator.run(connection.recv()).to_bytes())
+    except (EOFError, BrokenPipeError):
+        return  # the parent has gone
+    except Exception as error:  # noqa: BLE001 - the parent raises it
+        connection.send(error)
 
 
 def _end_with(parent: int) -> None:
@@ -165,8 +180,3 @@ def _end_with(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)
-
-
-def _compute(unit: Unit) -> bytes:
-    assert _simulator is not None, "a worker computes after _begin"
-    return _simulator.run(unit).to_bytes()
