@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.cli.options import read_sections
+from vpsci_ros.data.episode import Key
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.exam.conduct import Exam, loop_with
 from vpsci_ros.exam.config import MOVING
-from vpsci_ros.exam.measures import Key
 from vpsci_ros.exam.run import prepare
 from vpsci_ros.exam.search.imitation import lessons
 from vpsci_ros.exam.search.run import plain

@@ -6,35 +6,35 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vpsci_ros.data.episode_frames import QUANTITIES
+from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.exam.measures import Drive, episode_table, time_lost
+from vpsci_ros.exam.measures import episode_table, time_lost
 from vpsci_ros.exam.report import Conduct, definitions, make_report, value_of
 from vpsci_ros.exam.scores import MEASURES, difference, estimate
-from vpsci_ros.world import COLLISION, GOAL, TIMEOUT
+from vpsci_ros.world import load_scenarios
 
 PERIOD = 0.05
+(SCENARIO,) = load_scenarios([1])
 CONFIG = ExamConfig()
 
 
-def drive(speeds, *, curvttc=np.inf, outcome=GOAL, episode=0, walking=1.5):
+def drive(speeds, *, curvttc=np.inf, outcome="goal", episode=0, walking=1.5):
     """A car along x with these speeds, a pedestrian walking along y ten metres ahead."""
     speeds = np.asarray(speeds, float)
-    time = PERIOD * np.arange(len(speeds))
-    values = np.zeros((len(speeds), len(QUANTITIES)), np.float32)
-    column = {name: values[:, i] for i, name in enumerate(QUANTITIES)}
-    column["position_x_av"][1:] = np.cumsum(PERIOD * speeds[:-1])
-    column["velocity_x_av"][:] = speeds
-    column["position_x_ped"][:], column["position_y_ped"][:] = 10.0, walking * time - 5.0
-    column["velocity_y_ped"][:] = walking
-    column["CurvTTC"][:] = curvttc
-    return Drive(1, episode, outcome, values)
+    still = np.zeros(len(speeds))
+    x = np.concatenate([[0.0], np.cumsum(PERIOD * speeds[:-1])])
+    walk = still + 10.0, walking * PERIOD * np.arange(len(speeds)) - 5.0, still, still + walking
+    ttc = still + curvttc
+    px, py, vx, vy, curvttc, distance = (row[None] for row in (*walk, ttc, still))
+    listed = Listed(f"1:{episode}", SCENARIO.name, 1, episode, outcome, float(np.nanmin(ttc)))
+    vehicle = x, still, still, speeds, still
+    return Episode("", listed, SCENARIO, PERIOD, *vehicle, px, py, vx, vy, curvttc, distance, curvttc < 5.0)
 
 
 def row(found, alone=(), **options):
     given = {"driver": "ads", "pedestrian": "learned"} | options
-    return episode_table([found], list(alone), CONFIG, PERIOD, **given).row(0, named=True)
+    return episode_table([found], list(alone), CONFIG, **given).row(0, named=True)
 
 
 def test_hard_braking_is_above_the_threshold_and_not_at_it():
@@ -50,7 +50,7 @@ def test_a_vehicle_that_only_accelerates_does_not_brake():
 
 def test_a_contact_counts_as_moving_only_where_the_vehicle_moves():
     for speed, moving in ((0.0, False), (0.4, False), (3.0, True)):
-        found = row(drive(np.full(30, speed), outcome=COLLISION, curvttc=0.5))
+        found = row(drive(np.full(30, speed), outcome="collision", curvttc=0.5))
         assert found["collision"] is True
         assert found["moving_collision"] is moving
         assert found["impact_speed"] == pytest.approx(speed)
@@ -68,8 +68,8 @@ def test_the_least_curvttc_is_capped_at_its_horizon_and_missing_answers_are_not_
 
 
 def test_time_lost_is_the_delay_at_the_place_that_was_reached():
-    alone = drive(np.full(201, 4.0), outcome=TIMEOUT)
-    stopped = drive(np.concatenate([np.full(40, 4.0), np.zeros(60), np.full(101, 4.0)]), outcome=TIMEOUT)
+    alone = drive(np.full(201, 4.0), outcome="timeout")
+    stopped = drive(np.concatenate([np.full(40, 4.0), np.zeros(60), np.full(101, 4.0)]), outcome="timeout")
     assert row(stopped, [alone])["time_lost"] == pytest.approx(3.0, abs=1e-3)
     assert row(alone, [alone])["time_lost"] == pytest.approx(0.0, abs=1e-3)
 
@@ -88,11 +88,11 @@ def table(**collisions):
     for name, outcomes in collisions.items():
         driver, pedestrian = name.split("_", 1)
         drives = [
-            drive(np.full(30, 4.0), outcome=COLLISION if hit else GOAL, curvttc=1.0, episode=k)
+            drive(np.full(30, 4.0), outcome="collision" if hit else "goal", curvttc=1.0, episode=k)
             for k, hit in enumerate(outcomes)
         ]
         alone = [drive(np.full(30, 4.0), episode=k) for k in range(len(outcomes))]
-        parts.append(episode_table(drives, alone, CONFIG, PERIOD, driver=driver, pedestrian=pedestrian))
+        parts.append(episode_table(drives, alone, CONFIG, driver=driver, pedestrian=pedestrian))
     return pl.concat(parts)
 
 
@@ -124,7 +124,7 @@ def test_a_report_says_how_much_the_driver_lives_off_the_pedestrians_yielding():
 
 
 def test_a_report_counts_refused_commands_and_unanswered_ticks():
-    rows = episode_table([drive(np.full(30, 4.0))], [], CONFIG, PERIOD, driver="ads", pedestrian="learned",
+    rows = episode_table([drive(np.full(30, 4.0))], [], CONFIG, driver="ads", pedestrian="learned",
                          unanswered={(1, 0): 7})  # fmt: skip
     report = make_report(rows, {"learned": Conduct(4, 12, failure="the ADS was killed")}, CONFIG)
     conduct = report["conduct"]["learned"]

@@ -5,12 +5,11 @@ import re
 import numpy as np
 import polars as pl
 import pytest
-from exam.test_measures import CONFIG, PERIOD, drive
+from exam.test_measures import CONFIG, drive
 
 from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.page import WORST, worst, write_page
 from vpsci_ros.exam.report import Conduct, make_report
-from vpsci_ros.world import COLLISION, load_scenarios
 
 EXAM = {
     "ads": "python 'my <ads>.py' & co",
@@ -24,9 +23,9 @@ EXAM = {
 
 def episodes(pedestrian, driver, collide):
     """Twelve episodes, all critical, of which the first `collide` end in a contact at 1, 2, ... m/s."""
-    made = [drive(np.full(40, 1.0 + k), curvttc=1.0, episode=k, outcome=COLLISION) for k in range(collide)]
+    made = [drive(np.full(40, 1.0 + k), curvttc=1.0, episode=k, outcome="collision") for k in range(collide)]
     made += [drive(np.linspace(5.0, 0.5, 40), curvttc=3.0, episode=k) for k in range(collide, 12)]
-    return made, episode_table(made, [], CONFIG, PERIOD, driver=driver, pedestrian=pedestrian)
+    return made, episode_table(made, [], CONFIG, driver=driver, pedestrian=pedestrian)
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +38,8 @@ def page(tmp_path_factory):
     report = make_report(table, {"learned": Conduct(12), "walker": Conduct(12, refused=3)}, CONFIG)
     report |= {"exam": EXAM, "failures": [], "criteria": []}
     drives = {name: made[name, "ads"][0] for name in ("learned", "walker")}
-    write_page(folder / "report.html", report, table, drives, load_scenarios([1]), "view.html")
-    write_page(folder / "alone.html", report, table, drives, load_scenarios([1]))
+    write_page(folder / "report.html", report, table, drives, "view.html")
+    write_page(folder / "alone.html", report, table, drives)
     assert "view.html" not in (folder / "alone.html").read_text(encoding="utf-8")
     return (folder / "report.html").read_text(encoding="utf-8"), table
 

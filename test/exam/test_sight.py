@@ -7,10 +7,10 @@ import polars as pl
 import pytest
 
 from vpsci_ros.bags.simulated import write_ticks
-from vpsci_ros.data.episode_frames import EpisodeFrames
-from vpsci_ros.exam.conduct import autopilot_met, sight_in_bag
+from vpsci_ros.data.gathered import gathered
+from vpsci_ros.exam.conduct import autopilot_met, episodes_in_bag
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.exam.measures import drives, episode_table
+from vpsci_ros.exam.measures import episode_table
 from vpsci_ros.exam.report import Conduct, make_report
 from vpsci_ros.exam.run import prepare
 from vpsci_ros.exam.sight import Sight, Watcher
@@ -30,16 +30,16 @@ def run(perception: PerceptionConfig | None = None, scenario: int = 104, **confi
     scenarios = load_scenarios([scenario])
     world = World(chosen, scenarios, [(scenario, e) for e in range(EPISODES)], EPISODES, 3)
     watcher = Watcher(scenarios, perception, chosen.tick, chosen.pedestrians)
-    frames, batches = EpisodeFrames(len(world.state)), []
+    ticks = []
     for step in Loop(world):
         watcher.add(step.tick.state, step.assessment.curvttc)
-        batches.append(frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance))
-    return watcher.found, drives(batches)
+        ticks.append((step.tick.state.copy(), step.assessment.curvttc, step.assessment.distance))
+    return watcher.found, list(gathered(ticks, chosen.tick, scenarios))
 
 
 def test_without_perception_the_ads_is_told_of_everybody_at_once() -> None:
     found, driven = run()
-    critical = {drive.key for drive in driven if drive["CurvTTC"][:-1].min() < CRITICAL_TTC}
+    critical = {drive.key for drive in driven if drive.curvttc[0, :-1].min() < CRITICAL_TTC}
     assert set(found) == critical
     assert all((sight.told_share, sight.told_after(0.05)) == (1.0, 0.0) for sight in found.values())
 
@@ -60,8 +60,10 @@ def test_kinds_and_groups_are_those_of_the_episodes_where_the_bag_tells_of_neith
     exam = prepare(Sections({"world_simulator": world, "ads_test": {"pedestrians": ["walker"]}}), "external")
     config = exam.with_pedestrian("walker", "autopilot")
     write_ticks(Loop(World(config, exam.scenarios, exam.episodes, 1, 5)), config, tmp_path / "bag", {})
-    found, expected = sight_in_bag(tmp_path / "bag", exam, "walker", recover=False), autopilot_met(exam, "walker").sight
-    assert found == expected
+    read, found = episodes_in_bag(tmp_path / "bag", exam, "walker", recover=False)
+    expected = autopilot_met(exam, "walker")
+    assert found == expected.sight
+    assert [episode.listed for episode in read] == [episode.listed for episode in expected.episodes]
     assert {sight.pedestrians for sight in found.values()} == {1, 2, 3}
     assert len({sight.kind for sight in found.values()}) > 2
 
@@ -76,7 +78,7 @@ def test_results_come_by_kind_by_group_and_by_who_was_hidden_where_these_differ(
     found, driven = run(pedestrians=2, kinds=KindMixture(adult=1.0, child=1.0))
     assert len(driven) == EPISODES, "an episode is one, however many pedestrians it has"
     options = {"driver": "autopilot", "pedestrian": "walker"}
-    table = episode_table(driven, [], ExamConfig(), 0.05, **options, sight=found)
+    table = episode_table(driven, [], ExamConfig(), **options, sight=found)
     report = make_report(table, {"walker": Conduct(EPISODES)}, ExamConfig(pedestrians=["walker"], baseline=True))
     groups = report["groups"]
     assert set(groups) == {"kind", "hidden"}, "all groups are of two"

@@ -7,11 +7,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vpsci_ros.bags.ticks import read_episodes
+from vpsci_ros.bags.episodes import read_episodes
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import autopilot
+from vpsci_ros.exam.conduct import autopilot_met
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.exam.measures import COLUMNS, drives, episode_table
+from vpsci_ros.exam.measures import COLUMNS, episode_table
 from vpsci_ros.exam.run import prepare
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.runs.sections import Sections
@@ -23,13 +23,13 @@ def exam():
     return prepare(Sections({"world_simulator": world, "ads_test": {"pedestrians": ["walker"]}}), "external")
 
 
-def rows(found, exam, driver):
-    return episode_table(found, [], ExamConfig(), exam.world.tick, driver=driver, pedestrian="walker")
+def rows(found, driver):
+    return episode_table(found, [], ExamConfig(), driver=driver, pedestrian="walker")
 
 
 def test_the_driving_systems_episodes_come_from_its_bag_with_the_exams_verdicts(own_bag, exam, tmp_path: Path) -> None:
     shutil.copytree(own_bag, tmp_path / "runs/walker/bag")
-    table = rows(drives(read_episodes(own_bag)), exam, "ads")
+    table = rows(list(read_episodes(own_bag)), "ads")
     (source,) = exam_sources(tmp_path, table, None, 1000, pytest.fail)
     assert source.key == "ads-walker"
     assert sorted(e.episode.name for e in source.episodes) == ["1:0", "1:2", "6:4"]
@@ -42,17 +42,16 @@ def test_the_driving_systems_episodes_come_from_its_bag_with_the_exams_verdicts(
 
 
 def test_the_autopilots_episodes_are_those_of_the_exam(exam, tmp_path: Path) -> None:
-    found = autopilot(exam, "walker")
-    (source,) = exam_sources(tmp_path, rows(found, exam, "autopilot"), exam, 1000, pytest.fail)
+    found = autopilot_met(exam, "walker").episodes
+    (source,) = exam_sources(tmp_path, rows(found, "autopilot"), exam, 1000, pytest.fail)
     assert source.key == "autopilot-walker"
     shown = {each.episode.name: each.episode for each in source.episodes}
-    for drive in found:
-        x = shown[f"{drive.scenario}:{drive.episode}"].x
-        np.testing.assert_array_equal(x.astype(np.float32), drive.values[:, 0])
+    for episode in found:
+        np.testing.assert_array_equal(shown[episode.name].x, episode.x)
 
 
 def test_episodes_that_end_otherwise_now_are_left_out_and_it_is_said(exam, tmp_path: Path) -> None:
-    changed = rows(autopilot(exam, "walker"), exam, "autopilot").with_columns(outcome=pl.lit("none"))
+    changed = rows(autopilot_met(exam, "walker").episodes, "autopilot").with_columns(outcome=pl.lit("none"))
     said: list[str] = []
     with pytest.raises(InvalidInput, match="not one episode"):
         exam_sources(tmp_path, changed, exam, 1000, said.append)
@@ -60,7 +59,7 @@ def test_episodes_that_end_otherwise_now_are_left_out_and_it_is_said(exam, tmp_p
 
 
 def test_of_too_many_the_nearest_are_shown(exam, tmp_path: Path) -> None:
-    table = rows(autopilot(exam, "walker"), exam, "autopilot")
+    table = rows(autopilot_met(exam, "walker").episodes, "autopilot")
     (source,) = exam_sources(tmp_path, table, exam, 2, pytest.fail)
     nearest = table.sort("least_curvttc", "scenario", "episode").head(2)
     assert {e.episode.name for e in source.episodes} == {f"1:{number}" for number in nearest["episode"]}

@@ -22,7 +22,7 @@ from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.resources import params_dir
 from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.objects import write_objects
-from vpsci_ros.world import COLLISION, EPISODE, RUNNING, load_scenario
+from vpsci_ros.world import EPISODE, RUNNING, load_scenario
 from vpsci_ros.world.kinematics import drive
 from vpsci_ros.world.perception import OBJECT
 
@@ -107,8 +107,8 @@ def test_through_the_graph_it_answers_every_tick_and_stops_for_whom_the_autopilo
     world = {"scenarios": [1], "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0, "pedestrians": several}
     graph = {"batch": 1, "vehicle_driver": "external", "pedestrian_driver": "autopilot"}
     exam = load(params_dir() / "ads_test.yaml").changed("world_simulator", world)
-    hit = [each.outcome for each in autopilot_met(prepare(exam, "external"), "walker").drives]
-    assert hit == [COLLISION, COLLISION]
+    hit = [each.outcome for each in autopilot_met(prepare(exam, "external"), "walker").episodes]
+    assert hit == ["collision", "collision"]
     chosen = exam.changed("world_simulator", graph).changed("perception", {"latency": 0.1})
     chosen = chosen.changed("graph", {"nodes": ["world_simulator", "safety_monitor", *nodes]})
     command = [sys.executable, str(PROGRAM), *option.split()]

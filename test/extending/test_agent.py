@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 from extending.page import Install, files_of, run_graph_with
@@ -12,6 +13,7 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.generate.job import job_from
 from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.resources import params_dir
@@ -56,6 +58,19 @@ def test_a_graph_with_it_is_verified_from_its_bag(install: Install, domain: int,
     settings = ["pedestrian_policy.agent=freezing", "pedestrian_policy.weights=''", "world_simulator.scenarios=[1]"]
     result = verify_bag(run_graph_with(settings, tmp_path / "run"))
     assert result.difference == ""
+
+
+def test_it_walks_in_the_gymnasium_environment_and_generate_refuses_it_by_name(install: Install) -> None:
+    install(FREEZING)
+    env = gymnasium.make("vpsci_ros.envs:vpsci_ros/RightTurn-v0", pedestrian="freezing")
+    env.reset(seed=1)
+    seen = [env.step(np.zeros(2, np.float32))[0] for _ in range(40)]
+    assert np.isfinite(seen).all()
+    sections = load(params_dir() / "stage3_generate.yaml", ["pedestrian_policy.agent=freezing"])
+    with pytest.raises(InvalidInput, match="pedestrian_policy.agent = freezing: a dataset is made by learned policies"):
+        job_from(sections)
+    with pytest.raises(InvalidInput, match="pedestrian = 'frozen': expected one of .*social_force, freezing"):
+        gymnasium.make("vpsci_ros.envs:vpsci_ros/RightTurn-v0", pedestrian="frozen")
 
 
 def test_an_agent_that_cannot_be_the_vehicle_is_refused_and_an_unknown_one_named(install: Install) -> None:

@@ -9,31 +9,35 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report import trajectories as figures
-from vpsci_ros.report.panels import Panel, typical_panels
+from vpsci_ros.report.panels import typical_episodes
 from vpsci_ros.report.trajectories import BLUES, save_trajectories
 from vpsci_ros.world import load_scenarios
 
 
-def panel(scenario: int = 1) -> Panel:
-    way = np.linspace(0.0, 20.0, 50)
-    speed = np.linspace(8.0, 0.0, 50)
-    path = np.column_stack([way, 0.0 * way])
-    return Panel("title", scenario, path, speed, 0.0 * way, path[:, ::-1], 0.2 * speed, 30)
+def episode(scenario: int = 1) -> Episode:
+    """A vehicle along x that comes to rest from 8 m/s, and a pedestrian along y; nearest in frame 30."""
+    way, speed, still = np.linspace(0.0, 20.0, 50), np.linspace(8.0, 0.0, 50), np.zeros(50)
+    ttc = 1.0 + 0.1 * np.abs(np.arange(50) - 30)
+    walk = (row[None] for row in (still, way, still, 0.2 * speed, ttc, way))
+    (place,) = load_scenarios([scenario])
+    listed = Listed(f"{scenario}:0", place.name, scenario, 0, "goal", 1.0)
+    return Episode("", listed, place, 0.05, way, still, still, speed, still, *walk, np.zeros((1, 50), bool))
 
 
-def test_each_scenario_with_a_kept_episode_has_one_typical_panel(dataset: Path) -> None:
-    first, second = typical_panels(dataset)
-    assert (first.scenario, second.scenario) == (1, 2)
-    assert first.title.startswith("① LocationA_PedCross_S-N\nVehicle-yield, episode 1, least CurvTTC 2.00 s")
-    assert second.title.startswith("② LocationA_PedCross_N-S\nPedestrian-yield")
-    assert first.vehicle_speed.min() < 0.2 < 4.9 < first.vehicle_speed.max()
-    assert 1.5 < first.nearest * 0.05 < 3.0
+def test_each_scenario_with_a_kept_episode_has_one_typical_episode(dataset: Path) -> None:
+    (title, first), (other, second) = typical_episodes(dataset)
+    assert (first.key[0], second.key[0]) == (1, 2)
+    assert title.startswith("① LocationA_PedCross_S-N\nVehicle-yield, episode 1, least CurvTTC 2.00 s")
+    assert other.startswith("② LocationA_PedCross_N-S\nPedestrian-yield")
+    assert first.speed.min() < 0.2 < 4.9 < first.speed.max()
+    assert 1.5 < first.curvttc[0].argmin() * first.period < 3.0
 
 
-def test_the_picture_is_a_png_of_eight_panels(tmp_path: Path) -> None:
-    save_trajectories([panel(k) for k in range(1, 9)], load_scenarios(range(1, 9)), tmp_path / "figure.png")
+def test_the_picture_is_a_png_of_eight_episodes(tmp_path: Path) -> None:
+    save_trajectories([("title", episode(k)) for k in range(1, 9)], tmp_path / "figure.png")
     data = (tmp_path / "figure.png").read_bytes()
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     width, height = struct.unpack(">II", data[16:24])
@@ -44,7 +48,7 @@ def test_the_picture_is_a_png_of_eight_panels(tmp_path: Path) -> None:
 
 def test_colour_is_speed_from_white_at_rest_to_dark_at_eight() -> None:
     axis = Figure().subplots()
-    figures.draw_panel(axis, panel(), None)
+    figures.draw_episode(axis, "title", episode())
     lines = [item for item in axis.collections if isinstance(item, LineCollection)]
     assert lines[0].get_clim() == (0.0, 8.0)
     assert lines[0].get_array().data == pytest.approx(np.linspace(8.0, 0.0, 50)[:-1] - 4.0 / 49.0)
@@ -54,16 +58,16 @@ def test_colour_is_speed_from_white_at_rest_to_dark_at_eight() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
-def test_fewer_panels_than_eight_are_drawn_too(tmp_path: Path, count: int) -> None:
-    save_trajectories([panel()] * count, [], tmp_path / "figure.png")
+def test_fewer_episodes_than_eight_are_drawn_too(tmp_path: Path, count: int) -> None:
+    save_trajectories([("title", episode())] * count, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000
 
 
 def test_nothing_to_draw_is_refused_and_nothing_written(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="at least one interaction"):
-        save_trajectories([], [], tmp_path / "figure.png")
+        save_trajectories([], tmp_path / "figure.png")
     with DatasetWriter(tmp_path / "d", {1: "x"}, {"period": 0.05}) as writer:
         writer.close()
     with pytest.raises(InvalidInput, match="no episode was kept"):
-        typical_panels(tmp_path / "d")
+        typical_episodes(tmp_path / "d")
     assert not (tmp_path / "figure.png").exists()

@@ -21,11 +21,10 @@ from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.data.gathered import NO_SCENARIO, group_of
 from vpsci_ros.documents import read_json, read_yaml, reason
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.report.panels import typical_panels
+from vpsci_ros.report.panels import typical_episodes
 from vpsci_ros.report.summary import print_rejections, print_summary, summarise
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.runs.files import sha256
-from vpsci_ros.world import Scenario
 
 PICTURE = "trajectories.png"
 
@@ -91,7 +90,7 @@ def export_bag(
         if not writer.counts:
             raise InvalidInput(f"{bag}: not one of its {frames.unfinished} episodes ended while it was recorded")
         description = writer.close(unfinished=frames.unfinished)
-    report(folder, scenarios, console)
+    report(folder, console)
     return description
 
 
@@ -102,13 +101,13 @@ def _alone(tick: RecordedTick, wanted: Collection[Key]) -> RecordedTick:
     return tick
 
 
-def report(folder: str | Path, scenarios: list[Scenario], console: Console) -> None:
+def report(folder: str | Path, console: Console) -> None:
     """Print the summary of a dataset and draw its typical episodes into it."""
     rows = summarise(folder)
     print_summary(rows, console)
     print_rejections(folder, console)
     if any(row.kept for row in rows):
-        save_trajectories(typical_panels(folder), scenarios, Path(folder) / PICTURE)
+        save_trajectories(typical_episodes(folder), Path(folder) / PICTURE)
     else:
         console.print("no episode was kept, so there is no picture")
 

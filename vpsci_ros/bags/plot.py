@@ -15,8 +15,7 @@ from vpsci_ros.bags.episodes import BagEpisode, bag_episodes, chosen_episode, re
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.report.panels import Panel
-from vpsci_ros.report.trajectories import draw_panel, draw_speed_bars
+from vpsci_ros.report.trajectories import draw_episode, draw_speed_bars
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.safety import CRITICAL_TTC, HORIZON
 
@@ -42,7 +41,7 @@ def save_episode(bag: str | Path, episode: str, path: str | Path, *, recover: bo
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.15, 1.0))
     where = figure.add_subplot(grid[:, 0])
-    draw_panel(where, _panel(drawn), drawn.scenario)
+    draw_episode(where, _title(drawn), drawn)
     series: list[Axes] = []
     for row in range(3):
         series.append(figure.add_subplot(grid[row, 1], sharex=series[0] if series else None))
@@ -62,24 +61,12 @@ def save_episode(bag: str | Path, episode: str, path: str | Path, *, recover: bo
     return one
 
 
-def _panel(episode: Episode) -> Panel:
-    least, ttc = episode.least_curvttc, episode.known_curvttc
+def _title(episode: Episode) -> str:
+    least = episode.least_curvttc
     how = "outcome unknown" if episode.outcome == "none" else episode.outcome
     near = f"least CurvTTC {least:.2f} s" if np.isfinite(least) else "never critical"
     place = episode.scenario.name if episode.scenario else "recorded odometry"
-    ways, speeds = np.stack([episode.ped_x, episode.ped_y], axis=-1), np.hypot(episode.ped_vx, episode.ped_vy)
-    faced = episode.most_critical
-    return Panel(
-        title=f"{place}, episode {episode.name}\n{how}, {near}",
-        scenario=episode.key[0],
-        vehicle=np.column_stack([episode.x, episode.y]),
-        vehicle_speed=episode.speed,
-        heading=episode.heading,
-        pedestrian=ways[faced],
-        pedestrian_speed=speeds[faced],
-        nearest=int(ttc[faced].argmin()),
-        others=[(ways[n], speeds[n]) for n in range(episode.pedestrians) if n != faced],
-    )
+    return f"{place}, episode {episode.name}\n{how}, {near}"
 
 
 def _draw_curvttc(axis: Axes, time: Floats, curvttc: Floats) -> None:

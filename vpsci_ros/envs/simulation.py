@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.agent import PolicyAgent
+from vpsci_ros.policy.agent_types import AGENT_TYPES, make_agent
+from vpsci_ros.policy.config import LEARNED, PolicyConfig
 from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.resources import weights_path
 from vpsci_ros.world import IDLE, World, WorldConfig, load_scenarios
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS
-from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.tick import NO_ACTIONS, Actions
 
 Floats = NDArray[np.float64]
@@ -42,7 +44,7 @@ class Simulation:
 
     :param scenarios: numbers, names or files, taken in turn by each slot's episodes.
     :param pedestrian: "policy" (needs `weights`), or a reference pedestrian: "autopilot", "constant_velocity",
-        "social_force"; "external" to give its actions to `step`.
+        "social_force"; "external" to give its actions to `step`; or an agent that another distribution adds.
     :param weights: of the learned pedestrian: a file, a name shipped with the package, or the weights themselves.
     :param always_critical: let policy drivers act from the first frame on, critical or not.
     :raises InvalidInput: an unknown driver, scenario or weights file.
@@ -62,23 +64,29 @@ class Simulation:
         self.scenarios = tuple(load_scenarios(scenarios))
         if not self.scenarios:
             raise InvalidInput("expected at least one scenario, got none")
-        if pedestrian not in PEDESTRIANS:
-            raise InvalidInput(f"pedestrian = {pedestrian!r}: expected one of {', '.join(PEDESTRIANS)}")
-        self.config = dataclasses.replace(config or WorldConfig(), vehicle_driver=vehicle, pedestrian_driver=pedestrian)
+        added = [name for name in AGENT_TYPES.names() if name != LEARNED]
+        if pedestrian not in (*PEDESTRIANS, *added):
+            raise InvalidInput(f"pedestrian = {pedestrian!r}: expected one of {', '.join((*PEDESTRIANS, *added))}")
+        driver = "policy" if pedestrian in added else pedestrian
+        self.config = dataclasses.replace(config or WorldConfig(), vehicle_driver=vehicle, pedestrian_driver=driver)
         self.world = World(self.config, self.scenarios, [], batch, 0)
-        self._agents: dict[str, PolicyAgent] = {}
-        if pedestrian == "policy" and vehicle != "policy":
-            agent = self._agents["pedestrian"] = PolicyAgent("pedestrian", 0, explore=False)
-            agent.load(weights if isinstance(weights, Weights) else load_weights(weights_path(str(weights))), 1)
-        self._loop = Loop(self.world, agents=self._agents, always_critical=always_critical)
+        agents: dict[str, Agent] = {}
+        self._learned: PolicyAgent | None = None
+        if pedestrian in added:
+            agents["pedestrian"] = make_agent("pedestrian", PolicyConfig(agent=pedestrian))
+        elif pedestrian == "policy" and vehicle != "policy":
+            agents["pedestrian"] = self._learned = PolicyAgent("pedestrian", 0, explore=False)
+            own = weights if isinstance(weights, Weights) else load_weights(weights_path(str(weights)))
+            self._learned.load(own, 1)
+        self._loop = Loop(self.world, agents=agents, always_critical=always_critical)
         self._next = [itertools.count() for _ in range(batch)]
         self._seeds = [0] * batch
 
     def seed(self, slot: int, seed: int) -> None:
         """Begin again with episode 0 of `seed` in this slot's row of episodes."""
         self._seeds[slot] = seed
-        for agent in self._agents.values():
-            agent.set_seeds(np.repeat(self._seeds, self.config.pedestrians))
+        if self._learned is not None:
+            self._learned.set_seeds(np.repeat(self._seeds, self.config.pedestrians))
         self._next[slot] = itertools.count()
 
     def start(self, slots: Sequence[int], episode: tuple[int, int] | None = None) -> None:

@@ -10,7 +10,7 @@ import shutil
 import sys
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.reader import Bag
-from vpsci_ros.bags.ticks import read_bag, read_episodes
-from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.data.episode import Episode, Key
+from vpsci_ros.data.gathered import Tick, gathered
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pedestrians, title_of
-from vpsci_ros.exam.measures import Drive, Key, drives
 from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns, write_motion
-from vpsci_ros.exam.report import Conduct
+from vpsci_ros.exam.report import BASELINE, Conduct
 from vpsci_ros.exam.sight import Sight, Watcher
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.failures import Silence, flood, never_came
@@ -120,7 +120,7 @@ class Exam:
 class Met(NamedTuple):
     """What a run with one pedestrian came to: episodes, ticks without a command, how it went, and what was seen."""
 
-    drives: list[Drive]
+    episodes: list[Episode]
     unanswered: dict[Key, int]
     conduct: Conduct
     sight: Mapping[Key, Sight] = {}
@@ -139,7 +139,7 @@ def hold(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, Met]:
     with contextlib.nullcontext() if exam.config.ads == EXTERNAL else own_domain():
         for n, name in enumerate(names, 1):
             met[name] = meet(exam, name, folder, f"{n} of {len(names)}", quiet=quiet)
-            if not met[name].drives:
+            if not met[name].episodes:
                 break  # it does not drive at all: no need to have that said once for each pedestrian
     return met
 
@@ -166,20 +166,12 @@ def bag_of(folder: Path, name: str) -> Path:
     return folder / "runs" / name / "bag"
 
 
-def autopilot(exam: Exam, pedestrian: str) -> list[Drive]:
-    """Return the episodes as the rule-based autopilot drives them."""
-    return autopilot_met(exam, pedestrian).drives
-
-
 def autopilot_met(exam: Exam, pedestrian: str) -> Met:
     """Return what a run of the rule-based autopilot with one pedestrian came to."""
-    loop = autopilot_loop(exam, pedestrian)
-    frames = EpisodeFrames(len(loop.world.state), exam.world.episode_ticks + 1)
-    watcher, batches = Watcher(exam.scenarios), []
-    for step in loop:
-        watcher.add(step.tick.state, step.assessment.curvttc)
-        batches.append(frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance))
-    return Met(drives(batches), {}, Conduct(len(exam.episodes)), watcher.found)
+    steps = autopilot_loop(exam, pedestrian)
+    ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
+    found, sight = _gathered(exam, ticks, Watcher(exam.scenarios), BASELINE)
+    return Met(found, {}, Conduct(len(exam.episodes)), sight)
 
 
 def autopilot_loop(exam: Exam, pedestrian: str) -> Loop:
@@ -301,32 +293,49 @@ def _read(exam: Exam, name: str, bag: Path, conduct: Conduct) -> Met:
     for raw in recording.messages([EVENTS]):
         for event in layout.events(decode(raw, bag)):
             unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
-    found = drives(read_episodes(bag, recover=bool(conduct.failure)))
-    sight = sight_in_bag(bag, exam, name, recover=bool(conduct.failure))
-    own = [drive for drive in found if unanswered[drive.key] < silent_ticks]
+    found, sight = episodes_in_bag(bag, exam, name, recover=bool(conduct.failure))
+    own = [episode for episode in found if unanswered[episode.key] < silent_ticks]
     if len(own) < len(found) and not conduct.failure:
         left = f"{len(found) - len(own)} episodes were left to the autopilot for {silent_ticks} ticks or more"
         conduct = dataclasses.replace(conduct, failure=left)
     return Met(own, dict(+unanswered), conduct, sight)
 
 
-def sight_in_bag(bag: Path, exam: Exam, pedestrian: str, *, recover: bool) -> Mapping[Key, Sight]:
-    """Return what the ADS could see of each episode of a bag, in which it met one of the pedestrians.
+def episodes_in_bag(
+    bag: Path, exam: Exam, pedestrian: str, *, recover: bool
+) -> tuple[list[Episode], Mapping[Key, Sight]]:
+    """Return the episodes of a bag in which the ADS met one of the pedestrians, and what it could see of each.
 
     Messages tell neither of what kind the pedestrians are nor how many: that is drawn again.
     """
-    watcher: Watcher | None = None
+    several = exam.with_pedestrian(pedestrian, EXTERNAL).pedestrians
+    watcher = Watcher(exam.scenarios, exam.perception, exam.world.tick, several)
     spawned = exam.spawns(pedestrian)
     begun = {
         (int(row["scenario"]), int(row["episode"]), int(row["pedestrian"])): row
         for row in spawned[spawned["status"] != IDLE]
     }
-    for tick in read_bag(bag, recover=recover):
-        state = tick.state.copy()
-        for number, row in enumerate(state):
-            if row["status"] != IDLE:
-                begin = begun[int(row["scenario"]), int(row["episode"]), number]
-                row["kind"], row["pedestrians"] = begin["kind"], begin["pedestrians"]
-        watcher = watcher or Watcher(exam.scenarios, exam.perception, exam.world.tick, len(state))
-        watcher.add(state, tick.curvttc)
-    return watcher.found if watcher else {}
+
+    def ticks() -> Iterator[Tick]:
+        for tick in read_bag(bag, recover=recover):
+            for number, row in enumerate(tick.state):
+                if row["status"] != IDLE:
+                    begin = begun[int(row["scenario"]), int(row["episode"]), number]
+                    row["kind"], row["pedestrians"] = begin["kind"], begin["pedestrians"]
+            yield tick.state, tick.curvttc, tick.distance
+
+    return _gathered(exam, ticks(), watcher, str(bag))
+
+
+def _gathered(
+    exam: Exam, ticks: Iterable[Tick], watcher: Watcher, source: str
+) -> tuple[list[Episode], Mapping[Key, Sight]]:
+    """Return the episodes of ticks in the order of their keys, and what could be seen of each."""
+
+    def watched() -> Iterator[Tick]:
+        for state, curvttc, distance in ticks:
+            watcher.add(state, curvttc)
+            yield state, curvttc, distance
+
+    found = gathered(watched(), exam.world.tick, exam.scenarios, source=source)
+    return sorted(found, key=lambda episode: episode.key), watcher.found

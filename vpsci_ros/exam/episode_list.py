@@ -9,9 +9,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from vpsci_ros.data.episode import Key
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.measures import Key
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.runs.identity import require_same

@@ -1,6 +1,6 @@
 """The pictures of an exam: measures with intervals, how near it came, how it ended, and one episode met by all."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from vpsci_ros.evaluation.yields import headings
+from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.exam.config import added_pedestrians, title_of
-from vpsci_ros.exam.measures import Drive
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.policy.config import LEARNED
-from vpsci_ros.report.panels import Panel
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.safety import HORIZON
-from vpsci_ros.world import OUTCOME_NAMES, Scenario
 
 # Okabe and Ito's colours, which most people tell apart
 COLOURS = {
@@ -65,20 +62,18 @@ def save_overview(report: Mapping[str, Any], table: pl.DataFrame, path: Path) ->
         figure.savefig(part, format="png", dpi=130)
 
 
-def save_episode(
-    drives: Mapping[str, list[Drive]], scenarios: Iterable[Scenario], path: Path
-) -> tuple[int, int] | None:
+def save_episode(episodes: Mapping[str, Sequence[Episode]], path: Path) -> Key | None:
     """Draw the episode in which the ADS came nearest to the learned pedestrian, as each pedestrian met it, as a PNG.
 
-    :param drives: pedestrian -> episodes of the ADS.
+    :param episodes: pedestrian -> episodes of the ADS.
     :returns: its scenario and number; None where the learned pedestrian was not met.
     """
-    if not drives.get(LEARNED):
+    if not episodes.get(LEARNED):
         return None
-    worst = min(drives[LEARNED], key=_nearness)
-    found = {name: next((d for d in each if d.key == worst.key), None) for name, each in drives.items()}
-    save_trajectories([_panel(name, drive) for name, drive in found.items() if drive], scenarios, path)
-    return worst.key
+    worst = min(episodes[LEARNED], key=_nearness).key
+    found = [(name, one.pair()) for name, each in episodes.items() for one in each if one.key == worst]
+    save_trajectories([(_title(name, one), one) for name, one in found], path)
+    return worst
 
 
 def _draw_rates(axis: Axes, report: Mapping[str, Any], measure: str, names: list[str]) -> None:
@@ -151,24 +146,13 @@ def _rows(table: pl.DataFrame, driver: str, pedestrian: str) -> pl.DataFrame:
     return table.filter((pl.col("driver") == driver) & (pl.col("pedestrian") == pedestrian))
 
 
-def _nearness(drive: Drive) -> tuple[float, float, tuple[int, int]]:
+def _nearness(episode: Episode) -> tuple[float, float, Key]:
     """Return what orders episodes by how near they came: a contact at speed before one at rest."""
-    least = float(np.nanmin(np.append(drive["CurvTTC"], HORIZON)))
-    collided = OUTCOME_NAMES[drive.outcome] == "collision"
-    return (-1.0 if collided else least), -float(drive.speed[-1]), drive.key
+    least = -1.0 if episode.outcome == "collision" else min(HORIZON, episode.least_curvttc)
+    return least, -float(episode.speed[-1]), episode.key
 
 
-def _panel(name: str, drive: Drive) -> Panel:
-    ttc = np.nan_to_num(drive["CurvTTC"], nan=np.inf)
-    least, outcome = float(ttc.min()), OUTCOME_NAMES[drive.outcome]
+def _title(name: str, episode: Episode) -> str:
+    least = episode.least_curvttc
     near = f"least CurvTTC {least:.1f} s" if np.isfinite(least) else "no contact predicted"
-    return Panel(
-        title=f"{title_of(name)}\n{outcome}, {near}",
-        scenario=drive.scenario,
-        vehicle=np.column_stack([drive["position_x_av"], drive["position_y_av"]]),
-        vehicle_speed=drive.speed,
-        heading=headings(drive["velocity_x_av"][None], drive["velocity_y_av"][None])[0],
-        pedestrian=np.column_stack([drive["position_x_ped"], drive["position_y_ped"]]),
-        pedestrian_speed=np.hypot(drive["velocity_x_ped"], drive["velocity_y_ped"]),
-        nearest=int(ttc.argmin()),
-    )
+    return f"{title_of(name)}\n{episode.outcome}, {near}"

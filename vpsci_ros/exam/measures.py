@@ -1,25 +1,21 @@
 """From episodes to one row each: what a driving system did with one pedestrian, in columns that everything rests on."""
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_reader import EpisodeArrays
-from vpsci_ros.data.episode_frames import QUANTITIES, EpisodeBatch
+from vpsci_ros.data.episode import YIELDED, Episode, Key, yields
 from vpsci_ros.data.parquet import Column
-from vpsci_ros.evaluation.yields import yields
 from vpsci_ros.exam.config import MOVING, SEVERE_TTC, ExamConfig
 from vpsci_ros.exam.sight import Sight
-from vpsci_ros.safety import CRITICAL_TTC, HORIZON, Yielded
+from vpsci_ros.safety import CRITICAL_TTC, HORIZON
 from vpsci_ros.world import COLLISION, OUTCOME_NAMES, PARKED_COLLISION
 
-Key = tuple[int, int]  # scenario, episode
 Floats = NDArray[np.float64]
-YIELDED = {Yielded.NONE: "nobody", Yielded.VEHICLE: "vehicle", Yielded.PEDESTRIAN: "pedestrian", Yielded.BOTH: "both"}
+_COLLISION, _PARKED_COLLISION = OUTCOME_NAMES[COLLISION], OUTCOME_NAMES[PARKED_COLLISION]
 
 COLUMNS: dict[str, Column] = {
     "driver": Column(pl.String, "", "ads, or autopilot for the baseline"),
@@ -50,96 +46,42 @@ COLUMNS: dict[str, Column] = {
 }
 
 
-@dataclass(frozen=True)
-class Drive:
-    """An episode, frame by frame.
-
-    :ivar values: float32[T, 10], `QUANTITIES` in map frame [m, m/s, s].
-    """
-
-    scenario: int
-    episode: int
-    outcome: int
-    values: NDArray[np.float32]
-
-    @property
-    def key(self) -> Key:
-        """What begins the same way with every pedestrian."""
-        return self.scenario, self.episode
-
-    def __getitem__(self, name: str) -> Floats:
-        """Return one quantity, float64[T]."""
-        return self.values[:, QUANTITIES.index(name)].astype(np.float64)
-
-    @property
-    def speed(self) -> Floats:
-        """Speed of the vehicle, float64[T] [m/s]."""
-        return np.hypot(self["velocity_x_av"], self["velocity_y_av"])
-
-    @property
-    def path(self) -> Floats:
-        """How far the vehicle has driven, float64[T] [m]."""
-        steps = np.hypot(np.diff(self["position_x_av"]), np.diff(self["position_y_av"]))
-        return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def drives(batches: Iterable[EpisodeBatch]) -> list[Drive]:
-    """Return the episodes of batches in the order of their keys, of several pedestrians with the most critical one."""
-    found = [
-        Drive(int(b.scenario[i]), int(b.episode[i]), int(b.outcome[i]), b.values[i, : b.frames[i]])
-        for b in batches
-        for i in _most_critical(b)
-    ]
-    return sorted(found, key=lambda drive: drive.key)
-
-
-def _most_critical(batch: EpisodeBatch) -> list[int]:
-    """Return the entry of each episode's pedestrian with the least CurvTTC."""
-    ttc = batch.values[..., QUANTITIES.index("CurvTTC")]
-    least = np.where(np.isnan(ttc), np.inf, ttc).min(axis=1, initial=np.inf)
-    episodes = zip(batch.first.tolist(), batch.pedestrians.tolist(), strict=True)
-    return [first + int(least[first : first + several].argmin()) for first, several in episodes]
-
-
 def episode_table(
-    found: list[Drive],
-    alone: list[Drive],
+    found: Sequence[Episode],
+    alone: Sequence[Episode],
     config: ExamConfig,
-    period: float,
     *,
     driver: str,
     pedestrian: str,
     unanswered: Mapping[Key, int] | None = None,
     sight: Mapping[Key, Sight] | None = None,
 ) -> pl.DataFrame:
-    """Return a row an episode, with the columns of `COLUMNS`.
+    """Return a row an episode, with the columns of `COLUMNS`; frames that nobody saw count as the last one seen.
 
     :param alone: the same driver on the same episodes with nobody there: the reference of the time lost.
-    :param period: time from one frame to the next [s].
     :param unanswered: ticks without a usable command, for the episodes that had any.
     :param sight: what the driver could see, of the episodes that were critical.
     """
-    reference = {drive.key: drive.path for drive in alone}
-    given_way = _yielded(found, period)
+    reference = {episode.key: episode.path for episode in alone}
     rows = []
-    for drive, code in zip(found, given_way, strict=True):
-        collided, crashed = drive.outcome == COLLISION, drive.outcome == PARKED_COLLISION
-        seen_of = (sight or {}).get(drive.key, Sight())
-        speed = drive.speed
-        seen = drive["CurvTTC"]
-        least = 0.0 if collided else min(HORIZON, float(np.nanmin(np.append(seen, HORIZON))))
+    for episode, code in zip(found, yields(found), strict=True):
+        collided, crashed = episode.outcome == _COLLISION, episode.outcome == _PARKED_COLLISION
+        seen_of, period = (sight or {}).get(episode.key, Sight()), episode.period
+        driven = episode.filled()
+        speed, path = driven.speed, driven.path
+        least = 0.0 if collided else min(HORIZON, episode.least_curvttc)
         braking = float(np.max(-np.diff(speed), initial=0.0)) / period
         impact = float(speed[-1]) if collided else math.nan
-        lost = math.nan if collided or crashed else time_lost(drive.path, reference.get(drive.key), period)
+        lost = math.nan if collided or crashed else time_lost(path, reference.get(episode.key), period)
         rows.append(
             {
                 "driver": driver,
                 "pedestrian": pedestrian,
-                "scenario": drive.scenario,
-                "episode": drive.episode,
-                "outcome": OUTCOME_NAMES[drive.outcome],
+                "scenario": episode.key[0],
+                "episode": episode.number,
+                "outcome": episode.outcome,
                 "duration": (len(speed) - 1) * period,
-                "driven": float(drive.path[-1]),
+                "driven": float(path[-1]),
                 "collision": collided,
                 "impact_speed": impact,
                 "moving_collision": collided and impact > MOVING,
@@ -149,7 +91,7 @@ def episode_table(
                 "severe_conflict": least < SEVERE_TTC,
                 "hardest_braking": braking,
                 "hard_braking": braking > config.hard_braking,
-                "yielded": YIELDED[Yielded(code)],
+                "yielded": YIELDED[code],
                 "time_lost": lost,
                 "parked_collision": crashed,
                 "hidden": seen_of.hidden,
@@ -157,7 +99,7 @@ def episode_table(
                 "group_size": seen_of.pedestrians,
                 "told_share": seen_of.told_share,
                 "told_after": seen_of.told_after(period),
-                "unanswered": (unanswered or {}).get(drive.key, 0),
+                "unanswered": (unanswered or {}).get(episode.key, 0),
             }
         )
     return pl.DataFrame(rows, schema={name: column.dtype for name, column in COLUMNS.items()})
@@ -177,14 +119,3 @@ def time_lost(path: Floats, alone: Floats | None, period: float) -> float:
     if path[-1] <= alone[0]:
         frame = 0.0
     return (len(path) - 1 - frame) * period
-
-
-def _yielded(found: list[Drive], period: float) -> NDArray[np.uint8]:
-    if not found:
-        return np.zeros(0, np.uint8)
-    lengths = np.array([len(drive.values) for drive in found])
-    values = np.full((len(found), lengths.max(), len(QUANTITIES)), np.nan, np.float32)
-    for i, drive in enumerate(found):
-        values[i, : lengths[i]] = drive.values
-    numbers = np.array([drive.episode for drive in found])
-    return yields(EpisodeArrays(numbers, lengths, values), period)

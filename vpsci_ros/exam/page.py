@@ -6,15 +6,14 @@ from typing import Any
 
 import polars as pl
 
+from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.config import ALONE, TITLES, added_pedestrians, title_of
 from vpsci_ros.exam.figures import save_episode, save_overview
-from vpsci_ros.exam.measures import Drive
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.scores import DIFFERENCES
 from vpsci_ros.exam.view import MARKS
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.report import html
-from vpsci_ros.world import Scenario
 
 NAMES = {ADS: "The ADS", BASELINE: "The rule-based autopilot"}
 GROUPED = ("collision_rate", "moving_collision_rate", "conflict_rate", "hard_braking_rate", "time_lost")
@@ -26,23 +25,22 @@ def write_page(
     path: Path,
     report: Mapping[str, Any],
     table: pl.DataFrame,
-    drives: Mapping[str, list[Drive]],
-    scenarios: Sequence[Scenario],
+    episodes: Mapping[str, Sequence[Episode]],
     view: str = "",
 ) -> None:
     """Write the page, and its pictures beside it: overview.png, episode.png.
 
     :param report: of `make_report`, with the keys exam, failures and criteria.
-    :param table: a row an episode; `drives`: pedestrian -> episodes of the ADS, frame by frame.
+    :param table: a row an episode; `episodes`: pedestrian -> episodes of the ADS, frame by frame.
     :param view: the page beside it in which the episodes play; empty: there is none, and so no link.
     """
     values: dict[str, Any] = {"overview": None, "episode": None, "worst": []}
     if report["drivers"].get(ADS):
-        overview, episode = path.parent / "overview.png", path.parent / "episode.png"
+        overview, nearest_one = path.parent / "overview.png", path.parent / "episode.png"
         save_overview(report, table, overview)
-        others = {name: found for name, found in drives.items() if name != ALONE}
-        nearest = save_episode(others, scenarios, episode)
-        values = {"overview": overview, "episode": episode if nearest else None, "nearest": nearest}
+        others = {name: found for name, found in episodes.items() if name != ALONE}
+        nearest = save_episode(others, nearest_one)
+        values = {"overview": overview, "episode": nearest_one if nearest else None, "nearest": nearest}
         values |= _summary(report) | {"worst": worst(table)}
     html.write_page(
         path,

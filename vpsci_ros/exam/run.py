@@ -91,11 +91,11 @@ def run_exam(exam: Exam, folder: Path, criteria: Sequence[str] = (), *, quiet: b
     report = {"exam": identity, "failures": failures, "criteria": [_as_dict(verdict) for verdict in verdicts]} | report
     write_parquet(table, folder / EPISODES, COLUMNS, content="episodes of an exam", exam=identity)
     write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
-    drives = {name: each.drives for name, each in met.items()}
+    episodes = {name: each.episodes for name, each in met.items()}
     driven = bool(report["drivers"].get(ADS))
     if driven:
         write_view(folder / VIEW, exam_sources(folder, table, exam, LIMIT, _tell), f"Exam of {exam.config.ads}")
-    write_page(folder / "report.html", report, table, drives, exam.scenarios, VIEW if driven else "")
+    write_page(folder / "report.html", report, table, episodes, VIEW if driven else "")
     _print(report, folder)
     return failures
 
@@ -139,10 +139,9 @@ def _autopilot_rows(exam: Exam) -> pl.DataFrame:
 
 def _rows(exam: Exam, met: Met, alone: Met, driver: str, pedestrian: str) -> pl.DataFrame:
     return episode_table(
-        met.drives,
-        alone.drives,
+        met.episodes,
+        alone.episodes,
         exam.config,
-        exam.world.tick,
         driver=driver,
         pedestrian=pedestrian,
         unanswered=met.unanswered,

@@ -8,11 +8,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from vpsci_ros.data.episode import RECORDED, Episode, Listed
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.report.panels import Panel
-from vpsci_ros.report.trajectories import draw_panel, draw_speed_bars
+from vpsci_ros.report.trajectories import draw_episode, draw_speed_bars
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.world.observation import STEP
 
 EACH, COLUMNS = 12, 6
 BEFORE, AFTER = 10, 50  # steps around the onset that are drawn: 1 s and 5 s
@@ -34,46 +35,43 @@ def save_beside(recorded: pl.DataFrame, generated: pl.DataFrame, path: str | Pat
     for part, (name, table) in zip(halves, (("recorded", recorded), ("generated", generated)), strict=True):
         part.suptitle(f"{name}, {EACH} at random", fontsize=12)
         axes = part.subplots(rows, COLUMNS, squeeze=False)
-        panels = _panels(table, name, np.random.default_rng([seed, len(name)]))
-        for axis, one in zip(axes.flat, panels, strict=False):
-            draw_panel(axis, one, None)
+        episodes = _drawn(table, name, np.random.default_rng([seed, len(name)]))
+        for axis, one in zip(axes.flat, episodes, strict=False):
+            draw_episode(axis, f"least CurvTTC {one.least_curvttc:.1f} s", one)
             axis.set_xlim(-HALF, HALF)
             axis.set_ylim(-HALF, HALF)
             axis.set(xlabel="", ylabel="", xticks=[], yticks=[])
-        for axis in axes.flat[len(panels) :]:
+        for axis in axes.flat[len(episodes) :]:
             axis.set_axis_off()
     draw_speed_bars(part, axes[:, : COLUMNS // 2], axes[:, COLUMNS // 2 :])
     with written_whole(path) as part_file:
         figure.savefig(part_file, format="png", dpi=100)
 
 
-def _panels(table: pl.DataFrame, name: str, rng: np.random.Generator) -> list[Panel]:
+def _drawn(table: pl.DataFrame, name: str, rng: np.random.Generator) -> list[Episode]:
     parts = table.filter((pl.col("curvttc_causal") < CRITICAL_TTC).any().over("interaction")).partition_by(
         "interaction", maintain_order=True
     )
     if not parts:
         raise InvalidInput(f"{name}: expected an interaction with CurvTTC below {CRITICAL_TTC:g} s, got none")
-    return [_panel(parts[i]) for i in rng.permutation(len(parts))[:EACH]]
+    return [_turned_up(parts[i]) for i in rng.permutation(len(parts))[:EACH]]
 
 
-def _panel(whole: pl.DataFrame) -> Panel:
+def _turned_up(whole: pl.DataFrame) -> Episode:
+    """Return an interaction around its onset, at which the vehicle heads up; without its street and its distances."""
     onset = int((whole["curvttc_causal"].to_numpy() < CRITICAL_TTC).argmax())
     part = whole[max(0, onset - BEFORE) : onset + AFTER + 1]
     at = min(onset, BEFORE)
-    vehicle, pedestrian = (part.select(f"{who}_x", f"{who}_y").to_numpy() for who in ("veh", "ped"))
+    vehicle, walk, walking = (part.select(f"{name}x", f"{name}y").to_numpy() for name in ("veh_", "ped_", "ped_v"))
     turn = 0.5 * np.pi - float(part["veh_heading"][at])
-    centre = 0.5 * (vehicle[at] + pedestrian[at])
-    ttc = part["curvttc_causal"].to_numpy()
-    return Panel(
-        title=f"least CurvTTC {ttc.min():.1f} s",
-        scenario=0,
-        vehicle=_turned(vehicle - centre, turn),
-        vehicle_speed=part["veh_speed"].to_numpy(),
-        heading=part["veh_heading"].to_numpy() + turn,
-        pedestrian=_turned(pedestrian - centre, turn),
-        pedestrian_speed=np.hypot(part["ped_vx"].to_numpy(), part["ped_vy"].to_numpy()),
-        nearest=int(ttc.argmin()),
-    )
+    centre = 0.5 * (vehicle[at] + walk[at])
+    x, y = _turned(vehicle - centre, turn).T
+    px, py, vx, vy = (column[None] for column in (*_turned(walk - centre, turn).T, *_turned(walking, turn).T))
+    ttc = part["curvttc_causal"].to_numpy()[None]
+    listed = Listed("", "", 0, int(part["interaction"][0]), RECORDED, float(ttc.min()))
+    driven = x, y, part["veh_heading"].to_numpy() + turn, part["veh_speed"].to_numpy(), np.zeros(len(x))
+    walked = px, py, vx, vy, ttc, np.full_like(ttc, np.nan)
+    return Episode("", listed, None, STEP, *driven, *walked, np.zeros(ttc.shape, np.bool_))
 
 
 def _turned(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:

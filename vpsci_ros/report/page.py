@@ -16,11 +16,10 @@ from vpsci_ros.evaluation.encounters import generated_encounters, recorded_encou
 from vpsci_ros.report import html
 from vpsci_ros.report.comparison import SHARES, between_halves, describe, distance_between
 from vpsci_ros.report.figures import save_conflicts, save_nearness, save_yielding
-from vpsci_ros.report.panels import typical_panels
+from vpsci_ros.report.panels import typical_episodes
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.runs.files import sha256, write_text
 from vpsci_ros.runs.provenance import software_versions
-from vpsci_ros.world.scenario import every_scenario
 
 PAGE, NUMBERS, VIEW = "report.html", "report.json", "view.html"
 GENERATED, RECORDED, CLEAN, BESIDE = "generated", "recorded", "recorded_clean", "beside"
@@ -129,9 +128,7 @@ def _draw(data: Dataset, sources: Mapping[str, pl.DataFrame], output: Path) -> d
     titled = {TITLES[name]: table for name, table in sources.items()}
     names = ("trajectories", "nearness", "conflicts", "pedestrian_yields", "vehicle_yields")
     paths = {name: output / f"{name}.png" for name in names}
-    own = data.description.get("own_scenarios")
-    grounds = [scenario for scenario in every_scenario(own, str(data.folder)) if scenario.name in data.scenarios]
-    save_trajectories(typical_panels(data.folder), grounds, paths["trajectories"])
+    save_trajectories(typical_episodes(data.folder), paths["trajectories"])
     save_nearness(titled, paths["nearness"])
     save_conflicts(titled, paths["conflicts"])
     for agent in ("pedestrian", "vehicle"):

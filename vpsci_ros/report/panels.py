@@ -1,92 +1,50 @@
 """Which episodes a picture shows: one of each scenario, typical in how near it came and in who gave way."""
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_reader import Dataset, EpisodeArrays
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.episode import Episode, yields
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.yields import YIELD_NAMES, headings, yields
-from vpsci_ros.safety.yielding import Yielded
+from vpsci_ros.safety import Yielded
 
-Floats = NDArray[np.float64]
+MOST = 512  # episodes of a scenario among which the typical one is looked for
+YIELD_NAMES = {
+    Yielded.VEHICLE: "Vehicle-yield",
+    Yielded.PEDESTRIAN: "Pedestrian-yield",
+    Yielded.BOTH: "Both yield",
+    Yielded.NONE: "Nobody yields",
+}
 _NUMBERS = "①②③④⑤⑥⑦⑧"
 
 
-@dataclass(frozen=True)
-class Panel:
-    """One interaction to be drawn.
-
-    :ivar title: scenario, number, who yielded.
-    :ivar scenario: its number, by which lane and crosswalk are found.
-    :ivar vehicle, pedestrian: float64[T, 2], positions [m].
-    :ivar vehicle_speed, pedestrian_speed: float64[T] [m/s].
-    :ivar heading: float64[T] of the vehicle [rad].
-    :ivar nearest: step of the least CurvTTC.
-    :ivar others: positions and speeds of further pedestrians, likewise.
-    """
-
-    title: str
-    scenario: int
-    vehicle: Floats
-    vehicle_speed: Floats
-    heading: Floats
-    pedestrian: Floats
-    pedestrian_speed: Floats
-    nearest: int
-    others: Sequence[tuple[Floats, Floats]] = ()
-
-
-def typical_panels(folder: str | Path) -> list[Panel]:
-    """Return a panel for each scenario of a dataset that has a kept episode.
+def typical_episodes(folder: str | Path) -> list[tuple[str, Episode]]:
+    """Return title and episode for each scenario of a dataset that has a kept episode.
 
     Taken is, among the episodes with the scenario's most frequent kind of yielding (none at all only where there is
-    nothing else), the one whose least CurvTTC lies nearest to their median; looked for in the first row group.
+    nothing else), the one whose least CurvTTC lies nearest to their median; looked for among the first `MOST`.
 
     :raises InvalidInput: the folder is no dataset, or not a single episode was kept.
     """
     data = Dataset(folder)
-    panels = []
-    for name, counts in data.scenarios.items():
-        part = next(iter(data.episodes(name)), None)
-        if part is not None:
-            codes = yields(part, data.period)
-            panels.append(panel(part, _typical(part, codes), codes, name, counts["number"]))
-    if not panels:
+    kept = (list(itertools.islice(data.read(scenario=name), MOST)) for name in data.scenarios)
+    found = [_typical(episodes) for episodes in kept if episodes]
+    if not found:
         raise InvalidInput(f"{folder}: no episode was kept, so there is nothing to draw; simulate more episodes")
-    return panels
+    return found
 
 
-def _typical(part: EpisodeArrays, codes: NDArray[np.uint8]) -> int:
+def _typical(episodes: Sequence[Episode]) -> tuple[str, Episode]:
+    codes = yields(episodes)
     counts = np.bincount(codes, minlength=4)
     counts[Yielded.NONE] = min(counts[Yielded.NONE], 0 if counts[1:].any() else 1)
     candidates = np.flatnonzero(codes == counts.argmax())
-    least = np.nanmin(part["CurvTTC"][candidates], axis=1)
-    return int(candidates[np.abs(least - np.median(least)).argmin()])
-
-
-def panel(part: EpisodeArrays, i: int, codes: NDArray[np.uint8], name: str, number: int) -> Panel:
-    """Return episode `i` of `part` as a panel; `codes` uint8[n] says who yielded."""
-    seen = ~np.isnan(part.values[i, : part.lengths[i], :8]).any(axis=1)
-    column = {key: part[key][i, : part.lengths[i]][seen].astype(np.float64) for key in _KEYS}
-    least = np.nanmin(column["CurvTTC"])
+    least = np.array([episodes[i].least_curvttc for i in candidates.tolist()])
+    i = int(candidates[np.abs(least - np.median(least)).argmin()])
+    one, number = episodes[i], episodes[i].key[0]
     sign = _NUMBERS[number - 1] if 1 <= number <= len(_NUMBERS) else f"({number})"
-    return Panel(
-        title=f"{sign} {name}\n{YIELD_NAMES[Yielded(codes[i])]}, episode {part.count[i]}, least CurvTTC {least:.2f} s",
-        scenario=number,
-        vehicle=np.column_stack([column["position_x_av"], column["position_y_av"]]),
-        vehicle_speed=np.hypot(column["velocity_x_av"], column["velocity_y_av"]),
-        heading=headings(column["velocity_x_av"][None], column["velocity_y_av"][None])[0],
-        pedestrian=np.column_stack([column["position_x_ped"], column["position_y_ped"]]),
-        pedestrian_speed=np.hypot(column["velocity_x_ped"], column["velocity_y_ped"]),
-        nearest=int(np.nanargmin(column["CurvTTC"])),
-    )
-
-
-_KEYS = (
-    *("position_x_av", "position_y_av", "velocity_x_av", "velocity_y_av"),
-    *("position_x_ped", "position_y_ped", "velocity_x_ped", "velocity_y_ped", "CurvTTC"),
-)
+    how = f"{YIELD_NAMES[Yielded(codes[i])]}, episode {one.number}, least CurvTTC {one.least_curvttc:.2f} s"
+    return f"{sign} {one.group}\n{how}", one

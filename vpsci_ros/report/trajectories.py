@@ -4,7 +4,7 @@ Nearly white is nearly standing, so a white stretch is a yield. A green circle i
 its direction, a thin outline where both are at the least CurvTTC; lane and crosswalk lie grey underneath.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon
 from numpy.typing import NDArray
 
+from vpsci_ros.data.episode import Episode
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.report.panels import Panel
 from vpsci_ros.report.world_figures import draw_parked
 from vpsci_ros.runs.files import written_whole
-from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import Scenario
 
 Floats = NDArray[np.float64]
@@ -34,23 +33,21 @@ _SPEEDS = Normalize(0.0, TOP_SPEED)
 _COLUMNS = 4
 
 
-def save_trajectories(panels: Sequence[Panel], scenarios: Iterable[Scenario], path: str | Path) -> None:
-    """Draw the panels, four a row, and write them as a PNG, whole or not at all.
+def save_trajectories(episodes: Sequence[tuple[str, Episode]], path: str | Path) -> None:
+    """Draw episodes under their titles, four a row, and write them as a PNG, whole or not at all.
 
-    :param scenarios: lanes and crosswalks, found by number; a panel without one is drawn on bare ground.
-    :raises InvalidInput: no panel, or the folder of `path` does not exist.
+    :raises InvalidInput: no episode, or the folder of `path` does not exist.
     """
-    if not panels:
+    if not episodes:
         raise InvalidInput(f"{path}: expected at least one interaction to draw, got none")
-    grounds = {scenario.number: scenario for scenario in scenarios}
-    columns = min(_COLUMNS, len(panels))
-    rows = -(-len(panels) // columns)
+    columns = min(_COLUMNS, len(episodes))
+    rows = -(-len(episodes) // columns)
     figure = Figure(figsize=(3.9 * columns, 4.0 * rows + 0.9), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, squeeze=False)
-    for axis, one in zip(axes.flat, panels, strict=False):
-        draw_panel(axis, one, grounds.get(one.scenario))
-    for axis in axes.flat[len(panels) :]:
+    for axis, (title, episode) in zip(axes.flat, episodes, strict=False):
+        draw_episode(axis, title, episode)
+    for axis in axes.flat[len(episodes) :]:
         axis.set_axis_off()
     half = columns // 2
     draw_speed_bars(figure, axes[:, : max(half, 1)], axes[:, half:])
@@ -69,24 +66,29 @@ def draw_speed_bars(figure: Figure, below_first: Any, below_second: Any) -> None
         bar.ax.tick_params(labelsize=7)
 
 
-def draw_panel(axis: Axes, one: Panel, ground: Scenario | None) -> None:
-    """Draw one interaction on its ground, with speed as colour; bare ground where there is no scenario."""
+def draw_episode(axis: Axes, title: str, episode: Episode) -> None:
+    """Draw an episode on the ground of its scenario, with speed as colour; on bare ground where it has none.
+
+    Frames that nobody saw are drawn as the last one seen.
+    """
+    one = episode.filled()
     axis.set_facecolor(GROUND)
     axis.set_aspect("equal")
-    axis.set_title(one.title, fontsize=8)
+    axis.set_title(title, fontsize=8)
     axis.tick_params(labelsize=6)
     axis.set_xlabel("x [m]", fontsize=7)
     axis.set_ylabel("y [m]", fontsize=7)
-    if ground is not None:
-        _draw_ground(axis, ground)
-    _draw_path(axis, one.vehicle, one.vehicle_speed, BLUES, "#08306b")
-    walkers = [(one.pedestrian, one.pedestrian_speed), *one.others]
-    for way, speed in walkers:
-        _draw_path(axis, way, speed, REDS, "#67000d")
+    if one.scenario is not None:
+        _draw_ground(axis, one.scenario)
+    vehicle = np.column_stack([one.x, one.y])
+    walks = np.stack([one.ped_x, one.ped_y], axis=-1)
+    _draw_path(axis, vehicle, one.speed, BLUES, "#08306b")
+    for walk, speed in zip(walks, np.hypot(one.ped_vx, one.ped_vy), strict=True):
+        _draw_path(axis, walk, speed, REDS, "#67000d")
     _draw_outlines(axis, one)
-    for begin in (one.vehicle[0], *(way[0] for way, _ in walkers)):
+    for begin in (vehicle[0], *walks[:, 0]):
         axis.plot(*begin, "o", color=START, markersize=6, markeredgecolor="white", markeredgewidth=0.8, zorder=6)
-    _frame(axis, np.concatenate([one.vehicle, *(way for way, _ in walkers)]))
+    _frame(axis, np.concatenate([vehicle, *walks]))
 
 
 def _draw_ground(axis: Axes, ground: Scenario) -> None:
@@ -127,15 +129,15 @@ def _point_at(points: Floats, length: Floats, at: float) -> tuple[float, float]:
     return float(np.interp(at, length, points[:, 0])), float(np.interp(at, length, points[:, 1]))
 
 
-def _draw_outlines(axis: Axes, one: Panel) -> None:
-    k = one.nearest
+def _draw_outlines(axis: Axes, one: Episode) -> None:
+    k = int(one.known_curvttc.min(axis=0).argmin())
     cos, sin = np.cos(one.heading[k]), np.sin(one.heading[k])
-    corners = 0.5 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * [VEHICLE_LENGTH, VEHICLE_WIDTH]
-    rectangle = corners @ np.array([[cos, sin], [-sin, cos]]) + one.vehicle[k]
+    corners = 0.5 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * [one.length, one.width]
+    rectangle = corners @ np.array([[cos, sin], [-sin, cos]]) + [one.x[k], one.y[k]]
     look: dict[str, Any] = {"facecolor": "none", "linewidth": 0.9, "zorder": 4}
     axis.add_patch(Polygon(rectangle, closed=True, edgecolor="#08306b", **look))
-    for way in (one.pedestrian, *(way for way, _ in one.others)):
-        axis.add_patch(Circle((way[k, 0], way[k, 1]), PEDESTRIAN_RADIUS, edgecolor="#67000d", **look))
+    for x, y in zip(one.ped_x[:, k], one.ped_y[:, k], strict=True):
+        axis.add_patch(Circle((x, y), one.radius, edgecolor="#67000d", **look))
 
 
 def _frame(axis: Axes, points: Floats, margin: float = 3.5) -> None:

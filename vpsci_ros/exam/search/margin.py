@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.data.episode import Key
 from vpsci_ros.exam.config import MOVING, SEVERE_TTC, ExamConfig
-from vpsci_ros.exam.measures import Key
 from vpsci_ros.safety import HORIZON, clearance
 from vpsci_ros.world import ENDED, IDLE
 

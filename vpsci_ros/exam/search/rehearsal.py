@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from vpsci_ros.data.episode import Key
 from vpsci_ros.exam.conduct import Exam, loop_with
-from vpsci_ros.exam.measures import Key
 from vpsci_ros.exam.search.imitation import Imitation, Recent
 from vpsci_ros.exam.search.margin import Floats, LeastMargins, Watched
 from vpsci_ros.world.tick import Actions

@@ -17,6 +17,7 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.data.episode import Key
 from vpsci_ros.data.parquet import Column, read_parquet, write_parquet
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
@@ -24,7 +25,7 @@ from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.exam.conduct import Exam, bag_of, meet
 from vpsci_ros.exam.config import EXTERNAL
 from vpsci_ros.exam.episode_list import flat, write_episode_list
-from vpsci_ros.exam.measures import COLUMNS, Key, episode_table
+from vpsci_ros.exam.measures import COLUMNS, episode_table
 from vpsci_ros.exam.report import ADS
 from vpsci_ros.exam.run import EPISODES, identity_of, run_exam, take_folder
 from vpsci_ros.exam.search.imitation import lessons
@@ -75,7 +76,7 @@ def run_search(exam: Exam, folder: Path, *, quiet: bool = False) -> list[str]:
         if met.conduct.failure:
             raise _Failed(met.conduct.failure)
         table = episode_table(
-            met.drives, [], exam.config, exam.world.tick, driver=ADS, pedestrian=search.pedestrian,
+            met.episodes, [], exam.config, driver=ADS, pedestrian=search.pedestrian,
             unanswered=met.unanswered, sight=met.sight,
         )  # fmt: skip
         tables[name] = table

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.data.episode import Key
 from vpsci_ros.exam.conduct import Exam
-from vpsci_ros.exam.measures import Key
 from vpsci_ros.exam.search.imitation import Floats32, Imitation
 from vpsci_ros.exam.search.margin import Watched
 from vpsci_ros.exam.search.plan import Plan
