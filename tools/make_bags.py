@@ -58,8 +58,6 @@ def record(sections: Sections, episode: int, bag: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         resolved = resolve(sections, Path(folder))
         nodes = resolved.get(GraphConfig, "graph").nodes
-        for node in nodes:
-            resolved = resolved.changed(node, {"peers": list(nodes)})  # ours: nobody watches
         resolved = resolved.changed("recorder", {"bag": str(bag)})
         parameters = Path(folder) / "params.yaml"
         parameters.write_text(yaml.safe_dump(as_ros_parameters(resolved.values)), encoding="utf-8")
@@ -68,7 +66,7 @@ def record(sections: Sections, episode: int, bag: Path) -> None:
             while not (ended := processes.ended()):
                 if time.monotonic() - begun > PATIENCE:
                     raise VpsciError(f"{bag.name}: the graph did not end within {PATIENCE:g} s")
-                time.sleep(0.1)
+                processes.statuses(0.1)
             if ended.get(processes.leader) != 0:
                 raise VpsciError("; ".join(processes.explain(node) for node in ended))
             processes.stop()

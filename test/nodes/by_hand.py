@@ -27,8 +27,6 @@ class ByHand:
         folder.mkdir(parents=True, exist_ok=True)
         resolved = resolve(sections, folder)
         self.nodes = resolved.get(GraphConfig, "graph").nodes
-        for node in self.nodes:
-            resolved = resolved.changed(node, {"peers": list(self.nodes)})
         self._parameters = folder / "params.yaml"
         layout = as_ros_parameters(resolved.values, any_namespace=bool(namespace))
         self._parameters.write_text(yaml.safe_dump(layout), encoding="utf-8")

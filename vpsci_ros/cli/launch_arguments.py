@@ -88,8 +88,6 @@ def prepare(params: str, output: str, given: Mapping[str, str], settings: str = 
     folder = Path(output or f"out/{params_path(params).stem}-{time.strftime('%Y%m%d-%H%M%S')}").absolute()
     sections = resolve(load(params, texts), folder)
     graph = sections.get(GraphConfig, "graph")
-    for name in graph.nodes:
-        sections = sections.changed(name, {"peers": list(graph.nodes)})  # no list twice: ROS 2 reads no YAML aliases
     parameters = require_empty_folder(folder) / "params.yaml"
     layout = as_ros_parameters(sections.values, any_namespace=True)
     parameters.write_text(dump_yaml(layout), encoding="utf-8")
