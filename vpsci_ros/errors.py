@@ -6,7 +6,7 @@ class VpsciError(Exception):
 
 
 class InvalidInput(VpsciError, ValueError):
-    """Data, a parameter or a file does not hold what was promised (also a `ValueError`)."""
+    """Data, a parameter or a file is not as it has to be (also a `ValueError`)."""
 
 
 class Stopped(Exception):

@@ -48,7 +48,7 @@ def export(
 ) -> None:
     """Write a bag's episodes as a dataset (Tables 6 and 7), with a summary and a picture.
 
-    Without a selection the four filters of the paper decide what is kept. Episodes that are asked for by number,
+    Without a selection the four filters of the paper decide what is kept. Episodes that are selected by number,
     outcome or CurvTTC are kept whatever the filters say.
     """
     from vpsci_ros.bags.export import Selection, export_bag
@@ -106,7 +106,7 @@ def verify(
 def repair(
     bag: Annotated[Path, typer.Argument(metavar="BAG", help="rosbag2 folder whose recorder was killed.")],
 ) -> None:
-    """Complete a bag that was not closed: every whole message is kept, index and metadata are written anew."""
+    """Complete a bag that was not closed: every whole message is kept, index and metadata are written again."""
     from vpsci_ros.bags.repair import repair_bag
 
     print(repair_bag(bag))

@@ -188,7 +188,7 @@ def bag(
 
 
 def _workers(ray: str | None, count: int | None) -> "Callable[[Job, int], Workers]":
-    """Return what starts the workers that the options ask for, given a job and a batch."""
+    """Return a function that starts the workers chosen by the options, given a job and a batch."""
     if ray is not None:
         from vpsci_ros.generate.ray_workers import RayWorkers
 

@@ -1,4 +1,4 @@
-"""What `ros2 launch` may be told of a run, and the nodes' parameter file that follows; free of `launch` itself."""
+"""The arguments of `ros2 launch`, and the nodes' parameter file that follows; free of `launch` itself."""
 
 import time
 from collections.abc import Mapping
@@ -75,7 +75,7 @@ class LaunchedRun(NamedTuple):
 
 
 def prepare(params: str, output: str, given: Mapping[str, str], settings: str = "") -> LaunchedRun:
-    """Check what was asked for, and write the nodes' parameters down with every default filled in.
+    """Check the arguments, and write the nodes' parameters down with every default filled in.
 
     :param params: a parameter file, or the name of one of the package's.
     :param output: folder, new or empty; empty: out/NAME-DATE-TIME.

@@ -93,7 +93,7 @@ def evaluate(
 ) -> None:
     """Errors of both stages' policies on near misses, beside naive controls: Table 9's columns, by two protocols.
 
-    Measures whatever interactions the data hold; for honest errors give
+    Measures all interactions in the data; for honest errors give
     --held-out, or recordings that the weights have never seen.
     """
     from vpsci_ros.cli.stages import run_evaluation

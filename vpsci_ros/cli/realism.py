@@ -51,7 +51,7 @@ def realism(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """How like people: energy score, likelihood, and whether a classifier tells simulated from recorded.
+    """How like people: energy score, likelihood, and how well a classifier separates simulated from recorded.
 
     From the same recorded onsets: the shipped weights and --weights beside
     the recording itself, constant velocity, social force, and residuals of

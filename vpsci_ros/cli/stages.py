@@ -33,7 +33,7 @@ def run_pretraining(sections: Sections, folder: Path, *, quiet: bool = False) ->
     """Stage 1; goes on from a checkpoint that the same configuration left in `folder`.
 
     :raises InvalidInput: a parameter or the near misses are refused, or another run lies in `folder`.
-    :raises Stopped: a signal asked for it; what is done is in `folder`.
+    :raises Stopped: a signal stopped it; what is done is in `folder`.
     """
     learner, config, network, corpus, resolved = stage_1_inputs(sections)
 

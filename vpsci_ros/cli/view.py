@@ -8,7 +8,7 @@ import typer
 from vpsci_ros.cli.options import found
 from vpsci_ros.resources import RIGHT_TURNS
 
-turing_app = typer.Typer(no_args_is_help=True, help="The Turing test of section 4.4: can people tell real from made?")
+turing_app = typer.Typer(no_args_is_help=True, help="The Turing test of section 4.4: recorded or generated?")
 
 
 def view(
@@ -55,7 +55,7 @@ def make(
         Path, typer.Argument(metavar="TABLE", callback=found, help="Near-miss table of recorded people (Parquet).")
     ] = Path(RIGHT_TURNS),
     weights: Annotated[
-        str, typer.Option(metavar="FILE", help="Policies to be judged; or shipped ones' name.")
+        str, typer.Option(metavar="FILE", help="Policies to be rated; or shipped ones' name.")
     ] = "refined",
     scenes: Annotated[int, typer.Option(min=2, max=200, metavar="N", help="Each makes three clips of 4 s.")] = 8,
     seed: Annotated[int, typer.Option(min=0, help="Of the draw.")] = 1,

@@ -11,7 +11,7 @@ from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import RUNNING, Scenario
 from vpsci_ros.world.kinds import KINDS
 from vpsci_ros.world.parked import in_sight, parked_from
-from vpsci_ros.world.perception import SEEN, Memory, PerceptionConfig, blank, perceive
+from vpsci_ros.world.perception import SEEN, PerceptionConfig, PerceptionState, blank, perceive
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Watcher:
         self.found: dict[tuple[int, int], Sight] = {}
         self._parked = parked_from(scenarios)
         self._perception, self._period, self._most = perception, period, pedestrians
-        self._memory: Memory | None = None
+        self._memory: PerceptionState | None = None
 
     def add(self, state: NDArray[np.void], curvttc: NDArray[np.float64]) -> None:
         """Take in EPISODE[B] and CurvTTC [s], float64[B], of the next tick."""

@@ -17,7 +17,7 @@ from vpsci_ros.wire.layout import MAP, WORLD
 from vpsci_ros.wire.objects import write_objects
 from vpsci_ros.world import load_scenarios
 from vpsci_ros.world.parked import Parked, parked_from
-from vpsci_ros.world.perception import SEEN, Memory, PerceptionConfig, blank, perceive, warm_up
+from vpsci_ros.world.perception import SEEN, PerceptionConfig, PerceptionState, blank, perceive, warm_up
 
 REPEAT_AFTER = 1.25  # [s] of a world that stands still at the first tick; it knows by then that it waits for an answer
 
@@ -38,7 +38,7 @@ class Perception(GraphNode):
         self._objects = self.output("/perception/objects")
         self._parked: Parked | None = None
         self._pedestrians = 1
-        self._memory: Memory | None = None
+        self._memory: PerceptionState | None = None
         self._listed = 0
         self._first: bytes | None = None  # list, until the second one
         self._first_at = 0.0  # [s] of the wall clock, when it was published

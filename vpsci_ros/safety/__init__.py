@@ -4,8 +4,8 @@ The whole framework hangs on one number. When CurvTTC falls below 5 s both agent
 filters, the onset, the conflicts and every figure read it. The room needs numpy and numba only, so it serves outside
 this package too. docs/curvttc.md has the definition and the picture. `footprint` has the two shapes, `contact` their
 first contact, `crossing` the older form and `curvttc` the public measure on batches, with `curvature` for recorded
-vehicles; `measures` and `encroachment` hold what others use instead; `episodes` and `yielding` say what happened;
-`line_of_sight` tells what parked vehicles hide.
+vehicles; `measures` and `encroachment` are what others use instead; `episodes` and `yielding` say what happened;
+`line_of_sight` computes what parked vehicles hide.
 """
 
 from vpsci_ros.safety.curvature import curvature_from_positions, curvature_from_yaw_rate

@@ -7,14 +7,7 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy")
 def overlap_start(
-    qx: float,
-    qy: float,
-    ux: float,
-    uy: float,
-    speed: float,
-    curvature: float,
-    occupied: float,
-    horizon: float,
+    qx: float, qy: float, ux: float, uy: float, speed: float, curvature: float, occupied: float, horizon: float
 ) -> float:
     """Time [s] at which both begin to occupy the point where their paths cross, infinity when that never happens.
 

@@ -1,7 +1,7 @@
 """What an episode was, read off its CurvTTC: onset, conflict, least CurvTTC, collision, clearance.
 
 An episode is an array over time, float[T], and a batch of them is float[..., T] with `lengths` int[...] where the
-rows are padded: steps from a row's length on are not looked at and may hold anything.
+rows are padded: steps from a row's length on are ignored.
 """
 
 import numpy as np

@@ -28,14 +28,7 @@ def gap(forward: float, left: float, half_length: float, half_width: float) -> f
 
 @njit(cache=True, error_model="numpy")
 def clearance_pair(
-    x: float,
-    y: float,
-    heading: float,
-    ped_x: float,
-    ped_y: float,
-    length: float,
-    width: float,
-    radius: float,
+    x: float, y: float, heading: float, ped_x: float, ped_y: float, length: float, width: float, radius: float
 ) -> float:
     """`clearance` of one pair, for other numba code: unchecked, no keyword arguments, metres and radians."""
     cos, sin = math.cos(heading), math.sin(heading)

@@ -1,7 +1,7 @@
 """The door of the room: arguments become float64 arrays of one shape, and what does not belong is named.
 
 A bad number is never turned into an infinity: every public function of `vpsci_ros.safety` refuses it and says which
-argument, at which index, holds which value.
+argument has which value at which index.
 """
 
 from collections.abc import Iterable, Sequence
@@ -64,11 +64,7 @@ def common_shape(names: Sequence[str], arrays: Sequence[Floats]) -> tuple[int, .
 
 
 def refuse(
-    names: Sequence[str],
-    values: Sequence[FloatLike],
-    *,
-    positive: Iterable[str] = (),
-    not_negative: Iterable[str] = (),
+    names: Sequence[str], values: Sequence[FloatLike], *, positive: Iterable[str] = (), not_negative: Iterable[str] = ()
 ) -> NoReturn:
     """Name the first bad one among the arguments as they were given: not finite, not above 0, or below 0.
 

@@ -119,7 +119,7 @@ def second_order_ttc(
     radius: FloatLike = PEDESTRIAN_RADIUS,
     horizon: FloatLike = HORIZON,
 ) -> Floats:
-    """Second-order time to collision of a turning vehicle [s]: steering wheel and pedal are held where they are.
+    """Second-order time to collision of a turning vehicle [s]: steering wheel and pedal stay where they are.
 
     After Nick Zinat Matin et al., "Second-Order Time to Collision With Non-Static Acceleration" (arXiv 2502.08066): the
     acceleration turns with the vehicle, so the path is an arc of constant curvature driven at constant longitudinal

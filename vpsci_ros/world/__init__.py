@@ -1,11 +1,7 @@
-"""The world: eight right turns at two intersections, simulated in batches of parallel episodes.
+"""The world: right turns and straight crossings, simulated in batches of parallel episodes.
 
-A scenario (`scenario`, YAML in `params/scenarios/`) says where vehicle and pedestrian go and what is drawn at a spawn
-(`spawn`, with the counter-based numbers of `counter_rng`). `world.World` advances a batch of records (`state`) tick by
-tick: `handover` decides who drives, `drivers` and `autopilot` what they do, `kinematics` what comes of it, `engine`
-runs that over the slots. `observation` is what the agents see of it, `monitor` how near a collision is. `loop` has
-monitor and agents answer each tick, by the values of `tick`; where the answers come as messages, `lockstep` gathers
-them, and `safe_stop` those of an external driving system.
+A `World` advances a batch of records (`EPISODE`) tick by tick, from `Scenario`s by a `WorldConfig`; `loop.Loop` has
+monitor and agents answer each tick, and `observe` is what the agents see of it.
 """
 
 from vpsci_ros.world.config import WorldConfig

@@ -5,7 +5,7 @@ It drives until an episode is critical, and whole episodes as the baseline of se
 the speeds, and the pedestrian does not react to the vehicle.
 
 Steering is pure pursuit: the arc that starts along the heading and meets the centreline a look-ahead away. On a
-circle it has no steady error, far from the lane it never asks for more than half a turn back, and it does not depend
+circle it has no steady error, far from the lane it never turns by more than half a turn, and it does not depend
 on derivatives of the map. See 'Implementation of the pure pursuit path tracking algorithm' by Coulter, CMU-RI-TR-92-01.
 """
 

@@ -18,7 +18,7 @@ class WorldConfig:
 
     tick: float = parameter(0.05, "simulated time from one tick to the next", unit="s", low=0.005, high=0.2)
     policy_period: float = parameter(
-        0.1, "the policies act at this period and their actions hold in between", unit="s", low=0.005, high=2.0
+        0.1, "the policies act at this period; between, their last actions stay in force", unit="s", low=0.005, high=2.0
     )
     episode_time: float = parameter(
         30.0, "an episode ends after this time; 10 s in the paper, whose walkers run", unit="s", low=0.1, high=3276.0
@@ -28,7 +28,7 @@ class WorldConfig:
     )
     spawn: str = parameter(
         "human",
-        "how they come to the meeting; human: as recorded people do, with human jerk; paper: section 3.2's walking "
+        "how both approach each other; human: as recorded people do, with human jerk; paper: section 3.2's walking "
         "speeds of 1-4 m/s and throttle of 0.6-0.9",
         choices=SPAWNS,
     )
@@ -50,7 +50,7 @@ class WorldConfig:
     lane_following: bool = parameter(
         True,
         "add the lane-keeping lateral acceleration to a policy's (and to an external driver's /vehicle/cmd_accel) "
-        "before (18), since neither (6) nor odometry tells of the route; false: (18) alone",
+        "before (18), since neither (6) nor odometry contains the route; false: (18) alone",
     )
     pedestrians: int = parameter(1, "most pedestrians of an episode, each with the vehicle a row", low=1, high=MOST)
     crowd: CrowdConfig = field(default_factory=CrowdConfig)

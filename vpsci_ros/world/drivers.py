@@ -1,7 +1,7 @@
 """Who drives, in compiled code: what each driver makes of a record, and the motion that follows from it.
 
 Vehicle and pedestrians are decided on the same frame: call `acceleration` and `controls` before any of them is moved.
-The rule-based driver minds all pedestrians of its episode, so it brakes as the most cautious of its rows asks.
+The rule-based driver minds all pedestrians of its episode, so it brakes for the nearest of them.
 """
 
 import math
@@ -52,7 +52,7 @@ def gap_ahead(state, first, count, proximity_distance):  # type: ignore[no-untyp
 
 @inlined
 def controls(state, i, count, answers, tables, settings):  # type: ignore[no-untyped-def]
-    """Return (steer, throttle, brake) for the next tick, from whoever drives the vehicle of rows `i` to `i + count`."""
+    """Return (steer, throttle, brake) for the next tick, by the driver of the vehicle in rows `i` to `i + count`."""
     episode = state[i]
     speed = episode.vehicle_speed
     if settings.vehicle_driver == EXTERNAL and len(answers.vehicle_control):

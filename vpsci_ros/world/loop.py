@@ -1,7 +1,7 @@
 """The loop over ticks: the world shows one, monitor and agents answer, and the world moves on to the next one.
 
-It has two drivers. In process the loop asks monitor and agents itself (`step`, or iteration over all ticks); in the
-graph the world's node hands in the answers that came as messages (`advance`).
+It has two drivers. In process the loop calls monitor and agents itself (`step`, or iteration over all ticks); in the
+graph the world's node passes on the answers that came as messages (`advance`).
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -18,17 +18,17 @@ from vpsci_ros.world.world import World
 
 
 class Agent(Protocol):
-    """Whoever acts for the vehicle or the pedestrian, as `vpsci_ros.policy.agent.PolicyAgent` does."""
+    """An agent that acts for the vehicle or the pedestrian, as `vpsci_ros.policy.agent.PolicyAgent` does."""
 
     def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.floating[Any]]:
         """Return accelerations [m/s2], float[B, 2], (longitudinal, lateral); they count where `assessment.acting`."""
 
 
 class Loop:
-    """A world and those who answer it.
+    """A world with its monitor and its agents.
 
     :param monitor: None: the defaults.
-    :param agents: by "vehicle" and "pedestrian"; asked at policy frames.
+    :param agents: by "vehicle" and "pedestrian"; called at policy frames.
     :param always_critical: every running episode counts as critical, so that policy drivers act from its first frame.
     """
 
@@ -71,7 +71,7 @@ class Loop:
         return replace(given, **{name: action.astype(np.float64) for name, action in acted.items()})
 
     def step(self, given: Actions = NO_ACTIONS) -> Step:
-        """Ask monitor and agents, and move on by one tick."""
+        """Have monitor and agents answer, and move on by one tick."""
         return self.advance(self.assessment, self.actions(given))
 
     def advance(self, assessment: Assessment, actions: Actions) -> Step:

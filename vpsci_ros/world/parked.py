@@ -1,9 +1,9 @@
 """Parked and waiting vehicles: what they hide, and that one can run into them.
 
 They stand where their scenario has them, as oriented rectangles, in every episode. Vehicle and pedestrian see each
-other where the line of sight between them is free (`in_sight`); the learned agents are handed an episode only then, and
-once they have it they keep it. A vehicle that touches one of them has had its episode. Pedestrians keep to their
-routes, which lead around them, and are not held up by them.
+other where the line of sight between them is free (`in_sight`); the policies take over an episode only then, and
+keep it once they control it. A vehicle that touches one of them has had its episode. Pedestrians keep to their
+routes, which lead around them, and do not wait for them.
 """
 
 from collections.abc import Sequence

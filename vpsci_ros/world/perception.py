@@ -1,8 +1,8 @@
-"""What a driving system is told of the pedestrians: a sensor with a view, and a tracker with its errors.
+"""The pedestrians as a driving system perceives them: a sensor with a view, and a tracker with its errors.
 
 The sensor has a field of view and a range, and sees nobody behind parked vehicles. The tracker that follows misses
 detections, is off in position and velocity by noise that is correlated in time (Gauss and Markov's of first order),
-loses tracks and takes one person for another, and tells all of it late. Every error is off by default.
+loses tracks, takes one person for another, and publishes its objects late. Every error is off by default.
 
 `perceive` is a pure function of its memory and the state, row by row: a row is a vehicle and one of its pedestrians,
 and with P pedestrians an episode takes P rows in a row. Errors are drawn from the counter-based generator, by seed,
@@ -73,7 +73,7 @@ class PerceptionConfig:
     )
     missed: float = parameter(0.0, "share of frames without a detection of somebody who is seen", low=0.0, high=1.0)
     latency: float = parameter(
-        0.0, "objects are told so much later, in whole ticks; they keep the stamp of when they were seen",
+        0.0, "objects are published so much later, in whole ticks; they keep the stamp of when they were seen",
         unit="s", low=0.0, high=2.0,
     )  # fmt: skip
     lost_rate: float = parameter(0.0, "tracks lost, of each that is followed", unit="1/s", low=0.0, high=10.0)
@@ -88,11 +88,11 @@ class PerceptionConfig:
         return round(self.latency / period)
 
 
-class Memory(NamedTuple):
+class PerceptionState(NamedTuple):
     """What perception keeps from one frame to the next, for R rows."""
 
     trackers: NDArray[np.void]  # [R]
-    late: NDArray[np.void]  # OBJECT[L, R] not told yet, the oldest first
+    late: NDArray[np.void]  # OBJECT[L, R] not published yet, the oldest first
 
 
 class _Settings(NamedTuple):
@@ -106,29 +106,29 @@ class _Settings(NamedTuple):
     position_noise: float  # [m]
     velocity_noise: float  # [m/s]
     kept: float  # of the noise, from one tick to the next
-    fresh: float  # share of a standard deviation that is drawn anew
+    fresh: float  # share of a standard deviation that is drawn again
     missed: float
     lost: float  # probability in a tick
     lost_frames: int
     swapped: float  # probability in a tick
 
 
-def blank(rows: int, config: PerceptionConfig, period: float) -> Memory:
+def blank(rows: int, config: PerceptionConfig, period: float) -> PerceptionState:
     """Return what is kept before the first frame of `rows` rows, at ticks of `period` seconds."""
     trackers = np.zeros(rows, _TRACKER)
     trackers["frame"] = -2
-    return Memory(trackers, np.zeros((config.delay(period), rows), OBJECT))
+    return PerceptionState(trackers, np.zeros((config.delay(period), rows), OBJECT))
 
 
 def perceive(
-    memory: Memory,
+    memory: PerceptionState,
     state: NDArray[np.void],
     config: PerceptionConfig,
     period: float,
     parked: Parked | None = None,
     pedestrians: int = 1,
-) -> tuple[Memory, NDArray[np.void]]:
-    """Return what is kept for the next frame, and what is told at this one, OBJECT[R].
+) -> tuple[PerceptionState, NDArray[np.void]]:
+    """Return what is kept for the next frame, and what is published at this one, OBJECT[R].
 
     An episode that is not seen frame by frame is taken up where it is seen again, as one that begins.
 
@@ -146,12 +146,12 @@ def perceive(
     begun = np.zeros(len(state), np.bool_)
     _perceive(state, share, begun, _settings(config, period), pedestrians, trackers, now)
     if not len(memory.late):
-        return Memory(trackers, memory.late), now
+        return PerceptionState(trackers, memory.late), now
     late = np.empty((len(memory.late) + 1, len(state)), OBJECT)
     late[:-1], late[-1] = memory.late, now
     if begun.any():
         late[:-1, begun] = np.zeros((), OBJECT)
-    return Memory(trackers, late[1:]), late[0]
+    return PerceptionState(trackers, late[1:]), late[0]
 
 
 def warm_up(config: PerceptionConfig) -> None:

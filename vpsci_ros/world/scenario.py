@@ -105,7 +105,7 @@ def scenario_files() -> list[FilePath]:
 def further_files() -> list[FilePath]:
     """Return the files of the scenarios beyond the paper's, in the order of their numbers.
 
-    Where they are used they count as one's own: bags and datasets hold what they are made from, and a file of one's
+    Where they are used they count as one's own: bags and datasets contain what they are made from, and a file of one's
     own may take a number of theirs.
     """
     return list(_own(params_dir() / "scenarios" / "town10hd").values())
@@ -157,7 +157,7 @@ def own_documents(scenarios: Iterable[Scenario]) -> dict[str, Any]:
 
 
 def every_scenario(own: Mapping[str, Any] | None = None, where: str = "") -> list[Scenario]:
-    """Return the package's scenarios and those of `own_documents`, which `where` holds.
+    """Return the package's scenarios and those of `own_documents`, which come from `where`.
 
     :raises InvalidInput: a document is damaged.
     """
@@ -171,7 +171,7 @@ def shipped_scenarios() -> tuple[Scenario, ...]:
 
 
 def own_scenarios(own: Mapping[str, Any] | None, where: str = "") -> list[Scenario]:
-    """Return those of `own_documents`, which `where` holds.
+    """Return those of `own_documents`, which come from `where`.
 
     :raises InvalidInput: a document is damaged.
     """

@@ -18,7 +18,7 @@ OUTCOME_NAMES = ("none", "collision", "goal", "timeout", "parked_collision")
 # kinds of event, as in vpsci_msgs/EpisodeEvent
 STARTED, HANDED_OVER, HANDED_BACK, FINISHED = 1, 2, 3, 4
 VEHICLE_ACTION_MISSING, PEDESTRIAN_ACTION_MISSING, SAFETY_MISSING = 5, 6, 7
-SAFE_STOP = 8  # of an external driver in real time; the node that waits for its commands tells of it
+SAFE_STOP = 8  # of an external driver in real time; the node that waits for its commands publishes it
 
 _QUANTITIES = (
     # the vehicle: centre of its rectangle, which moves along its heading
@@ -46,7 +46,7 @@ _QUANTITIES = (
     "reaction_delay",  # [s] after the hand-over before the policy moves the walker; infinity: never
     "pedestrian_ax",  # [m/s2] of the last tick
     "pedestrian_ay",  # [m/s2]
-    # how these people come to the meeting, drawn at a human spawn; see `people`
+    # how the two approach each other, drawn at a human spawn; see `people`
     "meeting_s",  # [m] along the lane's centreline: where the walker's line crosses it
     "approach_acceleration",  # [m/s2] within which the driver keeps its speed, to the meeting
     "approach_phase",  # 0 to 1
@@ -58,7 +58,7 @@ _QUANTITIES = (
     "walk_slope",  # [m/m] of the walker's line against the route, to the left
     "walk_sine",  # [m] sway about that line
     "walk_cosine",  # [m]
-    # the policies' last actions, held until the next policy frame, in the vehicle's heading frame at `action_heading`
+    # the policies' last actions, in force until the next policy frame, in the heading frame at `action_heading`
     "vehicle_long",  # [m/s2]
     "vehicle_lat",  # [m/s2] to the left
     "pedestrian_long",  # [m/s2]
@@ -82,8 +82,8 @@ _CODES = (
     "scenario",  # 1 to 8, more for one's own
     "status",  # IDLE, RUNNING, ENDED
     "outcome",  # NONE until the status is ENDED
-    "controlled",  # 1: the policies hold the agents
-    "vehicle_held",  # 1: vehicle_long and vehicle_lat hold an answer of the policy
+    "controlled",  # 1: the policies control the agents
+    "vehicle_held",  # 1: vehicle_long and vehicle_lat are an answer of the policy
     "pedestrian_held",  # 1: likewise
     "vehicle_goal",  # 1: the vehicle has reached its goal
     "pedestrian_goal",  # 1: the pedestrian has reached its goal

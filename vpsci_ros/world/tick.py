@@ -1,6 +1,6 @@
 """What goes round the loop at each tick: the world's `Tick`, the monitor's `Assessment` of it, the agents' `Actions`.
 
-Who acts and whether an answer can be used is found out once, where the value is made; whoever takes it relies on it.
+Who acts, and whether an answer can be used, is checked once, where the value is made.
 """
 
 import math
@@ -32,7 +32,7 @@ class Tick(NamedTuple):
 
     number: int  # counted from the beginning of the run
     state: NDArray[np.void]  # EPISODE[B]
-    policy_frame: NDArray[np.bool_]  # [B] policies would be asked, see `handover.policy_frame`
+    policy_frame: NDArray[np.bool_]  # [B] policies would act, see `handover.policy_frame`
     by_policies: bool = True  # policies drive an agent, or both
 
     def assessed(self, curvttc: ArrayLike, distance: ArrayLike, critical: ArrayLike) -> Assessment:
@@ -58,7 +58,7 @@ class Tick(NamedTuple):
         )
 
     def unassessed(self) -> Assessment:
-        """Return what holds at this tick where the monitor did not answer."""
+        """Return the assessment of this tick where the monitor did not answer."""
         batch = len(self.state)
         none = np.zeros(batch, np.bool_)
         return Assessment(
@@ -77,7 +77,7 @@ class Tick(NamedTuple):
 
 @dataclass(frozen=True)
 class Actions:
-    """What the agents do at a tick, in the heading frame of the vehicle; None where nobody was asked or answered.
+    """What the agents do at a tick, in the heading frame of the vehicle; None where no answer came.
 
     :raises InvalidInput: another shape, or numbers that are not finite.
     """

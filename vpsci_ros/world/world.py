@@ -98,9 +98,9 @@ class World:
     def advance(self, assessment: Assessment, actions: Actions = NO_ACTIONS) -> NDArray[np.void]:
         """Move from the present tick to the next one with the answers to it, and return what happened, EVENT[n].
 
-        Policies' actions are used where they act, and then held until the next policy frame; an external driver's are
-        used at once, everywhere, `vehicle_control` rather than `vehicle`. Without an action the rule-based driver acts
-        until the next one.
+        Policies' actions are used where they act, and stay in force until the next policy frame; an external driver's
+        are used at once, everywhere, `vehicle_control` rather than `vehicle`. Without an action the rule-based driver
+        acts until the next one.
 
         :param assessment: made by `now`.
         :raises InvalidInput: actions for another number of slots.
