@@ -142,13 +142,14 @@ class SimulatedRewards:
         """
         if not finished:
             return []
-        padded = np.zeros((len(finished), max(map(len, finished))), TRANSITION)
+        padded = np.zeros((len(finished), 1 + max(map(len, finished))), TRANSITION)  # with the step after the last one
         padded["curvttc"] = np.inf
         for row, steps in zip(padded, finished, strict=True):
             row[: len(steps)] = steps
-        curvttc, chosen = torch.from_numpy(padded["curvttc"].copy()), {}
+        curvttc, chosen = torch.from_numpy(padded["curvttc"].copy())[:, :-1], {}
         for agent in AGENTS:
-            seen, done = (torch.from_numpy(padded[f"{agent}_{name}"].copy()) for name in ("observation", "action"))
+            known = (torch.from_numpy(padded[f"{agent}_{name}"].copy()) for name in ("observation", "action"))
+            seen, done = (part[:, :-1] for part in known)
             chosen[agent] = predicted_velocity(seen[..., :2], self._frozen[agent](seen, previous(done), curvttc))
         return [
             History(
