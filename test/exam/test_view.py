@@ -43,7 +43,9 @@ def test_the_driving_systems_episodes_come_from_its_bag_with_the_exams_verdicts(
 
 def test_the_autopilots_episodes_are_those_of_the_exam(exam, tmp_path: Path) -> None:
     found = autopilot_met(exam, "walker").episodes
-    (source,) = exam_sources(tmp_path, rows(found, "autopilot"), exam, 1000, pytest.fail)
+    (source,) = exam_sources(
+        tmp_path, rows(found, "autopilot"), lambda name: autopilot_met(exam, name).episodes, 1000, pytest.fail
+    )
     assert source.key == "autopilot-walker"
     shown = {each.episode.name: each.episode for each in source.episodes}
     for episode in found:
@@ -54,13 +56,13 @@ def test_episodes_that_end_otherwise_now_are_left_out_and_it_is_said(exam, tmp_p
     changed = rows(autopilot_met(exam, "walker").episodes, "autopilot").with_columns(outcome=pl.lit("none"))
     said: list[str] = []
     with pytest.raises(InvalidInput, match="not one episode"):
-        exam_sources(tmp_path, changed, exam, 1000, said.append)
+        exam_sources(tmp_path, changed, lambda name: autopilot_met(exam, name).episodes, 1000, said.append)
     assert "simulated again, its episodes end otherwise" in said[0]
 
 
 def test_of_too_many_the_nearest_are_shown(exam, tmp_path: Path) -> None:
     table = rows(autopilot_met(exam, "walker").episodes, "autopilot")
-    (source,) = exam_sources(tmp_path, table, exam, 2, pytest.fail)
+    (source,) = exam_sources(tmp_path, table, lambda name: autopilot_met(exam, name).episodes, 2, pytest.fail)
     nearest = table.sort("least_curvttc", "scenario", "episode").head(2)
     assert {e.episode.name for e in source.episodes} == {f"1:{number}" for number in nearest["episode"]}
     assert source.total == 3
@@ -69,4 +71,4 @@ def test_of_too_many_the_nearest_are_shown(exam, tmp_path: Path) -> None:
 def test_an_exam_in_which_nobody_drove_is_refused(exam, tmp_path: Path) -> None:
     empty = pl.DataFrame(schema={name: column.dtype for name, column in COLUMNS.items()})
     with pytest.raises(InvalidInput, match="not one episode of this exam was driven"):
-        exam_sources(tmp_path, empty, exam, 1000, pytest.fail)
+        exam_sources(tmp_path, empty, lambda name: autopilot_met(exam, name).episodes, 1000, pytest.fail)

@@ -82,8 +82,10 @@ def run_exam(exam: Exam, folder: Path, criteria: Sequence[str] = (), *, quiet: b
     take_folder(folder, identity)
     met = hold(exam, folder, quiet=quiet)
     table = _ads_rows(exam, met)
-    if exam.config.baseline:
-        table = pl.concat([table, _autopilot_rows(exam)])
+    baseline = {name: autopilot_met(exam, name) for name in (ALONE, *pedestrians) if exam.config.baseline}
+    if baseline:
+        rows = [_rows(exam, baseline[name], baseline[ALONE], BASELINE, name) for name in pedestrians]
+        table = pl.concat([table, *rows])
     report = make_report(table, {name: each.conduct for name, each in met.items()}, exam.config, exam.perception)
     verdicts = judge(parsed, report, pedestrians)
     failures = [each.conduct.failure for each in met.values() if each.conduct.failure]
@@ -94,7 +96,11 @@ def run_exam(exam: Exam, folder: Path, criteria: Sequence[str] = (), *, quiet: b
     episodes = {name: each.episodes for name, each in met.items()}
     driven = bool(report["drivers"].get(ADS))
     if driven:
-        write_view(folder / VIEW, exam_sources(folder, table, exam, LIMIT, _tell), f"Exam of {exam.config.ads}")
+        write_view(
+            folder / VIEW,
+            exam_sources(folder, table, lambda name: baseline[name].episodes, LIMIT, _tell),
+            f"Exam of {exam.config.ads}",
+        )
     write_page(folder / "report.html", report, table, episodes, VIEW if driven else "")
     _print(report, folder)
     return failures
@@ -119,7 +125,7 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
     except (ValueError, LookupError, TypeError) as error:
         _tell(f"the autopilot is left out: {error}")
         return exam_sources(folder, table, None, limit, _tell)
-    return exam_sources(folder, table, exam, limit, _tell)
+    return exam_sources(folder, table, lambda name: autopilot_met(exam, name).episodes, limit, _tell)
 
 
 def _tell(note: str) -> None:
@@ -130,11 +136,6 @@ def _ads_rows(exam: Exam, met: dict[str, Met]) -> pl.DataFrame:
     return pl.concat(
         [_rows(exam, met[name], met[ALONE], ADS, name) for name in (ALONE, *exam.config.met) if name in met]
     )
-
-
-def _autopilot_rows(exam: Exam) -> pl.DataFrame:
-    alone = autopilot_met(exam, ALONE)
-    return pl.concat([_rows(exam, autopilot_met(exam, name), alone, BASELINE, name) for name in exam.config.met])
 
 
 def _rows(exam: Exam, met: Met, alone: Met, driver: str, pedestrian: str) -> pl.DataFrame:

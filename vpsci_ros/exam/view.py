@@ -1,15 +1,14 @@
 """An exam's episodes for the page in which they play: the driving system, and beside it the autopilot."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
-from vpsci_ros.data.gathered import gathered
+from vpsci_ros.data.episode import Episode
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import Exam, autopilot_loop
 from vpsci_ros.exam.config import ALONE, title_of
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.scores import MEASURES
@@ -18,18 +17,19 @@ from vpsci_ros.view.sources import Shown, Source, read_source, shown
 MARKS = {name.removesuffix("_rate"): measure for name, measure in MEASURES.items() if measure.statistic is None}
 """Shares of episodes that the exam gives: the page filters by them, so that each number opens its episodes."""
 Rows = dict[str, dict[str, Any]]  # name -> row of the table of episodes
+Autopilot = Callable[[str], Sequence[Episode]]  # pedestrian -> episodes
 
 
 def exam_sources(
-    folder: Path, table: pl.DataFrame, exam: Exam | None, limit: int, tell: Callable[[str], None]
+    folder: Path, table: pl.DataFrame, autopilot: Autopilot | None, limit: int, tell: Callable[[str], None]
 ) -> list[Source]:
     """Return the episodes of an exam: each pedestrian with the driving system, and with the autopilot beside it.
 
-    The driving system's are read from the bags. The autopilot's are simulated again, which gives the same ones to the
-    last bit; where they are not the same any more they are left out, and `tell` is called with the reason.
+    The driving system's are read from the bags. Where the autopilot's are not those of the table any more they are left
+    out, and `tell` is called with the reason.
 
     :param table: a row an episode, `vpsci_ros.exam.measures.COLUMNS`.
-    :param exam: what the autopilot is simulated by; None: it is left out.
+    :param autopilot: returns the autopilot's episodes with a pedestrian; None: it is left out.
     :param limit: episodes at most with each pedestrian, those that came nearest where there are more.
     :raises InvalidInput: not one episode was driven.
     """
@@ -44,8 +44,8 @@ def exam_sources(
             chosen = _chosen(own, limit)
             bag = read_source(folder / "runs" / str(pedestrian) / "bag", limit, list(chosen), recover=True)
             found.append(_source(ADS, str(pedestrian), bag, chosen, own.height))
-        if beside.height and exam is not None:
-            found += _autopilot(exam, str(pedestrian), beside, limit, tell)
+        if beside.height and autopilot is not None:
+            found += _autopilot(autopilot(str(pedestrian)), str(pedestrian), beside, limit, tell)
     if not found:
         raise InvalidInput(f"{folder}: not one episode of this exam was driven, so there is nothing to show")
     return found
@@ -80,16 +80,13 @@ def _marked(each: Shown, row: dict[str, Any]) -> Shown:
 
 
 def _autopilot(
-    exam: Exam, pedestrian: str, rows: pl.DataFrame, limit: int, tell: Callable[[str], None]
+    episodes: Sequence[Episode], pedestrian: str, rows: pl.DataFrame, limit: int, tell: Callable[[str], None]
 ) -> list[Source]:
     chosen = _chosen(rows, limit)
-    wanted = {(row["scenario"], row["episode"]) for row in chosen.values()}
-    steps = autopilot_loop(exam, pedestrian)
-    ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
-    episodes = list(map(shown, gathered(ticks, exam.world.tick, exam.scenarios, wanted=wanted)))
-    if any(each.episode.outcome != chosen[each.episode.name]["outcome"] for each in episodes):
+    found = [shown(episode) for episode in episodes if episode.name in chosen]
+    if any(each.episode.outcome != chosen[each.episode.name]["outcome"] for each in found):
         tell(f"the autopilot with {title_of(pedestrian)} is left out: simulated again, its episodes end otherwise, "
              "since another version of this package made the exam")  # fmt: skip
         return []
-    source = Source(BASELINE, BASELINE, exam.world.tick, episodes, rows.height)
+    source = Source(BASELINE, BASELINE, found[0].episode.period, found, rows.height)
     return [_source(BASELINE, pedestrian, source, chosen, rows.height)]

@@ -1,6 +1,6 @@
 """The pictures of docs/curvttc.md: what CurvTTC is, how it is found, and what it is at the edges of the definition.
 
-python -m vpsci_ros.report.safety_figures docs/curvttc.png
+python tools/curvttc_figure.py docs/curvttc.png
 """
 
 import math

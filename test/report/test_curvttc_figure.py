@@ -1,10 +1,12 @@
 """The picture of docs/curvttc.md."""
 
+import runpy
 from pathlib import Path
 
 import pytest
 
-from vpsci_ros.report.safety_figures import EDGES, TURN, draw_curvttc
+FIGURE = runpy.run_path(str(Path(__file__).parents[2] / "tools" / "curvttc_figure.py"))
+EDGES, TURN, draw_curvttc = (FIGURE[name] for name in ("EDGES", "TURN", "draw_curvttc"))
 
 
 def test_the_scenes_show_what_their_titles_say():
