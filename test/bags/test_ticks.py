@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bags.collected import collected
 from rosbags.rosbag2 import Reader
 
 from vpsci_ros.bags.mcap_file import McapFile
 from vpsci_ros.bags.repair import repair_bag
-from vpsci_ros.bags.ticks import read_bag, read_episodes
+from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.errors import InvalidInput
@@ -45,7 +46,7 @@ def test_a_bag_gives_the_same_episodes_as_the_simulation(ticks, write_bag, tmp_p
     bag = write_bag(tmp_path / "bag", ticks)
     collector = EpisodeFrames(2)
     direct = [batch for batch in (collector.add(*tick) for tick in ticks) if len(batch)]
-    recorded = list(read_episodes(bag))
+    recorded = collected(bag)
     assert [batch.episode.tolist() for batch in recorded] == [batch.episode.tolist() for batch in direct]
     for one, other in zip(recorded, direct, strict=True):
         np.testing.assert_array_equal(one.values, other.values)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from bags.collected import collected
 
-from vpsci_ros.bags.ticks import read_episodes
 from vpsci_ros.data.dataset_files import episode_rows
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput
@@ -19,7 +19,7 @@ def test_a_bag_of_chosen_episodes_holds_the_rows_of_the_dataset(made, tmp_path: 
     data = Dataset(made)
     chosen = [(6, int(data.rows(NAMES[6])["count"][-1])), (1, int(data.rows(NAMES[1])["count"][0]))]
     record_episodes(made, chosen, tmp_path / "bag")
-    batches = list(read_episodes(tmp_path / "bag"))
+    batches = collected(tmp_path / "bag")
     assert [(int(b.scenario[0]), int(b.episode[0])) for b in batches] == chosen
     for batch, (scenario, number) in zip(batches, chosen, strict=True):
         expected = data.rows(NAMES[scenario]).filter(pl.col("count") == number)

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bags.collected import collected
 from generate.small import CONFIG, NETWORK
 
-from vpsci_ros.bags.ticks import read_episodes
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.episodes import read_episodes as read_any
+from vpsci_ros.episodes import read_episodes
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.record import record_episodes
 from vpsci_ros.generate.run import generate
@@ -74,13 +74,13 @@ def test_the_dataset_is_simulated_again_to_the_bit_and_so_is_a_bag_of_it(made: P
     record_episodes(made, chosen, tmp_path / "bag")
     result = verify_bag(tmp_path / "bag", weights=str(next(made.glob("*.safetensors"))))
     assert (result.difference, result.notes) == ("", ())
-    sizes = [len(batch) for batch in read_episodes(tmp_path / "bag")]
+    sizes = [len(batch) for batch in collected(tmp_path / "bag")]
     assert len(sizes) == 3
     assert max(sizes) > 1
 
 
 def test_the_page_shows_all_pedestrians_of_an_episode_once(made: Path) -> None:
-    episodes = list(read_any(made))
+    episodes = list(read_episodes(made))
     assert len({episode.name for episode in episodes}) == len(episodes) == 12
     assert {episode.pedestrians for episode in episodes} == {1, 2, 3}
     rows = packed(read_source(made))["episodes"]

@@ -4,17 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bags.collected import collected
 from rosbags.highlevel import AnyReader
 
 from vpsci_ros.bags.episodes import bag_episodes
 from vpsci_ros.bags.episodes import read_episodes as one_by_one
 from vpsci_ros.bags.export import export_bag
 from vpsci_ros.bags.reader import Bag
-from vpsci_ros.bags.ticks import read_episodes
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.episodes import read_episodes as read_any
+from vpsci_ros.episodes import read_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.composed import composed
 from vpsci_ros.nodes.graph import resolve
@@ -56,7 +56,7 @@ def test_a_bag_of_several_pedestrians_is_simulated_again_to_the_bit(bag: Path) -
 def test_a_bag_tells_of_each_episode_once_and_of_every_pedestrian(bag: Path, tmp_path: Path) -> None:
     episodes = bag_episodes(Bag(bag))
     assert sorted(episode.key for episode in episodes) == [(1, 0), (1, 1), (6, 0), (6, 1)]
-    batches = {(int(b.scenario[0]), int(b.episode[0])): b for b in read_episodes(bag)}
+    batches = {(int(b.scenario[0]), int(b.episode[0])): b for b in collected(bag)}
     for episode in episodes:
         batch = batches[episode.key]
         assert 2 <= len(batch) <= 3
@@ -74,7 +74,7 @@ def test_a_bag_tells_of_each_episode_once_and_of_every_pedestrian(bag: Path, tmp
     assert several == 0
     assert names == {f"pedestrian_{n}/base_link" for n in range(max(map(len, batches.values())))}
 
-    assert sorted(each.pedestrians for each in read_any(bag)) == sorted(map(len, batches.values()))
+    assert sorted(each.pedestrians for each in read_episodes(bag)) == sorted(map(len, batches.values()))
     export_bag(bag, tmp_path / "dataset", keep_rejected=True, formats=("parquet",))
     data = Dataset(tmp_path / "dataset")
     for name in data.scenarios:

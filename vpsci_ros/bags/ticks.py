@@ -10,7 +10,6 @@ from vpsci_ros.bags.odometry import ODOMETRY, odometry_ticks
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.topic_info import TopicInfo
-from vpsci_ros.data.episode_frames import EpisodeBatch, EpisodeFrames
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import received
 from vpsci_ros.wire.decoder import Decoder
@@ -72,19 +71,6 @@ def what_is_missing(bag: Bag) -> str:
 
 def _count(topics: dict[str, TopicInfo]) -> int:
     return sum(topic.messages for topic in topics.values())
-
-
-def read_episodes(folder: str | Path, *, recover: bool = False) -> Iterator[EpisodeBatch]:
-    """Yield the episodes of a bag as they end, through the collector that the simulation uses.
-
-    :raises InvalidInput: see `read_bag`.
-    """
-    frames: EpisodeFrames | None = None
-    for tick in read_bag(folder, recover=recover):
-        frames = frames or EpisodeFrames(len(tick.state))
-        batch = frames.add(tick.state, tick.curvttc, tick.distance)
-        if len(batch):
-            yield batch
 
 
 def _messages(bag: Bag, start: int, stop: int) -> Iterator[tuple[str, Any, int]]:

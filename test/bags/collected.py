@@ -1,0 +1,13 @@
+"""The episodes of a bag through the collector that the simulation uses."""
+
+from pathlib import Path
+
+from vpsci_ros.bags.ticks import read_bag
+from vpsci_ros.data.episode_frames import EpisodeBatch, EpisodeFrames
+
+
+def collected(bag: Path) -> list[EpisodeBatch]:
+    """Return the batches of episodes that ended, none of them empty."""
+    ticks = list(read_bag(bag))
+    frames = EpisodeFrames(len(ticks[0].state))
+    return [batch for batch in (frames.add(tick.state, tick.curvttc, tick.distance) for tick in ticks) if len(batch)]
