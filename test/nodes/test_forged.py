@@ -64,7 +64,10 @@ def test_a_stranger_who_drives_the_car_and_forges_the_worlds_diagnostics_is_name
 ) -> None:
     policy = {"weights": "pretrained"}
     chosen = {
-        "graph": {"nodes": ["world_simulator", "safety_monitor", "vehicle_policy", "recorder"]},
+        "graph": {
+            "nodes": ["world_simulator", "safety_monitor", "vehicle_policy", "recorder"],
+            "progress_timeout": 240.0,  # kernels that are compiled first
+        },
         "world_simulator": {"scenarios": [1], "episodes": 2, "batch": 2, "pedestrian_driver": "autopilot"}
         | {"action_timeout": 30.0},
         "vehicle_policy": policy,
