@@ -109,8 +109,13 @@ EXTRAS = {
         "ruff>=0.8,<1",
         "stable-baselines3>=2.4,<3",
     ],
-    # `make docs`: the documentation site, and its tutorial run as a notebook.
-    "docs": ["mkdocs-jupyter>=0.25,<0.27", "mkdocs-material>=9.5,<10", "mkdocstrings[python]>=1,<2"],
+    # `make docs`: the documentation site; nbclient runs its tutorial in the tests.
+    "docs": [
+        "mkdocs-jupyter>=0.25,<0.27",
+        "mkdocs-material>=9.5,<10",
+        "mkdocstrings[python]>=1,<2",
+        "nbclient>=0.10,<0.12",
+    ],
     # setuptools 80 dropped the commands by which colcon installs Python packages.
     "colcon": [
         "colcon-common-extensions>=0.3,<0.4",

@@ -1,10 +1,16 @@
 """The documentation site: it builds without a warning, its diagram is that of the imports, and its tutorial runs."""
 
 import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
+
+import nbclient
+import nbformat
+import pytest
+from domain_coordinator import domain_id
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -33,3 +39,16 @@ def test_the_diagram_of_rooms_is_that_of_the_imports() -> None:
 def test_an_arrow_over_another_room_is_not_drawn() -> None:
     below = {"roof": {"wall", "ground"}, "wall": {"ground"}, "ground": set()}
     assert tool("architecture").direct(below) == {"roof": {"wall"}, "wall": {"ground"}, "ground": set()}
+
+
+@pytest.mark.timeout(900)  # it compiles kernels, trains, generates and examines, beside other tests
+def test_the_tutorial_runs_from_its_first_cell_to_its_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each cell of the shell fails the notebook where its command fails (%%bash does, `!` would not)."""
+    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+    book = nbformat.read(ROOT / "docs" / "tutorial.ipynb", 4)
+    assert not any(cell.source.startswith("!") for cell in book.cells)
+    with domain_id() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        nbclient.NotebookClient(book, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    assert (tmp_path / "stage1/pretrained.safetensors").is_file()
+    assert (tmp_path / "page.html").stat().st_size > 100_000
