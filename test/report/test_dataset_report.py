@@ -26,7 +26,8 @@ PICTURES = ("trajectories", "nearness", "conflicts", "pedestrian_yields", "vehic
 @pytest.fixture(scope="module")
 def near_misses(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recorded") / "near_misses.parquet"
-    write_near_misses(synthetic_near_misses(interactions=20, seed=1).table, path)
+    place = pl.when(pl.col("interaction") < 12).then(pl.lit("corner")).otherwise(pl.lit("campus"))
+    write_near_misses(synthetic_near_misses(interactions=20, seed=1).table.with_columns(source=place), path)
     return path
 
 
@@ -52,6 +53,8 @@ def test_a_report_compares_every_source_with_recorded_people(written: Written) -
     assert report["sources"]["generated"] == report["sources"]["beside"]
     assert report["sources"]["generated"]["interactions"] == 6
     assert report["sources"]["recorded"]["interactions"] == 20
+    assert report["sources"]["recorded_corner"]["interactions"] == 12
+    assert report["sources"]["recorded_campus"]["interactions"] == 8
     assert set(report["distance"]) == {"generated", "beside", "between_halves_of_recorded"}
     assert report["distance"]["generated"] == report["distance"]["beside"]
 

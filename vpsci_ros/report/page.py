@@ -48,7 +48,7 @@ def write_report(
     :param tell: called with what is being done.
     :raises InvalidInput: an input cannot be read or holds nothing.
     """
-    data = Dataset(folder)
+    data, titles = Dataset(folder), dict(TITLES)
     tell("reading")
     sources = {GENERATED: generated_encounters(data)}
     if beside is not None:
@@ -58,15 +58,19 @@ def write_report(
         sources[RECORDED] = recorded_encounters(recorded)
         if (cleaned := clean(recorded)).height:
             sources[CLEAN] = recorded_encounters(cleaned)
+        if recorded["source"].n_unique() > 1:
+            for name in recorded["source"].unique().sort():
+                titles[f"{RECORDED}_{name}"] = f"of them, {name}"
+                sources[f"{RECORDED}_{name}"] = recorded_encounters(recorded.filter(pl.col("source") == name))
     for name, table in sources.items():
         if not table.height:
-            raise InvalidInput(f"{TITLES[name]}: no interaction with CurvTTC of 5 s or less; nothing to report")
+            raise InvalidInput(f"{titles[name]}: no interaction with CurvTTC of 5 s or less; nothing to report")
     output.mkdir(parents=True, exist_ok=True)
     tell("resampling")
     report = _numbers(data, sources)
     report["inputs"] = _inputs(folder, near_misses, beside)
     tell("drawing")
-    pictures = _draw(data, sources, output)
+    pictures = _draw(data, {name: table for name, table in sources.items() if name in TITLES}, output)
     write_text(output / NUMBERS, json.dumps(report, indent=1) + "\n")
     html.write_page(
         output / PAGE,
@@ -75,7 +79,7 @@ def write_report(
         folder=folder,
         report=report,
         pictures=pictures,
-        titles=TITLES,
+        titles=titles,
         shares=SHARES,
         published=LEAST_CURVTTC,
         published_real=REAL_LEAST_CURVTTC,
@@ -95,12 +99,12 @@ def sources_of_report(folder: Path, near_misses: Path | None, beside: Path | Non
 def _numbers(data: Dataset, sources: Mapping[str, pl.DataFrame]) -> dict[str, Any]:
     report: dict[str, Any] = {
         "scenarios": {name: {key: row[key] for key in _COUNTS} for name, row in data.scenarios.items()},
-        "sources": {name: describe(table, clustered=name in (RECORDED, CLEAN)) for name, table in sources.items()},
+        "sources": {name: describe(table, clustered=name.startswith(RECORDED)) for name, table in sources.items()},
         "distance": {},
     }
     if RECORDED in sources:
         recorded = sources[RECORDED]
-        others = {name: table for name, table in sources.items() if name not in (RECORDED, CLEAN)}
+        others = {name: table for name, table in sources.items() if not name.startswith(RECORDED)}
         report["distance"] = {name: distance_between(recorded, table) for name, table in others.items()}
         report["distance"]["between_halves_of_recorded"] = between_halves(recorded)
         if CLEAN in sources:

@@ -14,11 +14,12 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode_frames import EpisodeBatch
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.elsewhere import elsewhere, reactions
-from vpsci_ros.evaluation.realism.free import AFTER, as_near_misses, described
+from vpsci_ros.evaluation.realism.free import AFTER, as_near_misses, described, free
 from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets, lenders
 from vpsci_ros.evaluation.realism.run import RealismConfig, measure_realism
 from vpsci_ros.evaluation.realism.same_start import CONTROLS, SameStart
 from vpsci_ros.evaluation.realism.samplers import constant_turn, constant_velocity
+from vpsci_ros.evaluation.realism.two_sample import two_sample
 from vpsci_ros.world import GOAL
 
 CONFLICTS = """"Encroachment_Time","Reaction.to.conflict","Ped.Reaction","Encroachment.Car.After.Ped"
@@ -159,3 +160,17 @@ def test_rejected_critical_episodes_belong_to_free_simulation(tmp_path: Path) ->
             writer.add(batch)  # the pedestrian hardly moves
             writer.close()
         assert as_near_misses(Dataset(tmp_path / str(keep)), 100, 0)["interaction"].n_unique() == number
+
+
+def test_free_simulation_stands_beside_each_source_of_the_recordings(
+    dataset: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = pl.when(pl.col("interaction") < 8).then(pl.lit("corner")).otherwise(pl.lit("campus"))
+    table = synthetic_near_misses(interactions=16, seed=3).table.with_columns(source=place)
+    monkeypatch.setattr(two_sample, "__kwdefaults__", two_sample.__kwdefaults__ | {"repetitions": 1})
+    found = free(table, Dataset(dataset), 100, 0)
+    assert set(found["described"]) == {"recorded", "generated", "recorded_corner", "recorded_campus"}
+    assert found["interactions"]["recorded"] == sum(
+        found["interactions"][f"recorded_{n}"] for n in ("corner", "campus")
+    )
+    assert set(found["c2st_auc"]) == {f"{what}{of}" for what in ("onset", "after") for of in ("", "_corner", "_campus")}

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.dataset_reader import Dataset, EpisodeArrays
 from vpsci_ros.evaluation.realism.features import features, lent
 from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets
-from vpsci_ros.evaluation.realism.two_sample import two_sample
+from vpsci_ros.evaluation.realism.two_sample import REPETITIONS, two_sample
 from vpsci_ros.evaluation.yields import headings, seen
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
@@ -28,27 +28,34 @@ JUMP = 1.0  # [m/s2] of the vehicle's acceleration at the onset
 
 
 def free(table: pl.DataFrame, dataset: Dataset, episodes: int, seed: int) -> dict[str, Any]:
-    """Return Protocol B's part of `vpsci realism --json`: the table of REALISM.md and two tests by a classifier.
+    """Return Protocol B's part of `vpsci realism --json`: what both are like, and two tests by a classifier.
+
+    Where the table has several sources, each is a side of its own, too, `recorded_SOURCE`.
 
     :param table: recorded near misses of whole tracks; episodes: at most so many of the dataset.
     :raises InvalidInput: the dataset cannot be read, or has no critical episode with 3 s after its onset.
     """
     made = as_near_misses(dataset, episodes, seed)
+    names = sorted(set(table["source"])) if table["source"].n_unique() > 1 else []
     sides = {"recorded": table, "generated": made}
+    sides |= {f"recorded_{name}": table.filter(pl.col("source") == name) for name in names}
     onsets = {name: find_onsets(own) for name, own in sides.items()}
-    start = {name: _start_features(own) for name, own in onsets.items()}
-    clips = onsets["recorded"].clip, onsets["generated"].clip
     simulated = onsets["generated"]
-    generated = features(lent(simulated.recorded[:, None], simulated, seed, onsets["recorded"]), simulated)
-    own = features(onsets["recorded"].recorded[:, None], onsets["recorded"])
-    tests = {
-        "onset": two_sample(start["recorded"], [_column(start["generated"])], clips, seed, paired=False),
-        "after": two_sample({name: value[:, 0] for name, value in own.items()}, [generated], clips, seed, paired=False),
-    }
+    tests = {}
+    for side in ("recorded", *(f"recorded_{name}" for name in names)):
+        here, end = onsets[side], side.removeprefix("recorded")
+        clips = here.clip, simulated.clip
+        begin = [_start_features(own) for own in (here, simulated)]
+        tests[f"onset{end}"] = two_sample(begin[0], [_column(begin[1])], clips, seed, paired=False)
+        own = {name: value[:, 0] for name, value in features(here.recorded[:, None], here).items()}
+        noisy = [lent(simulated.recorded[:, None], simulated, seed + k, here) for k in range(REPETITIONS)]
+        made_of = [features(each, simulated) for each in noisy]
+        tests[f"after{end}"] = two_sample(own, made_of, clips, seed, paired=False)
     return {
         "interactions": {name: len(found) for name, found in onsets.items()},
         "described": {name: described(side) for name, side in sides.items()},
         "c2st_auc": {name: [test.auc, *test.auc_interval] for name, test in tests.items()},
+        "c2st_auc_spread": {name: test.spread for name, test in tests.items()},
         "given_away_by": {name: test.importance for name, test in tests.items()},
     }
 
