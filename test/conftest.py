@@ -1,10 +1,15 @@
 """What the tests of several rooms use."""
 
+import fcntl
+import importlib.util
 import os
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -17,10 +22,51 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import COLLISION, EPISODE, GOAL, RUNNING
 
+ROOT = Path(__file__).parents[1]
 DT, FRAMES = 0.05, 180
 VEHICLE_YIELDS, PEDESTRIAN_YIELDS = "LocationA_PedCross_S-N", "LocationA_PedCross_N-S"
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+GRAPHS = {"chaos", "examples", "extending", "nodes"}  # rooms whose tests start nodes
+COMPILING = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "perception", "recorder"]
 SimulatedTick = tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop(session: pytest.Session) -> None:
+    """Have what nodes run compiled before the first test, if any starts nodes: no time limit of a test allows for it.
+
+    It takes most of a minute, once for each state of the sources; one worker does it and the others wait.
+    """
+    if session.config.option.collectonly or not any(GRAPHS & set(item.path.parts) for item in session.items):
+        return
+    from vpsci_ros.nodes.domain import own_domain
+
+    cache = Path(os.environ.get("NUMBA_CACHE_DIR") or tempfile.gettempdir())  # of these sources
+    with (cache / "graph.lock").open("w") as lock, own_domain(), tempfile.TemporaryDirectory() as folder:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (cache / "graph.compiled").exists():
+            world = {"scenarios": [104], "episodes": 1, "episode_time": 2.0, "batch": 1, "pedestrians": 3}
+            world |= {"action_timeout": 600.0}
+            settings = [f"graph.nodes=[{', '.join(COMPILING)}]", "graph.progress_timeout=1200.0"]
+            settings += [f"world_simulator.{name}={value}" for name, value in world.items()]
+            command = [sys.executable, "-m", "vpsci_ros.cli", "graph", "-q", "-o", f"{folder}/run"]
+            command += ["--params", str(ROOT / "params" / "stage3_generate.yaml")]
+            command += [word for setting in settings for word in ("--set", setting)]
+            subprocess.run(command, check=True, cwd=ROOT, timeout=1800)
+            (cache / "graph.compiled").touch()
+
+
+@pytest.fixture(scope="session")
+def tool() -> Callable[[str], ModuleType]:
+    """Return the function that imports a file of tools/ by its name."""
+
+    def imported(name: str) -> ModuleType:
+        spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+
+    return imported
 
 
 @pytest.fixture(scope="session")

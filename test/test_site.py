@@ -1,9 +1,9 @@
 """The documentation site: it builds without a warning, its diagram is that of the imports, and its tutorial runs."""
 
-import importlib.util
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -15,13 +15,6 @@ from domain_coordinator import domain_id
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def tool(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path / "site"]
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=280)
@@ -31,12 +24,12 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     assert "refined" in (tmp_path / "site/model_card.html").read_text("utf-8")
 
 
-def test_the_diagram_of_rooms_is_that_of_the_imports() -> None:
+def test_the_diagram_of_rooms_is_that_of_the_imports(tool: Callable[[str], ModuleType]) -> None:
     architecture = tool("architecture")
     assert architecture.in_page() == architecture.written(), "python tools/architecture.py writes it"
 
 
-def test_an_arrow_over_another_room_is_not_drawn() -> None:
+def test_an_arrow_over_another_room_is_not_drawn(tool: Callable[[str], ModuleType]) -> None:
     below = {"roof": {"wall", "ground"}, "wall": {"ground"}, "ground": set()}
     assert tool("architecture").direct(below) == {"roof": {"wall"}, "wall": {"ground"}, "ground": set()}
 
