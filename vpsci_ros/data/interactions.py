@@ -8,12 +8,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.reference import around_critical
+from vpsci_ros.data.reference import around_critical, trailing_slope
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import AGENTS, STEP, observe_arrays
 
 _MOTION = ("veh_x", "veh_y", "veh_heading", "veh_vx", "veh_vy", "ped_x", "ped_y", "ped_vx", "ped_vy")
+
+_ByAgent = dict[str, NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,29 @@ class Interactions:
         seen = {agent: self.observation[agent][self.present] for agent in AGENTS}
         return seen, {agent: self.next_velocity[agent][self.acted] for agent in AGENTS}
 
+    def moments(self) -> NDArray[np.float64]:
+        """Return what makes moments similar, float64[N, T, 7], the arguments of `policy.residuals.features_of`.
+
+        Acceleration and yaw rate are those of the 0.4 s before, as they are known at the step.
+        """
+        forward, left, walk_forward, walk_left = (
+            part
+            for vector in (self.motion[..., 5:7] - self.motion[..., 0:2], self.motion[..., 7:9])
+            for part in np.moveaxis(_to_heading_frame(vector, self.motion[..., 2]), -1, 0)
+        )
+        speed = np.hypot(self.motion[..., 3], self.motion[..., 4])
+        slopes = np.zeros((2, *speed.shape))
+        for out, values in zip(slopes, (speed, self.motion[..., 2]), strict=True):
+            for row, value, length in zip(out, values, self.length, strict=True):
+                row[:length] = trailing_slope(value[:length])
+        return np.stack([speed, *slopes, forward, left, walk_forward, walk_left], axis=-1)
+
+    def moving(self, motion: NDArray[np.float64]) -> "Interactions":
+        """Return the same interactions with another `motion`, and observations, actions and velocities by it."""
+        return Interactions(
+            self.length, self.first, self.last, self.clip, motion, self.curvttc, *_seen_and_done(motion, self.length)
+        )
+
     def take(self, rows: NDArray[np.int64]) -> "Interactions":
         """Return the interactions `rows`, in that order."""
         parts: dict[str, Any] = {}
@@ -96,6 +121,12 @@ def from_rows(groups: list[pl.DataFrame], curvttc_column: str = "curvttc") -> In
         critical = np.flatnonzero(curvttc[i] < CRITICAL_TTC)
         first[i], last[i] = critical[[0, -1]]
         clip[i] = f"{group['source'][0]}/{group['clip'][0]}"
+    return Interactions(length, first, last, clip, motion, curvttc, *_seen_and_done(motion, length))
+
+
+def _seen_and_done(motion: NDArray[np.float64], length: NDArray[np.int64]) -> tuple[_ByAgent, _ByAgent, _ByAgent]:
+    """Return observation, action and next_velocity of a motion, see `Interactions`."""
+    steps = motion.shape[1]
     present = np.arange(steps) < length[:, None]
     observations = dict(zip(AGENTS, observe_arrays(*np.moveaxis(motion, 2, 0)), strict=True))
     velocities = {"vehicle": motion[..., 3:5], "pedestrian": motion[..., 7:9]}
@@ -108,7 +139,7 @@ def from_rows(groups: list[pl.DataFrame], curvttc_column: str = "curvttc") -> In
         change = _to_heading_frame(change, motion[..., 2])
         actions[agent] = (change / STEP).astype(np.float32)
         next_velocities[agent] = (change + observations[agent][..., :2]).astype(np.float32)
-    return Interactions(length, first, last, clip, motion, curvttc, observations, actions, next_velocities)
+    return observations, actions, next_velocities
 
 
 def table_hash(table: pl.DataFrame) -> str:

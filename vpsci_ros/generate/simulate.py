@@ -33,7 +33,7 @@ class Simulator:
         self._agents: dict[str, PolicyAgent] = {}
         for agent, policy in job.policies.items():
             c = policy.config
-            self._agents[agent] = PolicyAgent(agent, c.seed, c.explore, c.noise, c.temperature)
+            self._agents[agent] = PolicyAgent(agent, c.seed, c.explore, c.noise, c.temperature, c.people)
             self._agents[agent].load(weights_from_bytes(policy.data, policy.name), version=1)
 
     def loop(self, episodes: Iterable[tuple[int, int]]) -> Loop:

@@ -70,6 +70,7 @@ class ActorPair:
     :param memory: agent -> what its layers remember of the observed steps; moves on.
     :param before: the actions of the step before.
     :param draws: of stochastic actors; None: the deterministic middle.
+    :param residual: returns what recorded people add to the means of actors without latent numbers, by agent, [B, 2].
     :param recorded: by agent, what it does [B, T, 2] [m/s2] at the first T steps whatever its actor says; NaN: the
         actor acts.
     :param bound: shortens the gradient of an action; None: gradients pass as they are.
@@ -82,16 +83,18 @@ class ActorPair:
         memory: dict[str, list[StepState]],
         before: Actions,
         draws: Draws | None = None,
+        residual: Callable[[Seen], Actions] | None = None,
         recorded: Mapping[str, Tensor] | None = None,
         bound: Callable[[Tensor], Tensor] | None = None,
     ) -> None:
         self._actors, self._memory, self.before, self._draws = actors, memory, before, draws
-        self._recorded, self._bound = recorded or {}, bound
+        self._recorded, self._bound, self._residual = recorded or {}, bound, residual
         self.distribution: dict[str, Distribution] = {}
 
     def __call__(self, seen: Seen) -> Actions:
         """Return what both do, and remember it."""
-        actions = {agent: self._act(agent, seen) for agent in AGENTS}
+        added = None if self._residual is None else self._residual(seen)
+        actions = {agent: self._act(agent, seen, None if added is None else added[agent]) for agent in AGENTS}
         for agent, known in self._recorded.items():
             if seen.step < known.shape[1]:
                 done = known[: len(seen.curvttc), seen.step]
@@ -103,11 +106,14 @@ class ActorPair:
         self.before = actions
         return actions
 
-    def _act(self, agent: str, seen: Seen) -> Tensor:
+    def _act(self, agent: str, seen: Seen, added: Tensor | None) -> Tensor:
         actor, memory, count = self._actors[agent], self._memory[agent], len(seen.curvttc)
         for state in memory:
             state.keep(count)
         known = seen.observation[agent], self.before[agent][:count], seen.curvttc, memory
+        if added is not None:
+            self.distribution[agent] = will = actor.distribution(*known, added.new_zeros(count, 0))
+            return (will.mean + added).clamp(-actor.limit, actor.limit)
         if self._draws is None:
             return actor.step(*known)
         self.distribution[agent] = mean, scale = actor.distribution(*known, self._draws.latent[agent][:count])

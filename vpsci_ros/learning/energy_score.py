@@ -38,7 +38,9 @@ from vpsci_ros.learning.maddpg import UpdateResult
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Objective, Training
 from vpsci_ros.learning.replay import Batch
+from vpsci_ros.learning.residuals import Adding, Lenders
 from vpsci_ros.policy.actor import Actors, before_step, previous
+from vpsci_ros.policy.residuals import residuals_of
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, STEP
 
 AT_ONSET = 0.5  # share of roll-outs that begin within two steps of the first critical one, as they are measured
@@ -80,12 +82,19 @@ def draw_moments(interactions: Interactions, count: int, steps: int, mirror: boo
 
 
 def sample(
-    actors: Actors, data: RecordedSteps, lead: NDArray[np.int64], samples: int, steps: int, tracked: int
+    actors: Actors,
+    data: RecordedSteps,
+    lead: NDArray[np.int64],
+    samples: int,
+    steps: int,
+    tracked: int,
+    residuals: Tensor | None = None,
 ) -> Sampled:
     """Roll each moment out `samples` times, with latent numbers and noise from torch's global generator.
 
     :param data: as `recorded` cuts it out, with `steps` + 1 steps from the moment on.
     :param lead: int64[M], steps observed before each moment.
+    :param residuals: as `Lenders.borrowed` returns them, of actors without latent numbers.
     """
     rows, taken = np.arange(len(lead)), torch.from_numpy(lead)
     scene = Scene(*(part.repeat_interleave(samples, dim=0) for part in scene_at(data.motion, taken, tracked)))
@@ -97,8 +106,9 @@ def sample(
         before[agent] = before_step(done, taken).repeat_interleave(samples, dim=0)
         draws.latent[agent] = torch.randn(len(lead) * samples, actors[agent].latent)
         draws.noise[agent] = torch.randn(len(lead) * samples, ACTION_SIZE)
-    moving = [len(lead) * samples] * steps
-    out = [scene.rows(), *(now.rows() for now in roll_out(scene, ActorPair(actors, memory, before, draws), moving))]
+    moving, added = [len(lead) * samples] * steps, None if residuals is None else Adding(residuals)
+    pair = ActorPair(actors, memory, before, draws, residual=added)
+    out = [scene.rows(), *(now.rows() for now in roll_out(scene, pair, moving))]
     out += out[-1:] * (steps + 1 - len(out))  # NaN, for the check of losses to find
     at = lead[:, None] + np.arange(steps + 1)
     return Sampled(torch.stack(out, dim=1).unflatten(0, (-1, samples)), data.motion[rows[:, None], at])
@@ -126,35 +136,56 @@ def likeness_loss(sampled: Sampled, others_motion: Tensor) -> dict[str, Tensor]:
     return parts
 
 
-class Likeness:
-    """What is left of the distance to people, of a few moments, drawn again each time."""
+def score_loss(sampled: Sampled) -> dict[str, Tensor]:
+    """Return `likeness_loss` but for the texture, which is people's own where their residuals act."""
+    parts = {"position_score": torch.zeros(()), "velocity_score": torch.zeros(())}
+    for place, _ in _COLUMNS.values():
+        track, happened = sampled.motion[..., place], sampled.happened[..., place]
+        parts["position_score"] = parts["position_score"] + 0.5 * energy_score(track[:, :, 1:], happened[:, 1:])
+        score = energy_score(velocities(smoothed(track)), velocities(smoothed(happened)))
+        parts["velocity_score"] = parts["velocity_score"] + 0.5 * score
+    return parts
 
-    def __init__(self, networks: Networks, interactions: Interactions, config: PretrainConfig) -> None:
-        if networks.config.latent == 0:
+
+class Likeness:
+    """What is left of the distance to people, of a few moments, drawn again each time.
+
+    :param lending: actors beside whose mean residuals are what people did; None: those that learn.
+    """
+
+    def __init__(
+        self, networks: Networks, interactions: Interactions, config: PretrainConfig, lending: Actors | None = None
+    ) -> None:
+        if networks.config.latent == 0 and not networks.config.residuals:
             raise InvalidInput(
-                "network.latent = 0: the objective energy_score learns a distribution; expected 1 latent number or "
-                "more, e.g. --set learner.latent=8"
+                "network.latent = 0: the objective energy_score learns a distribution; expected residuals, or 1 latent "
+                "number or more, e.g. --set learner.residuals=true or --set learner.latent=8"
             )
         if (steps := config.imitation.rollout_steps) < REACH:
             raise InvalidInput(
                 f"learner.imitation.rollout_steps = {steps}: the objective energy_score expects {REACH} or more, "
                 "since it averages positions over so many"
             )
-        self._networks, self._interactions, self._config = networks, interactions, config
+        self._networks, self._interactions, self._config, self._lending = networks, interactions, config, lending
+        self.lenders = Lenders(interactions, steps) if networks.config.residuals else None
 
     def loss(self, rng: np.random.Generator) -> tuple[Tensor, dict[str, float]]:
         """Return a scalar with gradient, and its parts by name."""
         config, steps = self._config.imitation, self._config.imitation.rollout_steps
         torch.manual_seed(int(rng.integers(2**62)))
         start = draw_moments(self._interactions, config.rollouts, steps, config.mirror, rng)
-        others = draw_moments(self._interactions, OTHERS, steps, config.mirror, rng)
         lead = start.at - start.begin
         data = recorded(self._interactions, start, OBSERVED + steps + 1)
+        tracked, samples = self._networks.config.tracked_steps, self._config.energy_score.samples
+        known = self._networks.actor, data, lead, samples, steps, tracked
+        if self.lenders is not None:
+            residuals = self.lenders.borrowed(self._lending or self._networks.actor, start, samples, rng)
+            parts = score_loss(sample(*known, residuals))
+            total = parts["position_score"] + VELOCITY_SHARE * parts["velocity_score"]
+            return total, {name: float(part.detach()) for name, part in parts.items()}
+        others = draw_moments(self._interactions, OTHERS, steps, config.mirror, rng)
         others = Start(others.row, others.at, others.at, others.mirror)
-        others_motion = recorded(self._interactions, others, steps + 1).motion
-        tracked = self._networks.config.tracked_steps
-        sampled = sample(self._networks.actor, data, lead, self._config.energy_score.samples, steps, tracked)
-        parts = likeness_loss(sampled, others_motion)
+        parts = likeness_loss(sample(*known), recorded(self._interactions, others, steps + 1).motion)
         total = parts["position_score"] + VELOCITY_SHARE * parts["velocity_score"]
         total = total + TEXTURE_WEIGHT * parts["texture"]
         return total, {name: float(part.detach()) for name, part in parts.items()}
@@ -167,6 +198,8 @@ class Scoring:
         self._training, self._config = training, config
         self._actors = training.maddpg.networks.actor
         self._likeness = Likeness(training.maddpg.networks, training.real, config)
+        if self._likeness.lenders is not None:
+            training.maddpg.networks.residuals = self._likeness.lenders.tensors
         self._descent = Descent(self._actors, _groups(self._actors), config)
         self.optimisers = (self._descent.optimiser,)
 
@@ -189,8 +222,11 @@ class Regularised:
         imitation = replace(
             training.stage_1.imitation, rollouts=config.rehearsal.rollouts, rollout_steps=REHEARSED_STEPS
         )
-        self._likeness = Likeness(networks, training.real, replace(training.stage_1, imitation=imitation))
         self._stage_1 = copy.deepcopy(networks.actor).requires_grad_(False)
+        stage_1 = replace(training.stage_1, imitation=imitation)
+        self._likeness = Likeness(networks, training.real, stage_1, lending=self._stage_1)
+        tensors = networks.residuals(self._stage_1)
+        self._residuals = residuals_of(tensors, "weights") if networks.config.residuals else None
 
     def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> UpdateResult:
         """See `StageObjective.update`."""
@@ -206,7 +242,8 @@ class Regularised:
             simulated, config.foresight.rollouts, config.foresight.hand_over_share, rng
         )
         actors = maddpg.networks.actor
-        lost = foresee_people(actors, self._stage_1, foresight.moments_at(histories, at), config.foresight)
+        moments = foresight.moments_at(histories, at)
+        lost = foresee_people(actors, self._stage_1, moments, config.foresight, self._residuals)
         weights = self._training.weights() * config.foresight.scale
         total = sum((float(w) * part for w, part in zip(weights, lost, strict=True)), torch.zeros(()))
         likeness, _ = self._likeness.loss(rng)

@@ -17,8 +17,10 @@ from vpsci_ros.kinematics.lane import OnLane
 from vpsci_ros.kinematics.rollout import Actions, ActorPair, Draws, Seen, roll_out
 from vpsci_ros.learning.config import ForesightConfig
 from vpsci_ros.learning.foresight import CLEARANCE_MARGIN, PACE_WEIGHTS, Moments, bounded, remembered
+from vpsci_ros.learning.residuals import Borrowing
 from vpsci_ros.learning.rewards import collision_loss, pedestrian_pace_loss, vehicle_pace_loss
 from vpsci_ros.policy.actor import Actors, Distribution
+from vpsci_ros.policy.residuals import Residuals
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
 
 GAIN = 1.0  # `pedestrian_gain` of the world: a recorded person's acceleration is the motion's, not twice that (21)
@@ -40,13 +42,19 @@ class Losses(NamedTuple):
     departure: Tensor
 
 
-def foresee_people(actors: Actors, stage_1: Actors, start: Moments, config: ForesightConfig) -> Losses:
-    """Let persons drawn from torch's global generator act for `config.steps` steps from each moment."""
+def foresee_people(
+    actors: Actors, stage_1: Actors, start: Moments, config: ForesightConfig, residuals: Residuals | None = None
+) -> Losses:
+    """Let persons drawn from torch's global generator act for `config.steps` steps from each moment.
+
+    :param residuals: that actors without latent numbers borrow.
+    """
     count, weight = len(start.speed), config.speeding_weight
     latent = {agent: torch.randn(count, actors[agent].latent) for agent in AGENTS}
     draws = Draws(latent, {agent: torch.randn(count, ACTION_SIZE) for agent in AGENTS})
     lane = OnLane(start.lane, start.speed, start.pedestrian, start.walking, GAIN)
-    pair = ActorPair(actors, remembered(actors, start), start.before, draws, bound=bounded)
+    borrowing = None if residuals is None else Borrowing(residuals, count, start.before["vehicle"][:, 0])
+    pair = ActorPair(actors, remembered(actors, start), start.before, draws, residual=borrowing, bound=bounded)
     reference = remembered(stage_1, start)
     collision, goal, departure = torch.zeros(()), torch.zeros(()), torch.zeros(())
 

@@ -1,6 +1,7 @@
 """All networks of MA-SST-DDPG: an actor and a critic for each agent, with their slowly following targets."""
 
 import copy
+from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
@@ -31,11 +32,13 @@ class Networks(nn.Module):
     `speed_deviation` [m/s], float32[2] per agent, are the fixed statistics of rewards (14)-(15).
 
     :param layer: class of the layers of the actors' encoders; the critics' are always the SST's.
+    :ivar residuals: returns the tensors of what recorded people did beside these actors; none where nothing is added.
     """
 
     def __init__(self, config: NetworkConfig, layer: type[EncoderLayer] = SSTLayer) -> None:
         super().__init__()
         self.config = config
+        self.residuals: Callable[[Actors], dict[str, NDArray[np.float32]]] = lambda actors: {}
         self.actor = Actors({agent: Actor(config, layer) for agent in AGENTS})
         self.critic = Critics({agent: Critic(config) for agent in AGENTS})
         self.target_actor, self.target_critic = copy.deepcopy(self.actor), copy.deepcopy(self.critic)
@@ -79,12 +82,14 @@ class Networks(nn.Module):
             tensors[f"{agent}_speed.mean"] = self.speed_mean[agent]
             tensors[f"{agent}_speed.deviation"] = self.speed_deviation[agent]
         arrays = {name: tensor.detach().numpy().copy() for name, tensor in tensors.items()}
-        return Weights(self.config, arrays, configuration, facts)
+        return Weights(self.config, arrays | self.residuals(getattr(self, actors)), configuration, facts)
 
     @classmethod
     def from_weights(cls, weights: Weights) -> "Networks":
         """Build the networks that `weights` holds; targets start equal to them."""
         networks = cls(weights.network)
+        if (residuals := weights.residuals()) is not None:
+            networks.residuals = lambda actors: residuals.tensors()
         for agent in AGENTS:
             for kind, targets in (("actor", networks.target_actor), ("critic", networks.target_critic)):
                 state = {k: torch.from_numpy(v.copy()) for k, v in weights.part(f"{agent}_{kind}").items()}

@@ -13,7 +13,7 @@ import torch
 
 from vpsci_ros.data.interactions import from_table, table_hash
 from vpsci_ros.data.near_misses import split_by_clip
-from vpsci_ros.errors import Stopped
+from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.config import PretrainConfig
@@ -24,6 +24,7 @@ from vpsci_ros.learning.objectives import Training, find_objective
 from vpsci_ros.learning.replay import Batch, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import RecordedRewards
 from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.residuals import people_of
 from vpsci_ros.policy.weights import Weights, resolved, save_weights
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.runs.identity import require_same
@@ -113,12 +114,12 @@ class _Run:
             self.held_out = HeldOut(held_out)
             self._facts["data"]["held_out_clips"] = sorted(set(self.held_out.interactions.clip))
         self.rng = np.random.default_rng(seed)
-        everything = from_table(training, find_objective(config.objective).whole_tracks)
-        histories = recorded_histories(everything)
+        interactions = from_table(training, find_objective(config.objective).whole_tracks)
+        histories = recorded_histories(interactions)
         kept = up_to_capacity(histories, config.replay.capacity, self.rng)
-        self._histories = [histories[i] for i in kept]
-        interactions = everything.take(np.array(kept))
-        self._facts["data"] |= {"interactions": len(interactions), "steps": sum(len(h) for h in self._histories)}
+        self._histories = [histories[i] for i in kept]  # of the critics, and of actors that follow them
+        self._facts["data"] |= {"interactions": len(interactions), "steps": sum(len(h) for h in histories)}
+        self._facts["data"]["people"] = list(dict.fromkeys(map(people_of, interactions.clip)))
         torch.manual_seed(seed)
         self._networks = Networks(network)
         self._networks.set_statistics(*interactions.samples(), config.rewards.least_speed_deviation)
@@ -126,6 +127,8 @@ class _Run:
         self._rewards, objective = RecordedRewards(config.rewards, self._networks), find_objective(config.objective)
         self._acting = objective.acting
         self._objective = objective.pretrain(Training(self._maddpg, self._rewards, interactions, config), config)
+        if network.residuals and not self._networks.residuals(self._networks.actor):
+            raise InvalidInput(f"learner.residuals: objective {config.objective} keeps none; take energy_score")
         self._optimisers = [self._maddpg.critic_optimiser, self._maddpg.actor_optimiser, *self._objective.optimisers]
         self.episode, self.whole = 0, True
         self.log: list[dict[str, float]] = []

@@ -89,6 +89,7 @@ class Refiner:
         self.errors = dict(self.stage_1_errors)
         self._facts: dict[str, Any] = {"stage": "refined", "seed": seed, "data": {"sha256": table_hash(near_misses)}}
         self._facts["data"]["held_out_clips"] = sorted(set(self._held_out.interactions.clip))
+        self._facts["data"]["people"] = weights.facts.get("data", {}).get("people", [])
         objective = find_objective(config.objective)
         start = Training(
             self._maddpg,

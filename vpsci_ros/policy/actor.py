@@ -86,8 +86,13 @@ class Actor(nn.Module):
     def distribution(
         self, observation: Tensor, action_before: Tensor, curvttc: Tensor, states: list[StepState], latent: Tensor
     ) -> Distribution:
-        """Return what a stochastic actor does at one more step, as `step`; `latent` numbers are float32[B, latent]."""
+        """Return what a stochastic actor does at one more step, as `step`; `latent` numbers are float32[B, latent].
+
+        Without latent numbers it has no noise of its own: the scale is 0.
+        """
         both = self._head(self.encoder.step(observation, action_before, curvttc, states), latent)
+        if not self.latent:
+            return Distribution(both, torch.zeros_like(both))
         return Distribution(both[..., :ACTION_SIZE], both[..., ACTION_SIZE:].clamp(*LOG_SCALE).exp())
 
     def next_noise(self, noise: Tensor, innovation: Tensor) -> Tensor:

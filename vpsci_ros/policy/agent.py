@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
 from vpsci_ros.policy.draws import draw_innovation, draw_latent
 from vpsci_ros.policy.exploration import exploration_noise
+from vpsci_ros.policy.residuals import Borrower, Residuals
 from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import ActorWeights, Weights
 from vpsci_ros.world import EPISODE, RUNNING, World, observation
@@ -29,7 +30,8 @@ class PolicyAgent:
     :param explore: add the noise of equation (16), a function of (seed, scenario, episode, step) only.
     :param noise: how much; None: the defaults.
     :param temperature: factor on what a stochastic policy draws (`vpsci_ros.policy.draws`); 1: as learned, 0: the
-        deterministic middle. A policy without latent numbers draws nothing.
+        deterministic middle. A policy without latent numbers or residuals draws nothing.
+    :param people: the source whose residuals act; empty: the first one's.
     """
 
     def __init__(
@@ -39,12 +41,16 @@ class PolicyAgent:
         explore: bool,
         noise: NoiseConfig | None = None,
         temperature: float = 1.0,
+        people: str = "",
     ) -> None:
         self._index = AGENTS.index(agent)
         self._seed: int | NDArray[np.int64] = seed
         self._explore = explore
         self._noise = noise or NoiseConfig()
-        self._temperature = temperature
+        self._temperature, self._people = temperature, people
+        self._residuals: Residuals | None = None
+        self._source = 0
+        self._borrower: Borrower | None = None
         self._weights: ActorWeights | None = None
         self._actor: StreamingActor | None = None
         self._step = np.zeros(0, np.int64)
@@ -57,10 +63,11 @@ class PolicyAgent:
         The first call takes seconds where the kernels are not compiled yet, so that no step has to.
         """
         first = self._weights is None
-        self._weights = weights.actor(AGENTS[self._index])
+        self._weights, self._residuals = weights.actor(AGENTS[self._index]), weights.residuals()
+        self._source = weights.people(self._people)
         self.version = version
         if first:
-            self._warm_up(self._weights)
+            self._warm_up(weights)
         if self._actor is not None:
             self._actor.load(self._weights)
 
@@ -84,13 +91,16 @@ class PolicyAgent:
             self._actor = StreamingActor(self._weights, len(state))
             self._step = np.zeros(len(state), np.int64)
             self._latent = np.zeros((len(state), self._weights.network.latent), np.float32)
+            if self._residuals is not None:
+                self._borrower = Borrower(self._residuals, self._index, len(state), self._source)
         if not active.any():
             return np.zeros((len(state), 2), np.float32)
         reset = active & (state["controlled"] == 0)
         self._step = np.where(reset, 0, self._step + active)
         draws = self._draws(state, reset, active)
-        seen = observation.observe(state)[self._index]
-        action = self._actor.step(seen, assessment.curvttc, reset, active, draws)
+        seen = observation.observe(state)
+        residual = self._residual(state, seen[0], reset, active)
+        action = self._actor.step(seen[self._index], assessment.curvttc, reset, active, draws, residual)
         if self._explore:
             which = state["scenario"], state["episode"], self._step
             limit = self._weights.network.action_limit
@@ -101,17 +111,42 @@ class PolicyAgent:
             leaders = leading_rows(state, active, assessment.curvttc)
             action = np.where(active[:, None], action[leaders], np.float32(0))
             self._actor.executed(action, active)
+        if self._index == 0 and self._borrower is not None:
+            action[:, 1] = 0.0  # the road turns another way than the one on which it was learned: the lane is kept
         return action
 
-    def _warm_up(self, weights: ActorWeights) -> None:
+    def _warm_up(self, weights: Weights) -> None:
         """Have another one act and explore, in episodes of nobody's: in one, whose columns lie close, and in two."""
         trial = PolicyAgent(AGENTS[self._index], 0, explore=True)
-        trial._weights = weights
+        trial._weights, trial._residuals = weights.actor(AGENTS[self._index]), weights.residuals()
         for rows in (1, 2):
             state, near, every = np.zeros(rows, EPISODE), np.ones(rows), np.ones(rows, np.bool_)
             state["status"], state["pedestrian"] = RUNNING, np.arange(rows)
             tick = Tick(0, state, every)
             trial.act(tick, tick.assessed(near, near, every))
+
+    def _residual(
+        self,
+        state: NDArray[np.void],
+        seen: NDArray[np.float32],
+        reset: NDArray[np.bool_],
+        active: NDArray[np.bool_],
+    ) -> NDArray[np.float32] | None:
+        """Return what a recorded person adds to this step, or None where the policy has no residuals.
+
+        :param seen: what the vehicle observes (6), by which both agents find the same person.
+        """
+        if self._borrower is None:
+            return None
+        moment = np.empty((len(state), 7))
+        moment[:, 0], moment[:, 1] = seen[:, 0], state["vehicle_acceleration"]
+        moment[:, 2] = state["vehicle_curvature"] * state["vehicle_speed"]
+        moment[:, 3:5], moment[:, 5:7] = -seen[:, 2:4], seen[:, 0:2] - seen[:, 4:6]
+        key = np.empty((len(state), 5), np.uint64)
+        for column, name in enumerate(("scenario", "episode", "pedestrian", "frame"), start=1):
+            key[:, column] = state[name]
+        key[:, 0] = self._seed
+        return self._borrower.step(moment, key, reset, active) * np.float32(self._temperature)
 
     def _draws(self, state: NDArray[np.void], reset: NDArray[np.bool_], active: NDArray[np.bool_]) -> Draws | None:
         """Return what the active episodes draw for this step, or None where nothing is drawn."""
@@ -140,6 +175,8 @@ def policies(
     for agent in AGENTS:
         if getattr(world.config, f"{agent}_driver") == "policy":
             config = (configs or {}).get(agent, PolicyConfig(seed=world.seed))
-            agents[agent] = PolicyAgent(agent, config.seed, config.explore, config.noise, config.temperature)
+            agents[agent] = PolicyAgent(
+                agent, config.seed, config.explore, config.noise, config.temperature, config.people
+            )
             agents[agent].load(weights, version=1)
     return agents

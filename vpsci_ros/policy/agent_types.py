@@ -24,7 +24,7 @@ class AgentType:
 
 
 def _learned(agent: str, config: PolicyConfig) -> PolicyAgent:
-    return PolicyAgent(agent, config.seed, config.explore, config.noise, config.temperature)
+    return PolicyAgent(agent, config.seed, config.explore, config.noise, config.temperature, config.people)
 
 
 AGENT_TYPES = PluginGroup("vpsci_ros.agents", "agent", AgentType, {LEARNED: AgentType(_learned)})

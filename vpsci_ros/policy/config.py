@@ -41,6 +41,11 @@ class NetworkConfig:
         low=0,
         high=64,
     )
+    residuals: bool = parameter(
+        False,
+        "to what the networks do comes what a recorded person at a similar onset did beside them, drawn when the "
+        "policies take over; objective energy_score, latent 0",
+    )
     actor_hidden: list[int] = parameter([64, 64], "two hidden layers of the actor", low=1, high=1024)
     critic_state: int = parameter(16, "critic: layer on the encoded history", low=1, high=1024)
     critic_action: int = parameter(16, "critic: layer on the joint action", low=1, high=1024)
@@ -54,6 +59,11 @@ class NetworkConfig:
             raise InvalidInput(
                 f"heads * key_dimension must equal hidden (values are the state's slices), "
                 f"got {self.heads} * {self.key_dimension} and {self.hidden}"
+            )
+        if self.residuals and self.latent:
+            raise InvalidInput(
+                f"residuals of recorded people are the noise of networks without latent numbers, got latent = "
+                f"{self.latent}; set latent = 0, or residuals = false"
             )
         for name in ("actor_hidden", "critic_hidden"):
             if len(getattr(self, name)) != 2:
@@ -83,10 +93,15 @@ class PolicyConfig:
     )
     temperature: float = parameter(
         1.0,
-        "of a stochastic policy: factor on its latent numbers and its noise; 1: as learned, 0: the deterministic "
-        "middle; a deterministic policy draws nothing",
+        "of a stochastic policy: factor on its latent numbers and its noise, or on the residuals of recorded people; "
+        "1: as learned, 0: the deterministic middle; a deterministic policy draws nothing",
         low=0.0,
         high=10.0,
         read_only=False,
+    )
+    people: str = parameter(
+        "",
+        "whose residuals act, where weights hold those of several recordings: a source of the near misses up to a "
+        "hyphen, such as cqut; empty: the first one",
     )
     noise: NoiseConfig = NoiseConfig()

@@ -95,6 +95,7 @@ class StreamingActor:
         reset: NDArray[np.bool_],
         active: NDArray[np.bool_],
         draws: Draws | None = None,
+        residual: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
         """Return the actions [m/s2], float32[B, 2], clipped to the action limit; zero where not active.
 
@@ -103,6 +104,7 @@ class StreamingActor:
         :param reset: bool[B]: the history begins with this step; read where active.
         :param active: bool[B]: rows that take a step; all others keep their history untouched.
         :param draws: of a network with latent numbers; None: the deterministic middle.
+        :param residual: float32[B, 2] [m/s2], added to the actions of a network without latent numbers.
         :raises InvalidInput: wrong shapes, or an active observation or CurvTTC that is not a number.
         """
         rows = self._rows(observation, curvttc, reset, active)
@@ -122,7 +124,8 @@ class StreamingActor:
         if draws is not None and self._network.latent:
             self._take_draws(draws, rows, reset)
         else:
-            self._latent[rows] = self._burst[rows] = 0.0
+            self._latent[rows] = 0.0
+            self._burst[rows] = 0.0 if residual is None else residual[rows]
         if self._network.carry_state:
             actions[rows] = self._advance(rows, inputs, risks.astype(np.float32))
         else:

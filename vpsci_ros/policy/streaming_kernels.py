@@ -160,8 +160,8 @@ def step_rows(  # type: ignore[no-untyped-def]
 
     :param slots: int64[n], which histories; inputs: float32[n, I], normalised observation, action before and, where
         the network has it, risk; risks: float32[n].
-    :param drawn: (latent numbers float32[n, latent]; noise float32[n, 2], which the network scales); both zero for
-        the deterministic middle. A network without latent numbers reads neither.
+    :param drawn: (latent numbers float32[n, latent]; noise float32[n, 2]); both zero for the deterministic middle. A
+        network with latent numbers scales the noise, to the action of one without it is added as it is [m/s2].
     :param entry: (w [I, hidden], b [hidden]); layers: (decay, skip, gain, norm weight, norm bias: [L, ...], then the
         dense input, query, key, attended, readout: [L, hidden, hidden], inputs first); head: w, its
         rows for the latent numbers, and b of the first layer, then two (w, b).
@@ -225,6 +225,8 @@ def step_rows(  # type: ignore[no-untyped-def]
             action = answer[i, j]
             if answer.shape[1] > out.shape[1]:
                 action = fma(_scale(answer[i, out.shape[1] + j]), noise[i, j], action)
+            else:
+                action = action + noise[i, j]
             out[i, j] = min(max(action, -limit), limit)
 
 

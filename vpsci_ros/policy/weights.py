@@ -1,10 +1,10 @@
 """Weights of all networks in one safetensors file, checked tensor by tensor against the configuration it carries.
 
-A file holds both actors and both critics in float32, the normalisation of observations, and the speed statistics of
-rewards (14)-(15). Target networks are not stored: training on from a weights file starts them equal to the networks,
-as Algorithm 1 does. Its metadata are text: `format`, `tensors_sha256` (`Weights.digest`, against damage), `stage`,
-`configuration` (JSON of every resolved parameter), `software`, `data` and `held_out` (JSON). Nothing here needs torch,
-and no pickle is ever read.
+A file holds both actors and both critics in float32, the normalisation of observations, the speed statistics of rewards
+(14)-(15) and, of policies that have them, the residuals of recorded people. Target networks are not stored: training on
+from a weights file starts them equal to the networks, as Algorithm 1 does. Its metadata are text: `format`,
+`tensors_sha256` (`Weights.digest`, against damage), `stage`, `configuration` (JSON of every resolved parameter),
+`software`, `data` and `held_out` (JSON). Nothing here needs torch, and no pickle is ever read.
 """
 
 import dataclasses
@@ -25,6 +25,7 @@ from vpsci_ros.documents import parse_json, reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import build, values_of
 from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.residuals import Residuals, residuals_of
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.runs.provenance import software_versions
@@ -70,6 +71,20 @@ class Weights:
         if agent not in AGENTS:
             raise InvalidInput(f"agent: expected one of {', '.join(AGENTS)}, got {agent!r}")
         return ActorWeights(self.network, self.part(f"{agent}_actor"))
+
+    def residuals(self) -> Residuals | None:
+        """Return what recorded people did beside the networks; None where the networks act without that."""
+        return residuals_of(self.tensors, "weights") if self.network.residuals else None
+
+    def people(self, name: str) -> int:
+        """Return the number of those whose residuals act, see `residuals.people_of`; of the empty name 0, the first.
+
+        :raises InvalidInput: the residuals are other people's.
+        """
+        known = self.facts.get("data", {}).get("people", [])
+        if name and name not in known:
+            raise InvalidInput(f"people: expected one of {', '.join(known) or 'no one'}, got {name!r}")
+        return known.index(name) if name else 0
 
     def digest(self) -> str:
         """Return the SHA-256 of names and values of all tensors, as hexadecimal digits; facts do not enter."""
@@ -193,6 +208,8 @@ def _check(tensors: Mapping[str, NDArray[Any]], network: NetworkConfig, where: s
             )
         if not np.isfinite(tensor).all():
             raise InvalidInput(f"{where}: tensor {name} holds values that are not finite; train again")
+    if network.residuals:
+        expected |= dict.fromkeys(residuals_of(tensors, where).tensors(), ())
     for name in tensors:
         if name not in expected:
             raise InvalidInput(f"{where}: unknown tensor {name}; the configuration in the metadata does not have it")

@@ -1,0 +1,129 @@
+"""What people did beside the actors' mean: with that mean it is what they did, and nobody borrows it from himself."""
+
+import numpy as np
+import pytest
+import torch
+from synthetic import synthetic_near_misses
+
+from vpsci_ros.data.interactions import from_table
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.kinematics.scene import Scene, advance
+from vpsci_ros.learning.config import EnergyScoreConfig, ImitationConfig, PretrainConfig
+from vpsci_ros.learning.energy_score import Likeness, draw_moments
+from vpsci_ros.learning.imitation import Start
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.pretrain import pretrain
+from vpsci_ros.learning.residuals import Lenders, fitted
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.residuals import residuals_of
+from vpsci_ros.world.observation import AGENTS
+
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, layers=1, actor_hidden=[8, 8], residuals=True)
+STEPS = 12
+CONFIG = PretrainConfig(
+    objective="energy_score",
+    episodes=3,
+    imitation=ImitationConfig(rollouts=8, rollout_steps=STEPS, learning_rate=3e-3, dropout=0.0),
+    energy_score=EnergyScoreConfig(samples=4),
+)
+
+
+@pytest.fixture(scope="module")
+def interactions():
+    return from_table(synthetic_near_misses(40, 1).table, whole_tracks=True)
+
+
+@pytest.fixture(scope="module")
+def networks(interactions) -> Networks:
+    torch.manual_seed(0)
+    own = Networks(SMALL)
+    own.set_statistics(*interactions.samples(), 0.3)
+    return own
+
+
+def test_fitted_accelerations_lead_along_the_recorded_positions(interactions) -> None:
+    own, rows = fitted(interactions), np.arange(len(interactions))
+    motion = torch.from_numpy(own.motion)
+    scene = Scene(motion[:, 0, :2], motion[:, 0, 2], motion[:, 0, 3:5], torch.zeros(len(rows)), *_walker(motion))
+    for step in range(10):
+        scene = advance(scene, {agent: torch.from_numpy(own.action[agent][:, step].astype(float)) for agent in AGENTS})
+    gap = scene.rows().numpy() - interactions.motion[:, 10]
+    assert np.median(np.hypot(gap[:, 0], gap[:, 1])) < 0.05
+    assert np.median(np.hypot(gap[:, 5], gap[:, 6])) < 0.05
+
+
+def _walker(motion: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    return motion[:, 0, 5:7], motion[:, 0, 7:9]
+
+
+def test_the_mean_along_a_track_and_what_was_done_beside_it_are_what_was_done(interactions, networks) -> None:
+    lenders, own = Lenders(interactions, STEPS), fitted(interactions)
+    kept = residuals_of(lenders.tensors(networks.actor), "here")
+    row = int(np.flatnonzero(interactions.first <= interactions.length - 1 - STEPS)[0])
+    at, length = interactions.first[row], int(kept.length[0])
+    start = Start(*(np.array([value]) for value in (row, max(at - 10, 0), at, False)))
+    beside, known = lenders._beside(networks.actor, start, length)
+    assert known.all()
+    assert length == interactions.length[row] - 1 - at
+    np.testing.assert_allclose(beside[0].flatten(1).detach().numpy(), kept.steps[:length], atol=1e-6)
+    history = torch.from_numpy(own.observation["pedestrian"][row : row + 1, start.begin[0] :])
+    done = torch.from_numpy(own.action["pedestrian"][row : row + 1, start.begin[0] :])
+    before = torch.cat([torch.zeros(1, 1, 2), done[:, :-1]], dim=1)
+    mean = networks.actor["pedestrian"](history, before, torch.from_numpy(own.curvttc[row : row + 1, start.begin[0] :]))
+    lead = at - start.begin[0]
+    whole = mean[0, lead : lead + length].detach().numpy() + kept.steps[:length, 2:]
+    np.testing.assert_allclose(whole, done[0, lead : lead + length], atol=1e-5)
+
+
+def test_nobody_borrows_from_the_own_clip(interactions) -> None:
+    lenders = Lenders(interactions, STEPS)
+    rng = np.random.default_rng(0)
+    for row in range(0, len(interactions), 7):
+        picked = lenders._pick(row, int(interactions.first[row]), 16, rng)
+        assert (lenders._clip[lenders._row[picked]] != lenders._clip[row]).all()
+
+
+def test_one_clip_alone_has_nobody_to_borrow_from(interactions, networks) -> None:
+    rows = np.flatnonzero(interactions.clip == interactions.clip[0])
+    alone = interactions.take(rows)
+    start = draw_moments(alone, 2, STEPS, False, np.random.default_rng(0))
+    with pytest.raises(InvalidInput, match="two clips or more"):
+        Lenders(alone, STEPS).borrowed(networks.actor, start, 2, np.random.default_rng(0))
+
+
+def test_learning_brings_roll_outs_with_borrowed_residuals_nearer_to_what_happened(interactions) -> None:
+    torch.manual_seed(0)
+    networks = Networks(SMALL)
+    networks.set_statistics(*interactions.samples(), 0.3)
+    with torch.no_grad():
+        for agent in AGENTS:
+            networks.actor[agent].head[-1].weight.mul_(300.0)  # react wildly to what differs
+    likeness = Likeness(networks, interactions, CONFIG)
+
+    def measured() -> float:
+        with torch.no_grad():
+            return float(np.mean([float(likeness.loss(np.random.default_rng(i))[0]) for i in range(5)]))
+
+    before, optimiser = measured(), torch.optim.Adam(networks.actor.parameters(), 5e-3)
+    rng = np.random.default_rng(1)
+    for _ in range(30):
+        optimiser.zero_grad()
+        likeness.loss(rng)[0].backward()
+        optimiser.step()
+    assert measured() < 0.9 * before
+
+
+def test_stage_1_keeps_residuals_of_all_near_misses_that_it_learned_from(tmp_path) -> None:
+    table = synthetic_near_misses(40, 1).table
+    weights = pretrain(table, CONFIG, SMALL, seed=1, out_dir=tmp_path)
+    kept = weights.residuals()
+    assert kept is not None
+    assert weights.facts["data"]["people"] == table["source"].unique().to_list()
+    assert 0 < len(kept.length) <= weights.facts["data"]["interactions"]
+    again = pretrain(table, CONFIG, SMALL, seed=1, out_dir=tmp_path)
+    assert again.digest() == weights.digest()
+
+
+def test_objectives_that_keep_no_residuals_are_refused(tmp_path) -> None:
+    with pytest.raises(InvalidInput, match="objective closed_loop keeps none"):
+        pretrain(synthetic_near_misses(40, 1).table, PretrainConfig(episodes=1), SMALL, seed=1, out_dir=tmp_path)

@@ -1,0 +1,186 @@
+"""Residuals of recorded people: both agents borrow one sequence of one of the most similar onsets, in any batch."""
+
+import numpy as np
+import pytest
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.networks import Networks
+from vpsci_ros.policy.agent import PolicyAgent
+from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
+from vpsci_ros.policy.residuals import FEATURES, NEAREST, Borrower, Residuals, describe
+from vpsci_ros.policy.weights import Weights, load_weights, save_weights, weights_from_bytes, weights_to_bytes
+from vpsci_ros.world import EPISODE, RUNNING
+from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.tick import Tick
+
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8], residuals=True)
+LENGTH = 3
+MOMENT = np.array([[2.0, -0.5, 0.1, 6.0, 2.0, 0.1, -1.2]])  # the pedestrian comes from the left
+
+
+def bank(count: int = 40, sources: int = 1) -> Residuals:
+    """Sequence k begins k units away from `MOMENT` and is k everywhere, but for its steering: k / 100."""
+    features = np.zeros((count, FEATURES), np.float32)
+    features[:] = describe(MOMENT)[0]
+    features[:, 0] += np.arange(count)
+    steps = np.repeat(np.arange(count, dtype=np.float32), LENGTH)[:, None] * np.array([1, 0.01, 1, 1], np.float32)
+    return Residuals(
+        features=features,
+        scale=np.ones((sources, FEATURES), np.float32),
+        side=np.ones(count, np.float32),
+        source=(np.arange(count) % sources).astype(np.float32),
+        length=np.full(count, LENGTH, np.float32),
+        steps=steps,
+    )
+
+
+def keys(count: int) -> np.ndarray:
+    own = np.zeros((count, 5), np.uint64)
+    own[:, 0], own[:, 2] = 7, np.arange(count)
+    return own
+
+
+def borrowed(count: int, agent: int = 0, steps: int = 1, moment: np.ndarray = MOMENT, people: int = 0) -> np.ndarray:
+    """What `count` slots borrow at the same moment, float32[steps, count, 2]."""
+    borrower = Borrower(bank(sources=people + 1), agent, count, people)
+    every, moments = np.ones(count, bool), np.repeat(moment, count, axis=0)
+    return np.stack([borrower.step(moments, keys(count), every & (k == 0), every) for k in range(steps)])
+
+
+@pytest.fixture(scope="module")
+def weights() -> Weights:
+    networks = Networks(SMALL)
+    networks.residuals = lambda actors: bank().tensors()
+    return networks.weights({}, {"data": {"people": ["here"]}})
+
+
+def test_a_moment_and_its_mirror_image_are_similar_and_know_their_sides() -> None:
+    mirrored = MOMENT * np.array([1, 1, -1, 1, -1, 1, -1])
+    features, side = describe(np.concatenate([MOMENT, mirrored]))
+    assert features[0].tobytes() == features[1].tobytes()
+    assert side.tolist() == [1.0, -1.0]
+    np.testing.assert_allclose(features[0], [2.0, np.hypot(0.1, 1.2), 6.0, 2.0, 0.1, -1.2, -0.5, 0.1])
+
+
+def test_each_of_the_nearest_onsets_is_borrowed_as_often_and_no_other() -> None:
+    along = borrowed(4000)[0, :, 0]
+    counts = np.bincount(along.astype(int), minlength=40)
+    assert (counts[NEAREST:] == 0).all()
+    assert counts[:NEAREST].min() > 4000 / NEAREST - 5 * np.sqrt(4000 / NEAREST)
+
+
+def test_both_agents_borrow_of_the_same_person() -> None:
+    vehicle, pedestrian = borrowed(100, agent=0)[0], borrowed(100, agent=1)[0]
+    assert (vehicle[:, 0] == pedestrian[:, 0]).all()
+    assert len(set(vehicle[:, 0])) > 8
+
+
+def test_people_of_other_recordings_lend_nothing() -> None:
+    assert set(borrowed(400, people=1)[0, :, 0] % 2) == {1.0}
+
+
+def test_a_steering_residual_is_a_curvature() -> None:
+    twice = MOMENT * np.array([2, 1, 1, 1, 1, 1, 1])
+    slow, fast = borrowed(50)[0], borrowed(50, moment=twice)[0]
+    np.testing.assert_allclose(slow[:, 1], slow[:, 0] * 0.01 * 2.0**2, rtol=1e-6)  # [1/m] times speed squared
+    np.testing.assert_allclose(fast[:, 1], fast[:, 0] * 0.01 * 4.0**2, rtol=1e-6)
+
+
+def test_what_points_left_is_mirrored_where_the_pedestrian_comes_from_the_other_side() -> None:
+    mirrored = MOMENT * np.array([1, 1, -1, 1, -1, 1, -1])
+    left, right = borrowed(50, agent=1)[0], borrowed(50, agent=1, moment=mirrored)[0]
+    np.testing.assert_array_equal(left * [1, -1], right)
+
+
+def test_a_sequence_is_undivided_and_another_one_follows_it() -> None:
+    borrower, every = Borrower(bank(), 0, 200), np.ones(200, bool)
+    moments, along = np.repeat(MOMENT, 200, axis=0), []
+    for frame in range(2 * LENGTH):
+        key = keys(200)
+        key[:, 4] = frame
+        along.append(borrower.step(moments, key, every & (frame == 0), every)[:, 0])
+    first, second = np.array(along[:LENGTH]), np.array(along[LENGTH:])
+    assert (first == first[0]).all()
+    assert (second == second[0]).all()
+    assert (first[0] != second[0]).mean() > 0.8
+
+
+def state_of(episodes: np.ndarray) -> np.ndarray:
+    state = np.zeros(len(episodes), EPISODE)
+    state["status"], state["scenario"], state["episode"] = RUNNING, 1, episodes
+    state["vehicle_speed"], state["pedestrian_x"], state["pedestrian_y"] = 2.0 + 0.1 * episodes, 6.0, 2.0
+    state["pedestrian_vy"] = -1.2
+    return state
+
+
+def acted(weights: Weights, agent: str, episodes: np.ndarray, temperature: float = 1.0) -> np.ndarray:
+    """Actions of five steps in these episodes, float32[5, B, 2]."""
+    own = PolicyAgent(agent, 3, False, temperature=temperature)
+    own.load(weights, version=1)
+    state, near, every = state_of(episodes), np.full(len(episodes), 2.0), np.ones(len(episodes), bool)
+    out = []
+    for number in range(5):
+        tick = Tick(2 * number, state, every)
+        out.append(own.act(tick, tick.assessed(near, near, every)).copy())
+        state["controlled"], state["frame"] = 1, 2 * number + 2
+    return np.stack(out)
+
+
+@pytest.mark.parametrize("agent", AGENTS)
+def test_an_episode_borrows_the_same_alone_and_among_others(weights: Weights, agent: str) -> None:
+    together = acted(weights, agent, np.arange(70))
+    for episode in (0, 1, 42, 69):
+        assert acted(weights, agent, np.array([episode]))[:, 0].tobytes() == together[:, episode].tobytes()
+
+
+def test_without_temperature_a_policy_does_what_its_networks_say(weights: Weights) -> None:
+    mean, plain = (
+        acted(weights, "pedestrian", np.arange(8), temperature=0.0),
+        NetworkConfig(**vars(SMALL) | {"residuals": False}),
+    )
+    tensors = {name: value for name, value in weights.tensors.items() if not name.startswith("residuals.")}
+    np.testing.assert_array_equal(mean, acted(Weights(plain, tensors), "pedestrian", np.arange(8)))
+    assert np.abs(acted(weights, "pedestrian", np.arange(8)) - mean).max() > 0.5
+
+
+def test_the_vehicle_leaves_steering_to_the_lane(weights: Weights) -> None:
+    actions = acted(weights, "vehicle", np.arange(8))
+    assert (actions[..., 1] == 0.0).all()
+    assert np.abs(actions[..., 0]).max() > 0.5
+
+
+def test_a_file_keeps_what_people_did(weights: Weights, tmp_path) -> None:
+    save_weights(tmp_path / "w.safetensors", weights)
+    loaded = load_weights(tmp_path / "w.safetensors")
+    for own, kept in zip(weights.residuals(), loaded.residuals(), strict=True):
+        assert own.tobytes() == kept.tobytes()
+    again = Networks.from_weights(loaded).weights({}, weights.facts)
+    assert weights_to_bytes(again) == weights_to_bytes(weights)
+
+
+@pytest.mark.parametrize(
+    ("tensor", "value", "message"),
+    [
+        ("steps", None, "residuals.steps is missing"),
+        ("length", np.full(40, 4, np.float32), r"residuals.steps: expected float32\[160, 4\], got float32\[120, 4\]"),
+        ("scale", np.zeros((1, FEATURES), np.float32), "scales above 0"),
+        ("side", np.full(40, np.nan, np.float32), "residuals.side holds values that are not finite"),
+    ],
+)
+def test_damaged_residuals_are_refused(weights: Weights, tensor: str, value: np.ndarray | None, message: str) -> None:
+    tensors = weights.tensors | {f"residuals.{tensor}": value}
+    with pytest.raises(InvalidInput, match=message):
+        weights_to_bytes(Weights(weights.network, {k: v for k, v in tensors.items() if v is not None}))
+
+
+def test_residuals_of_unknown_people_are_refused(weights: Weights) -> None:
+    loaded = weights_from_bytes(weights_to_bytes(weights))
+    assert loaded.people("") == loaded.people("here") == 0
+    agent = PolicyAgent("vehicle", 1, False, people=PolicyConfig(people="there").people)
+    with pytest.raises(InvalidInput, match="people: expected one of here, got 'there'"):
+        agent.load(loaded, version=1)
+
+
+def test_residuals_and_latent_numbers_exclude_each_other() -> None:
+    with pytest.raises(InvalidInput, match="latent = 8"):
+        NetworkConfig(latent=8, residuals=True)

@@ -1,0 +1,224 @@
+"""What recorded people did beside the mean of the actors: borrowed in training, and kept for the policies to borrow.
+
+A roll-out in training is the actors' mean plus the residual of one of the recorded moments most like its own, of
+another clip: what was done there less the mean along that track. The gradient runs through both, so the actors learn
+what such a residual leaves over: how people react to a situation that differs from the one whose residual they borrow.
+
+Recorded accelerations are those of the motion that passes nearest to the recorded positions through the kinematics,
+with little jerk: differences of published speeds neither lead along these positions, nor are they free of noise.
+"""
+
+from functools import cache
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vpsci_ros.data.interactions import Interactions
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.kinematics.rollout import Actions, Seen
+from vpsci_ros.learning.imitation import OBSERVED, RecordedSteps, Start, recorded
+from vpsci_ros.policy.actor import Actors, previous
+from vpsci_ros.policy.residuals import NEAREST, SLOWEST, Borrower, Residuals, describe, people_of
+from vpsci_ros.world.observation import AGENTS, STEP
+
+EVERY = 3  # steps from one moment of a track that lends in training to the next
+JERK_WEIGHT = 1e-4  # [s6] of squared jerk against squared distance to the recorded positions: noise of 1 to 3 cm
+_MOVING = 0.5  # [m/s] below it the direction of motion says nothing of a vehicle's heading
+
+Floats = NDArray[np.float64]
+
+
+class Lenders:
+    """Recorded moments whose people lend residuals to others.
+
+    :param interactions: whole tracks.
+    :param steps: of a residual in training, and at least those of one that is kept.
+    """
+
+    def __init__(self, interactions: Interactions, steps: int) -> None:
+        self._fitted, self._steps = fitted(interactions), steps
+        own_people = [people_of(clip) for clip in interactions.clip]
+        self.people = list(dict.fromkeys(own_people))
+        self._source = np.array([self.people.index(name) for name in own_people])
+        shape = interactions.motion.shape[:2]
+        features, side = describe(interactions.moments().reshape(-1, 7))
+        self._side = side.reshape(shape)
+        latest = interactions.length - 1 - steps
+        self._onsets = np.flatnonzero(interactions.first <= latest)
+        self._row, self._at = (
+            np.concatenate(part).astype(np.int64)
+            for part in zip(
+                *(
+                    (np.full(len(own), row), own)
+                    for row, end in enumerate(latest)
+                    for own in [np.arange(0, end + 1, EVERY)]
+                ),
+                strict=True,
+            )
+        )
+        if len(self._onsets) == 0:
+            raise InvalidInput(f"near misses: expected one with {steps} steps after its onset; import whole tracks")
+        own = features.reshape(*shape, -1)[self._onsets, interactions.first[self._onsets]]
+        self._scale = np.ones((len(self.people), own.shape[1]))
+        for number in range(len(self.people)):
+            here = own[self._source[self._onsets] == number]
+            self._scale[number] = np.maximum(here.std(axis=0), 1e-3) if len(here) else 1.0
+        self._features = features.reshape(*shape, -1) / self._scale[self._source][:, None]
+        _, self._clip = np.unique(interactions.clip.astype(str), return_inverse=True)
+
+    def borrowed(self, actors: Actors, start: Start, samples: int, rng: np.random.Generator) -> Tensor:
+        """Return what others did beside the mean of `actors` at moments like these, [M * samples, steps, 2, 2].
+
+        Rows as `beside` has them; each moment's own people lend it nothing.
+
+        :raises InvalidInput: a moment's clip is the only one of its source.
+        """
+        picked = np.stack([self._pick(row, at, samples, rng) for row, at in zip(start.row, start.at, strict=True)])
+        row, at = self._row[picked].ravel(), self._at[picked].ravel()
+        side = np.where(start.mirror, -1.0, 1.0) * self._side[start.row, start.at]
+        mirror = np.repeat(side, samples) != self._side[row, at]
+        return self._beside(actors, Start(row, np.maximum(at - OBSERVED, 0), at, mirror), self._steps)[0]
+
+    def tensors(self, actors: Actors) -> dict[str, NDArray[np.float32]]:
+        """Return the residuals of all onsets, to the ends of their tracks, as tensors of a weights file."""
+        row, at = self._onsets, self._fitted.first[self._onsets]
+        length = self._fitted.length[row] - 1 - at
+        start = Start(row, np.maximum(at - OBSERVED, 0), at, np.zeros(len(row), np.bool_))
+        with torch.no_grad():
+            beside, known = self._beside(actors, start, int(length.max()))
+        return Residuals(
+            features=self._features[row, at].astype(np.float32),
+            scale=self._scale.astype(np.float32),
+            side=self._side[row, at].astype(np.float32),
+            source=self._source[row].astype(np.float32),
+            length=length.astype(np.float32),
+            steps=beside[known].flatten(1).numpy(),
+        ).tensors()
+
+    def _pick(self, row: int, at: int, samples: int, rng: np.random.Generator) -> NDArray[np.int64]:
+        others = np.flatnonzero(
+            (self._clip[self._row] != self._clip[row]) & (self._source[self._row] == self._source[row])
+        )
+        if len(others) == 0:
+            raise InvalidInput(
+                "near misses: expected two clips or more of each source, to borrow residuals from another"
+            )
+        apart = self._features[self._row[others], self._at[others]] - self._features[row, at]
+        gap = np.einsum("mf,mf->m", apart, apart)
+        count = min(NEAREST, len(others))
+        near = others[np.argpartition(gap, count - 1)[:count]]
+        return near[rng.permutation(count)[np.arange(samples) % count]]
+
+    def _beside(self, actors: Actors, start: Start, steps: int) -> tuple[Tensor, Tensor]:
+        """Return what was done less the means along the own tracks, [B, steps, 2, 2], and where it is known.
+
+        Agents in the order of `AGENTS`; along [m/s2] and left: of the vehicle a curvature [1/m], of the pedestrian
+        [m/s2], both in the vehicle's heading frame. Zero beyond the end of a track.
+        """
+        data = recorded(self._fitted, start, OBSERVED + steps + 1)
+        lead = start.at - start.begin
+        rows, at = torch.arange(len(lead))[:, None], torch.from_numpy(lead)[:, None] + torch.arange(steps)
+        parts = []
+        for agent in AGENTS:
+            done = data.action[agent]
+            parts.append((done - actors[agent](data.observation[agent], previous(done), data.curvttc))[rows, at])
+        parts[0] = torch.stack([parts[0][..., 0], parts[0][..., 1] / _steering(data, rows, at)], dim=-1)
+        known = torch.from_numpy(start.at[:, None] + np.arange(steps) < self._fitted.length[start.row, None] - 1)
+        return torch.stack(parts, dim=2) * known[..., None, None], known
+
+
+def _steering(data: RecordedSteps, rows: Tensor, at: Tensor) -> Tensor:
+    speed = data.motion[rows, at, 3:5].norm(dim=-1).clamp(min=SLOWEST)
+    return speed * speed
+
+
+class Adding:
+    """Adds borrowed residuals, as `Lenders.borrowed` returns them, to a roll-out: see `ActorPair`."""
+
+    def __init__(self, residuals: Tensor) -> None:
+        self._residuals = residuals
+
+    def __call__(self, seen: Seen) -> Actions:
+        """Return what is added to this step."""
+        vehicle, pedestrian = self._residuals[:, seen.step].unbind(dim=1)
+        speed = seen.scene.vehicle_velocity.norm(dim=1).clamp(min=SLOWEST)
+        return dict(
+            zip(AGENTS, (torch.stack([vehicle[:, 0], vehicle[:, 1] * speed**2], dim=1), pedestrian), strict=True)
+        )
+
+
+class Borrowing:
+    """Adds residuals to a roll-out as policies at work borrow them: see `ActorPair` and `policy.residuals.Borrower`."""
+
+    def __init__(self, residuals: Residuals, count: int, acceleration: Tensor) -> None:
+        self._borrowers = [Borrower(residuals, agent, count) for agent in range(len(AGENTS))]
+        self._speed: Floats | None = None
+        self._acceleration: Floats = acceleration.detach().double().numpy()
+        self._key = np.zeros((count, 5), np.uint64)
+        self._key[:, 0] = torch.randint(2**62, (count,)).numpy()
+
+    def __call__(self, seen: Seen) -> Actions:
+        """Return what is added to this step."""
+        own = seen.observation["vehicle"].detach().double().numpy()
+        if self._speed is not None:
+            self._acceleration = (own[:, 0] - self._speed) / STEP
+        self._speed = own[:, 0]
+        yaw_rate = own[:, 0] * seen.scene.curvature.detach().double().numpy()
+        moment = np.column_stack([own[:, 0], self._acceleration, yaw_rate, -own[:, 2:4], own[:, 0:2] - own[:, 4:6]])
+        self._key[:, 4] = seen.step
+        every = np.ones(len(own), np.bool_)
+        added = (b.step(moment, self._key, every & (seen.step == 0), every) for b in self._borrowers)
+        return dict(zip(AGENTS, map(torch.from_numpy, added), strict=True))
+
+
+def fitted(interactions: Interactions) -> Interactions:
+    """Return interactions with the motion that passes nearest to the recorded positions, and its accelerations.
+
+    The vehicle moves along its heading and does not roll backwards.
+    """
+    motion = interactions.motion.copy()
+    for row, length in enumerate(interactions.length):
+        own = motion[row, :length]
+        velocity, position = _fit(int(length))
+        recorded_heading = own[:, 2].copy()
+        for place, speed in ((0, 3), (5, 7)):
+            own[:, speed : speed + 2] = velocity @ own[:, place : place + 2]
+            own[:, place : place + 2] = position @ own[:, place : place + 2]
+        own[:, 2] = _headings(recorded_heading, own[:, 3:5])
+        c, s = np.cos(own[:, 2]), np.sin(own[:, 2])
+        along = np.maximum(c * own[:, 3] + s * own[:, 4], 0.0)
+        own[:, 3], own[:, 4] = along * c, along * s
+    return interactions.moving(motion)
+
+
+def _headings(recorded_heading: Floats, velocity: Floats) -> Floats:
+    """Return the direction of motion [T] [rad]; where a vehicle hardly moves, the recorded one, turned as nearby."""
+    moving = np.flatnonzero(np.hypot(velocity[:, 0], velocity[:, 1]) > _MOVING)
+    if moving.size == 0:
+        return recorded_heading
+    turn = np.arctan2(velocity[:, 1], velocity[:, 0]) - recorded_heading
+    turn = (turn + np.pi) % (2.0 * np.pi) - np.pi
+    nearest = moving[np.abs(np.arange(len(velocity))[:, None] - moving).argmin(axis=1)]
+    result: Floats = recorded_heading + turn[nearest]
+    return result
+
+
+@cache
+def _fit(length: int) -> tuple[Floats, Floats]:
+    """Return matrices [T, T] from recorded positions to velocities and positions with little jerk, by least squares.
+
+    A position follows from the one before with the mean of both velocities, as in the kinematics.
+    """
+    way = np.zeros((length, length + 1))  # from the first position and the velocities to positions
+    way[:, 0] = 1.0
+    for step in range(1, length):
+        way[step, 1:] = way[step - 1, 1:]
+        way[step, step : step + 2] += 0.5 * STEP
+    jerk = np.zeros((max(length - 2, 0), length + 1))
+    for step in range(len(jerk)):
+        jerk[step, step + 1 : step + 4] = np.array([1.0, -2.0, 1.0]) / STEP**2
+    normal = way.T @ way + JERK_WEIGHT * jerk.T @ jerk + 1e-9 * np.eye(length + 1)
+    solved = np.asarray(np.linalg.solve(normal, way.T), np.float64)
+    return solved[1:], way @ solved
