@@ -279,9 +279,8 @@ def _dataset_rows(folder: Path) -> Path:
 def _read_dataset(path: Path) -> None:
     print_info(path.parent, Console(file=io.StringIO()))
     data = Dataset(path.parent)
-    for name in data.scenarios:
-        for _ in data.episodes(name):
-            data.index()
+    for _ in data.read():
+        data.index()
     job_of(data)
 
 

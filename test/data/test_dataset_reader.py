@@ -24,21 +24,17 @@ def folder(simulate, tmp_path: Path) -> Path:
     return tmp_path / "d"
 
 
-def test_episodes_come_back_padded_and_in_pieces(folder: Path) -> None:
-    parts = list(Dataset(folder).episodes("one"))
-    assert [part.count.tolist() for part in parts] == [[0, 2], [3]]
-    assert [part.lengths.tolist() for part in parts] == [[150, 110], [201]]
-    assert parts[0].values.shape == (2, 150, 10)
-    assert np.isnan(parts[0].values[1, 110:]).all()
-    assert parts[1]["velocity_y_ped"][0] == pytest.approx(1.5)
+def test_episodes_of_several_row_groups_come_back_one_by_one(folder: Path) -> None:
+    episodes = list(Dataset(folder).read())
+    assert [(one.number, len(one)) for one in episodes] == [(0, 150), (2, 110), (3, 201)]
+    assert episodes[2].ped_vy == pytest.approx(np.full((1, 201), 1.5))
 
 
 def test_csv_alone_serves_as_well(folder: Path) -> None:
     before = Dataset(folder).rows("one")
     (folder / "one.parquet").unlink()
     assert Dataset(folder).rows("one").equals(before)
-    (part,) = Dataset(folder).episodes("one")
-    assert part.count.tolist() == [0, 2, 3]
+    assert [one.number for one in Dataset(folder).read()] == [0, 2, 3]
 
 
 def test_rows_that_are_missing_are_noticed(folder: Path) -> None:
@@ -46,7 +42,7 @@ def test_rows_that_are_missing_are_noticed(folder: Path) -> None:
     lines = (folder / "one.csv").read_text().splitlines()
     (folder / "one.csv").write_text("\n".join(lines[:50] + lines[60:]) + "\n")
     with pytest.raises(InvalidInput, match=r"one\.csv: frame 59 of episode 0: expected frame 49"):
-        list(Dataset(folder).episodes("one"))
+        list(Dataset(folder).read())
 
 
 def test_an_unknown_scenario_is_refused_with_the_known_ones(folder: Path) -> None:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 from bags.collected import collected
 from generate.small import CONFIG, NETWORK
@@ -11,6 +12,7 @@ from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.episodes import read_episodes
+from vpsci_ros.evaluation.encounters import generated_encounters
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.record import record_episodes
 from vpsci_ros.generate.run import generate
@@ -18,6 +20,7 @@ from vpsci_ros.generate.verify import verify
 from vpsci_ros.generate.workers import Serial
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.weights import save_weights
+from vpsci_ros.report.summary import summarise
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.view.pack import packed
 from vpsci_ros.view.sources import read_source
@@ -47,25 +50,29 @@ def test_rows_of_each_pedestrian_follow_each_other_under_a_name_of_its_own(made:
     number = (rows["ped_id"] // NEXT_PEDESTRIAN).to_numpy()
     assert set(number.tolist()) == {0, 1, 2}
     assert (rows["ped_id"] % NEXT_PEDESTRIAN == 2 * rows["count"] + 1).all()
-    parts = list(Dataset(made).episodes(NAME))
-    assert sum(len(part.first) for part in parts) == 12
-    for part in parts:
-        for pairs in np.split(np.arange(len(part.count)), part.first[1:]):
-            assert part.pedestrian[pairs].tolist() == list(range(len(pairs)))
-            assert len(set(part.lengths[pairs].tolist())) == 1
-            same = part.values[pairs, :, :4]
-            assert np.array_equal(same, np.repeat(same[:1], len(pairs), axis=0), equal_nan=True)
+    assert rows.group_by("count").agg(pl.col("ped_id").n_unique())["count"].n_unique() == 12
+    lengths = rows.group_by("count", "ped_id").len().group_by("count").agg(pl.col("len").n_unique())
+    assert lengths["len"].to_list() == [1] * 12
+    vehicle = [name for name in rows.columns if name.endswith("_av")]
+    same = rows.group_by("count", "frame").agg(pl.col(vehicle).n_unique())
+    assert (same.select(vehicle) == 1).to_numpy().all()
 
 
 def test_an_episode_is_kept_with_all_of_its_pedestrians_when_one_pair_passes(made: Path) -> None:
     index = Dataset(made).index().filter(scenario=1)
     least = dict(zip(index["count"], index["least_curvttc"], strict=True))
     data = Dataset(made)
-    for part in data.episodes(NAME):
-        for pairs in np.split(np.arange(len(part.count)), part.first[1:]):
-            ttc = np.nanmin(part["CurvTTC"][pairs])
-            assert ttc == pytest.approx(least[int(part.count[pairs[0]])])
-            assert ttc < 5.0
+    for one in data.read(scenario=NAME):
+        ttc = np.nanmin(one.curvttc)
+        assert ttc == pytest.approx(least[one.number])
+        assert ttc < 5.0
+
+
+def test_an_episode_of_several_pedestrians_counts_once_among_the_yields(made: Path) -> None:
+    (row,) = summarise(made)
+    counted = row.vehicle_yields + row.pedestrian_yields + row.both_yield + row.nobody_yields
+    assert counted == row.kept
+    assert generated_encounters(Dataset(made)).height > row.kept  # where a row is a pair
 
 
 def test_the_dataset_is_simulated_again_to_the_bit_and_so_is_a_bag_of_it(made: Path, tmp_path: Path) -> None:

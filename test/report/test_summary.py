@@ -8,8 +8,8 @@ import pytest
 from rich.console import Console
 
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.episode import batches, headings, yields
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.yields import headings, yields
 from vpsci_ros.report.summary import print_summary, summarise
 from vpsci_ros.safety.yielding import Yielded
 
@@ -38,23 +38,29 @@ def test_the_table_fits_a_terminal_of_eighty_columns(dataset: Path) -> None:
 
 
 def test_rejected_episodes_do_not_count_among_the_yields(dataset: Path) -> None:
-    data = Dataset(dataset)
-    (part,) = data.episodes("LocationA_PedCross_N-S")
-    assert part.count.tolist() == [1, 2]
-    assert yields(part, data.period).tolist() == [Yielded.PEDESTRIAN] * 2
+    episodes = list(Dataset(dataset).read(scenario="LocationA_PedCross_N-S"))
+    assert [one.number for one in episodes] == [1, 2]
+    assert yields(episodes).tolist() == [Yielded.PEDESTRIAN] * 2
 
 
 def test_a_standing_vehicle_keeps_its_heading() -> None:
     vx, vy = np.array([[0.0, 1.0, 0.0, 0.0, -1.0]]), np.array([[0.0, 1.0, 0.0, 0.0, 0.0]])
     assert headings(vx, vy)[0] == pytest.approx([np.pi / 4, np.pi / 4, np.pi / 4, np.pi / 4, np.pi])
-    assert headings(np.zeros((1, 3)), np.zeros((1, 3)))[0] == pytest.approx([0.0, 0.0, 0.0])
+    assert np.isnan(headings(np.zeros((1, 3)), np.zeros((1, 3)))).all()
 
 
-def test_frames_that_nobody_saw_do_not_stop_the_judgement(dataset: Path) -> None:
-    (part,) = Dataset(dataset).episodes("LocationA_PedCross_S-N")
-    values = part.values.copy()
-    values[:, 70:75] = np.nan
-    assert yields(type(part)(part.count, part.lengths, values), 0.05).tolist() == [Yielded.VEHICLE] * 4
+def test_frames_that_nobody_saw_do_not_stop_the_classification(dataset: Path) -> None:
+    episodes = list(Dataset(dataset).read(scenario="LocationA_PedCross_S-N"))
+    for one in episodes:
+        for values in (one.x, one.y, one.heading, one.speed, one.ped_x, one.ped_y, one.ped_vx, one.ped_vy, one.curvttc):
+            values[..., 70:75] = np.nan
+    assert yields(episodes).tolist() == [Yielded.VEHICLE] * 4
+
+
+def test_episodes_are_classified_alike_in_any_batch(dataset: Path) -> None:
+    episodes = list(Dataset(dataset).read())
+    assert [len(batch) for batch in batches(episodes, 4)] == [4, 2]
+    assert yields(episodes).tolist() == [one.yielded() for one in episodes]
 
 
 def test_a_folder_without_a_description_is_no_dataset(tmp_path: Path) -> None:

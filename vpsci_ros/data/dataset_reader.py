@@ -1,8 +1,7 @@
-"""A dataset folder read back: its description, its index, and its episodes as padded arrays, a row group at a time."""
+"""A dataset folder read back: its description, its index, its rows and its episodes, a row group at a time."""
 
 import itertools
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -23,30 +22,6 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import curvature_from_yaw_rate
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.scenario import every_scenario, own_scenarios
-
-
-@dataclass(frozen=True)
-class EpisodeArrays:
-    """n interactions of one scenario: an episode each, or of several pedestrians one each, one after the other.
-
-    :ivar count: int64[n], the numbers of the episodes.
-    :ivar lengths: int64[n], frames of each.
-    :ivar values: float32[n, F, 10] in the order of `QUANTITIES`; NaN beyond an episode's length.
-    """
-
-    count: NDArray[np.int64]
-    lengths: NDArray[np.int64]
-    values: NDArray[np.float32]
-    pedestrian: NDArray[np.int64] | None = None  # [n], number within the episode; None: there is one in each
-
-    @property
-    def first(self) -> NDArray[np.int64]:
-        """Return which of them is the first pedestrian of each episode, int64[m]."""
-        return np.arange(len(self.count)) if self.pedestrian is None else np.flatnonzero(self.pedestrian == 0)
-
-    def __getitem__(self, name: str) -> NDArray[np.float32]:
-        """Return one quantity, float32[n, F]."""
-        return self.values[..., QUANTITIES.index(name)]
 
 
 class Dataset:
@@ -131,32 +106,21 @@ class Dataset:
         walk = px, py, pvx, pvy, curvttc, distance, np.zeros(px.shape, np.bool_)
         return Episode(str(self.folder), listed, self._roads.get(listed.group), self.period, *vehicle, *walk)
 
+    def holds_rejected(self, name: str) -> bool:
+        """Whether the dataset holds the rejected episodes of a scenario (`dataset.keep_rejected`)."""
+        return self._rejected_file(name).is_file()
+
+    def _rejected_file(self, name: str) -> Path:
+        return self.folder / REJECTED / f"{name}.parquet"
+
     def _rejected_parts(self, name: str) -> Iterator[tuple[Path, pl.DataFrame]]:
-        path = self.folder / REJECTED / f"{name}.parquet"
-        yield from ((path, part) for part in (file_rows(path) if path.is_file() else ()))
+        path = self._rejected_file(name)
+        yield from ((path, part) for part in (file_rows(path) if self.holds_rejected(name) else ()))
 
     def rows(self, name: str) -> pl.DataFrame:
         """Return all rows of one scenario, by its name."""
         parts = [part for _, part in self._parts(name)]
         return pl.concat(parts) if parts else pl.DataFrame(schema=_SCHEMA)
-
-    def episodes(self, name: str) -> Iterator[EpisodeArrays]:
-        """Yield the kept episodes of one scenario, a row group at a time (a CSV file in one piece).
-
-        :raises InvalidInput: a file is missing or does not hold what the description promises.
-        """
-        for path, part in self._parts(name):
-            if part.height:
-                yield _padded(part, path)
-
-    def rejected(self, name: str) -> Iterator[EpisodeArrays]:
-        """Yield the rejected episodes of one scenario, where the dataset keeps them (`dataset.keep_rejected`).
-
-        :raises InvalidInput: the file does not hold what it should.
-        """
-        for path, part in self._rejected_parts(name):
-            if part.height:
-                yield _padded(part, path)
 
     def _parts(self, name: str) -> Iterator[tuple[Path, pl.DataFrame]]:
         if name not in self.scenarios:
@@ -205,12 +169,3 @@ def _starts(rows: pl.DataFrame, path: Path) -> tuple[NDArray[np.int64], NDArray[
         row = int(np.argmax(frame != rows["frame"].to_numpy()))
         raise InvalidInput(f"{path}: frame {rows['frame'][row]} of episode {count[row]}: expected frame {frame[row]}")
     return count, starts, walker[starts] // NEXT_PEDESTRIAN
-
-
-def _padded(rows: pl.DataFrame, path: Path) -> EpisodeArrays:
-    count, starts, pedestrian = _starts(rows, path)
-    lengths = np.diff(np.append(starts, len(count)))
-    frame = np.arange(len(count)) - np.repeat(starts, lengths)
-    values = np.full((len(starts), int(lengths.max()), len(QUANTITIES)), np.nan, np.float32)
-    values[np.repeat(np.arange(len(starts)), lengths), frame] = rows.select(QUANTITIES).to_numpy()
-    return EpisodeArrays(count[starts], lengths, values, pedestrian)

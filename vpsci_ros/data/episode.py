@@ -4,7 +4,8 @@ Near-miss tables, datasets, bags and simulations are read into this one value (`
 whatever looks at episodes one by one takes it. Frames that nobody saw are NaN; `filled` closes them.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ RECORDED = "recorded"  # outcome of an interaction of real people, whose end nob
 YIELDED = ("nobody", "vehicle", "pedestrian", "both")  # by the codes of `Yielded`
 STANDING = 1e-3  # [m/s] below which a velocity has no direction
 _MOTION = ("x", "y", "heading", "speed", "curvature", "ped_x", "ped_y", "ped_vx", "ped_vy", "distance")
+BATCH = 512  # episodes that are classified at once
 _OF_PEDESTRIANS = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled")
 
 
@@ -173,6 +175,10 @@ class Episode:
         own: dict[str, Any] = {name: getattr(self, name)[i : i + 1] for name in _OF_PEDESTRIANS}
         return replace(self, **own)
 
+    def pairs(self) -> list["Episode"]:
+        """Return the vehicle with each of the pedestrians."""
+        return [self.pair(i) for i in range(self.pedestrians)]
+
     def filled(self) -> "Episode":
         """Return the episode with the last motion that was seen where nobody saw any; CurvTTC stays unknown."""
         motion: dict[str, Any] = {name: filled(getattr(self, name)) for name in _MOTION}
@@ -183,13 +189,22 @@ class Episode:
         return int(yields([self])[0])
 
 
-def yields(episodes: Sequence[Episode], rule: YieldRule | None = None) -> NDArray[np.uint8]:
+def batches(episodes: Iterable[Episode], size: int = BATCH) -> Iterator[list[Episode]]:
+    """Yield episodes `size` at a time, the last time what is left."""
+    left = iter(episodes)
+    while batch := list(itertools.islice(left, size)):
+        yield batch
+
+
+def yields(episodes: Iterable[Episode], rule: YieldRule | None = None) -> NDArray[np.uint8]:
     """Return who gave way in each episode, vehicle and most critical pedestrian, uint8[N], codes of `Yielded`.
 
     :param episodes: with vehicles of one size, at one period; frames that nobody saw count as the last one seen.
     """
-    if not episodes:
-        return np.zeros(0, np.uint8)
+    return np.concatenate([np.zeros(0, np.uint8), *(_yields(batch, rule) for batch in batches(episodes))])
+
+
+def _yields(episodes: Sequence[Episode], rule: YieldRule | None) -> NDArray[np.uint8]:
     first = episodes[0]
     pairs = [episode.pair().filled() for episode in episodes]
     vehicle = [[getattr(pair, name) for pair in pairs] for name in ("x", "y", "heading", "speed")]

@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.episode import yields
 from vpsci_ros.data.filters import REASONS
-from vpsci_ros.evaluation.yields import yields
 from vpsci_ros.safety.yielding import Yielded
 
 Quartiles = tuple[float, float, float]
@@ -24,7 +24,8 @@ class ScenarioSummary:
 
     :ivar collisions: of all simulated episodes, `kept_collisions` of the kept ones: what the filters hide.
     :ivar quartiles: of the least CurvTTC [s], NaN without a kept episode.
-    :ivar yielded: episodes in which the vehicle, the pedestrian, both, or nobody gave way.
+    :ivar yielded: episodes in which the vehicle, the pedestrian, both, or nobody gave way; of several
+        pedestrians the most critical one counts.
     """
 
     name: str
@@ -50,8 +51,7 @@ def summarise(folder: str | Path) -> list[ScenarioSummary]:
     kept = data.index().filter(pl.col("reason") == "kept")
     rows = []
     for name, counts in data.scenarios.items():
-        codes = [yields(part, data.period) for part in data.episodes(name)]
-        code = np.concatenate([np.zeros(0, np.uint8), *codes])
+        code = yields(data.read(scenario=name))
         least = kept.filter(pl.col("scenario") == counts["number"])["least_curvttc"].to_numpy()
         rows.append(
             ScenarioSummary(

@@ -11,11 +11,11 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_reader import Dataset, EpisodeArrays
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.episode import Episode
 from vpsci_ros.evaluation.realism.features import features, lent
 from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets
 from vpsci_ros.evaluation.realism.two_sample import REPETITIONS, two_sample
-from vpsci_ros.evaluation.yields import headings, seen
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
 
@@ -63,56 +63,41 @@ def free(table: pl.DataFrame, dataset: Dataset, episodes: int, seed: int) -> dic
 def as_near_misses(dataset: Dataset, episodes: int, seed: int) -> pl.DataFrame:
     """Return episodes of a dataset in the columns of a near-miss table that measures of realism read.
 
-    A scenario is a clip. Rejected episodes come first, if the dataset has them, and then the first of those kept; those
-    that never become critical are left out.
+    A scenario is a clip. Rejected episodes come first, if the dataset holds them, and then kept ones, drawn among all;
+    each pedestrian makes an interaction, and those that never become critical are left out.
     """
     share = max(1, episodes // max(1, len(dataset.scenarios)))
-    every = max(1, round(STEP / dataset.period))
-    parts, number = [], 0
+    parts: list[pl.DataFrame] = []
     for name in dataset.scenarios:
         left = share
-        for part in (*dataset.rejected(name), *dataset.episodes(name)):
-            rng = np.random.default_rng([seed, number])
-            rows = np.sort(rng.permutation(len(part.lengths))[:left])
-            for row in rows:
-                if (one := _episode(part, int(row), every, number, name)) is not None:
-                    parts.append(one)
-                    number += 1
-            left -= len(rows)
-            if left <= 0:
-                break
+        for rejected in (True, False):
+            if rejected and not dataset.holds_rejected(name):
+                continue
+            names = [one.name for one in dataset.listed(rejected=rejected) if one.group == name]
+            drawn = np.random.default_rng([seed, len(parts)]).permutation(len(names))[:left]
+            for episode in dataset.read({names[row] for row in drawn}, scenario=name, rejected=rejected):
+                for pair in episode.pairs():
+                    if (pair.known_curvttc[0, :: _every(pair)] < CRITICAL_TTC).any():
+                        parts.append(_near_miss(pair, len(parts)))
+            left -= len(drawn)
     return pl.concat(parts) if parts else pl.DataFrame(schema={"interaction": pl.Int64, "curvttc_causal": pl.Float64})
 
 
-def _episode(part: EpisodeArrays, row: int, every: int, number: int, name: str) -> pl.DataFrame | None:
-    length = part.lengths[row : row + 1]
-    column = {key: seen(part[key][row : row + 1], length)[0, : length[0] : every] for key in _COLUMNS}
-    ttc = np.nan_to_num(part["CurvTTC"][row, : length[0] : every].astype(np.float64), nan=np.inf, posinf=np.inf)
-    if not (ttc < CRITICAL_TTC).any():
-        return None
-    heading = headings(column["velocity_x_av"][None], column["velocity_y_av"][None])[0]
-    values = {short: column[key] for key, short in _COLUMNS.items()}
-    return pl.DataFrame(values).with_columns(
-        interaction=pl.lit(number, pl.Int64),
-        source=pl.lit("generated"),
-        clip=pl.lit(name),
-        veh_heading=pl.Series(np.unwrap(heading)),
-        veh_speed=(pl.col("veh_vx") ** 2 + pl.col("veh_vy") ** 2).sqrt(),
-        curvttc=pl.Series(ttc),
-        curvttc_causal=pl.Series(ttc),
+def _every(episode: Episode) -> int:
+    """Return how many frames make a step."""
+    return max(1, round(STEP / episode.period))
+
+
+def _near_miss(pair: Episode, number: int) -> pl.DataFrame:
+    """Return the rows of a pair, a row a step; frames that nobody saw have the motion seen last."""
+    seen, steps = pair.filled(), slice(None, None, _every(pair))
+    vehicle = {f"veh_{name}": getattr(seen, name)[steps] for name in ("x", "y", "vx", "vy", "heading", "speed")}
+    walk = {name: getattr(seen, name)[0, steps] for name in ("ped_x", "ped_y", "ped_vx", "ped_vy")}
+    ttc = pair.known_curvttc[0, steps]
+    known = {"interaction": number, "source": "generated", "clip": pair.group}
+    return pl.DataFrame({**vehicle, **walk, "curvttc": ttc, "curvttc_causal": ttc}).with_columns(
+        **{name: pl.lit(value, pl.Int64 if name == "interaction" else pl.String) for name, value in known.items()}
     )
-
-
-_COLUMNS = {
-    "position_x_av": "veh_x",
-    "position_y_av": "veh_y",
-    "velocity_x_av": "veh_vx",
-    "velocity_y_av": "veh_vy",
-    "position_x_ped": "ped_x",
-    "position_y_ped": "ped_y",
-    "velocity_x_ped": "ped_vx",
-    "velocity_y_ped": "ped_vy",
-}
 
 
 _MEASURED = ("onset_curvttc", "time_critical", "vehicle_acceleration", "vehicle_top_speed", "correlation")
