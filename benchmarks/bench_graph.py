@@ -1,4 +1,4 @@
-"""Speed of the graph of nodes: lock-step ticks per second by executor, transport and number of parallel episodes.
+"""Speed of the graph of nodes: lock-step ticks per second by transport and number of parallel episodes.
 
     python benchmarks/bench_graph.py [--ticks 2000] [--batches 1 1024] [--quick] [--weights FILE] [--json FILE]
 
@@ -17,9 +17,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from composed import composed
 from domain_coordinator import domain_id
 
-from vpsci_ros.nodes.composed import composed
 from vpsci_ros.nodes.graph import resolve, run_graph
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.weights import load_weights
@@ -37,17 +37,14 @@ RULES = {"vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"}
 POLICIES = ("vehicle_policy", "pedestrian_policy")
 
 
-def sections(batch: int, ticks: int, weights: str, *, acting: bool, recorder: bool, executor: str) -> Sections:
+def sections(batch: int, ticks: int, weights: str, *, acting: bool, recorder: bool) -> Sections:
     """Return parameters of a run of about `ticks` ticks."""
     scenarios = [1] if batch == 1 else [1, 2, 3, 4, 5, 6, 7, 8]
     episodes = max(1, batch * ticks // EPISODE_TICKS // len(scenarios))
     nodes = ["world_simulator", "safety_monitor", *POLICIES * acting, *["recorder"] * recorder]
-    chosen: dict[str, Any] = {node: {"executor": executor} for node in nodes}
-    chosen["world_simulator"] |= {"batch": batch, "episodes": episodes, "scenarios": scenarios}
-    chosen["world_simulator"] |= {} if acting else RULES
-    for policy in POLICIES * acting:
-        chosen[policy]["weights"] = weights
-    return Sections(chosen | {"graph": {"nodes": nodes}})
+    world = {"batch": batch, "episodes": episodes, "scenarios": scenarios} | ({} if acting else RULES)
+    chosen = {"graph": {"nodes": nodes}, "world_simulator": world}
+    return Sections(chosen | {policy: {"weights": weights} for policy in POLICIES * acting})
 
 
 def separate(chosen: Sections, folder: Path) -> float:
@@ -80,21 +77,19 @@ def runs(batches: list[int], *, quick: bool) -> list[dict[str, Any]]:
     """Return what to measure."""
     rows: list[dict[str, Any]] = []
     for batch in batches:
-        ways = [(executor, transport) for executor in ("events", "single") for transport in TRANSPORTS]
-        for executor, transport in ways[:1] if quick else ways:
-            rows += [{"how": "separate", "batch": batch, "executor": executor, "transport": transport}]
+        for transport in [*TRANSPORTS][: 1 if quick else None]:
+            rows += [{"how": "separate", "batch": batch, "transport": transport}]
         rows.append({"how": "separate", "batch": batch, "recorder": True})
-        rows += [{"how": "composed", "batch": batch, "executor": name} for name in ("events", "single")[: 2 - quick]]
-        rows.append({"how": "engine", "batch": batch})
+        rows += [{"how": how, "batch": batch} for how in ("composed", "engine")]
     for batch in sorted({1, *batches, 4096}):
         rows += [{"how": how, "batch": batch, "acting": False} for how in ("separate", "composed", "engine")]
-    defaults = {"executor": "events", "transport": "shared memory", "recorder": False, "acting": True}
+    defaults = {"transport": "shared memory", "recorder": False, "acting": True}
     return [defaults | row for row in rows]
 
 
 def measure(row: dict[str, Any], ticks: int, weights: str, folder: Path) -> float:
     """Return the ticks per second of one row."""
-    flags = {name: row[name] for name in ("acting", "recorder", "executor")}
+    flags = {name: row[name] for name in ("acting", "recorder")}
     # A batch of episodes ends within 200 ticks, the last few of them nearly alone, so larger batches run a few rounds.
     chosen = sections(row["batch"], ticks if row["batch"] == 1 else EPISODE_TICKS * 2, weights, **flags)
     os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = TRANSPORTS[row["transport"]]
@@ -116,7 +111,7 @@ def main() -> None:
     machine = f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores"
     print(f"{machine}; load {os.getloadavg()[0]:.1f}; {software_versions()}")
     print(
-        f"{'policies':>8} {'nodes':>9} {'executor':>8} {'transport':>13} {'recorder':>8} {'parallel':>8} {'ticks/s':>8}"
+        f"{'policies':>8} {'nodes':>9} {'transport':>13} {'recorder':>8} {'parallel':>8} {'ticks/s':>8}"
         f" {'episode-ticks/s':>15}"
     )
     rows = []
@@ -125,10 +120,10 @@ def main() -> None:
         for index, row in enumerate(runs(arguments.batches, quick=arguments.quick)):
             rate = measure(row, arguments.ticks, arguments.weights, Path(folder) / str(index))
             rows.append(row | {"ticks_per_second": rate, "episode_ticks_per_second": rate * row["batch"]})
-            through = ("", "", "") if row["how"] == "engine" else (row["executor"], row["transport"], row["recorder"])
+            transport, recorder = ("", "") if row["how"] == "engine" else (row["transport"], row["recorder"])
             print(
-                f"{'yes' if row['acting'] else 'no':>8} {row['how']:>9} {through[0]:>8} {through[1]:>13}"
-                f" {'yes' if through[2] else '':>8} {row['batch']:>8,} {rate:>8,.0f} {rate * row['batch']:>15,.0f}",
+                f"{'yes' if row['acting'] else 'no':>8} {row['how']:>9} {transport:>13}"
+                f" {'yes' if recorder else '':>8} {row['batch']:>8,} {rate:>8,.0f} {rate * row['batch']:>15,.0f}",
                 flush=True,
             )
     if arguments.json:

@@ -30,10 +30,10 @@ WAYS = {"composed": in_one_process, "separate": separate}
 
 def run(how: str, ticks: int, *, perceived: bool) -> tuple[float, float]:
     """Return ticks per second and CPU time [s] of one run in this process and its children."""
-    chosen = sections(1, ticks, "refined", acting=True, recorder=False, executor="events")
+    chosen = sections(1, ticks, "refined", acting=True, recorder=False)
     if perceived:
         nodes = [*chosen.values["graph"]["nodes"], "perception"]
-        chosen = Sections({**chosen.values, "graph": {"nodes": nodes}, "perception": {**ERRORS, "executor": "events"}})
+        chosen = Sections({**chosen.values, "graph": {"nodes": nodes}, "perception": ERRORS})
     with domain_id() as number, tempfile.TemporaryDirectory() as folder:
         os.environ["ROS_DOMAIN_ID"] = str(number)
         rate = WAYS[how](chosen, Path(folder) / "graph")

@@ -1,7 +1,6 @@
 """A bag becomes a dataset with a summary and a picture, and says how it was made."""
 
 import io
-import json
 from pathlib import Path
 
 import pytest
@@ -9,6 +8,7 @@ from rich.console import Console
 
 from vpsci_ros.bags import export
 from vpsci_ros.bags.export import export_bag, provenance_of
+from vpsci_ros.bags.run_record import NODE, node_record
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.writer import BagWriter
 from vpsci_ros.errors import InvalidInput
@@ -45,24 +45,20 @@ def test_an_exported_bag_is_a_dataset_with_table_and_picture(bag: Path, tmp_path
     assert row == ["too", "short", "1", "1"]
 
 
-def test_the_configuration_seed_and_weights_of_the_run_are_kept(bag: Path) -> None:
-    run = bag.parent
-    (run / "params.yaml").write_text("world_simulator:\n  ros__parameters: {seed: 7, batch: 2}\n")
-    (run / "run.json").write_text(json.dumps({"weights_sha256": {"w.safetensors": "abc"}}))
+def test_the_configuration_and_the_seed_of_a_run_are_taken_from_its_bag(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "bag", [])
+    writer.describe(NODE, node_record("world_simulator", {"seed": 7, "batch": 2}))
+    writer.describe(NODE, node_record("vehicle_policy", {"weights": "w"}, "abc"))
+    writer.close({})
+    found = provenance_of(tmp_path / "bag")
+    assert found["configuration"] == {"world_simulator": {"seed": 7, "batch": 2}, "vehicle_policy": {"weights": "w"}}
+    assert (found["seed"], found["weights"]) == (7, {"vehicle_policy": "abc"})
+
+
+def test_a_bag_of_another_tool_has_no_configuration(bag: Path) -> None:
     found = provenance_of(bag)
-    assert found["configuration"] == {"world_simulator": {"seed": 7, "batch": 2}}
-    assert (found["seed"], found["weights"]) == (7, {"w.safetensors": "abc"})
+    assert found["configuration"] is None
     assert found["bag"] == {"bag_0.mcap": sha256(bag / "bag_0.mcap")}
-
-
-def test_a_bag_alone_has_no_configuration(bag: Path) -> None:
-    assert provenance_of(bag)["configuration"] is None
-
-
-def test_a_damaged_record_of_the_run_is_named(bag: Path) -> None:
-    (bag.parent / "params.yaml").write_text("- 1\n")
-    with pytest.raises(InvalidInput, match=r"run: params\.yaml or run\.json is not as a run writes it"):
-        provenance_of(bag)
 
 
 def test_a_bag_in_which_nothing_ended_leaves_nothing_behind(

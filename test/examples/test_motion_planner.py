@@ -7,6 +7,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from composed import composed
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import PointCloud2
 
@@ -16,7 +17,6 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.exam.conduct import autopilot_met
 from vpsci_ros.exam.process import running
 from vpsci_ros.exam.run import prepare
-from vpsci_ros.nodes.composed import composed
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.resources import params_dir

@@ -4,8 +4,8 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from composed import composed
 
-from vpsci_ros.nodes.composed import composed
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.weights import load_weights

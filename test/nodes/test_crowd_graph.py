@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bags.collected import collected
+from composed import composed
 from rosbags.highlevel import AnyReader
 
 from vpsci_ros.bags.episodes import bag_episodes
@@ -16,7 +17,6 @@ from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.episodes import read_episodes
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.nodes.composed import composed
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.runs.sections import Sections
 

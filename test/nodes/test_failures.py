@@ -52,11 +52,11 @@ def test_answers_of_an_agent_that_is_no_node_of_the_graph_may_be_missing() -> No
         ({"safety_answers_missing": 1}, "1 answers of safety_monitor are missing"),
         (
             {"vehicle_answers_contradicted": 4},
-            "4 answers contradict those of vehicle_policy: somebody else answered, too",
+            "4 answers contradict those of vehicle_policy: another program answered, too",
         ),
         (
             {"safety_answers_early": 2},
-            "2 answers for safety_monitor came before their tick: somebody else published, too",
+            "2 answers for safety_monitor came before their tick: another program published, too",
         ),
     ],
 )
@@ -73,10 +73,10 @@ def test_messages_that_came_and_were_not_written_are_said() -> None:
     ("held", "said"),
     [
         ({"world_state": 200}, "the bag holds 200 of 201 messages on /world/state"),
-        ({"world_state": 208}, "7 messages on /world/state are not the graph's: somebody else published, too"),
+        ({"world_state": 208}, "7 messages on /world/state are not the graph's: another program published, too"),
         (
             {"diagnostics": 9},
-            "6 messages on /diagnostics are not the graph's: somebody else published, too (/forger on /diagnostics)",
+            "6 messages on /diagnostics are not the graph's: another program published, too (/forger on /diagnostics)",
         ),
         ({"markers": 1000}, ""),  # on which anybody may draw
     ],

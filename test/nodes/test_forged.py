@@ -76,5 +76,5 @@ def test_a_stranger_who_drives_the_car_and_forges_the_worlds_diagnostics_is_name
         result = run_graph(Sections(chosen), tmp_path / "run", quiet=True)
     assert forger.reports > 10
     assert "a second publisher: /forger on /vehicle/action" in result.error
-    assert "answers contradict those of vehicle_policy: somebody else answered, too" in result.error
-    assert "are not the graph's: somebody else published, too (/forger on /diagnostics" in result.error
+    assert "answers contradict those of vehicle_policy: another program answered, too" in result.error
+    assert "are not the graph's: another program published, too (/forger on /diagnostics" in result.error

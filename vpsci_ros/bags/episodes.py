@@ -38,7 +38,7 @@ class BagEpisode:
     :ivar scenario, episode: its number, and that within the scenario.
     :ivar slot: its index in the arrays of the messages, of several pedestrians the first one's.
     :ivar start_tick, end_tick, start_time, end_time: first and last tick, and their times in the bag [ns].
-    :ivar outcome: "collision", "goal" or "timeout"; "none" where the bag does not tell.
+    :ivar outcome: "collision", "goal" or "timeout"; "none" where the bag does not say.
     :ivar least_curvttc: [s], of several pedestrians the least one.
     :ivar first_file, file: where it begins and where it ends; empty where no record says so.
     """
@@ -110,7 +110,7 @@ class EpisodeLog:
         after the other in the message.
         """
         ended: list[BagEpisode] = []
-        begins = None  # the episode whose beginning was told of last
+        begins = None  # the episode of the latest event of a beginning
         for event in events:
             key = event.scenario, event.episode
             if event.kind == STARTED and key != begins:

@@ -19,7 +19,6 @@ from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.data.gathered import NO_SCENARIO, group_of
-from vpsci_ros.documents import read_json, read_yaml, reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.panels import typical_episodes
 from vpsci_ros.report.summary import print_rejections, print_summary, summarise
@@ -115,31 +114,12 @@ def report(folder: str | Path, console: Console) -> None:
 def provenance_of(bag: Path, *, recover: bool = False) -> dict[str, Any]:
     """Return what is known of how a bag was made: its files' hashes, and the run's configuration.
 
-    That is in the bag; of an early one, and of another tool's, it is taken from the run's files beside it.
-
-    :raises InvalidInput: params.yaml or run.json of the run is not readable.
+    :raises InvalidInput: see `vpsci_ros.bags.run_record.bag_run`.
     """
     run = bag_run(Bag(bag, recover=recover))
-    found: dict[str, Any] = {
+    return {
         "bag": {path.name: sha256(path) for path in bag_files(bag)},
         "configuration": run.parameters or None,
         "seed": run.parameters.get("world_simulator", {}).get("seed"),
         "weights": run.weights or None,
     } | ({"own_scenarios": run.own_scenarios} if run.own_scenarios else {})
-    parameters, record = bag.resolve().parent / "params.yaml", bag.resolve().parent / "run.json"
-    if run.parameters:
-        return found
-    try:
-        if parameters.is_file():
-            sections = read_yaml(parameters)
-            found["configuration"] = {
-                name.removeprefix("/**/"): section["ros__parameters"] for name, section in sections.items()
-            }
-            found["seed"] = found["configuration"].get("world_simulator", {}).get("seed")
-        if record.is_file():
-            found["weights"] = read_json(record).get("weights_sha256")
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InvalidInput(
-            f"{bag.parent}: params.yaml or run.json is not as a run writes it: {reason(error)}"
-        ) from None
-    return found

@@ -46,7 +46,7 @@ class McapFile:
 
     :param strict: refuse a file that is not complete and whole, instead of noting what is wrong with it.
     :ivar damage: what was found wrong while reading, one sentence each.
-    :ivar records: the named text records that were met by `messages`, each with its name.
+    :ivar records: the named text records that `messages` found, each with its name.
     """
 
     def __init__(self, path: Path, *, strict: bool) -> None:

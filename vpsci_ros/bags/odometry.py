@@ -2,7 +2,7 @@
 
 Messages of equal header stamps belong together; where the stamps of the two never agree, the pedestrian's message
 nearest in time is taken. There is no telling where an episode began or how it ended, so a new one is taken to begin
-where the stamps make a gap or either of them a jump, and its outcome is unknown. CurvTTC is computed anew, with the
+where the stamps make a gap or either of them a jump, and its outcome is unknown. CurvTTC is computed again, with the
 sizes that the safety monitor has by default.
 """
 

@@ -82,7 +82,7 @@ def bag_files(path: str | Path) -> list[Path]:
     if len(kinds := Counter(file.suffix for file in files)) > 1:
         raise InvalidInput(f"{path}: expected one kind of file, got {' and '.join(kinds)}; this is more than one bag")
     if str(_information(path).get("compression_mode", "")).lower() == "message":
-        raise InvalidInput(f"{path}: each message is compressed; write it anew with `ros2 bag convert` and try again")
+        raise InvalidInput(f"{path}: each message is compressed; write it again with `ros2 bag convert` and try again")
     return sorted(files, key=_number)
 
 

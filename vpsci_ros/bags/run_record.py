@@ -1,7 +1,7 @@
 """How a bag was made: parameters of the nodes, hashes of weights and scenarios, versions; text records in the bag.
 
 `vpsci_node` (a node's name, its parameters as JSON, the SHA-256 of its weights file), `vpsci_weights` (version and
-SHA-256 of weights that a learner handed out), `vpsci_software` (versions, kind of CPU, SHA-256 of scenario files), and
+SHA-256 of weights that a learner published), `vpsci_software` (versions, kind of CPU, SHA-256 of scenario files), and
 `vpsci_ros` at the end of each file (messages seen and written).
 """
 
@@ -29,7 +29,7 @@ class BagRun:
 
     :ivar parameters: node -> its parameters.
     :ivar weights: node -> SHA-256 of its weights file, empty where the recorder could not read it.
-    :ivar refreshes: of weights that a learner handed out: their version and SHA-256.
+    :ivar refreshes: of weights that a learner published: their version and SHA-256.
     :ivar software: package -> version, and "cpu".
     :ivar scenario_files: name -> SHA-256.
     :ivar own_scenarios: name -> what a scenario is made from that is not the package's own.

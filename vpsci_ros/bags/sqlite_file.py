@@ -74,5 +74,5 @@ class SqliteFile:
             except sqlite3.Error as error:
                 text = f"{self.path}: not a whole sqlite3 bag file ({error})"
                 if quiet or self.strict or "no such table" in str(error) or "not a database" in str(error):
-                    raise InvalidInput(f"{text}; copy it anew, or read what is whole with --recover") from None
+                    raise InvalidInput(f"{text}; copy it again, or read what is whole with --recover") from None
                 self.damage.append(f"it is damaged ({error})")

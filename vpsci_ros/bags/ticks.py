@@ -9,7 +9,6 @@ import numpy as np
 from vpsci_ros.bags.odometry import ODOMETRY, odometry_ticks
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.tick import RecordedTick
-from vpsci_ros.bags.topic_info import TopicInfo
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import received
 from vpsci_ros.wire.decoder import Decoder
@@ -23,7 +22,7 @@ def read_bag(
 ) -> Iterator[RecordedTick]:
     """Yield every tick of a bag in order.
 
-    A bag without the world's states gives what its odometry tells: see `vpsci_ros.bags.odometry`.
+    A bag without the world's states gives what its odometry says: see `vpsci_ros.bags.odometry`.
 
     :param recover: read what is whole of a bag that was not closed or is damaged, instead of refusing it.
     :param start, stop: log times [ns] of the first and the last tick wanted.
@@ -61,16 +60,13 @@ def what_is_missing(bag: Bag) -> str:
     topics = bag.topics()
     if not topics:
         return f"the bag holds no message of {WORLD}; nothing was recorded"
-    if topics.get(WORLD) is not None:
-        return f"the bag holds no message of {WORLD}" + ("; nothing was recorded" if not _count(topics) else "")
+    if WORLD in topics:
+        recorded = any(topic.messages for topic in topics.values())
+        return f"the bag holds no message of {WORLD}" + ("" if recorded else "; nothing was recorded")
     return (
         f"no message of {WORLD}, so this is no bag of a vpsci graph, and without both {' and '.join(ODOMETRY)} it is "
         f"none of a drive past a pedestrian either; it has {', '.join(topics)}"
     )
-
-
-def _count(topics: dict[str, TopicInfo]) -> int:
-    return sum(topic.messages for topic in topics.values())
 
 
 def _messages(bag: Bag, start: int, stop: int) -> Iterator[tuple[str, Any, int]]:

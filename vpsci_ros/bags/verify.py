@@ -221,7 +221,7 @@ def _compare(where: str, message: Any, simulated: Fields, result: VerifiedBag) -
     for name, values in simulated.items():
         recorded = getattr(message, name)
         if values is None:
-            return f"{where}: the policy answered, though nobody requests it when simulated again"
+            return f"{where}: the policy answered, but not when simulated again"
         again = np.ascontiguousarray(values).astype(recorded.dtype)
         result.values += len(again)
         if len(again) != len(recorded):

@@ -19,14 +19,8 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.runs.files import require_empty_folder, written_whole
 
 RUN = "vpsci_ros"  # name of the record with which every file ends
-TOTALS = (
-    "messages_seen",
-    "messages_written",
-    "messages_refused",
-    "seen",
-    "written",
-    "refused",
-)  # its keys about numbers of messages
+COUNTS = {"seen": "seen", "written": "messages", "refused": "refused"}  # its keys by topic -> fields of `BagTopic`
+TOTALS = (*COUNTS, *(f"messages_{name}" for name in COUNTS))  # its keys about numbers of messages
 CHUNK_SIZE = 64 * 1024  # [bytes] before compression: a killed recorder or a damaged byte costs no more than that
 BAG_VERSION = 9  # of rosbag2's metadata.yaml, the one that ROS 2 Jazzy writes
 
@@ -35,7 +29,7 @@ BAG_VERSION = 9  # of rosbag2's metadata.yaml, the one that ROS 2 Jazzy writes
 class BagTopic:
     """One topic of a bag: its type ("vpsci_msgs/msg/WorldState"), definition, hash, and QoS as rosbag2 writes it.
 
-    `seen` counts the messages that came, `messages` those that were written, `refused` those that nobody could read.
+    `seen` counts the messages that came, `messages` those that were written, `refused` those that could not be read.
     """
 
     name: str
@@ -122,7 +116,7 @@ class BagWriter:
         self.files[-1].count(log_time)
 
     def refuse(self, topic: str) -> None:
-        """Count a message that came and is not written, since nobody could read it."""
+        """Count a message that came and is not written, since it cannot be read."""
         self.topics[topic].seen += 1
         self.topics[topic].refused += 1
 
@@ -184,10 +178,8 @@ class BagWriter:
     def _totals(self) -> dict[str, str]:
         """Messages that came, were written and, if any, refused, over all files so far, together and by topic."""
         rows = self.topics.values()
-        counts = {"seen": "seen", "written": "messages"} | (
-            {"refused": "refused"} if any(t.refused for t in rows) else {}
-        )
-        by_topic = {name: {topic.name: getattr(topic, count) for topic in rows} for name, count in counts.items()}
+        counted = {name: {topic.name: getattr(topic, field) for topic in rows} for name, field in COUNTS.items()}
+        by_topic = {name: count for name, count in counted.items() if name != "refused" or any(count.values())}
         together = {f"messages_{name}": str(sum(count.values())) for name, count in by_topic.items()}
         return together | {name: json.dumps(count) for name, count in by_topic.items()}
 

@@ -26,7 +26,7 @@ from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.signature import is_signed
 from vpsci_ros.world.tick import Actions, Tick
 
-SILENCE = 0.5  # [s] without a message before the world is requested for one that was missed
+SILENCE = 0.5  # [s] without a message before the missed ones are requested from the world
 REPLY_PATIENCE = 1.0  # [s] for the world's reply, before the next request
 FOREIGN_PATIENCE = 0.2  # [s] for the service of another program's world, which may not offer it; ours does
 OWN_PATIENCE = 3.0  # [s]
@@ -102,7 +102,7 @@ class AgentPolicy(GraphNode):
             self.intake.read("/world/state", _require_same, self._world.tick, world.tick)  # the first stands
             return
         if restarted:
-            self._known = min(self._known, number - 1)  # another world, or what was known was a stranger's
+            self._known = min(self._known, number - 1)  # another world, or what was known came from another program
         self._world = world
         self._meter.tick(number)
         self._answer()
@@ -197,7 +197,7 @@ class AgentPolicy(GraphNode):
             return  # an earlier one, given up
         self._reply = None
         if response.running and response.tick < self._known and self._received_at < self._requested_at:
-            self._known = response.tick - 1  # nothing came since the request: what was known was a stranger's
+            self._known = response.tick - 1  # nothing came since the request: what was known came from another program
         self._received_at = time.perf_counter()
         self._caught_up = True
         for state, safety in zip(response.states, response.safeties, strict=True):

@@ -3,7 +3,6 @@
 import sys
 import time
 from collections.abc import Callable
-from copy import copy
 from functools import partial
 from typing import Any, TypeVar
 
@@ -13,14 +12,10 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
-from rclpy.qos import QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
-from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from vpsci_ros.errors import InvalidInput, VpsciError
@@ -38,8 +33,8 @@ from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 from vpsci_ros.world.counts import WorldCounts
 
 T = TypeVar("T")
-EXECUTORS: dict[str, Any] = {"events": EventsExecutor, "single": SingleThreadedExecutor}
 FLUSH_LIMIT = 4.0  # [s] for the recorder to receive a topic's last messages
+DRAIN_QUIET = 0.3  # [s] without a message: nothing is on its way any more
 DRAIN_LIMIT = 20.0  # [s] to receive what is still on its way when a node is to stop
 DIAGNOSTICS_PERIOD = 1.0  # [s] of wall time
 _SET_BY_ROS = ("use_sim_time", "start_type_description_service")
@@ -66,11 +61,12 @@ class GraphNode(Node, metaclass=_Destroying):
     """A node of the graph; its section of `vpsci_ros.nodes.config.SECTIONS` says which parameters it has.
 
     :param context: a private context, or None for the global one.
-    :param parameter_overrides: as in `rclpy.node.Node`, for tests and graphs composed in one process.
+    :param parameter_overrides: as in `rclpy.node.Node`, for graphs in one process.
     :raises InvalidInput: a parameter is unknown, of the wrong type or out of range.
     """
 
     essential_peers: tuple[str, ...] = ("world_simulator",)
+    drains = False  # whether a node that is to stop first receives what is on its way to it
     in_the_graph = False  # from when there is something to destroy
     counts: WorldCounts | None = None  # of the world simulator, in its reports
 
@@ -97,6 +93,7 @@ class GraphNode(Node, metaclass=_Destroying):
         self.add_on_set_parameters_callback(self._check_parameters)  # both would be called at every declaration
         self.add_post_set_parameters_callback(self._take_up_parameters)
         self.intake = Intake(self)
+        self.input = self.intake.add
         self.diagnostics = self.output("/diagnostics")
         self.wall_timer(DIAGNOSTICS_PERIOD, self._report_and_look_for_peers)
 
@@ -109,40 +106,12 @@ class GraphNode(Node, metaclass=_Destroying):
 
     def output(self, topic: str) -> Output:
         """Return an output for a topic of the table."""
-        row = TOPICS[topic]
-        publisher = self.create_publisher(row.type, row.ros_name, copy(row.qos), qos_overriding_options=_overriding())
-        expected = listeners(topic, self.peers)
-        made = Output(self, topic, publisher, expected, self.peer_timeout, self._is_stopping)
+        made = Output(self, topic, listeners(topic, self.peers), self.peer_timeout, self._is_stopping)
         self._offered.append(made)
         return made
 
     def _is_stopping(self) -> bool:
         return self.stop.is_set()
-
-    def input(
-        self,
-        topic: str,
-        decode: Callable[[Any], T],
-        handle: Callable[[T], None],
-        qos: QoSProfile | None = None,
-        *,
-        raw: bool = False,
-    ) -> Subscription:
-        """Subscribe to a topic of the table.
-
-        :param decode: called with each message, or its bytes where `raw`; refuses one by `InvalidInput`, and the
-            refusal is counted and logged.
-        :param handle: called with what `decode` returned.
-        """
-        row = TOPICS[topic]
-        return self.intake.add(
-            topic,
-            decode,
-            handle,
-            lambda receive: self.create_subscription(
-                row.type, row.ros_name, receive, copy(qos or row.qos), raw=raw, qos_overriding_options=_overriding()
-            ),
-        )
 
     def serve(self, name: str, callback: Callable[[Any, Any], Any]) -> None:
         """Offer a service of the table."""
@@ -216,8 +185,8 @@ class GraphNode(Node, metaclass=_Destroying):
 
     @property
     def quiet(self) -> bool:
-        """Whether a node that is to stop may do so; False as long as messages are on their way to it."""
-        return True
+        """Whether a node that is to stop may do so; False as long as messages are on their way to one that `drains`."""
+        return not self.drains or time.perf_counter() - self.intake.arrived > DRAIN_QUIET
 
     def close(self) -> None:
         """Finish what the node has begun; called once on every way out, while publishing still works."""
@@ -287,7 +256,7 @@ def _run(node_class: Callable[..., GraphNode], context: Context, stop: StopReque
         print(f"error: {error}", file=sys.stderr)
         return 2
     node.stop = stop
-    executor = EXECUTORS[node.config(PeerConfig).executor](context=context)
+    executor = EventsExecutor(context=context)
     executor.add_node(node)
     status = 1
     try:
@@ -304,7 +273,7 @@ def _run(node_class: Callable[..., GraphNode], context: Context, stop: StopReque
     return status
 
 
-def _spin(node: GraphNode, executor: Any) -> None:
+def _spin(node: GraphNode, executor: EventsExecutor) -> None:
     while not node.stop.is_set() and not node.finished:
         executor.spin_once(timeout_sec=0.1)  # in these wheels EventsExecutor.spin() runs no callback
     deadline = time.monotonic() + DRAIN_LIMIT
@@ -341,11 +310,3 @@ def _descriptor(row: Parameter) -> ParameterDescriptor:
 
 def _is_sequence(value: Any) -> bool:
     return not isinstance(value, str) and hasattr(value, "__len__")
-
-
-def _overriding() -> QoSOverridingOptions:
-    """Return what declares `qos_overrides.TOPIC.(publisher|subscription).(history|depth|reliability)` as parameters.
-
-    rclpy writes what they say into the profile that it is given, so that has to be a copy.
-    """
-    return QoSOverridingOptions.with_default_policies()

@@ -38,7 +38,7 @@ class GraphConfig:
     )
     pause_timeout: float = parameter(
         3600.0,
-        "a world that somebody paused may stand still so long, then the run is stopped with an error",
+        "a world that a service call paused may stand still so long, then the run is stopped with an error",
         unit="s",
         low=1.0,
         high=604800.0,
@@ -59,14 +59,11 @@ class GraphConfig:
 
 @dataclass(frozen=True)
 class PeerConfig:
-    """What every node has: the peers it waits for before it publishes, and what runs its callbacks."""
+    """What every node has: the peers it waits for before it publishes."""
 
     peers: list[str] = parameter([], "nodes of this graph; empty: only those without which this node cannot work")
     peer_timeout: float = parameter(
         60.0, "wait so long for peers to appear before giving up", unit="s", low=0.1, high=86400.0
-    )
-    executor: str = parameter(
-        "events", "rclpy's executor: events, or the slower single-threaded one", choices=("events", "single")
     )
 
 

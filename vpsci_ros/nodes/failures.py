@@ -128,9 +128,9 @@ def incomplete(
         if node in nodes and faults.missing:
             found.append(f"{faults.missing} answers of {node} are missing")
         if faults.contradicted:
-            found.append(f"{faults.contradicted} answers contradict those of {node}: somebody else answered, too")
+            found.append(f"{faults.contradicted} answers contradict those of {node}: another program answered, too")
         if faults.early:
-            found.append(f"{faults.early} answers for {node} came before their tick: somebody else published, too")
+            found.append(f"{faults.early} answers for {node} came before their tick: another program published, too")
     second = sorted({each for status in statuses.values() for each in status.second_publishers})
     found += [f"a second publisher: {each}" for each in second if not _is_excused(each, restarted)]
     return found + (list(_not_recorded(statuses, recorded, restarted)) if recorded else [])
@@ -162,4 +162,4 @@ def _not_recorded(
             others = {each for status in statuses.values() for each in status.sharing if each.endswith(topic)}
             who = f" ({', '.join(sorted(others))})" if others else ""
             extra = held - published[topic]
-            yield f"{extra} messages on {topic} are not the graph's: somebody else published, too{who}"
+            yield f"{extra} messages on {topic} are not the graph's: another program published, too{who}"

@@ -21,7 +21,7 @@ from vpsci_ros.world.tick import Assessment, Tick
 
 
 class _Frame(NamedTuple):
-    """A policy frame of the episodes in which somebody acted at it."""
+    """A policy frame, with the episodes in which a policy acted at it."""
 
     tick: int  # its number
     slots: NDArray[np.int64]  # [n]
@@ -81,5 +81,5 @@ class FrameHistory:
         policy_frame[slots] = frame.state[same]["status"] == RUNNING
         message = convert.world_state_message(state, policy_frame, frame.tick, self._period)
         header = Header(stamp=message.header.stamp, frame_id=MAP)
-        distance = np.zeros(self._rows)  # no policy looks at it
+        distance = np.zeros(self._rows)  # no policy reads it
         return message, convert.safety_message(header, frame.tick, curvttc, distance, critical)

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from vpsci_ros.errors import InvalidInput
@@ -41,11 +42,21 @@ class Intake:
         topic: str,
         decode: Callable[[Any], T],
         handle: Callable[[T], None],
-        subscribe: Callable[[Callable[[Any], None]], Subscription],
+        qos: QoSProfile | None = None,
+        *,
+        raw: bool = False,
     ) -> Subscription:
-        """Subscribe to a topic: `handle` gets what `decode` makes of each message that it does not refuse."""
-        self._receivers[topic] = decode, handle
-        self._inputs[topic] = subscribe(partial(self.receive, topic))
+        """Subscribe to a topic of the table.
+
+        :param decode: called with each message, or its bytes where `raw`; refuses one by `InvalidInput`, and the
+            refusal is counted and logged.
+        :param handle: called with what `decode` returned.
+        """
+        row, self._receivers[topic] = TOPICS[topic], (decode, handle)
+        receive = partial(self.receive, topic)
+        self._inputs[topic] = self._node.create_subscription(
+            row.type, row.ros_name, receive, raw=raw, **row.quality(qos)
+        )
         return self._inputs[topic]
 
     def receive(self, topic: str, message: Any) -> None:

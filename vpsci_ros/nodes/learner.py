@@ -27,11 +27,12 @@ from vpsci_ros.wire import layout
 from vpsci_ros.wire.signature import signature
 
 REPORT_PERIOD = 0.5  # [s] between diagnostics
-DRAIN_QUIET = 0.3  # [s]
 
 
 class Learner(GraphNode):
     """Stage 1: near misses in, weights out, then finished. Stage 2: `/replay` in, `/policy/weights` out."""
+
+    drains = True
 
     def __init__(self, **given: Any) -> None:
         super().__init__("learner", **given)
@@ -41,7 +42,6 @@ class Learner(GraphNode):
         self._figures: dict[str, Any] = {}
         self._reported = 0.0
         self._preparations = 0  # of stage 1, before its first iteration
-        self._last_receipt = time.monotonic()
         self._refiner: Refiner | None = None
         self._whole, self._announced = True, False
         if self._config.stage == "pretrain":
@@ -113,7 +113,6 @@ class Learner(GraphNode):
         self._publish_weights(refiner)
 
     def _transitions(self, message: Transition) -> NDArray[np.void]:
-        self._last_receipt = time.monotonic()
         self.simulated_time = message.header.stamp
         return layout.transitions(message)
 
@@ -123,7 +122,7 @@ class Learner(GraphNode):
         if (now := refiner.assembler.refused) > refused:
             self.get_logger().warning(
                 f"refused {now - refused} transitions, {now} so far: expected finite numbers"
-                f" and a CurvTTC that is not negative; does somebody else publish {self.full_name('/replay')}?",
+                f" and a CurvTTC that is not negative; does another program publish {self.full_name('/replay')}?",
                 throttle_duration_sec=5.0,
             )
         while refiner.due and not refiner.finished and not self.stop.is_set():
@@ -160,11 +159,6 @@ class Learner(GraphNode):
             if not self._refiner:  # stage 1 knows no simulated time
                 self.simulated_time = self.get_clock().now().to_msg()
             self.report(wait=last)
-
-    @property
-    def quiet(self) -> bool:
-        """Whether no experience is on its way any more."""
-        return self._refiner is None or time.monotonic() - self._last_receipt > DRAIN_QUIET
 
     def close(self) -> None:
         """Write the last of the log and, unless an update failed, the refined weights."""

@@ -7,7 +7,7 @@ LARGEST_GAP = 100_000  # ticks
 
 
 class Meter:
-    """Counts answers, how long each took, and the ticks of the world that never came.
+    """Counts answers, how long each took, and the ticks of the world that it did not receive.
 
     These are figures of the machine by the wall clock, not of the episodes, and differ from run to run.
     """
@@ -22,7 +22,7 @@ class Meter:
     def tick(self, tick: int) -> None:
         """Take note of a tick of the world, so that gaps between ticks are counted as missed.
 
-        A gap of more than `LARGEST_GAP` is none: it is the tick of another world, or nobody's.
+        A gap of more than `LARGEST_GAP` is not counted: the tick is another world's, or forged.
         """
         if self._tick >= 0 and 0 < tick - self._tick - 1 <= LARGEST_GAP:
             self.missed += tick - self._tick - 1

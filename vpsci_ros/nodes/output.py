@@ -6,9 +6,9 @@ from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 
 from vpsci_ros.errors import VpsciError
+from vpsci_ros.nodes.topics import TOPICS
 
 STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
 
@@ -18,6 +18,7 @@ class Output:
 
     It also waits a moment for other readers that the middleware has announced already.
 
+    :param topic: of the table.
     :param expected: nodes that are to read it.
     :param timeout: how long to wait for them [s].
     :param stopping: returns whether the node is to stop, and waits no more.
@@ -28,7 +29,6 @@ class Output:
         self,
         node: Node,
         topic: str,
-        publisher: Publisher,
         expected: list[str],
         timeout: float,
         stopping: Callable[[], bool],
@@ -36,7 +36,8 @@ class Output:
         self.topic = topic
         self.expected = expected
         self._node = node
-        self._publisher = publisher
+        row = TOPICS[topic]
+        self._publisher = node.create_publisher(row.type, row.ros_name, **row.quality())
         self._timeout = timeout
         self._stopping = stopping
         self._ready = False
@@ -66,12 +67,12 @@ class Output:
         """
         self._waiting_since = self._waiting_since or time.monotonic()
         if not self.matched and time.monotonic() - self._waiting_since > self._timeout:
-            raise self._nobody()
+            raise self._no_reader()
         return self.matched
 
     @property
     def has_readers(self) -> bool:
-        """Whether anybody listens, so that a view of the world is made for somebody."""
+        """Whether there is a reader; views of the world are made only for one."""
         return bool(self._publisher.get_subscription_count())
 
     def publish(self, message: Any) -> None:
@@ -101,14 +102,14 @@ class Output:
             if self.matched and now - begun > STRANGER_PATIENCE:
                 break
             if now - begun > self._timeout:
-                raise self._nobody()
+                raise self._no_reader()
             if now - last_notice > 5.0:
                 self._node.get_logger().info(f"waiting for {' and '.join(self.expected)} on {self.full_name}")
                 last_notice = now
             time.sleep(0.005)
         self._ready = True
 
-    def _nobody(self) -> VpsciError:
+    def _no_reader(self) -> VpsciError:
         return VpsciError(
             f"{self._node.get_name()}: waited {self._timeout:g} s for {' and '.join(self.expected)} to subscribe"
             f" to {self.full_name}; start them, or name only running nodes in the parameter 'peers'"

@@ -1,7 +1,7 @@
-"""The services by which anybody sets a node's parameters: what cannot be one is refused, and the node goes on.
+"""The services that set a node's parameters: a request that names no parameter of it, or no value, is refused.
 
-rclpy's own raise where a value is of a type that there is not or a parameter has no value at all, and with that end
-the node; and they take whatever has no name.
+rclpy's own services raise an error on an unknown type or a missing value, which ends the node, and accept a parameter
+without a name.
 """
 
 from collections.abc import Sequence

@@ -29,7 +29,6 @@ from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Actions
 
 _ACTIONS = {f"/{agent}/action": agent for agent in AGENTS}
-DRAIN_QUIET = 0.3  # [s] without a message: nothing is on its way any more
 
 
 class Recorder(GraphNode):
@@ -39,6 +38,8 @@ class Recorder(GraphNode):
     same for the same seed; publish times are the wall times of receipt. Beside the messages the bag gets the
     parameters of the other nodes, which it requests, and a record of each episode.
     """
+
+    drains = True
 
     def __init__(self, **given: Any) -> None:
         super().__init__("recorder", **given)
@@ -60,7 +61,7 @@ class Recorder(GraphNode):
         self._untimed = explicit and "world_simulator" not in self.peers  # stage 1: diagnostics alone, in wall time
         if self._untimed:
             self.simulated_time = self.get_clock().now().to_msg()
-        self._last_receipt = self._begun = time.monotonic()
+        self._begun = time.monotonic()
         serialized.warm_up()
         others = [name for name in (self.peers if explicit else NODES) if name not in ("recorder", "replayer")]
         self._peer_parameters = PeerParameters(self, others, self._on_parameters)
@@ -87,7 +88,6 @@ class Recorder(GraphNode):
         self._waiting = []
 
     def _on_message(self, topic: str, data: bytes) -> None:
-        self._last_receipt = time.monotonic()
         if TOPICS[topic].shared:
             shared = self.intake.read(topic, message_of, data, TOPICS[topic].type, topic)
             if shared is None or not is_own(shared, self.frame_prefix):
@@ -147,11 +147,6 @@ class Recorder(GraphNode):
             "episodes": self._recorded_episodes + len(self._ended),
             "files": len(self._bag.files),
         }
-
-    @property
-    def quiet(self) -> bool:
-        """Whether nothing has come for a while, so that the bag can be closed without cutting anything off."""
-        return time.monotonic() - self._last_receipt > DRAIN_QUIET
 
     def close(self) -> None:
         """Complete the bag."""

@@ -1,4 +1,4 @@
-"""Those who answer the world's ticks: their messages, submitted to the lock-step, and which of them are missing yet."""
+"""The nodes that answer the world's ticks: their messages, submitted to the lock-step, and which are still missing."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -46,11 +46,11 @@ class Respondents:
             lock_step.external.present = self.commanded
 
     def commanded(self) -> bool:
-        """Return whether anybody offers commands to the vehicle."""
+        """Return whether any program publishes commands to the vehicle."""
         return any(given.get_publisher_count() for given in self._commands)
 
     def absent(self) -> set[str]:
-        """Return those whose answers the world needs and who do not publish any yet."""
+        """Return the nodes whose answers the world needs and that do not publish yet."""
         absent = {name for name, given in self._inputs.items() if not given.get_publisher_count()}
         return absent | ({"an external driving system"} if self._commands and not self.commanded() else set())
 
@@ -130,9 +130,9 @@ def vehicle_frames(prefix: str) -> tuple[str, ...]:
 
 
 def command_stamp(header: Header) -> int | None:
-    """Return which simulated time [ns] a command answers; None for the present, where nobody has set a stamp.
+    """Return which simulated time [ns] a command answers; None for the present tick, where no stamp was set.
 
-    A header of tick 0 has the stamp 0, too: its frame `map` distinguishes it from a header that nobody has filled in.
+    A header of tick 0 has the stamp 0, too: its frame `map` distinguishes it from an empty header.
     """
     stamp = int(Time.from_msg(header.stamp).nanoseconds)
     return None if stamp == 0 and header.frame_id != MAP else stamp

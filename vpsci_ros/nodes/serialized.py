@@ -20,7 +20,7 @@ from vpsci_ros.world.tick import Tick
 
 
 class Shown(NamedTuple):
-    """The world as a node is shown it, and the header that the answers to it bear."""
+    """The world as a message shows it, and the header for the answers to it."""
 
     header: WireHeader
     tick: Tick
@@ -43,7 +43,7 @@ def shown(message: WorldState | bytes, where: str = WORLD) -> Shown:
 
 
 def safety_state(message: SafetyState | bytes, where: str = SAFETY) -> SafetyState | SerializedSafety:
-    """Return a SafetyState with its fields, which nobody has checked yet.
+    """Return a SafetyState; its fields are not checked yet.
 
     :raises InvalidInput: it is none.
     """
@@ -53,7 +53,7 @@ def safety_state(message: SafetyState | bytes, where: str = SAFETY) -> SafetySta
 
 
 def action(message: AgentAction | bytes, where: str) -> AgentAction | SerializedAction:
-    """Return an AgentAction with its fields, which nobody has checked yet.
+    """Return an AgentAction; its fields are not checked yet.
 
     :raises InvalidInput: it is none.
     """

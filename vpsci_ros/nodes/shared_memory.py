@@ -22,7 +22,7 @@ def remove_left_behind(folder: Path = FOLDER) -> list[str]:
     """
     removed = []
     for lock in sorted(folder.glob(f"{_SEGMENT}{_LOCK}")) if folder.is_dir() else ():
-        with contextlib.suppress(OSError), _held_by_nobody(lock):
+        with contextlib.suppress(OSError), _abandoned(lock):
             segment = lock.with_name(lock.name.removesuffix(_LOCK))
             segment.unlink(missing_ok=True)
             lock.unlink(missing_ok=True)
@@ -31,10 +31,10 @@ def remove_left_behind(folder: Path = FOLDER) -> list[str]:
 
 
 @contextlib.contextmanager
-def _held_by_nobody(lock: Path) -> Iterator[None]:
+def _abandoned(lock: Path) -> Iterator[None]:
     """Hold a lock file of this user.
 
-    :raises OSError: somebody else holds it, or it is another user's.
+    :raises OSError: another process holds it, or it is another user's.
     """
     if lock.stat().st_uid != os.getuid():
         raise PermissionError(f"{lock}: of another user")

@@ -45,7 +45,7 @@ class Standstill:
         self._pause.call_async(SetBool.Request(data=True))
 
     def spin(self) -> None:
-        """Resume the world if nobody is awaited any more."""
+        """Resume the world if no policy is awaited any more."""
         self._executor.spin_once(timeout_sec=0.0)
         for policy in [name for name, before in self._awaited.items() if self._publishers(name) - before]:
             del self._awaited[policy]

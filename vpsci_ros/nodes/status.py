@@ -1,6 +1,6 @@
 """What a node reports of itself: one record, which goes out on `/diagnostics` and, in a graph, through a pipe.
 
-Anybody may publish on `/diagnostics`. What decides how a run ended comes through a pipe that `vpsci graph` gives to
+Any program may publish on `/diagnostics`. What decides how a run ended comes through a pipe that `vpsci graph` gives to
 each process it starts, and that no other program has: lines of JSON, one a report, the last one at the node's end.
 """
 

@@ -1,5 +1,6 @@
 """The graph as a table: each topic, its type, who publishes it, who subscribes, and its quality of service."""
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -7,6 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import AccelStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String, UInt64
@@ -49,6 +51,15 @@ class Topic:
     def ros_name(self) -> str:
         """The name to give to rclpy, relative to the node's namespace unless it is shared."""
         return self.name if self.shared else self.name.removeprefix("/")
+
+    def quality(self, qos: QoSProfile | None = None) -> dict[str, Any]:
+        """Return the topic's quality of service, or `qos`, as arguments of rclpy.
+
+        With them rclpy declares `qos_overrides.TOPIC.(publisher|subscription).(history|depth|reliability)` as
+        parameters, and writes what they say into the profile, which therefore is a copy.
+        """
+        overriding = QoSOverridingOptions.with_default_policies()
+        return {"qos_profile": copy(qos or self.qos), "qos_overriding_options": overriding}
 
     @property
     def type_name(self) -> str:

@@ -88,7 +88,7 @@ class WorldOutputs:
         self._publish_motion(tick, Header(stamp=self._node.simulated_time, frame_id=MAP))
 
     def _publish_motion(self, tick: Tick, header: Header) -> None:
-        """Publish odometry and the same as transforms, while anybody subscribes to them."""
+        """Publish odometry and the same as transforms, while there are readers."""
         record, prefix = tick.state[0], self._node.frame_prefix
         moving = (*self._odometry, *self._pedestrians, *self._transforms)
         if record["status"] == IDLE or not any(output.has_readers for output in moving):

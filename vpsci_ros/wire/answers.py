@@ -36,31 +36,18 @@ class SerializedAction(NamedTuple):
 
 def read_safety_state(data: bytes) -> SerializedSafety | None:
     """Return what a serialized SafetyState says; None where the bytes are not as ROS writes them."""
-    start = read_start(data)
-    try:
-        if start is None:
-            return None
-        curvttc, at = _floats(data, start[2])
-        distance, at = _floats(data, at)
-        (count,) = _U32.unpack_from(data, aligned(at, 4))
-        critical = np.frombuffer(data, np.uint8, count, aligned(at, 4) + 4) if count else np.zeros(0, np.uint8)
-    except (struct.error, ValueError):  # shorter than its lengths say
+    found = _read(data)
+    if found is None or found[3] > len(data) - found[4]:
         return None
-    return SerializedSafety(start[1], curvttc, distance, critical)
+    tick, curvttc, distance, count, at = found
+    critical = np.frombuffer(data, np.uint8, count, at) if count else np.zeros(0, np.uint8)
+    return SerializedSafety(tick, curvttc, distance, critical)
 
 
 def read_action(data: bytes) -> SerializedAction | None:
     """Return what a serialized AgentAction says; None where the bytes are not as ROS writes them."""
-    start = read_start(data)
-    try:
-        if start is None:
-            return None
-        longitudinal, at = _floats(data, start[2])
-        lateral, at = _floats(data, at)
-        (version,) = _U32.unpack_from(data, aligned(at, 4))
-    except (struct.error, ValueError):
-        return None
-    return SerializedAction(start[1], longitudinal, lateral, version)
+    found = _read(data)
+    return SerializedAction(*found[:4]) if found else None
 
 
 def write_safety_state(
@@ -75,6 +62,23 @@ def write_action(header: WireHeader, tick: int, action: Floats, policy_version: 
     """Return a serialized AgentAction of float64[B, 2] as (longitudinal, lateral) [m/s2], B > 0."""
     data = _with_floats(_with_floats(write_start(header, tick), action[:, 0]), action[:, 1])
     return data + _U32.pack(policy_version)
+
+
+def _read(data: bytes) -> tuple[int, Floats, Floats, int, int] | None:
+    """Return tick, two float64[] and a uint32 with which both messages begin, and the offset behind them.
+
+    :return: None where the bytes are not as ROS writes them.
+    """
+    start = read_start(data)
+    if start is None:
+        return None
+    try:
+        first, at = _floats(data, start[2])
+        second, at = _floats(data, at)
+        (number,) = _U32.unpack_from(data, aligned(at, 4))
+    except (struct.error, ValueError):  # shorter than its lengths say
+        return None
+    return start[1], first, second, number, aligned(at, 4) + _U32.size
 
 
 def _floats(data: bytes, at: int) -> tuple[Floats, int]:

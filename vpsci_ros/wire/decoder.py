@@ -57,7 +57,7 @@ class Decoder:
             return self._store.deserialize_cdr(raw.data, raw.type)
         except InvalidInput:
             raise
-        except Exception as error:  # noqa: BLE001  rosbags raises whatever its parser meets
+        except Exception as error:  # noqa: BLE001  rosbags raises errors of many types
             raise InvalidInput(
                 f"{where}: {raw.type} at {raw.time} ns on {raw.topic} is not readable: {error}"
             ) from None

@@ -35,7 +35,7 @@ TYPES = {
     "/pedestrian/odometry": "nav_msgs/msg/Odometry",
     "/pedestrians/odometry": "nav_msgs/msg/Odometry",
 }
-"""What has no need of ROS to be written; all topics stand in `vpsci_ros.nodes.topics`."""
+"""Topics that can be written without ROS; all topics stand in `vpsci_ros.nodes.topics`."""
 
 
 def sequences(message: str) -> dict[str, str]:
@@ -54,7 +54,7 @@ _STATE = _shapes("WorldState", EPISODE)
 _EVENT = _shapes("EpisodeEvent", EVENT)
 _TRANSITION = _shapes("Transition", TRANSITION)
 _AFTER = {name: _TRANSITION.pop(name) for name in tuple(_TRANSITION) if name.startswith("next_")}
-"""What the step after the last one of a history holds; of the others the next transition says it."""
+"""Fields that only the last step of a history has: the others find them in the next transition."""
 _DTYPES = {code: np.dtype(code) for code in "BIQfd"}
 _VERSIONS = ("vehicle_policy_version", "pedestrian_policy_version")
 
@@ -63,7 +63,7 @@ _VERSIONS = ("vehicle_policy_version", "pedestrian_policy_version")
 
 
 def world_state_fields(state: Array, policy_frame: Array) -> dict[str, Array]:
-    """Return the sequences of a WorldState of EPISODE[B] records, asked where `policy_frame`, bool[B]."""
+    """Return the sequences of a WorldState of EPISODE[B] records; policies answer where `policy_frame`, bool[B]."""
     return {name: state[name] for name in _STATE} | {"policy_frame": policy_frame.astype(np.uint8)}
 
 
@@ -239,7 +239,7 @@ def transitions(message: Any, where: str = "/replay") -> Array:
 
 
 def motion(message: Any, agent: str) -> PlanarMotion:
-    """Return the motion of "vehicle" or "pedestrian" that an Odometry tells of."""
+    """Return the motion of "vehicle" or "pedestrian" of an Odometry."""
     pose, twist, q = message.pose.pose, message.twist.twist, message.pose.pose.orientation
     yaw = np.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
     along, across = twist.linear.x, twist.linear.y

@@ -1,7 +1,7 @@
-"""What comes from a topic, checked before anybody acts on it: anyone in the ROS domain may publish anything there.
+"""What comes from a topic, checked before a node acts on it: any program in the ROS domain may publish there.
 
-A message that the graph's own nodes cannot have sent is refused (`InvalidInput`), and whoever listens counts it and
-goes on. What could have been sent by them is believed: who really sent it, a message does not say.
+A message that the graph's own nodes cannot have sent is refused (`InvalidInput`); the subscriber counts it and goes on.
+What they could have sent is accepted: a message does not say who sent it.
 """
 
 from typing import Any
@@ -26,7 +26,7 @@ _MOTION = (
 
 
 def world_state(message: Any, where: str = WORLD) -> Tick:
-    """Return the tick that a WorldState tells of.
+    """Return the tick of a WorldState.
 
     :raises InvalidInput: as `layout.world_state` and `credible`.
     """
@@ -39,7 +39,7 @@ def credible(tick: Tick, where: str = WORLD) -> Tick:
     :raises InvalidInput: no episode, an unknown status, or a number that is not finite or beyond `FARTHEST`.
     """
     if len(tick.state) == 0:
-        raise InvalidInput(f"{where}: expected at least one episode, got none; does somebody else publish it?")
+        raise InvalidInput(f"{where}: expected at least one episode, got none; does another program publish it?")
     if not _in_range(tick.state):  # at every tick, so one compiled look at all; this one finds out what is wrong
         _require_codes(tick.state["status"], ENDED, f"{where}: status")
         for name in _MOTION:
@@ -48,7 +48,7 @@ def credible(tick: Tick, where: str = WORLD) -> Tick:
                 slot = int(np.argmax(bad))
                 raise InvalidInput(
                     f"{where}: {name} of slot {slot}: expected a number within {FARTHEST:g}, got "
-                    f"{tick.state[name][slot]}; does somebody else publish it?"
+                    f"{tick.state[name][slot]}; does another program publish it?"
                 )
     return tick
 
@@ -82,7 +82,7 @@ def safety_state(message: Any, batch: int, where: str = SAFETY) -> tuple[NDArray
     answer = layout.safety_state(message, batch, where)
     if has_nan(answer[0]):
         slot = int(np.argmax(np.isnan(answer[0])))
-        raise InvalidInput(f"{where}: curvttc of slot {slot} is not a number; does somebody else publish it?")
+        raise InvalidInput(f"{where}: curvttc of slot {slot} is not a number; does another program publish it?")
     return answer
 
 
@@ -110,11 +110,11 @@ def weights(message: Any, where: str = "/policy/weights") -> bytes:
 def consumed(number: int, most: int) -> int:
     """Return how many transitions a learner has taken in, `most` of which have been published.
 
-    :raises InvalidInput: it tells of more.
+    :raises InvalidInput: the number is greater than `most`.
     """
     if number > most:
         raise InvalidInput(
-            f"/replay/consumed: expected at most {most} transitions, got {number}; does somebody else publish it?"
+            f"/replay/consumed: expected at most {most} transitions, got {number}; does another program publish it?"
         )
     return number
 
@@ -132,16 +132,16 @@ def stamp(topic: str, data: bytes) -> int:
     if seconds < 0 or nanoseconds >= 1_000_000_000:
         raise InvalidInput(
             f"{topic}: expected a stamp from 0 s on, got {seconds} s and {nanoseconds} ns; "
-            "does somebody else publish it?"
+            "does another program publish it?"
         )
     return seconds * 1_000_000_000 + nanoseconds
 
 
 class TickSequence:
-    """Which tick may follow which, so that one forged number does not put a listener beyond all ticks to come.
+    """Which tick may follow which, so that one forged number does not make a node ignore all ticks to come.
 
-    A tick is believed that is `NEAR` the last one and has as many episodes, or that begins another world (tick 0).
-    Another is refused, unless it follows upon the one that was refused before: then the world did move on.
+    A tick is accepted if it is `NEAR` the last one and has as many episodes, or if it begins another world (tick 0).
+    Another is refused, unless it follows the one that was refused before: then the world did move on.
     """
 
     def __init__(self) -> None:
@@ -149,23 +149,23 @@ class TickSequence:
         self._odd: tuple[int, int] | None = None  # of the one that was refused
 
     def take(self, tick: Tick) -> bool:
-        """Believe a tick; return whether it begins anew, so that what was known of earlier numbers says nothing.
+        """Accept a tick; return whether another world begins with it, so that earlier tick numbers mean nothing.
 
         :raises InvalidInput: it cannot follow the last one.
         """
         given = tick.number, len(tick.state)
         expected = self._last
         follows = expected is None or _near(expected, given)
-        anew = not follows or (expected is not None and tick.number == 0 < expected[0])
+        restarted = not follows or (expected is not None and tick.number == 0 < expected[0])
         if not follows and tick.number and (self._odd is None or not _near(self._odd, given, least=1)):
-            assert expected is not None, "whatever comes first is believed"
+            assert expected is not None, "the first tick is accepted"
             self._odd = given
             raise InvalidInput(
                 f"{WORLD}: expected tick {expected[0] + 1} of {expected[1]} episodes or so, got tick {given[0]} of "
                 f"{given[1]}; are two worlds in one domain?"
             )
         self._last, self._odd = given, None
-        return anew
+        return restarted
 
 
 def _near(before: tuple[int, int], given: tuple[int, int], least: int = -NEAR) -> bool:
@@ -176,5 +176,6 @@ def _require_codes(codes: NDArray[np.uint8], most: int, where: str, least: int =
     bad = (codes < least) | (codes > most)
     if bad.any():
         raise InvalidInput(
-            f"{where}: expected codes from {least} to {most}, got {int(codes[bad][0])}; does somebody else publish it?"
+            f"{where}: expected codes from {least} to {most}, got {int(codes[bad][0])}; "
+            "does another program publish it?"
         )

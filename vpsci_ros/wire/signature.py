@@ -1,8 +1,8 @@
-"""Telling what a graph's own nodes sent from what anybody else did: a keyed hash, by a secret of the run.
+"""A keyed hash, by a secret of the run, distinguishes what a graph's own nodes sent from what other programs did.
 
 ROS 2 does not say who sent a message, unless DDS security is on. The graph makes a secret for each run and gives it to
 its processes by their environment, which no other user and no node can read; parameters are no place for it, since
-anybody may ask a node for them. A node that was started by hand has no secret, and believes what it gets.
+any program may request them from a node. A node that was started by hand has no secret, and accepts what it gets.
 """
 
 import hashlib

@@ -37,8 +37,8 @@ class SerializedState(NamedTuple):
 def read_world_state(data: bytes) -> SerializedState | None:
     """Return what a serialized WorldState says; its numbers are as they come, see `received.credible`.
 
-    :return: None where the bytes are not as ROS writes them, or the sequences differ in length, or are empty: then
-        whoever asks has the middleware read the message, and finds out what is wrong with it.
+    :return: None where the bytes are not as ROS writes them, or the sequences differ in length, or are empty: the
+        caller then has the middleware read the message, which finds out what is wrong with it.
     """
     start = read_start(data)
     if start is None or start[2] + _REST.size > len(data):
@@ -59,10 +59,10 @@ def read_world_state(data: bytes) -> SerializedState | None:
     return SerializedState(header, Tick(number, records, frame), period)
 
 
-def write_world_state(told: SerializedState) -> bytes:
+def write_world_state(world: SerializedState) -> bytes:
     """Return the serialized WorldState that says this, as ROS would write it, with zeros for padding."""
-    start = write_start(told.header, told.tick.number) + _REST.pack(told.period, len(told.tick.state))
-    state, frame, count = told.tick.state, told.tick.policy_frame, len(told.tick.state)
+    start = write_start(world.header, world.tick.number) + _REST.pack(world.period, len(world.tick.state))
+    state, frame, count = world.tick.state, world.tick.policy_frame, len(world.tick.state)
     words = np.zeros((len(start) + count * _ROW) // 4 + 4 * len(_SIZES), np.uint32)  # with room for lengths and padding
     data = words.view(np.uint8)
     data[: len(start)] = np.frombuffer(start, np.uint8)

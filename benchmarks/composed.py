@@ -9,12 +9,12 @@ from contextlib import contextmanager
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import Executor
+from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
-from vpsci_ros.nodes.base import EXECUTORS, GraphNode
-from vpsci_ros.nodes.config import GraphConfig, PeerConfig
+from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.domain import set_defaults
 from vpsci_ros.nodes.entry import node_class
 from vpsci_ros.runs.sections import Sections
@@ -24,7 +24,7 @@ from vpsci_ros.runs.sections import Sections
 def composed(sections: Sections) -> Iterator[dict[str, GraphNode]]:
     """Make the nodes of a graph, run it to its leader's end, yield the nodes by name, and tidy up.
 
-    :param sections: resolved, see `vpsci_ros.nodes.graph.resolve`; the leader's executor runs all nodes.
+    :param sections: resolved, see `vpsci_ros.nodes.graph.resolve`.
     :raises InvalidInput: a parameter is refused.
     """
     set_defaults()
@@ -32,7 +32,7 @@ def composed(sections: Sections) -> Iterator[dict[str, GraphNode]]:
     leader = "world_simulator" if "world_simulator" in names else "learner"
     context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    spinner: Executor = EXECUTORS[sections.get(PeerConfig, leader).executor](context=context)
+    spinner = EventsExecutor(context=context)
     nodes: dict[str, GraphNode] = {}
     try:
         for name in names:
