@@ -117,7 +117,7 @@ def test_a_killed_recorder_leaves_a_file_that_opens_up_to_its_last_chunk(
     context: Context, monitor, tmp_path: Path
 ) -> None:
     executor, events = monitor
-    command = [sys.executable, "-m", "vpsci_ros.nodes.recorder", "--ros-args", "-p", f"bag:={tmp_path / 'bag'}"]
+    command = [sys.executable, "-m", "vpsci_ros.nodes", "recorder", "--ros-args", "-p", f"bag:={tmp_path / 'bag'}"]
     recorder = subprocess.Popen([*command, "-p", "chunk_size:=1"], env=os.environ, stderr=subprocess.DEVNULL)
     try:
         spin(executor, lambda: events.get_subscription_count() > 0, 60.0)
