@@ -16,7 +16,7 @@ from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.parameters import as_ros_parameters
 from vpsci_ros.runs.sections import Sections
 
-PATIENCE = 90.0  # [s]
+PATIENCE = 240.0  # [s]
 
 
 class ByHand:

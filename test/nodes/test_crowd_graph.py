@@ -17,6 +17,7 @@ from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.episodes import read_episodes
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.runs.sections import Sections
 
@@ -36,13 +37,15 @@ def crowd(batch: int, **world: object) -> Sections:
     )
 
 
-@pytest.fixture
-def bag(domain: int, tmp_path: Path, request: pytest.FixtureRequest) -> Path:
-    with composed(resolve(crowd(request.param), tmp_path)) as nodes:
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Path:
+    """Bag of a graph of `request.param` slots; not to be changed."""
+    folder = tmp_path_factory.mktemp("crowd")
+    with own_domain(), composed(resolve(crowd(request.param), folder)) as nodes:
         counts = nodes["world_simulator"].counts
     assert counts is not None
     assert counts.collision + counts.goal + counts.timeout == 4
-    return tmp_path / "bag"
+    return folder / "bag"
 
 
 @pytest.mark.parametrize("bag", [1, 3], indirect=True)
@@ -97,8 +100,11 @@ def test_the_vehicle_of_a_recorded_crowd_can_be_replayed_as_one_motion(bag: Path
     from vpsci_ros.bags.recorded import recorded_from_bag
 
     recorded = recorded_from_bag(bag)
-    for batch in read_episodes(bag):
-        row = recorded.row(int(batch.scenario[0]), int(batch.episode[0]))
-        assert recorded.arrays.frames[row] == batch.frames[0]
-        motion = recorded.arrays.vehicle[row, : batch.frames[0], :2]
-        assert np.allclose(motion, batch.values[0, : batch.frames[0], :2], atol=1e-4)
+    episodes = list(read_episodes(bag))
+    assert len(episodes) == 4
+    for episode in episodes:
+        row = recorded.row(*episode.listed.key)
+        frames = len(episode.x)
+        assert recorded.arrays.frames[row] == frames
+        motion = recorded.arrays.vehicle[row, :frames, :2]
+        assert np.allclose(motion, np.column_stack([episode.x, episode.y]), atol=1e-4)

@@ -8,6 +8,7 @@ import resource
 import signal
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.observation import AGENTS
 
 GENERATE = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
+OnceItRecords = Callable[..., None]
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,7 @@ def sections(weights: str, **world: Any) -> Sections:
     settings = {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4} | world
     return Sections(
         {
-            "graph": {"nodes": GENERATE, "progress_timeout": 60.0},
+            "graph": {"nodes": GENERATE, "progress_timeout": 240.0},
             "world_simulator": settings,
             "vehicle_policy": {"weights": weights},
             "pedestrian_policy": {"weights": weights},
@@ -119,64 +121,49 @@ def test_a_run_tells_what_it_did_and_with_what(domain: int, tmp_path: Path) -> N
     assert counts["/world/state"] - 2 <= counts["/vehicle/odometry"] == counts["/pedestrian/odometry"]
 
 
-def wait_for_bytes(bag: Path, size: int) -> None:
-    """Wait until a file of the bag has grown beyond `size` bytes."""
-    while not any(file.stat().st_size > size for file in bag.glob("*.mcap")):
-        time.sleep(0.02)
+@pytest.fixture
+def once_it_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> OnceItRecords:
+    """Return the function that does something to the nodes of the graph in `run` when its bag exceeds `size` bytes."""
+    started: list[NodeProcesses] = []
+    enter = NodeProcesses.__enter__
+    monkeypatch.setattr(NodeProcesses, "__enter__", lambda self: started.append(self) or enter(self))
+
+    def wait(act: Callable[[NodeProcesses], object], size: int) -> None:
+        while not any(file.stat().st_size > size for file in (tmp_path / "run" / "bag").glob("*.mcap")):
+            time.sleep(0.02)
+        act(started[0])
+
+    return lambda act, size=20_000: threading.Thread(target=wait, args=(act, size), daemon=True).start()
 
 
 @pytest.mark.parametrize("victim", GENERATE)
 def test_killing_any_process_ends_the_run_with_its_name_and_a_bag_that_opens(
-    domain: int, tmp_path: Path, weights: str, victim: str, monkeypatch: pytest.MonkeyPatch
+    domain: int, tmp_path: Path, weights: str, victim: str, once_it_records: OnceItRecords
 ) -> None:
-    started: list[NodeProcesses] = []
-    enter = NodeProcesses.__enter__
-
-    def spy(self: NodeProcesses) -> NodeProcesses:
-        started.append(self)
-        return enter(self)
-
-    monkeypatch.setattr(NodeProcesses, "__enter__", spy)
-    bag = tmp_path / "run" / "bag"
-
-    def kill_once_it_records() -> None:
-        wait_for_bytes(bag, 20_000)
-        os.kill(started[0].running[victim].pid, signal.SIGKILL)
-
-    killer = threading.Thread(target=kill_once_it_records, daemon=True)
-    killer.start()
+    once_it_records(lambda nodes: os.kill(nodes.running[victim].pid, signal.SIGKILL))
     # Far more episodes than can end before the kill; small chunks, so that something is on disk early.
     chosen = sections(weights, episodes=100_000, batch=16).changed("recorder", {"chunk_size": 16})
     result = run_graph(fewest(chosen, victim), tmp_path / "run", quiet=True)
-    killer.join()
     assert f"{victim} was killed by SIGKILL" in result.error
     assert result.exits[victim] == -signal.SIGKILL
-    ticks = recorded_ticks(bag)
+    ticks = recorded_ticks(result.bag)
     assert len(ticks) > 5
     assert all("/world/state" in topics for tick, topics in ticks.items() if tick < max(ticks) - 1)
 
 
 def test_stopping_on_request_completes_the_bag_where_interrupts_were_ignored(
-    domain: int, tmp_path: Path, weights: str
+    domain: int, tmp_path: Path, weights: str, once_it_records: OnceItRecords
 ) -> None:
-    bag = tmp_path / "run" / "bag"
-
-    def interrupt_once_it_records() -> None:
-        wait_for_bytes(bag, 20_000)
-        os.kill(os.getpid(), signal.SIGINT)
-
+    once_it_records(lambda _: os.kill(os.getpid(), signal.SIGINT))
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a background job of a shell inherits it
     try:
-        waiter = threading.Thread(target=interrupt_once_it_records, daemon=True)
-        waiter.start()
         result = run_graph(sections(weights, episodes=100_000), tmp_path / "run", quiet=True)
     finally:
         signal.signal(signal.SIGINT, before)
-    waiter.join()
     assert result.error == "stopped on request"
     assert set(result.exits.values()) == {0}
-    assert (bag / "metadata.yaml").exists()
-    assert len(recorded_ticks(bag)) > 5
+    assert (result.bag / "metadata.yaml").exists()
+    assert len(recorded_ticks(result.bag)) > 5
 
 
 @pytest.mark.parametrize(
@@ -194,48 +181,31 @@ def test_a_run_in_which_a_node_was_stopped_with_anything_missing_is_no_success(
     victim: str,
     number: signal.Signals,
     missing: str,
+    once_it_records: OnceItRecords,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    started: list[NodeProcesses] = []
-    enter = NodeProcesses.__enter__
-    monkeypatch.setattr(NodeProcesses, "__enter__", lambda self: started.append(self) or enter(self))
     monkeypatch.setattr("vpsci_ros.nodes.graph.STOP_STEPS", ((signal.SIGINT, 5.0), (signal.SIGKILL, 30.0)))
-
-    def stop_once_it_records() -> None:
-        wait_for_bytes(tmp_path / "run" / "bag", 10_000)
-        os.kill(started[0].running[victim].pid, number)
-
-    stopper = threading.Thread(target=stop_once_it_records, daemon=True)
-    stopper.start()
+    once_it_records(lambda nodes: os.kill(nodes.running[victim].pid, number), 10_000)
     chosen = sections(weights, episodes=1, batch=2, episode_time=5.0, real_time_factor=3.0, action_timeout=0.1)
     chosen = fewest(chosen, victim).changed("recorder", {"chunk_size": 4})
     result = run_graph(chosen, tmp_path / "run", quiet=True)
-    stopper.join()
     assert re.search(missing, result.error)
     assert json.loads((tmp_path / "run" / "run.json").read_text())["error"] == result.error
 
 
 def test_a_full_disk_under_the_recorder_ends_the_run_with_a_reason_and_a_record(
-    domain: int, tmp_path: Path, weights: str, monkeypatch: pytest.MonkeyPatch
+    domain: int, tmp_path: Path, weights: str, once_it_records: OnceItRecords, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    started: list[NodeProcesses] = []
-    enter = NodeProcesses.__enter__
-    monkeypatch.setattr(NodeProcesses, "__enter__", lambda self: started.append(self) or enter(self))
-    bag = tmp_path / "run" / "bag"
-
-    def fill_once_it_records() -> None:
-        wait_for_bytes(bag, 20_000)
-        resource.prlimit(started[0].running["recorder"].pid, resource.RLIMIT_FSIZE, (40_000, 40_000))
-
-    def repair(_: Path) -> None:
+    def repair(bag: Path) -> None:
         raise OSError(errno.ENOSPC, "No space left on device", str(bag / "bag_0.mcap"))
 
+    def fill(nodes: NodeProcesses) -> None:
+        resource.prlimit(nodes.running["recorder"].pid, resource.RLIMIT_FSIZE, (40_000, 40_000))
+
     monkeypatch.setattr("vpsci_ros.nodes.graph.repair_bag", repair)
-    filler = threading.Thread(target=fill_once_it_records, daemon=True)
-    filler.start()
+    once_it_records(fill)
     chosen = sections(weights, episodes=100_000, batch=16).changed("recorder", {"chunk_size": 16})
     result = run_graph(fewest(chosen), tmp_path / "run", quiet=True)
-    filler.join()
     assert "recorder ended with exit status 1" in result.error
     assert "the disk refused a part of it (File too large)" in result.error
     assert "bag_0.mcap: cannot write (No space left on device); free some space" in result.error
@@ -258,15 +228,18 @@ def test_a_folder_that_is_not_empty_is_refused_before_anything_starts(tmp_path: 
     assert [path.name for path in tmp_path.iterdir()] == ["kept"]
 
 
-def test_a_parameter_out_of_range_is_refused_before_anything_starts(tmp_path: Path, weights: str) -> None:
-    with pytest.raises(InvalidInput, match="world_simulator: batch = 0 is out of range; expected 1 to 65536"):
-        run_graph(sections(weights, batch=0), tmp_path / "run", quiet=True)
-    assert not (tmp_path / "run").exists()
-
-
-def test_weights_that_do_not_exist_are_refused_before_anything_starts(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"'refind': expected a \.safetensors file or a shipped name"):
-        run_graph(sections("refind"), tmp_path / "run", quiet=True)
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        (sections("refined", batch=0), "world_simulator: batch = 0 is out of range; expected 1 to 65536"),
+        (sections("refind"), r"'refind': expected a \.safetensors file or a shipped name"),
+    ],
+)
+def test_a_parameter_out_of_range_and_absent_weights_are_refused_before_anything_starts(
+    tmp_path: Path, chosen: Sections, message: str
+) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        run_graph(chosen, tmp_path / "run", quiet=True)
     assert not (tmp_path / "run").exists()
 
 

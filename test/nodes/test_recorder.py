@@ -34,7 +34,7 @@ def overrides(**values: Any) -> list[Parameter]:
     return [Parameter(name, value=value) for name, value in values.items()]
 
 
-def spin(executor: SingleThreadedExecutor, until: Callable[[], bool], seconds: float = 30.0) -> None:
+def spin(executor: SingleThreadedExecutor, until: Callable[[], bool], seconds: float = 120.0) -> None:
     deadline = time.monotonic() + seconds
     while not until():
         assert time.monotonic() < deadline, "waited in vain"
@@ -47,7 +47,7 @@ def test_a_graphs_bag_holds_parameters_episodes_and_counts_over_split_files_and_
     drivers = {"vehicle_driver": "autopilot", "pedestrian_driver": "social_force"}
     world = {"scenarios": [2, 7], "episodes": 3, "batch": 2, "seed": 11} | drivers
     sections = {
-        "graph": {"nodes": NODES},
+        "graph": {"nodes": NODES, "progress_timeout": 240.0},
         "world_simulator": world,
         "safety_monitor": {"horizon": 8.0},
         "recorder": {"chunk_size": 16, "split_size": 20_000},
@@ -120,7 +120,7 @@ def test_a_killed_recorder_leaves_a_file_that_opens_up_to_its_last_chunk(
     command = [sys.executable, "-m", "vpsci_ros.nodes", "recorder", "--ros-args", "-p", f"bag:={tmp_path / 'bag'}"]
     recorder = subprocess.Popen([*command, "-p", "chunk_size:=1"], env=os.environ, stderr=subprocess.DEVNULL)
     try:
-        spin(executor, lambda: events.get_subscription_count() > 0, 60.0)
+        spin(executor, lambda: events.get_subscription_count() > 0)
         tick = 0
         while len(readable(tmp_path / "bag")) < 10:
             assert tick < 10_000

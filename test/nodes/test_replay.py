@@ -23,7 +23,7 @@ NODES = ["world_simulator", "safety_monitor", "recorder"]
 
 def sections(**world: Any) -> Sections:
     settings = {"scenarios": [2], "episodes": 2, "batch": 1, "seed": 9, "pedestrian_driver": "autopilot"} | world
-    return Sections({"graph": {"nodes": NODES}, "world_simulator": settings})
+    return Sections({"graph": {"nodes": NODES, "progress_timeout": 240.0}, "world_simulator": settings})
 
 
 def motion(bag: Path, names: tuple[str, ...]) -> np.ndarray:
@@ -41,24 +41,32 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return first.bag
 
 
+def drives_again(recorded: Path, chosen: Sections, folder: Path) -> tuple[Path, int]:
+    """Run a graph in which the recorded car drives; return its bag, and the frames of episode 0 that both hold."""
+    result = run_graph(chosen, folder, quiet=True)
+    assert result.error == ""
+    vehicle = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature")
+    before, replayed = motion(recorded, vehicle), motion(result.bag, vehicle)
+    both = min((before[:, 0] == 0).sum(), (replayed[:, 0] == 0).sum())
+    assert both > 50
+    assert replayed[:both].tobytes() == before[:both].tobytes()
+    return result.bag, both
+
+
+def counts(bag: Path) -> dict[str, int]:
+    with AnyReader([bag]) as reader:
+        return {connection.topic: connection.msgcount for connection in reader.connections}
+
+
 def test_a_recorded_vehicle_drives_again_against_another_pedestrian(
     domain: int, tmp_path: Path, recorded: Path
 ) -> None:
     again = sections(vehicle_driver="replay", pedestrian_driver="social_force", recorded_bag=str(recorded))
-    second = run_graph(again, tmp_path / "second", quiet=True)
-    assert second.error == ""
-    vehicle = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature")
-    before, replayed = motion(recorded, vehicle), motion(second.bag, vehicle)
-    both = min((before[:, 0] == 0).sum(), (replayed[:, 0] == 0).sum())  # the first episode, as far as both go
-    assert both > 50
-    assert replayed[:both].tobytes() == before[:both].tobytes()
-    walkers = [motion(bag, ("pedestrian_x", "pedestrian_y"))[:both] for bag in (recorded, second.bag)]
+    second, both = drives_again(recorded, again, tmp_path / "second")
+    walkers = [motion(bag, ("pedestrian_x", "pedestrian_y"))[:both] for bag in (recorded, second)]
     assert not np.array_equal(*walkers)
-
-    with AnyReader([recorded]) as reader:
-        counts = {connection.topic: connection.msgcount for connection in reader.connections}
-    assert counts["/markers"] > 50
-    assert counts["/markers"] == counts["/world/state"]
+    assert counts(recorded)["/markers"] > 50
+    assert counts(recorded)["/markers"] == counts(recorded)["/world/state"]
 
 
 def test_a_recorded_car_drives_against_the_live_pedestrian_policy(domain: int, tmp_path: Path, recorded: Path) -> None:
@@ -67,18 +75,11 @@ def test_a_recorded_car_drives_against_the_live_pedestrian_policy(domain: int, t
     again = sections(vehicle_driver="replay", pedestrian_driver="policy", recorded_bag=str(recorded))
     again = again.changed("graph", {"nodes": [*NODES, "pedestrian_policy"]})
     again = again.changed("pedestrian_policy", {"weights": str(weights)})
-    second = run_graph(again, tmp_path / "second", quiet=True)
-    assert second.error == ""
-    vehicle = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed")
-    before, replayed = motion(recorded, vehicle), motion(second.bag, vehicle)
-    both = min((before[:, 0] == 0).sum(), (replayed[:, 0] == 0).sum())
-    assert replayed[:both].tobytes() == before[:both].tobytes()
-    with AnyReader([second.bag]) as reader:
-        counts = {connection.topic: connection.msgcount for connection in reader.connections}
-    assert counts["/pedestrian/action"] > 20
-    assert counts.get("/vehicle/action", 0) == 0
-    assert any(tick.state["controlled"][0] for tick in read_bag(second.bag))
-    assert verify_bag(second.bag).difference == ""
+    second, _ = drives_again(recorded, again, tmp_path / "second")
+    assert counts(second)["/pedestrian/action"] > 20
+    assert counts(second).get("/vehicle/action", 0) == 0
+    assert any(tick.state["controlled"][0] for tick in read_bag(second))
+    assert verify_bag(second).difference == ""
 
 
 def test_a_replay_driver_without_a_recording_is_refused() -> None:

@@ -45,7 +45,7 @@ class Stage:
         self.replayer = Replayer(context=self.context, parameter_overrides=overrides)
         self.executor.add_node(self.replayer)
 
-    def spin(self, until: Callable[[], bool], seconds: float = 30.0) -> None:
+    def spin(self, until: Callable[[], bool], seconds: float = 120.0) -> None:
         deadline = time.monotonic() + seconds
         while not until():
             assert time.monotonic() < deadline, "waited in vain"

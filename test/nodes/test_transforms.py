@@ -87,7 +87,11 @@ def test_a_graph_in_a_namespace_records_its_transforms_and_nothing_of_its_names_
 ) -> None:
     world = {"scenarios": [3], "episodes": 1, "batch": 1, "vehicle_driver": "autopilot", "episode_time": 2.0}
     sections = {
-        "graph": {"nodes": ["world_simulator", "safety_monitor", "recorder"], "namespace": "/left"},
+        "graph": {
+            "nodes": ["world_simulator", "safety_monitor", "recorder"],
+            "namespace": "/left",
+            "progress_timeout": 240.0,
+        },
         "world_simulator": world | {"pedestrian_driver": "autopilot"},
     }
     result = run_graph(Sections(sections), tmp_path / "run", quiet=True)
