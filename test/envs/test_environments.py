@@ -135,9 +135,10 @@ def test_a_car_that_keeps_its_lane_gets_to_the_goal_and_is_paid_for_it():
     fast = {"scenario": 2, "episode": 3}
     total, rows, terminated, info = episode_of(env, fast, lambda o: drive(o) + np.float32([0, 0.15]))
     assert np.abs(rows[:, 3]).max() < 0.6
-    if terminated and info["outcome"] != "collision":
-        assert rows[-1, 5] <= 0.0
-        assert total > driving.AT_GOAL
+    assert terminated
+    assert info["outcome"] != "collision"
+    assert rows[-1, 5] <= 0.0
+    assert total > driving.AT_GOAL
 
 
 def test_leaving_the_lane_ends_the_episode_at_a_cost():
