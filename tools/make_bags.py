@@ -33,7 +33,7 @@ from vpsci_ros.world.state import ENDED, GOAL, OUTCOME_NAMES
 STAGE = "params/stage3_generate.yaml"
 TELLING = 1.5  # [s] of least CurvTTC
 LONG = 20  # critical ticks that make an interaction to look at
-LARGEST = 300_000  # bytes
+LARGEST = 500_000  # bytes; chunks of 64 KiB and /tf take a third more than large chunks without it
 PATIENCE = 120.0  # [s] for one run of the graph
 
 

@@ -130,7 +130,7 @@ def test_a_worker_killed_while_it_writes_a_result_costs_nothing_but_time(job, mo
     assert len(killed) == 1
     assert found == unit
     assert len(data) > 1_000_000, "more than a pipe takes at once"
-    assert data == Simulator(job, 7).run(unit).to_bytes()
+    assert data == Simulator(job, 64).run(unit).to_bytes()
 
 
 def test_an_error_in_a_worker_is_raised_here(job) -> None:

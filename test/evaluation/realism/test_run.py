@@ -49,7 +49,7 @@ def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(conflicts
     parts.mkdir()
     told: list[str] = []
 
-    config = RealismConfig()
+    config = RealismConfig(repetitions=2)
 
     def measure() -> dict[str, Any]:
         return measure_realism(
@@ -71,7 +71,7 @@ def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(conflicts
 def test_two_sources_are_measured_together_and_each_alone_with_lenders_of_its_own(tmp_path: Path) -> None:
     table = synthetic_near_misses(interactions=16, seed=3).table
     two = table.with_columns(source=pl.when(pl.col("interaction") < 8).then(pl.lit("here")).otherwise(pl.lit("there")))
-    found = measure_realism(two, {}, RealismConfig())["same_start"]
+    found = measure_realism(two, {}, RealismConfig(repetitions=1))["same_start"]
     assert found["interactions"] == sum(found["by_source"][name]["interactions"] for name in ("here", "there"))
     assert list(found["by_source"]["there"]["models"]) == list(CONTROLS)
     assert found["not_in_library"] == []
@@ -100,7 +100,7 @@ def test_the_mean_turn_repeats_a_motion_that_everybody_has() -> None:
 def test_a_model_must_not_have_a_controls_name() -> None:
     table = synthetic_near_misses(interactions=4, seed=3).table
     with pytest.raises(InvalidInput, match="recorded is the name of a control"):
-        measure_realism(table, {"recorded": noisy}, RealismConfig())
+        measure_realism(table, {"recorded": noisy}, RealismConfig(repetitions=1))
 
 
 def test_reactions_elsewhere_are_counted_by_encroachment_time(conflicts: Path) -> None:

@@ -19,6 +19,7 @@ from vpsci_ros.evaluation.realism.free import free
 from vpsci_ros.evaluation.realism.onsets import find_onsets
 from vpsci_ros.evaluation.realism.same_start import CONTROLS, SameStart
 from vpsci_ros.evaluation.realism.simulators import Simulator
+from vpsci_ros.evaluation.realism.two_sample import REPETITIONS
 from vpsci_ros.runs.files import write_json
 
 Floats = NDArray[np.float64]
@@ -32,11 +33,13 @@ class RealismConfig:
     :ivar clean: only interactions whose vehicle drives and whose onset was seen (`vpsci_ros.data.reference.clean`).
     :ivar seed: of everything that is drawn.
     :ivar episodes: of a dataset that are looked at, the same number of each scenario.
+    :ivar repetitions: of the classifier's test from the same start, with draws and folds of their own.
     """
 
     clean: bool = False
     seed: int = 0
     episodes: int = 2000
+    repetitions: int = REPETITIONS
 
 
 def measure_realism(
@@ -64,10 +67,12 @@ def measure_realism(
     chosen = [reference.clean(t) if config.clean else t for t in (table, library) if t is not None]
     onsets = find_onsets(chosen[0])
     borrowed = find_onsets(chosen[1]) if len(chosen) > 1 else onsets
-    whole = SameStart(onsets, borrowed, config.seed)
+    whole = SameStart(onsets, borrowed, config.seed, config.repetitions)
     sources = {source: np.flatnonzero(onsets.source == source) for source in sorted(set(onsets.source))}
     alone = {} if len(sources) < 2 else sources
-    measured = {name: SameStart(onsets.take(rows), borrowed, config.seed) for name, rows in alone.items()}
+    measured = {
+        name: SameStart(onsets.take(rows), borrowed, config.seed, config.repetitions) for name, rows in alone.items()
+    }
     wanted = whole.controls() | dict(simulators)
     total = len(wanted) + (dataset is not None) + (conflicts is not None)
     models: dict[str, dict[str, Any]] = {source: {} for source in ("", *alone)}

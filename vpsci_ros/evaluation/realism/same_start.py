@@ -32,11 +32,12 @@ class SameStart:
 
     :param onsets: those to be scored on; library: those whose residuals the sampler lends, of other clips. Where it
         lacks a source that is scored, the noise of measurement comes from the scored clips: it is the camera's.
-    :param seed: of the classifier, of what is lent, and of the resampling of clips.
+    :param seed: of the classifier, of what is resampled, and of the resampling of clips.
+    :param repetitions: of the classifier's test; of the families of features, `FAMILY_REPETITIONS` at most.
     """
 
-    def __init__(self, onsets: Onsets, library: Onsets, seed: int) -> None:
-        self.onsets, self._library, self._seed = onsets, library, seed
+    def __init__(self, onsets: Onsets, library: Onsets, seed: int, repetitions: int = REPETITIONS) -> None:
+        self.onsets, self._library, self._seed, self._repetitions = onsets, library, seed, repetitions
         self.missing = sorted(set(onsets.source) - set(library.source))
         self._noise = onsets if self.missing else library
         self._middle = tracked(onsets)
@@ -73,15 +74,15 @@ class SameStart:
         scores, likely = energy_score(positions, onsets.recorded), likelihoods(positions, onsets)
         contact = motion(with_onset(positions, onsets.start), onsets.start, onsets.size).clearance <= 0.0
         touched = contact.any(axis=-1).mean(axis=1)
-        made = [self._seen(positions, self._seed + k) for k in range(REPETITIONS)]
-        clips, times = (onsets.clip, onsets.clip), {"all": REPETITIONS}
+        made = [self._seen(positions, self._seed + k) for k in range(self._repetitions)]
+        clips, families = (onsets.clip, onsets.clip), min(FAMILY_REPETITIONS, self._repetitions)
         tests = {
             name: two_sample(
                 family(self._real, name),
                 [family(one, name) for one in made],
                 clips,
                 self._seed,
-                repetitions=times.get(name, FAMILY_REPETITIONS),
+                repetitions=self._repetitions if name == "all" else families,
             )
             for name in FAMILIES
         }
