@@ -17,7 +17,7 @@ NAMES = sorted(path.stem for path in scenario_files())
 @pytest.mark.parametrize("name", NAMES)
 def test_a_shipped_bag_shows_a_critical_interaction_of_its_scenario_by_the_shipped_policies(name: str) -> None:
     bag = FOLDER / name
-    assert sum(path.stat().st_size for path in bag.iterdir()) < 300_000
+    assert sum(path.stat().st_size for path in bag.iterdir()) <= 500_000  # as tools/make_bags.py has it
     info = bag_info(bag)
     (episode,) = info["episodes"]
     assert episode["least_curvttc"] < CRITICAL_TTC
