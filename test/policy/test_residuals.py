@@ -126,6 +126,17 @@ def acted(weights: Weights, agent: str, episodes: np.ndarray, temperature: float
     return np.stack(out)
 
 
+def test_a_vehicle_that_leaves_steering_to_the_lane_remembers_that_it_did(weights: Weights) -> None:
+    own = PolicyAgent("vehicle", 3, False)
+    own.load(weights, version=1)
+    state, every = state_of(np.arange(8)), np.ones(8, bool)
+    tick = Tick(0, state, every)
+    action = own.act(tick, tick.assessed(np.full(8, 2.0), np.full(8, 2.0), every))
+    assert (action[:, 0] != 0.0).all()
+    assert (action[:, 1] == 0.0).all()
+    assert own._actor._action.tobytes() == action.tobytes()
+
+
 @pytest.mark.parametrize("agent", AGENTS)
 def test_an_episode_borrows_the_same_alone_and_among_others(weights: Weights, agent: str) -> None:
     together = acted(weights, agent, np.arange(70))

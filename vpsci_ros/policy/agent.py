@@ -113,6 +113,7 @@ class PolicyAgent:
             self._actor.executed(action, active)
         if self._index == 0 and self._borrower is not None:
             action[:, 1] = 0.0  # the road turns another way than the one on which it was learned: the lane is kept
+            self._actor.executed(action, active)
         return action
 
     def _warm_up(self, weights: Weights) -> None:
