@@ -5,6 +5,7 @@ from pathlib import Path
 from vpsci_ros.errors import InvalidInput
 
 RIGHT_TURNS = "right_turns"  # the name of the near misses that are shipped
+TO_LEARN_FROM, TO_MEASURE_ON = f"{RIGHT_TURNS}/train", f"{RIGHT_TURNS}/dev"  # their two parts
 _PACKAGE = Path(__file__).resolve().parent
 
 
@@ -77,7 +78,21 @@ def weights_path(name: str, package: Path = _PACKAGE) -> Path:
     return shipped[name]
 
 
+def near_misses_part(name: str | Path, package: Path = _PACKAGE) -> tuple[Path, str]:
+    """Return the near-miss table that `name` means, and which part of it: how the names of its clips begin, "" for all.
+
+    A table is "right_turns", which is shipped with the package, or a path; a part is named as if the table were a
+    folder of its clips: "right_turns/train", "mine.parquet/dev/corner1".
+    """
+    given = Path(name)
+    for path in (given, *given.parents):
+        shipped = str(path) == RIGHT_TURNS and not path.exists()
+        table = package / "recordings" / f"{RIGHT_TURNS}.parquet" if shipped else path
+        if table.is_file():
+            return table, given.relative_to(path).as_posix().removeprefix(".")
+    return given, ""
+
+
 def near_misses_path(name: str | Path, package: Path = _PACKAGE) -> Path:
-    """Return the near-miss table that `name` means: "right_turns", which is shipped with the package, or a path."""
-    shipped = package / "recordings" / f"{name}.parquet"
-    return shipped if not Path(name).exists() and str(name) == RIGHT_TURNS else Path(name)
+    """Return the file of the near-miss table that `name` means, or a part of it; see `near_misses_part`."""
+    return near_misses_part(name, package)[0]

@@ -171,7 +171,6 @@ def test_one_clip_cannot_be_split(table: pl.DataFrame) -> None:
 
 def test_the_right_turns_of_the_package_are_real_near_misses_of_two_corners_and_two_parts() -> None:
     table = read_near_misses("right_turns")
-    assert load_corpus([]).equals(table)  # what is learned from where nothing is given
     assert near_misses_path("right_turns").stat().st_size < 2e6
     assert table["source"].unique().to_list() == ["cqut-pvi"]
     begin = table.filter(pl.col("step") == 0)
@@ -180,6 +179,31 @@ def test_the_right_turns_of_the_package_are_real_near_misses_of_two_corners_and_
     assert names.get(1).unique().sort().to_list() == ["corner1", "corner2"]
     for name in ("LICENSE", "README.md"):
         assert (near_misses_path("right_turns").parent / name).is_file()
+    parts = [read_near_misses(f"right_turns/{part}") for part in ("train", "dev")]
+    assert [part["interaction"].n_unique() for part in parts] == [595, 152]
+    assert_frame_equal(load_corpus([]), concat_near_misses(parts[:1]))  # what is learned from where nothing is given
+
+
+def test_a_part_of_a_table_is_named_as_if_the_table_were_a_folder_of_its_clips(
+    table: pl.DataFrame, tmp_path: Path
+) -> None:
+    path, clip = tmp_path / "near.parquet", pl.col("clip")
+    write_near_misses(
+        table.with_columns(
+            (pl.when(clip.str.ends_with("9")).then(pl.lit("dev/")).otherwise(pl.lit("train/")) + clip).alias("clip")
+        ),
+        path,
+    )
+    assert near_misses_path(path / "train" / "synthetic_00002") == path
+    for part, count in {"train": 5, "train/synthetic_00002": 1, "dev": 1}.items():
+        assert read_near_misses(path / part)["clip"].n_unique() == count
+    with pytest.raises(InvalidInput, match=r"near.parquet has no clip tra and none .* its parts are dev, train"):
+        read_near_misses(path / "tra")
+    write_near_misses(table, path)
+    with pytest.raises(InvalidInput, match="has no clip train .* its clips have no parts"):
+        read_near_misses(f"{path}/train")
+    with pytest.raises(InvalidInput, match="right_turn/train: no such file"):
+        read_near_misses("right_turn/train")
 
 
 def test_the_right_turns_of_the_package_are_what_the_importer_makes_of_the_recordings(real_data: Path) -> None:

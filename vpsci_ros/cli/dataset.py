@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Params, Resumable, found
+from vpsci_ros.cli.options import Params, Resumable
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.resources import RIGHT_TURNS
 
@@ -97,7 +97,10 @@ def report(
         Path | None, typer.Option("--output", "-o", help="Folder to write into; default: DIR/report.")
     ] = None,
     near_misses: Annotated[
-        Path, typer.Option(metavar="FILE", callback=found, help="Near misses of recorded people to compare with.")
+        Path,
+        typer.Option(
+            metavar="TABLE", help="Recorded near misses to compare with: right_turns, a Parquet file, a part."
+        ),
     ] = Path(RIGHT_TURNS),
     beside: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Another dataset to compare with, say of the rule-based pair.")

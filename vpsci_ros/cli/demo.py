@@ -11,7 +11,7 @@ from rich.console import Console
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.status import NodeStatus
-from vpsci_ros.resources import RIGHT_TURNS, near_misses_path, params_dir
+from vpsci_ros.resources import TO_LEARN_FROM, near_misses_path, params_dir
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import Shown, Source, read_source, shown
@@ -157,7 +157,7 @@ def _near_misses(folder: Path, data: Path | None, console: Console) -> Path:
     from vpsci_ros.data.parquet import read_metadata
 
     console.rule("near misses", align="left")
-    tables, shipped = [read_near_misses(RIGHT_TURNS)], near_misses_path(RIGHT_TURNS)
+    tables, shipped = [read_near_misses(TO_LEARN_FROM)], near_misses_path(TO_LEARN_FROM)
     sources = read_metadata(shipped)["sources"]
     console.print(
         f"{tables[0]['interaction'].n_unique()} of cars that turn right and people who cross, recorded at two corners "

@@ -41,7 +41,7 @@ def ads_test(
     ] = None,
     recorded: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Meet recorded people as well: right_turns, or a near-miss table (Parquet)."),
+        typer.Option(metavar="TABLE", help="Meet recorded people as well: right_turns, a Parquet file, a part of one."),
     ] = None,
     fail_if: Annotated[
         list[str] | None,

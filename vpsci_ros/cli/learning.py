@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import NearMisses, Params, Quiet, Resumable, Settings, found, read_sections
+from vpsci_ros.cli.options import NearMisses, Params, Quiet, Resumable, Settings, read_sections
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.resources import RIGHT_TURNS
+from vpsci_ros.resources import TO_MEASURE_ON
 
 study_app = typer.Typer(
     no_args_is_help=True, help="Studies of learning: the paper's Tables 3, 5 and 9, and cross-validation."
@@ -77,8 +77,13 @@ def average(
 
 def evaluate(
     data: Annotated[
-        Path, typer.Option("--data", callback=found, help="Near-miss table (Parquet), or a folder of recordings.")
-    ] = Path(RIGHT_TURNS),
+        Path,
+        typer.Option(
+            "--data",
+            metavar="TABLE",
+            help="Near misses: right_turns, a Parquet file, a part; or a folder of recordings.",
+        ),
+    ] = Path(TO_MEASURE_ON),
     form: Annotated[
         str, typer.Option("--format", help="near-misses, vci-dut, vci-citr or an added one.")
     ] = "near-misses",

@@ -5,8 +5,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vpsci_ros.resources import near_misses_path
-
 if TYPE_CHECKING:
     from vpsci_ros.runs.sections import Sections
 
@@ -21,17 +19,13 @@ Settings = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")]
 
 
-def found(path: Path | None) -> Path | None:
-    """Return where the near misses lie that an option names: a path, or "right_turns", which the package ships."""
-    return path and near_misses_path(path)
-
-
 NearMisses = Annotated[
     list[Path] | None,
     typer.Option(
         "--near-misses",
-        metavar="FILE",
-        help="Near-miss table (Parquet); repeatable. Default: the parameter file's, or right_turns.",
+        metavar="TABLE",
+        help="Near misses: right_turns, a Parquet file, or a part of either (right_turns/train); repeatable. "
+        "Default: the parameter file's, or right_turns/train.",
     ),
 ]
 

@@ -5,18 +5,24 @@ from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Quiet, found
-from vpsci_ros.resources import RIGHT_TURNS
+from vpsci_ros.cli.options import Quiet
+from vpsci_ros.resources import TO_MEASURE_ON
 
 
 def realism(
     data: Annotated[
-        Path, typer.Option("--data", callback=found, help="Near-miss table (Parquet) to be scored on.")
-    ] = Path(RIGHT_TURNS),
+        Path,
+        typer.Option(
+            "--data",
+            metavar="TABLE",
+            help="Near misses to be scored on: right_turns, a Parquet file, a part of one.",
+        ),
+    ] = Path(TO_MEASURE_ON),
     library: Annotated[
         Path | None,
         typer.Option(
-            callback=found, help="Near-miss table whose residuals the control borrows. Default: other clips of --data."
+            metavar="TABLE",
+            help="Near misses whose residuals the control borrows. Default: other clips of --data's file.",
         ),
     ] = None,
     weights: Annotated[

@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import found
-from vpsci_ros.resources import RIGHT_TURNS
+from vpsci_ros.resources import TO_MEASURE_ON
 
 turing_app = typer.Typer(no_args_is_help=True, help="The Turing test of section 4.4: recorded or generated?")
 
@@ -52,8 +51,8 @@ def view(
 def make(
     output: Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")],
     near_misses: Annotated[
-        Path, typer.Argument(metavar="TABLE", callback=found, help="Near-miss table of recorded people (Parquet).")
-    ] = Path(RIGHT_TURNS),
+        Path, typer.Argument(metavar="TABLE", help="Near misses: right_turns, a Parquet file, or a part of one.")
+    ] = Path(TO_MEASURE_ON),
     weights: Annotated[
         str, typer.Option(metavar="FILE", help="Policies to be rated; or shipped ones' name.")
     ] = "refined",

@@ -19,7 +19,7 @@ from vpsci_ros.data.parquet import Column, read_metadata, read_parquet, write_pa
 from vpsci_ros.data.reference import AFTER, with_reference
 from vpsci_ros.documents import require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.resources import near_misses_path
+from vpsci_ros.resources import near_misses_part
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
 
@@ -56,15 +56,19 @@ _FLAGS = ("standing", "begins_critical", "contact")
 TURN_LIMIT = 1.0  # [rad] a heading turns by less than this in one step, or it is wrapped or in degrees
 
 
-def read_near_misses(path: str | Path) -> pl.DataFrame:
-    """Read and check a near-miss table; "right_turns" is the one shipped with the package.
+def read_near_misses(name: str | Path) -> pl.DataFrame:
+    """Read and check a near-miss table, or a part of it.
+
+    :param name: a path, or "right_turns" for the one shipped with the package; NAME/PART: only clips whose names begin
+        with "PART/", such as "right_turns/train", or that one clip.
 
     Tables from before November 2026, and people's own, may lack the columns `WORKED_OUT`; a warning says so.
 
     :returns: the columns of `NEAR_MISS_COLUMNS` in that order (further ones are left out), see `check_near_misses`.
-    :raises InvalidInput: no such file, not Parquet, or not a near-miss table; names file, column, row, and the remedy.
+    :raises InvalidInput: no such file, not Parquet, or not a near-miss table; names file, column, row, and the remedy;
+        or no clip of the part, and names those there are.
     """
-    path = near_misses_path(path)
+    path, part = near_misses_part(name)
     table = read_parquet(path, _WHAT)
     if missing := [name for name in WORKED_OUT if name not in table.columns]:
         warnings.warn(
@@ -73,7 +77,19 @@ def read_near_misses(path: str | Path) -> pl.DataFrame:
             "whole tracks",
             stacklevel=2,
         )
-    return check_near_misses(table, str(path), _sizes(path))
+    return _of_part(check_near_misses(table, str(path), _sizes(path)), part, path)
+
+
+def _of_part(table: pl.DataFrame, part: str, path: Path) -> pl.DataFrame:
+    if not part:
+        return table
+    clip = pl.col("clip")
+    chosen = table.filter((clip == part) | clip.str.starts_with(f"{part}/"))
+    if chosen.is_empty():
+        folders = table["clip"].filter(table["clip"].str.contains("/")).str.split("/").list.first().unique().sort()
+        has = f"its parts are {', '.join(folders)}" if len(folders) else "its clips have no parts (no / in their names)"
+        raise InvalidInput(f"{path}/{part}: {path.name} has no clip {part} and none that begins with {part}/; {has}")
+    return chosen
 
 
 def write_near_misses(

@@ -24,7 +24,7 @@ from vpsci_ros.data.gathered import group_of
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import recorded_episodes, recorded_list
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.resources import near_misses_path
+from vpsci_ros.resources import near_misses_part
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import STEP
 
@@ -97,8 +97,8 @@ def read_episodes(
 
 
 def open_source(path: str | Path, *, recover: bool = False) -> EpisodeSource:
-    """Return what lies at `path`, or the shipped near misses of this name ("right_turns"); see `read_episodes`."""
-    path = near_misses_path(path)
+    """Return what lies at `path`, or near misses named as `read_near_misses` has it; see `read_episodes`."""
+    path, part = near_misses_part(path)
     if not path.exists():
         raise InvalidInput(f"{path}: no such file or folder; {EXPECTED}")
     if (path / DESCRIPTION).is_file():
@@ -110,6 +110,7 @@ def open_source(path: str | Path, *, recover: bool = False) -> EpisodeSource:
         return _bag(path, recover)
     if path.is_dir():
         raise InvalidInput(f"{path}: neither {DESCRIPTION} nor a bag in it; {EXPECTED}")
+    path = path / part
     table = read_near_misses(path)
     return EpisodeSource(
         path, "recorded", STEP, recorded_list(table), (), partial(recorded_episodes, table, source=str(path))

@@ -79,7 +79,9 @@ class ExamConfig:
         [name for name in DRIVERS if name != "recorded"],
         f"pedestrians to meet: {', '.join(DRIVERS)}, and agents that other distributions add (docs/extending.md)",
     )
-    recorded: str = parameter("", "recorded people to meet as well: right_turns, or a near-miss table (Parquet)")
+    recorded: str = parameter(
+        "", "recorded people to meet as well: right_turns, a Parquet file, or a part (right_turns/dev)"
+    )
     perception: bool = parameter(
         False,
         "the ADS is told of pedestrians on /perception/objects alone, with the errors that the section perception "

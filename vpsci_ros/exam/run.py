@@ -17,6 +17,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.parquet import read_parquet, write_parquet
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
@@ -63,8 +64,8 @@ def prepare(sections: Sections, ads: str | None = None) -> Exam:
             f"ads_test.ads = {OWN}: hears of the first pedestrian only on /pedestrian/odometry, and "
             f"world_simulator.pedestrians = {world.pedestrians}; set ads_test.perception to true, which tells it of all"
         )
-    if config.recorded and not near_misses_path(config.recorded).is_file():
-        raise InvalidInput(f"ads_test.recorded = {config.recorded}: no such file; expected a near-miss table (Parquet)")
+    if config.recorded:
+        read_near_misses(config.recorded)
     _ = exam.weights, exam.scenarios
     return exam
 

@@ -22,7 +22,7 @@ class LearnerConfig:
 
     stage: str = parameter("pretrain", "stage 1 or stage 2", choices=("pretrain", "refine"))
     near_misses: list[str] = parameter(
-        [], "Parquet files of real near misses; right_turns, or empty: the package's own"
+        [], "real near misses: right_turns, Parquet files, or parts (right_turns/dev); empty: right_turns/train"
     )
     output: str = parameter("out/learner", "folder for weights, log and checkpoints")
     seed: int = parameter(1, "seed of initial weights and sampling", low=0, high=2**63 - 1)

@@ -18,6 +18,7 @@ from vpsci_ros.report.comparison import SHARES, between_halves, describe, distan
 from vpsci_ros.report.figures import save_conflicts, save_nearness, save_yielding
 from vpsci_ros.report.panels import typical_episodes
 from vpsci_ros.report.trajectories import save_trajectories
+from vpsci_ros.resources import near_misses_path
 from vpsci_ros.runs.files import sha256, write_text
 from vpsci_ros.runs.provenance import software_versions
 
@@ -42,7 +43,7 @@ def write_report(
 ) -> dict[str, Any]:
     """Write the report of a dataset into `output` and return its numbers, those of `report.json`.
 
-    :param near_misses: near-miss table of recorded people to compare with.
+    :param near_misses: recorded people to compare with, see `read_near_misses`.
     :param beside: another dataset to compare with, say of the rule-based pair.
     :param view: the page beside it in which the episodes play; empty: there is none, and so no link.
     :param tell: called with what is being done.
@@ -123,7 +124,7 @@ def _inputs(folder: Path, near_misses: Path | None, beside: Path | None) -> dict
     if near_misses is not None:
         files["near_misses"] = near_misses
     return {
-        "files": {name: {"path": str(path), "sha256": sha256(path)} for name, path in files.items()},
+        "files": {name: {"path": str(path), "sha256": sha256(near_misses_path(path))} for name, path in files.items()},
         "software": software_versions(),
     }
 

@@ -27,7 +27,7 @@ from vpsci_ros.evaluation.realism.table import print_realism
 from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.report.beside import save_beside
 from vpsci_ros.report.realism import save_realism
-from vpsci_ros.resources import weights_path
+from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.files import sha256, write_json
 from vpsci_ros.runs.folder import RunFolder
 from vpsci_ros.runs.progress import Bars
@@ -44,7 +44,7 @@ class RealismStudy:
     """What is scored, and beside what; `vpsci realism --help` says more of each."""
 
     data: Path  # near misses to be scored on
-    library: Path | None  # near misses whose residuals the control borrows; None: other clips of `data`
+    library: Path | None  # near misses whose residuals the control borrows; None: other clips of the table of `data`
     weights: list[str] | None  # further weights, [NAME=]FILE
     folds: Path | None  # folder of a study of folds on `data`
     dataset: Path | None  # folder of generated episodes
@@ -62,7 +62,7 @@ def run_realism(study: RealismStudy, json_path: Path | None, output: Path | None
     :param json_path: file for all numbers; output: folder for numbers, picture and record of the run.
     :raises InvalidInput: a file is refused, a name is there twice, or no clip of the data was held out.
     """
-    everything = table = read_near_misses(study.data)
+    table = read_near_misses(study.data)
     files = {name: weights_path(name) for name in SHIPPED} | _named(study.weights or [])
     loaded = {name: load_weights(path) for name, path in files.items()}
     if study.held_out:
@@ -70,10 +70,13 @@ def run_realism(study: RealismStudy, json_path: Path | None, output: Path | None
     simulators = {name: policy(own, study.seed, study.temperature) for name, own in loaded.items()}
     if study.folds is not None:
         simulators |= _of_folds(study.folds, table, study.seed, study.temperature)
-    inputs = [study.data, *files.values(), *(path for path in (study.library, study.conflicts) if path is not None)]
+    inputs = [*files.values(), *([] if study.conflicts is None else [study.conflicts])]
+    inputs += [near_misses_path(name) for name in (study.data, study.library) if name is not None]
     chosen = ("clean", "held_out", "temperature", "seed", "episodes")
     resolved = {name: getattr(study, name) for name in chosen} | {
         "models": list(simulators),
+        "data": str(study.data),
+        "library": str(study.library or ""),
         "dataset": str(study.dataset or ""),
         "folds": str(study.folds or ""),
     }
@@ -88,7 +91,7 @@ def run_realism(study: RealismStudy, json_path: Path | None, output: Path | None
             table,
             simulators,
             RealismConfig(clean=study.clean, seed=study.seed, episodes=study.episodes),
-            library=everything if study.library is None else read_near_misses(study.library),
+            library=read_near_misses(study.library or near_misses_path(study.data)),
             dataset=dataset,
             conflicts=study.conflicts,
             parts=output,

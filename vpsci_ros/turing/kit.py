@@ -13,7 +13,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.onsets import Onsets
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.report import html
-from vpsci_ros.resources import weights_path
+from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
@@ -28,7 +28,7 @@ TEMPLATES = Path(__file__).resolve().parent / "templates"
 def make_kit(table: Path, weights: str, folder: Path, *, scenes: int, seed: int, temperature: float) -> dict[str, Any]:
     """Write questionnaire.html and key.json into `folder` and return the key.
 
-    :param table: near-miss table of recorded people.
+    :param table: near misses of recorded people, or a part of them, see `read_near_misses`.
     :param weights: of the policies to be judged: a file, or the name of shipped ones.
     :param scenes: each makes three clips; at least 2.
     :raises InvalidInput: table, weights or folder are refused, or there are too few scenes.
@@ -48,7 +48,7 @@ def make_kit(table: Path, weights: str, folder: Path, *, scenes: int, seed: int,
         "kit": kit,
         "seed": seed,
         "temperature": temperature,
-        "near_misses_sha256": sha256(table),
+        "near_misses_sha256": sha256(near_misses_path(table)),
         "weights": weights,
         "weights_sha256": sha256(path),
         "scenes": _scenes(onsets, loaded.facts.get("data", {}).get("held_out_clips", [])),
