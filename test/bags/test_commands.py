@@ -80,7 +80,7 @@ def tick_of(raw: RawMessage) -> int:
 
 
 def with_state(raw: RawMessage, **values: float) -> RawMessage:
-    """A WorldState in which numbers are added to its fields, or are NaN."""
+    """A message, a WorldState mostly, in which numbers are added to its fields, or are NaN."""
     store = known_types()
     message = store.deserialize_cdr(raw.data, raw.type)
     for name, value in values.items():
@@ -258,6 +258,29 @@ def test_verify_fails_at_states_that_are_no_numbers_behind_the_last_tick(own_bag
         return messages + [with_state(first, pedestrian_x=np.nan)] * 20
 
     assert run("verify", changed(own_bag, tmp_path / "bag", edit=forged)).exit_code != 0
+
+
+@pytest.mark.parametrize(
+    ("topic", "edit", "status", "said"),
+    [
+        ("/vehicle/action", lambda raw: [], 3, "not compared: the bag lacks 1 message of /vehicle/action"),
+        ("/safety/state", lambda raw: [], 3, "not compared: the bag lacks 1 message of /safety/state"),
+        ("/episode/event", lambda raw: [], 3, "not compared: the bag lacks 1 message of /episode/event"),
+        ("/episode/event", lambda raw: [with_state(raw, episode=1)], 1, ", /episode/event.episode[0]: "),
+        (WORLD, lambda raw: [raw, with_state(raw, tick=2**62)], 1, "the bag goes on"),
+        ("/safety/state", lambda raw: [raw, with_state(raw, tick=900_000)], 1, "the bag goes on"),
+    ],
+)
+def test_verify_misses_what_was_taken_out_and_finds_what_was_put_in(
+    tmp_path: Path, topic: str, edit: Callable, status: int, said: str
+) -> None:
+    def edited(messages: list[RawMessage]) -> list[RawMessage]:
+        first = next(k for k, raw in enumerate(messages) if raw.topic == topic)
+        return [*messages[:first], *edit(messages[first]), *messages[first + 1 :]]
+
+    result = run("verify", changed(SHIPPED, tmp_path / "bag", edit=edited))
+    assert result.exit_code == status
+    assert said in result.stdout
 
 
 def test_verify_does_not_succeed_where_ticks_are_absent(own_bag: Path, tmp_path: Path) -> None:

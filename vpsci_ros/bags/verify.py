@@ -1,11 +1,12 @@
 """Is a bag what its parameters say? The same episodes are simulated in this process and compared to the bit.
 
-Every message of the world, the safety monitor and the policies is compared, field by field, and each may be there once
-only. Answers that the world did without, because a node was late or away, are known from the events in the bag and left
-out here as well. What could not be compared is named.
+Every message of the world, its events among them, the safety monitor and the policies is compared, field by field, and
+each must be there once. Answers that the world did without, because a node was late or away, are known from the events
+in the bag and left out here as well. What could not be compared is named.
 """
 
 import itertools
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,7 +37,14 @@ from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.scenario import scenario_from
-from vpsci_ros.world.state import PEDESTRIAN_ACTION_MISSING, RUNNING, SAFETY_MISSING, STARTED, VEHICLE_ACTION_MISSING
+from vpsci_ros.world.state import (
+    PEDESTRIAN_ACTION_MISSING,
+    RUNNING,
+    SAFE_STOP,
+    SAFETY_MISSING,
+    STARTED,
+    VEHICLE_ACTION_MISSING,
+)
 
 _MISSING = {VEHICLE_ACTION_MISSING: "vehicle", PEDESTRIAN_ACTION_MISSING: "pedestrian", SAFETY_MISSING: "safety"}
 _LATE = 1000  # ticks by which a message may stand later in the file: what the recorder's queue of each topic holds
@@ -78,24 +86,27 @@ def verify_bag(path: str | Path, *, weights: str = "", recover: bool = False) ->
     for (tick, messages), (_, following) in itertools.pairwise(ticks):
         if expected == 0 and tick > 0:
             raise InvalidInput(f"{path} cannot be simulated again: its first tick is {tick}, the beginning is lost")
-        while expected < tick:  # what the bag lost is simulated as if no answer had been missing
+        while expected < tick and not simulation.done:  # what is lost is simulated as if no answer had been missing
             absent += 1
             simulation.take_actions()
             simulation.advance(set())
             expected += 1
-        result.difference = simulation.compare(tick, messages, result)
+        missing = _missing_answers(following)
+        result.difference = simulation.compare(tick, messages, missing if following else None, result)
         if result.difference:
             break
         if simulation.interrupted(following):
             result.uncompared += (f"the world was reset after tick {tick}: what follows was not compared",)
             break
-        simulation.advance(_missing_answers(following))
+        simulation.advance(missing)
         expected += 1
     if result.ticks == 0 and not result.difference:
         raise InvalidInput(f"{path} cannot be simulated again: it holds no message of {WORLD}")
     if absent:
         plural = "s" * (absent > 1)
         result.uncompared += (f"the bag lacks {absent} tick{plural} between its first and its last one",)
+    for topic, count in simulation.absent.items():
+        result.uncompared += (f"the bag lacks {count} message{'s' * (count > 1)} of {topic}",)
     if result.difference and simulation.cpu not in ("", cpu_name()):
         result.notes += (f"it was recorded on another kind of CPU, {simulation.cpu}; here is {cpu_name()}",)
     return result
@@ -137,6 +148,10 @@ class _Simulation:
         monitor = pick(MonitorConfig, run.parameters.get("safety_monitor", {}), "safety_monitor")
         agents = [agent for agent in AGENTS if getattr(config, f"{agent}_driver") == "policy"]
         self._loop = Loop(simulated, monitor, {agent: self._policy(agent, run, weights) for agent in agents})
+        self._events = simulated.take_started()  # of the present tick
+        self._recorded = frozenset(bag.topics())
+        self.absent: Counter[str] = Counter()
+        """Messages that the bag lacks although the world had them, by topic."""
 
     def _scenarios(self, run: BagRun) -> list[Scenario]:
         """Return the scenarios of the run: the package's, if they are still the same, and those in the bag."""
@@ -174,14 +189,44 @@ class _Simulation:
         policy.load(load_weights(path), version=1)
         return policy
 
+    @property
+    def done(self) -> bool:
+        """Whether every episode has ended."""
+        return self._loop.world.done
+
     def take_actions(self) -> None:
         """Have the policies act at the world's tick, which they do once."""
         self._actions = self._loop.actions()
 
-    def compare(self, tick: int, messages: Messages, result: VerifiedBag) -> str:
-        """Compare all messages of the world's tick; return the first difference."""
-        if self._loop.world.done:
+    def compare(self, tick: int, messages: Messages, missing: set[str] | None, result: VerifiedBag) -> str:
+        """Compare all messages of the world's tick; return the first difference.
+
+        :param missing: whose answers to the tick the world did without; None: it is the last one, and nobody waited.
+        """
+        simulated: dict[str, Fields] = {}
+        happened = _deterministic(self._events)
+        if len(happened) or messages.get(EVENTS):
+            simulated[EVENTS] = layout.event_fields(happened)
+            messages = messages | {EVENTS: [_Rows(_deterministic(rows)) for rows in messages.get(EVENTS, ())]}
+        if not self.done:
+            simulated |= self._tick(result)
+        elif set(messages) - {EVENTS}:
             return f"tick {tick}: every episode has ended before it when simulated again, but the bag goes on"
+        for topic, fields in simulated.items():
+            held = messages.get(topic, ())
+            for message in held:
+                if found := _compare(f"tick {tick}, {topic}", message, fields, result):
+                    return found
+            if len(held) > 1:
+                return f"tick {tick}, {topic}: {len(held)} messages in the bag, one simulated"
+            answers = topic not in (WORLD, EVENTS) and not any(values is None for values in fields.values())
+            waited = answers and missing is not None and topic.split("/")[1] not in missing
+            if not held and topic in self._recorded and (waited or topic in (WORLD, EVENTS)):
+                self.absent[topic] += 1
+        return ""
+
+    def _tick(self, result: VerifiedBag) -> dict[str, Fields]:
+        """Return the fields of each message of the world's tick."""
         self.take_actions()
         _, state, frame, _ = self._loop.world.now
         assessed = self._loop.assessment
@@ -194,13 +239,7 @@ class _Simulation:
         for agent in self._loop.agents:
             action = self._actions.of(agent)
             simulated[f"/{agent}/action"] = {"longitudinal": None} if action is None else layout.action_fields(action)
-        for topic, fields in simulated.items():
-            for message in messages.get(topic, ()):  # none: an answer that never came
-                if found := _compare(f"tick {tick}, {topic}", message, fields, result):
-                    return found
-            if (count := len(messages.get(topic, ()))) > 1:
-                return f"tick {tick}, {topic}: {count} messages in the bag, one simulated"
-        return ""
+        return simulated
 
     def interrupted(self, following: Messages) -> bool:
         """Whether the recorded world began another episode in a slot whose episode had not ended: it was reset."""
@@ -211,9 +250,10 @@ class _Simulation:
     def advance(self, missing: set[str]) -> None:
         """Move to the next tick, without the answers that the recorded world did without."""
         loop = self._loop
-        if not loop.world.done:
+        if not self.done:
             assessment = loop.world.now.unassessed() if "safety" in missing else loop.assessment
-            loop.advance(assessment, replace(self._actions, **dict.fromkeys(missing - {"safety"})))
+            actions = replace(self._actions, **dict.fromkeys(missing - {"safety"}))
+            self._events = loop.advance(assessment, actions).events
 
 
 def _compare(where: str, message: Any, simulated: Fields, result: VerifiedBag) -> str:
@@ -234,7 +274,7 @@ def _compare(where: str, message: Any, simulated: Fields, result: VerifiedBag) -
 
 
 def _ticks(bag: Bag, result: VerifiedBag) -> Iterator[tuple[int, Messages]]:
-    """Yield the ticks of a bag with all their messages by topic; a tick without a state only within the run."""
+    """Yield the ticks of a bag in order with all their messages by topic; events are EVENT[n]."""
     topics = (WORLD, SAFETY, EVENTS, *(f"/{agent}/action" for agent in AGENTS))
     decode = Decoder()
     gathered: dict[int, Messages] = {}
@@ -254,9 +294,19 @@ def _ticks(bag: Bag, result: VerifiedBag) -> Iterator[tuple[int, Messages]]:
             yield oldest, gathered.pop(oldest)
     if late:
         result.uncompared += (f"{late} messages stand more than {_LATE} ticks late in the file",)
-    for tick in sorted(gathered):
-        if WORLD in gathered[tick]:  # what came before the state of a tick that was never reached is not compared
-            yield tick, gathered[tick]
+    yield from sorted(gathered.items())
+
+
+class _Rows:
+    """Events as a message: a sequence for each field of EVENT[n]."""
+
+    def __init__(self, rows: NDArray[np.void]) -> None:
+        self.__dict__.update(layout.event_fields(rows))
+
+
+def _deterministic(events: NDArray[np.void]) -> NDArray[np.void]:
+    """Return the events, EVENT[n], that do not depend on how quickly the nodes answered."""
+    return events[~np.isin(events["kind"], (*_MISSING, SAFE_STOP))]
 
 
 def _missing_answers(following: Messages) -> set[str]:
