@@ -5,7 +5,7 @@ import math
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.criteria import NAMES, judge, parse
+from vpsci_ros.exam.criteria import NAMES, check, parse
 
 MET = ["learned", "walker"]
 
@@ -20,7 +20,7 @@ def report(**rates: float | None) -> dict:
 
 
 def failed(text: str, **rates: float | None) -> list[str]:
-    return [v.pedestrian for v in judge([parse(text, MET)], report(**rates), MET) if v.failed]
+    return [v.pedestrian for v in check([parse(text, MET)], report(**rates), MET) if v.failed]
 
 
 def test_a_criterion_holds_for_any_pedestrian_unless_it_names_one():
@@ -37,7 +37,7 @@ def test_each_operator_means_what_it_says_at_the_limit(sign, expected):
 def test_what_could_not_be_measured_fails():
     assert failed("collision_rate > 0.05 @learned", learned=None, walker=0.0) == ["learned"]
     assert failed("evasion_success_rate < 0.9 @walker", learned=0.0, walker=0.0) == ["walker"]
-    verdict = judge([parse("collision_rate > 1 @learned", MET)], report(learned=None), MET)[0]
+    verdict = check([parse("collision_rate > 1 @learned", MET)], report(learned=None), MET)[0]
     assert math.isnan(verdict.value)
     assert verdict.sentence() == "collision_rate > 1 @learned: not measured with learned, failed"
 

@@ -9,7 +9,7 @@ import pytest
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.exam.measures import episode_table, time_lost
+from vpsci_ros.exam.measures import RunResult, episode_table, time_lost
 from vpsci_ros.exam.report import Conduct, definitions, make_report, value_of
 from vpsci_ros.exam.scores import MEASURES, difference, estimate
 from vpsci_ros.world import load_scenarios
@@ -34,7 +34,7 @@ def drive(speeds, *, curvttc=np.inf, outcome="goal", episode=0, walking=1.5):
 
 def row(found, alone=(), **options):
     given = {"driver": "ads", "pedestrian": "learned"} | options
-    return episode_table([found], list(alone), CONFIG, **given).row(0, named=True)
+    return episode_table(RunResult([found]), list(alone), CONFIG, **given).row(0, named=True)
 
 
 def test_hard_braking_is_above_the_threshold_and_not_at_it():
@@ -92,7 +92,7 @@ def table(**collisions):
             for k, hit in enumerate(outcomes)
         ]
         alone = [drive(np.full(30, 4.0), episode=k) for k in range(len(outcomes))]
-        parts.append(episode_table(drives, alone, CONFIG, driver=driver, pedestrian=pedestrian))
+        parts.append(episode_table(RunResult(drives), alone, CONFIG, driver=driver, pedestrian=pedestrian))
     return pl.concat(parts)
 
 
@@ -124,8 +124,8 @@ def test_a_report_says_how_much_the_driver_lives_off_the_pedestrians_yielding():
 
 
 def test_a_report_counts_refused_commands_and_unanswered_ticks():
-    rows = episode_table([drive(np.full(30, 4.0))], [], CONFIG, driver="ads", pedestrian="learned",
-                         unanswered={(1, 0): 7})  # fmt: skip
+    run = RunResult([drive(np.full(30, 4.0))], unanswered={(1, 0): 7})
+    rows = episode_table(run, [], CONFIG, driver="ads", pedestrian="learned")
     report = make_report(rows, {"learned": Conduct(4, 12, failure="the ADS was killed")}, CONFIG)
     conduct = report["conduct"]["learned"]
     assert (conduct["episodes_driven"], conduct["episodes_wanted"], conduct["commands_refused"]) == (1, 4, 12)

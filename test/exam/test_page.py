@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 from exam.test_measures import CONFIG, drive
 
-from vpsci_ros.exam.measures import episode_table
+from vpsci_ros.exam.measures import RunResult, episode_table
 from vpsci_ros.exam.page import WORST, worst, write_page
 from vpsci_ros.exam.report import Conduct, make_report
 
@@ -25,7 +25,7 @@ def episodes(pedestrian, driver, collide):
     """Twelve episodes, all critical, of which the first `collide` end in a contact at 1, 2, ... m/s."""
     made = [drive(np.full(40, 1.0 + k), curvttc=1.0, episode=k, outcome="collision") for k in range(collide)]
     made += [drive(np.linspace(5.0, 0.5, 40), curvttc=3.0, episode=k) for k in range(collide, 12)]
-    return made, episode_table(made, [], CONFIG, driver=driver, pedestrian=pedestrian)
+    return made, episode_table(RunResult(made), [], CONFIG, driver=driver, pedestrian=pedestrian)
 
 
 @pytest.fixture(scope="module")

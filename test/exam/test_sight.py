@@ -8,9 +8,9 @@ import pytest
 
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.gathered import gathered
-from vpsci_ros.exam.conduct import autopilot_met, episodes_in_bag
+from vpsci_ros.exam.conduct import autopilot_run, episodes_in_bag
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.exam.measures import episode_table
+from vpsci_ros.exam.measures import RunResult, episode_table
 from vpsci_ros.exam.report import Conduct, make_report
 from vpsci_ros.exam.run import prepare
 from vpsci_ros.exam.sight import Sight, Watcher
@@ -37,48 +37,48 @@ def run(perception: PerceptionConfig | None = None, scenario: int = 104, **confi
     return watcher.found, list(gathered(ticks, chosen.tick, scenarios))
 
 
-def test_without_perception_the_ads_is_told_of_everybody_at_once() -> None:
+def test_without_perception_the_ads_gets_everybody_published_at_once() -> None:
     found, driven = run()
     critical = {drive.key for drive in driven if drive.curvttc[0, :-1].min() < CRITICAL_TTC}
     assert set(found) == critical
-    assert all((sight.told_share, sight.told_after(0.05)) == (1.0, 0.0) for sight in found.values())
+    assert all((sight.published_share, sight.published_after(0.05)) == (1.0, 0.0) for sight in found.values())
 
 
-def test_where_vehicles_are_parked_some_are_hidden_as_it_becomes_critical_and_told_of_later() -> None:
+def test_where_vehicles_are_parked_some_are_hidden_as_it_becomes_critical_and_published_later() -> None:
     found, _ = run(PerceptionConfig(least_visible=0.25))
     hidden = [sight for sight in found.values() if sight.hidden]
     assert 5 < len(hidden) < len(found)
-    told = [sight.told_after(0.05) for sight in hidden]
-    assert all(math.isnan(after) or after > 0.0 for after in told)
-    assert all(sight.told_after(0.05) == 0.0 for sight in found.values() if not sight.hidden)
+    after = [sight.published_after(0.05) for sight in hidden]
+    assert all(math.isnan(seconds) or seconds > 0.0 for seconds in after)
+    assert all(sight.published_after(0.05) == 0.0 for sight in found.values() if not sight.hidden)
     assert not any(sight.hidden for sight in run(scenario=101)[0].values())
 
 
-def test_kinds_and_groups_are_those_of_the_episodes_where_the_bag_tells_of_neither(tmp_path: Path) -> None:
+def test_kinds_and_groups_are_those_of_the_episodes_where_the_bag_holds_neither(tmp_path: Path) -> None:
     kinds = {f"kinds.{name}": 1.0 for name in KINDS}
     world = {"scenarios": [1, 104], "episodes": 6, "seed": 5, "pedestrians": 3, "crowd.sizes": [1.0, 1.0, 1.0]} | kinds
     exam = prepare(Sections({"world_simulator": world, "ads_test": {"pedestrians": ["walker"]}}), "external")
     config = exam.with_pedestrian("walker", "autopilot")
     write_ticks(Loop(World(config, exam.scenarios, exam.episodes, 1, 5)), config, tmp_path / "bag", {})
     read, found = episodes_in_bag(tmp_path / "bag", exam, "walker", recover=False)
-    expected = autopilot_met(exam, "walker")
+    expected = autopilot_run(exam, "walker")
     assert found == expected.sight
     assert [episode.listed for episode in read] == [episode.listed for episode in expected.episodes]
     assert {sight.pedestrians for sight in found.values()} == {1, 2, 3}
     assert len({sight.kind for sight in found.values()}) > 2
 
 
-def test_what_was_never_told_has_no_time() -> None:
+def test_what_was_never_published_has_no_time() -> None:
     found, _ = run(PerceptionConfig(missed=1.0))
-    assert all(sight.told_share == 0.0 and math.isnan(sight.told_after(0.05)) for sight in found.values())
-    assert math.isnan(Sight().told_share)
+    assert all(sight.published_share == 0.0 and math.isnan(sight.published_after(0.05)) for sight in found.values())
+    assert math.isnan(Sight().published_share)
 
 
 def test_results_come_by_kind_by_group_and_by_who_was_hidden_where_these_differ() -> None:
     found, driven = run(pedestrians=2, kinds=KindMixture(adult=1.0, child=1.0))
     assert len(driven) == EPISODES, "an episode is one, however many pedestrians it has"
     options = {"driver": "autopilot", "pedestrian": "walker"}
-    table = episode_table(driven, [], ExamConfig(), **options, sight=found)
+    table = episode_table(RunResult(driven, sight=found), [], ExamConfig(), **options)
     report = make_report(table, {"walker": Conduct(EPISODES)}, ExamConfig(pedestrians=["walker"], baseline=True))
     groups = report["groups"]
     assert set(groups) == {"kind", "hidden"}, "all groups are of two"

@@ -3,16 +3,17 @@
 import shutil
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 import pytest
 
 from vpsci_ros.bags.episodes import read_episodes
+from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import autopilot_met
+from vpsci_ros.exam.conduct import autopilot_run
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.exam.measures import COLUMNS, episode_table
-from vpsci_ros.exam.run import prepare
+from vpsci_ros.exam.measures import COLUMNS, RunResult, episode_table
+from vpsci_ros.exam.report import BASELINE
+from vpsci_ros.exam.run import prepare, read_exam
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.runs.sections import Sections
 
@@ -23,14 +24,25 @@ def exam():
     return prepare(Sections({"world_simulator": world, "ads_test": {"pedestrians": ["walker"]}}), "external")
 
 
+@pytest.fixture(scope="module")
+def autopilot(exam):
+    return autopilot_run(exam, "walker").episodes
+
+
 def rows(found, driver):
-    return episode_table(found, [], ExamConfig(), driver=driver, pedestrian="walker")
+    return episode_table(RunResult(found), [], ExamConfig(), driver=driver, pedestrian="walker")
 
 
-def test_the_driving_systems_episodes_come_from_its_bag_with_the_exams_verdicts(own_bag, exam, tmp_path: Path) -> None:
+def sources(table, autopilot, limit=1000, report=pytest.fail):
+    return exam_sources(table, {BASELINE: lambda _: autopilot}, limit, report)
+
+
+def test_an_exam_that_is_over_is_shown_from_its_bags_with_its_verdicts(own_bag, tmp_path: Path, capsys) -> None:
     shutil.copytree(own_bag, tmp_path / "runs/walker/bag")
     table = rows(list(read_episodes(own_bag)), "ads")
-    (source,) = exam_sources(tmp_path, table, None, 1000, pytest.fail)
+    write_parquet(table, tmp_path / "episodes.parquet", COLUMNS, content="episodes of an exam")
+    (source,) = read_exam(tmp_path, 1000)
+    assert "the autopilot is left out" in capsys.readouterr().err, "nothing says how the exam was made"
     assert source.key == "ads-walker"
     assert sorted(e.episode.name for e in source.episodes) == ["1:0", "1:2", "6:4"]
     by_name = {f"{row['scenario']}:{row['episode']}": row for row in table.to_dicts()}
@@ -41,34 +53,29 @@ def test_the_driving_systems_episodes_come_from_its_bag_with_the_exams_verdicts(
         assert ("evasion_success" in episode.marks) == (row["critical"] and not row["collision"])
 
 
-def test_the_autopilots_episodes_are_those_of_the_exam(exam, tmp_path: Path) -> None:
-    found = autopilot_met(exam, "walker").episodes
-    (source,) = exam_sources(
-        tmp_path, rows(found, "autopilot"), lambda name: autopilot_met(exam, name).episodes, 1000, pytest.fail
-    )
+def test_the_autopilots_episodes_are_those_of_the_exam(autopilot) -> None:
+    (source,) = sources(rows(autopilot, "autopilot"), autopilot)
     assert source.key == "autopilot-walker"
-    shown = {each.episode.name: each.episode for each in source.episodes}
-    for episode in found:
-        np.testing.assert_array_equal(shown[episode.name].x, episode.x)
+    assert [each.episode for each in source.episodes] == autopilot
 
 
-def test_episodes_that_end_otherwise_now_are_left_out_and_it_is_said(exam, tmp_path: Path) -> None:
-    changed = rows(autopilot_met(exam, "walker").episodes, "autopilot").with_columns(outcome=pl.lit("none"))
+def test_episodes_that_end_otherwise_now_are_left_out_and_it_is_said(autopilot) -> None:
+    changed = rows(autopilot, "autopilot").with_columns(outcome=pl.lit("none"))
     said: list[str] = []
-    with pytest.raises(InvalidInput, match="not one episode"):
-        exam_sources(tmp_path, changed, lambda name: autopilot_met(exam, name).episodes, 1000, said.append)
+    assert sources(changed, autopilot, report=said.append) == []
     assert "simulated again, its episodes end otherwise" in said[0]
 
 
-def test_of_too_many_the_nearest_are_shown(exam, tmp_path: Path) -> None:
-    table = rows(autopilot_met(exam, "walker").episodes, "autopilot")
-    (source,) = exam_sources(tmp_path, table, lambda name: autopilot_met(exam, name).episodes, 2, pytest.fail)
+def test_of_too_many_the_nearest_are_shown(autopilot) -> None:
+    table = rows(autopilot, "autopilot")
+    (source,) = sources(table, autopilot, limit=2)
     nearest = table.sort("least_curvttc", "scenario", "episode").head(2)
     assert {e.episode.name for e in source.episodes} == {f"1:{number}" for number in nearest["episode"]}
     assert source.total == 3
 
 
-def test_an_exam_in_which_nobody_drove_is_refused(exam, tmp_path: Path) -> None:
+def test_an_exam_in_which_nobody_drove_is_refused(tmp_path: Path) -> None:
     empty = pl.DataFrame(schema={name: column.dtype for name, column in COLUMNS.items()})
+    write_parquet(empty, tmp_path / "episodes.parquet", COLUMNS, content="episodes of an exam")
     with pytest.raises(InvalidInput, match="not one episode of this exam was driven"):
-        exam_sources(tmp_path, empty, lambda name: autopilot_met(exam, name).episodes, 1000, pytest.fail)
+        read_exam(tmp_path, 1000)

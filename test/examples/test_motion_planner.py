@@ -14,7 +14,7 @@ from sensor_msgs.msg import PointCloud2
 pytest.importorskip("fiss_planner", reason="needs fiss-planner (extra: planner)")
 
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.exam.conduct import autopilot_met
+from vpsci_ros.exam.conduct import autopilot_run
 from vpsci_ros.exam.process import running
 from vpsci_ros.exam.run import prepare
 from vpsci_ros.nodes.domain import own_domain
@@ -107,7 +107,7 @@ def test_through_the_graph_it_answers_every_tick_and_stops_for_whom_the_autopilo
     world = {"scenarios": [1], "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0, "pedestrians": several}
     graph = {"batch": 1, "vehicle_driver": "external", "pedestrian_driver": "autopilot"}
     exam = load(params_dir() / "ads_test.yaml").changed("world_simulator", world)
-    hit = [each.outcome for each in autopilot_met(prepare(exam, "external"), "walker").episodes]
+    hit = [each.outcome for each in autopilot_run(prepare(exam, "external"), "walker").episodes]
     assert hit == ["collision", "collision"]
     chosen = exam.changed("world_simulator", graph).changed("perception", {"latency": 0.1})
     chosen = chosen.changed("graph", {"nodes": ["world_simulator", "safety_monitor", *nodes]})

@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from vpsci_ros.data.gathered import Tick, gathered
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pedestrians, title_of
+from vpsci_ros.exam.measures import RunResult
 from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns, write_motion
 from vpsci_ros.exam.report import BASELINE, Conduct
@@ -79,12 +80,12 @@ class Exam:
 
     @property
     def perception(self) -> PerceptionConfig | None:
-        """Errors of what the ADS is told of pedestrians; None: it has their odometry."""
+        """Errors of what is published of pedestrians to the ADS; None: it has their odometry."""
         return self.sections.get(PerceptionConfig, "perception") if self.config.perception else None
 
     @property
     def latency(self) -> float | None:
-        """By how much the ADS is told late of pedestrians [s], in whole ticks; None: it has their odometry."""
+        """How late pedestrians are published to the ADS [s], in whole ticks; None: it has their odometry."""
         return None if self.perception is None else self.perception.delay(self.world.tick) * self.world.tick
 
     @property
@@ -117,16 +118,7 @@ class Exam:
         return spawns(self.with_pedestrian(pedestrian, "external"), self.scenarios, self.episodes, self.run.seed)
 
 
-class Met(NamedTuple):
-    """What a run with one pedestrian came to: episodes, ticks without a command, how it went, and what was seen."""
-
-    episodes: list[Episode]
-    unanswered: dict[Key, int]
-    conduct: Conduct
-    sight: Mapping[Key, Sight] = {}
-
-
-def hold(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, Met]:
+def run_with_all(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, RunResult]:
     """Have the ADS meet one pedestrian after the other, nobody at first; what is done in `folder` is not done again.
 
     :raises VpsciError: a node has failed.
@@ -134,17 +126,17 @@ def hold(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, Met]:
     """
     from vpsci_ros.nodes.domain import own_domain
 
-    met: dict[str, Met] = {}
-    names = [ALONE, *exam.config.met]
+    runs: dict[str, RunResult] = {}
+    names = [ALONE, *exam.config.opponents]
     with contextlib.nullcontext() if exam.config.ads == EXTERNAL else own_domain():
         for n, name in enumerate(names, 1):
-            met[name] = meet(exam, name, folder, f"{n} of {len(names)}", quiet=quiet)
-            if not met[name].episodes:
+            runs[name] = run_with(exam, name, folder, f"{n} of {len(names)}", quiet=quiet)
+            if not runs[name].episodes:
                 break  # it does not drive at all: no need to have that said once for each pedestrian
-    return met
+    return runs
 
 
-def meet(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) -> Met:
+def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) -> RunResult:
     """Have the ADS meet one pedestrian in `folder`, unless it has done so there, and return what it came to.
 
     :param which: of the runs this is, for who waits.
@@ -157,7 +149,7 @@ def meet(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) -> Met
         if not quiet:
             print(f"{which}: {title_of(name)}, {len(exam.episodes)} episodes", file=sys.stderr)
         shutil.rmtree(folder / "runs" / name, ignore_errors=True)
-        _meet(exam, name, folder, quiet)
+        _run(exam, name, folder, quiet)
     return _read(exam, name, bag_of(folder, name), _conduct(exam, folder, name))
 
 
@@ -166,17 +158,12 @@ def bag_of(folder: Path, name: str) -> Path:
     return folder / "runs" / name / "bag"
 
 
-def autopilot_met(exam: Exam, pedestrian: str) -> Met:
-    """Return what a run of the rule-based autopilot with one pedestrian came to."""
-    steps = autopilot_loop(exam, pedestrian)
+def autopilot_run(exam: Exam, pedestrian: str) -> RunResult:
+    """Return what a run of the rule-based autopilot with one pedestrian comes to, many episodes side by side."""
+    steps = loop_with(exam, pedestrian, "autopilot", exam.episodes, _BATCH)
     ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
     found, sight = _gathered(exam, ticks, Watcher(exam.scenarios), BASELINE)
-    return Met(found, {}, Conduct(len(exam.episodes)), sight)
-
-
-def autopilot_loop(exam: Exam, pedestrian: str) -> Loop:
-    """Return the loop in which the rule-based autopilot drives the episodes, many side by side."""
-    return loop_with(exam, pedestrian, "autopilot", exam.episodes, _BATCH)
+    return RunResult(found, Conduct(len(exam.episodes)), sight=sight)
 
 
 def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], batch: int) -> Loop:
@@ -200,7 +187,7 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
     return Loop(world, monitor, agents)
 
 
-def _meet(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
+def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     """Run the graph with one pedestrian; an ADS that fails is in the run's record."""
     from vpsci_ros.nodes.graph import run_graph
 
@@ -279,15 +266,15 @@ def _counts(nodes: Mapping[str, NodeStatus]) -> WorldCounts | None:
     return nodes["world_simulator"].counts if "world_simulator" in nodes else None
 
 
-def _read(exam: Exam, name: str, bag: Path, conduct: Conduct) -> Met:
+def _read(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
     """Return what a bag holds: the episodes that ended, without those that were left to the autopilot."""
     silent_ticks = exam.config.silent_ticks
     if conduct.failure and not bag.is_dir():
-        return Met([], {}, conduct)  # it failed before the recorder wrote anything
+        return RunResult([], conduct)  # it failed before the recorder wrote anything
     recording = Bag(bag, recover=bool(conduct.failure))
     events = recording.topics().get(EVENTS)
     if events is None or not events.messages:
-        return Met([], {}, conduct)  # no episode has begun
+        return RunResult([], conduct)  # no episode has begun
     unanswered: Counter[Key] = Counter()
     decode = Decoder()
     for raw in recording.messages([EVENTS]):
@@ -298,7 +285,7 @@ def _read(exam: Exam, name: str, bag: Path, conduct: Conduct) -> Met:
     if len(own) < len(found) and not conduct.failure:
         left = f"{len(found) - len(own)} episodes were left to the autopilot for {silent_ticks} ticks or more"
         conduct = dataclasses.replace(conduct, failure=left)
-    return Met(own, dict(+unanswered), conduct, sight)
+    return RunResult(own, conduct, dict(+unanswered), sight)
 
 
 def episodes_in_bag(
@@ -306,7 +293,7 @@ def episodes_in_bag(
 ) -> tuple[list[Episode], Mapping[Key, Sight]]:
     """Return the episodes of a bag in which the ADS met one of the pedestrians, and what it could see of each.
 
-    Messages tell neither of what kind the pedestrians are nor how many: that is drawn again.
+    Messages hold neither the kind of the pedestrians nor their number: both are drawn again.
     """
     several = exam.with_pedestrian(pedestrian, EXTERNAL).pedestrians
     watcher = Watcher(exam.scenarios, exam.perception, exam.world.tick, several)

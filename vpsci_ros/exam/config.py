@@ -84,8 +84,8 @@ class ExamConfig:
     )
     perception: bool = parameter(
         False,
-        "the ADS is told of pedestrians on /perception/objects alone, with the errors that the section perception "
-        "gives, and not on /pedestrian/odometry",
+        "pedestrians are published to the ADS on /perception/objects alone, with the errors that the section "
+        "perception gives, and not on /pedestrian/odometry",
     )
     baseline: bool = parameter(True, "put the rule-based autopilot to the same exam, for comparison")
     silent_ticks: int = parameter(
@@ -125,7 +125,7 @@ class ExamConfig:
             )
 
     @property
-    def met(self) -> list[str]:
+    def opponents(self) -> list[str]:
         """The pedestrians to meet, recorded people after the learned one."""
         names = {*self.pedestrians, *(["recorded"] if self.recorded else [])}
         return [name for name in (*DRIVERS, *added_pedestrians()) if name in names]

@@ -1,4 +1,4 @@
-"""Criteria such as "collision_rate > 0.05 @learned": parsed without evaluating anything, judged on a report."""
+"""Criteria such as "collision_rate > 0.05 @learned": parsed without evaluating anything, then checked on a report."""
 
 import difflib
 import math
@@ -45,8 +45,14 @@ class Verdict:
 
     @property
     def failed(self) -> bool:
-        """Whether the criterion for failing is met, or cannot be shown not to be."""
+        """Whether the criterion for failing holds, or cannot be shown not to be."""
         return math.isnan(self.value) or OPERATORS[self.criterion.operator](self.value, self.criterion.limit)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the verdict as JSON values."""
+        value = None if math.isnan(self.value) else self.value
+        text, pedestrian = self.criterion.text, self.pedestrian
+        return {"criterion": text, "pedestrian": pedestrian, "value": value, "failed": self.failed}
 
     def sentence(self) -> str:
         """Return the verdict in words."""
@@ -54,10 +60,10 @@ class Verdict:
         return f"{self.criterion.text}: {value} with {self.pedestrian}, {'failed' if self.failed else 'passed'}"
 
 
-def parse(text: str, met: Sequence[str]) -> Criterion:
+def parse(text: str, opponents: Sequence[str]) -> Criterion:
     """Return the criterion that `text` means.
 
-    :param met: pedestrians of the exam.
+    :param opponents: pedestrians of the exam.
     :raises InvalidInput: another form than MEASURE OPERATOR NUMBER [@PEDESTRIAN], or an unknown name in it.
     """
     where = f"--fail-if {text!r}"
@@ -72,18 +78,18 @@ def parse(text: str, met: Sequence[str]) -> Criterion:
         near = difflib.get_close_matches(measure, NAMES, 1)
         hint = f"did you mean {near[0]}? " if near else ""
         raise InvalidInput(f"{where}: unknown measure {measure!r}; {hint}measures: {', '.join(NAMES)}")
-    if pedestrian is not None and pedestrian not in met:
-        raise InvalidInput(f"{where}: no pedestrian {pedestrian!r} in this exam; it has {', '.join(met)}")
-    if measure in INCREASES and (LEARNED not in met or pedestrian == LEARNED or len(met) < 2):
+    if pedestrian is not None and pedestrian not in opponents:
+        raise InvalidInput(f"{where}: no pedestrian {pedestrian!r} in this exam; it has {', '.join(opponents)}")
+    if measure in INCREASES and (LEARNED not in opponents or pedestrian == LEARNED or len(opponents) < 2):
         raise InvalidInput(f"{where}: {measure} compares another pedestrian with the learned one; the exam needs both")
     return Criterion(" ".join(text.split()), measure, sign, float(number), pedestrian)
 
 
-def judge(criteria: Sequence[Criterion], report: dict[str, Any], met: Sequence[str]) -> list[Verdict]:
+def check(criteria: Sequence[Criterion], report: dict[str, Any], opponents: Sequence[str]) -> list[Verdict]:
     """Return a verdict for each criterion and pedestrian that it speaks of."""
     verdicts = []
     for criterion in criteria:
-        among = [criterion.pedestrian] if criterion.pedestrian else list(met)
+        among = [criterion.pedestrian] if criterion.pedestrian else list(opponents)
         if criterion.measure in INCREASES:
             among = [name for name in among if name != LEARNED]
         verdicts += [Verdict(criterion, name, value_of(report, criterion.measure, name)) for name in among]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import polars as pl
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.episode import YIELDED, Episode, Key, yields
 from vpsci_ros.data.parquet import Column
 from vpsci_ros.exam.config import MOVING, SEVERE_TTC, ExamConfig
+from vpsci_ros.exam.report import Conduct
 from vpsci_ros.exam.sight import Sight
 from vpsci_ros.safety import CRITICAL_TTC, HORIZON
 from vpsci_ros.world import COLLISION, OUTCOME_NAMES, PARKED_COLLISION
@@ -40,33 +42,39 @@ COLUMNS: dict[str, Column] = {
     "hidden": Column(pl.Boolean, "", "parked vehicles hid the pedestrian when CurvTTC first fell below 5 s"),
     "kind": Column(pl.String, "", "kind of the pedestrian that became critical first; empty: none did"),
     "group_size": Column(pl.Int64, "", "pedestrians of the episode; 0: none became critical"),
-    "told_share": Column(pl.Float64, "", "share of the critical ticks at which the ADS was told of the pedestrian"),
-    "told_after": Column(pl.Float64, "s", "from the first critical tick until the ADS was told of the pedestrian"),
+    "published_share": Column(pl.Float64, "", "share of the critical ticks at which the pedestrian was published"),
+    "published_after": Column(pl.Float64, "s", "from the first critical tick until the pedestrian was published"),
     "unanswered": Column(pl.Int64, "ticks", "ticks without a usable command of the ADS: the autopilot drove"),
 }
 
 
+class RunResult(NamedTuple):
+    """What a driver's run with one pedestrian came to.
+
+    :ivar episodes: that ended.
+    :ivar conduct: how it went, apart from how the driver drove.
+    :ivar unanswered: ticks without a usable command, for the episodes that had any.
+    :ivar sight: what the driver could see, of the episodes that were critical.
+    """
+
+    episodes: Sequence[Episode]
+    conduct: Conduct = Conduct(0)
+    unanswered: Mapping[Key, int] = {}
+    sight: Mapping[Key, Sight] = {}
+
+
 def episode_table(
-    found: Sequence[Episode],
-    alone: Sequence[Episode],
-    config: ExamConfig,
-    *,
-    driver: str,
-    pedestrian: str,
-    unanswered: Mapping[Key, int] | None = None,
-    sight: Mapping[Key, Sight] | None = None,
+    run: RunResult, alone: Sequence[Episode], config: ExamConfig, *, driver: str, pedestrian: str
 ) -> pl.DataFrame:
     """Return a row an episode, with the columns of `COLUMNS`; frames that nobody saw count as the last one seen.
 
     :param alone: the same driver on the same episodes with nobody there: the reference of the time lost.
-    :param unanswered: ticks without a usable command, for the episodes that had any.
-    :param sight: what the driver could see, of the episodes that were critical.
     """
     reference = {episode.key: episode.path for episode in alone}
     rows = []
-    for episode, code in zip(found, yields(found), strict=True):
+    for episode, code in zip(run.episodes, yields(run.episodes), strict=True):
         collided, crashed = episode.outcome == _COLLISION, episode.outcome == _PARKED_COLLISION
-        seen_of, period = (sight or {}).get(episode.key, Sight()), episode.period
+        seen_of, period = run.sight.get(episode.key, Sight()), episode.period
         driven = episode.filled()
         speed, path = driven.speed, driven.path
         least = 0.0 if collided else min(HORIZON, episode.least_curvttc)
@@ -97,9 +105,9 @@ def episode_table(
                 "hidden": seen_of.hidden,
                 "kind": seen_of.kind,
                 "group_size": seen_of.pedestrians,
-                "told_share": seen_of.told_share,
-                "told_after": seen_of.told_after(period),
-                "unanswered": (unanswered or {}).get(episode.key, 0),
+                "published_share": seen_of.published_share,
+                "published_after": seen_of.published_after(period),
+                "unanswered": run.unanswered.get(episode.key, 0),
             }
         )
     return pl.DataFrame(rows, schema={name: column.dtype for name, column in COLUMNS.items()})

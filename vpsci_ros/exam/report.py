@@ -69,21 +69,23 @@ def make_report(
 
     :param table: a row an episode, `vpsci_ros.exam.measures.COLUMNS`.
     :param conduct: pedestrian (and "alone") -> how the run of the ADS with it went.
-    :param perception: errors of what the ADS was told; None: it had odometry.
+    :param perception: errors of what was published to the ADS; None: it had odometry.
     """
     drivers = {
-        driver: {name: _scores(_of(table, driver, name)) for name in config.met if _of(table, driver, name).height}
+        driver: {
+            name: _scores(_of(table, driver, name)) for name in config.opponents if _of(table, driver, name).height
+        }
         for driver in (ADS, BASELINE)
         if _of(table, driver).height
     }
     learned = _of(table, ADS, LEARNED)
-    others = [name for name in config.met if name != LEARNED and learned.height]
+    others = [name for name in config.opponents if name != LEARNED and learned.height]
     return {
         "drivers": drivers,
         "differences": {name: _differences(_of(table, ADS, name), learned) for name in others},
         "reliance": _reliance(table),
-        "groups": _groups(table, config.met),
-        "sight": _sight(table, config.met, perception),
+        "groups": _groups(table, config.opponents),
+        "sight": _sight(table, config.opponents, perception),
         "conduct": {name: _conduct(_of(table, ADS, name), run) for name, run in conduct.items()},
         "definitions": definitions(config),
     }
@@ -151,11 +153,11 @@ def _reliance(table: pl.DataFrame) -> dict[str, Any]:
     return out
 
 
-def _groups(table: pl.DataFrame, met: Sequence[str]) -> dict[str, Any]:
+def _groups(table: pl.DataFrame, opponents: Sequence[str]) -> dict[str, Any]:
     """Return column of `GROUPS` -> title, and driver -> pedestrian -> value -> scores, where values differ."""
     out = {}
     for column, group in GROUPS.items():
-        rows = table.filter(group.among & pl.col("pedestrian").is_in(met))
+        rows = table.filter(group.among & pl.col("pedestrian").is_in(opponents))
         values = sorted(rows[column].unique().to_list())
         if len(values) < 2:
             continue
@@ -163,23 +165,23 @@ def _groups(table: pl.DataFrame, met: Sequence[str]) -> dict[str, Any]:
             driver: {
                 name: {group.name_of(value): _scores(part) for value in values
                        if (part := _of(rows, driver, name).filter(pl.col(column) == value)).height}
-                for name in met if _of(rows, driver, name).height
+                for name in opponents if _of(rows, driver, name).height
             }
             for driver in (ADS, BASELINE) if _of(rows, driver).height
         }  # fmt: skip
     return out
 
 
-def _sight(table: pl.DataFrame, met: Sequence[str], perception: PerceptionConfig | None) -> dict[str, Any]:
-    """Return what the ADS could see: its settings, None where it had odometry, and pedestrian -> what it was told."""
+def _sight(table: pl.DataFrame, opponents: Sequence[str], perception: PerceptionConfig | None) -> dict[str, Any]:
+    """Return what the ADS could see: its settings, None where it had odometry, and pedestrian -> what was published."""
     out: dict[str, Any] = {"perception": None if perception is None else asdict(perception), "pedestrians": {}}
-    for name in met if perception else ():
+    for name in opponents if perception else ():
         rows = _of(table, ADS, name).filter(pl.col("critical"))
-        told = rows.filter(pl.col("told_after").is_not_nan())
+        published = rows.filter(pl.col("published_after").is_not_nan())
         out["pedestrians"][name] = {
-            "told_share": _as_dict(statistics.resampled(rows["told_share"].to_numpy(), statistics.mean)),
-            "told_after": _as_dict(statistics.resampled(told["told_after"].to_numpy(), statistics.mean)),
-            "never_told": _as_dict(statistics.share(rows.height - told.height, rows.height)),
+            "published_share": _as_dict(statistics.resampled(rows["published_share"].to_numpy(), statistics.mean)),
+            "published_after": _as_dict(statistics.resampled(published["published_after"].to_numpy(), statistics.mean)),
+            "never_published": _as_dict(statistics.share(rows.height - published.height, rows.height)),
         }
     return out
 

@@ -1,4 +1,4 @@
-"""The exam of a driving system: prepared, held, scored and reported.
+"""The exam of a driving system: prepared, conducted, scored and reported.
 
 In the output folder: exam.json (what is examined: parameters, hashes, versions), runs/PEDESTRIAN (bag, logs and
 resolved parameters of each run), logs/, episodes.parquet, report.json, report.html, and view.html, in which the
@@ -8,7 +8,7 @@ episodes play. The same command goes on with an exam that was stopped: pedestria
 import dataclasses
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +20,17 @@ from rich.table import Table
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.parquet import read_parquet, write_parquet
 from vpsci_ros.documents import read_json, require_form
+from vpsci_ros.episodes import read_episodes
+from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import Exam, Met, autopilot_met, hold
+from vpsci_ros.exam.conduct import Exam, autopilot_run, bag_of, run_with_all
 from vpsci_ros.exam.config import ALONE, EXTERNAL, ExamConfig, added_pedestrians, title_of
-from vpsci_ros.exam.criteria import Verdict, judge, parse
-from vpsci_ros.exam.measures import COLUMNS, episode_table
+from vpsci_ros.exam.criteria import check, parse
+from vpsci_ros.exam.measures import COLUMNS, RunResult, episode_table
 from vpsci_ros.exam.page import write_page
 from vpsci_ros.exam.process import OWN, command_of, files_of
 from vpsci_ros.exam.report import ADS, BASELINE, make_report
-from vpsci_ros.exam.view import exam_sources
+from vpsci_ros.exam.view import Driven, exam_sources
 from vpsci_ros.policy.agent_types import AGENT_TYPES
 from vpsci_ros.resources import near_misses_path
 from vpsci_ros.runs.config import RunConfig
@@ -40,9 +42,16 @@ from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import LIMIT, Source
 from vpsci_ros.world import WorldConfig
 
-IDENTITY, EPISODES, VIEW = "exam.json", "episodes.parquet", "view.html"
-_SHOWN = ("collision_rate", "moving_collision_rate", "conflict_rate", "evasion_success_rate", "hard_braking_rate",
-          "time_lost")  # fmt: skip
+IDENTITY, EPISODES, VIEW = EXAM, "episodes.parquet", "view.html"
+_SHOWN = {
+    "collision_rate": "colli-\nsions",
+    "moving_collision_rate": "vehicle\nmoving",
+    "conflict_rate": "con-\nflicts",
+    "evasion_success_rate": "evasion\nsuccess",
+    "hard_braking_rate": "hard\nbraking",
+    "time_lost": "time lost\n\\[s]",
+}
+"""Measures that are printed, and the heads of their columns."""
 
 
 def prepare(sections: Sections, ads: str | None = None) -> Exam:
@@ -71,40 +80,47 @@ def prepare(sections: Sections, ads: str | None = None) -> Exam:
 
 
 def run_exam(exam: Exam, folder: Path, criteria: Sequence[str] = (), *, quiet: bool = False) -> list[str]:
-    """Hold the exam, write and print its report, and return the reasons to fail: none where it is passed.
+    """Conduct the exam, write and print its report, and return the reasons to fail: none where it is passed.
 
     :param criteria: as for --fail-if, in addition to those of the parameters.
     :raises InvalidInput: a criterion is refused, or `folder` holds something else; nothing has been run then.
     :raises VpsciError: a node has failed.
     """
-    pedestrians = exam.config.met
+    pedestrians = exam.config.opponents
     parsed = [parse(text, pedestrians) for text in (*exam.config.fail_if, *criteria)]
     identity = identity_of(exam)
     take_folder(folder, identity)
-    met = hold(exam, folder, quiet=quiet)
-    table = _ads_rows(exam, met)
-    baseline = {name: autopilot_met(exam, name) for name in (ALONE, *pedestrians) if exam.config.baseline}
-    if baseline:
-        rows = [_rows(exam, baseline[name], baseline[ALONE], BASELINE, name) for name in pedestrians]
-        table = pl.concat([table, *rows])
-    report = make_report(table, {name: each.conduct for name, each in met.items()}, exam.config, exam.perception)
-    verdicts = judge(parsed, report, pedestrians)
-    failures = [each.conduct.failure for each in met.values() if each.conduct.failure]
+    runs = {ADS: run_with_all(exam, folder, quiet=quiet)}
+    if exam.config.baseline:
+        runs[BASELINE] = {name: autopilot_run(exam, name) for name in (ALONE, *pedestrians)}
+    table = pl.concat(_rows(exam, driver, runs[driver]) for driver in runs)
+    report = make_report(table, {name: run.conduct for name, run in runs[ADS].items()}, exam.config, exam.perception)
+    verdicts = check(parsed, report, pedestrians)
+    failures = [run.conduct.failure for run in runs[ADS].values() if run.conduct.failure]
     failures += [verdict.sentence() for verdict in verdicts if verdict.failed]
-    report = {"exam": identity, "failures": failures, "criteria": [_as_dict(verdict) for verdict in verdicts]} | report
+    report = {"exam": identity, "failures": failures, "criteria": [each.as_json() for each in verdicts]} | report
     write_parquet(table, folder / EPISODES, COLUMNS, content="episodes of an exam", exam=identity)
     write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
-    episodes = {name: each.episodes for name, each in met.items()}
     driven = bool(report["drivers"].get(ADS))
     if driven:
-        write_view(
-            folder / VIEW,
-            exam_sources(folder, table, lambda name: baseline[name].episodes, LIMIT, _tell),
-            f"Exam of {exam.config.ads}",
-        )
+        drivers = {driver: _episodes_of(found) for driver, found in runs.items()}
+        write_view(folder / VIEW, exam_sources(table, drivers, LIMIT, _note), f"Exam of {exam.config.ads}")
+    episodes = {name: run.episodes for name, run in runs[ADS].items()}
     write_page(folder / "report.html", report, table, episodes, VIEW if driven else "")
     _print(report, folder)
     return failures
+
+
+def _rows(exam: Exam, driver: str, runs: Mapping[str, RunResult]) -> pl.DataFrame:
+    """Return a row for each episode of a driver; of the baseline, those with nobody there are the reference alone."""
+    names = [name for name in runs if driver == ADS or name != ALONE]
+    alone = runs[ALONE].episodes
+    tables = [episode_table(runs[name], alone, exam.config, driver=driver, pedestrian=name) for name in names]
+    return pl.concat(tables)
+
+
+def _episodes_of(runs: Mapping[str, RunResult]) -> Driven:
+    return lambda pedestrian: runs[pedestrian].episodes
 
 
 def is_exam(path: Path) -> bool:
@@ -113,42 +129,28 @@ def is_exam(path: Path) -> bool:
 
 
 def read_exam(folder: Path, limit: int) -> list[Source]:
-    """Return the episodes of an exam that was held, see `exam_sources`.
+    """Return the episodes of an exam that is over, see `exam_sources`.
 
-    :raises InvalidInput: the exam is not whole.
+    :raises InvalidInput: the exam is not whole, or not one episode of it was driven.
     """
     table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS)
+    drivers: dict[str, Driven] = {ADS: lambda name: read_episodes(bag_of(folder, name), recover=True)}
     try:
         identity = read_json(folder / IDENTITY)
         exam = prepare(Sections(identity["parameters"]), ads=EXTERNAL)
         if sha256(exam.weights) != identity["weights_sha256"]:
             raise InvalidInput("the weights of its pedestrian are not those of the exam any more")
+        drivers[BASELINE] = lambda name: autopilot_run(exam, name).episodes
     except (ValueError, LookupError, TypeError) as error:
-        _tell(f"the autopilot is left out: {error}")
-        return exam_sources(folder, table, None, limit, _tell)
-    return exam_sources(folder, table, lambda name: autopilot_met(exam, name).episodes, limit, _tell)
+        _note(f"the autopilot is left out: {error}")
+    found = exam_sources(table, drivers, limit, _note)
+    if not found:
+        raise InvalidInput(f"{folder}: not one episode of this exam was driven, so there is nothing to show")
+    return found
 
 
-def _tell(note: str) -> None:
-    print(f"note: {note}", file=sys.stderr)
-
-
-def _ads_rows(exam: Exam, met: dict[str, Met]) -> pl.DataFrame:
-    return pl.concat(
-        [_rows(exam, met[name], met[ALONE], ADS, name) for name in (ALONE, *exam.config.met) if name in met]
-    )
-
-
-def _rows(exam: Exam, met: Met, alone: Met, driver: str, pedestrian: str) -> pl.DataFrame:
-    return episode_table(
-        met.episodes,
-        alone.episodes,
-        exam.config,
-        driver=driver,
-        pedestrian=pedestrian,
-        unanswered=met.unanswered,
-        sight=met.sight,
-    )
+def _note(text: str) -> None:
+    print(f"note: {text}", file=sys.stderr)
 
 
 def identity_of(exam: Exam) -> dict[str, Any]:
@@ -163,7 +165,7 @@ def identity_of(exam: Exam) -> dict[str, Any]:
         "world": dataclasses.asdict(exam.world),
         "scenarios_sha256": {scenario.name: scenario.sha256 for scenario in exam.scenarios},
         "weights_sha256": sha256(exam.weights),
-        "agents": {name: AGENT_TYPES.origin(name) for name in exam.config.met if name in added_pedestrians()},
+        "agents": {name: AGENT_TYPES.origin(name) for name in exam.config.opponents if name in added_pedestrians()},
         "recorded_sha256": sha256(near_misses_path(exam.config.recorded)) if exam.config.recorded else "",
         "software": software_versions(),
         "cpu": cpu_name(),
@@ -186,29 +188,11 @@ def take_folder(folder: Path, identity: dict[str, Any], name: str = IDENTITY) ->
     require_same(folder, stored, identity, "holds an exam")
 
 
-def _as_dict(verdict: Verdict) -> dict[str, Any]:
-    value = None if verdict.value != verdict.value else verdict.value
-    return {
-        "criterion": verdict.criterion.text,
-        "pedestrian": verdict.pedestrian,
-        "value": value,
-        "failed": verdict.failed,
-    }
-
-
 def _print(report: dict[str, Any], folder: Path) -> None:
     console = Console()
     view = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     view.add_column("", no_wrap=True)
-    heads = (
-        "colli-\nsions",
-        "vehicle\nmoving",
-        "con-\nflicts",
-        "evasion\nsuccess",
-        "hard\nbraking",
-        "time lost\n\\[s]",
-    )
-    for head in heads:
+    for head in _SHOWN.values():
         view.add_column(head, justify="right")
     for driver, scores in report["drivers"].items():
         view.add_section()

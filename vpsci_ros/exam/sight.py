@@ -1,4 +1,4 @@
-"""What a driver could see: was the pedestrian hidden as it became critical, and what was the ADS told of it."""
+"""What a driver could see: was the pedestrian hidden as it became critical, and was it published to the ADS."""
 
 import math
 from collections.abc import Sequence
@@ -20,34 +20,34 @@ class Sight:
 
     :ivar hidden: parked vehicles hid the pedestrian when CurvTTC first fell below 5 s.
     :ivar critical: ticks with a CurvTTC below 5 s.
-    :ivar told: those of them at which the ADS was told of the pedestrian.
+    :ivar published: those of them at which the pedestrian was published to the ADS.
     :ivar kind: of the pedestrian that became critical first, one of `KINDS`.
     :ivar pedestrians: how many there were.
-    :ivar first_critical, first_told: frames, -1 where there was none; the latter not before the former.
+    :ivar first_critical, first_published: frames, -1 where there was none; the latter not before the former.
     """
 
     hidden: bool = False
     kind: str = ""
     pedestrians: int = 0
     critical: int = 0
-    told: int = 0
+    published: int = 0
     first_critical: int = -1
-    first_told: int = -1
+    first_published: int = -1
 
     @property
-    def told_share(self) -> float:
-        """Share of the critical ticks at which the ADS was told of the pedestrian; NaN where none was critical."""
-        return self.told / self.critical if self.critical else math.nan
+    def published_share(self) -> float:
+        """Share of the critical ticks at which the pedestrian was published to the ADS; NaN where none was critical."""
+        return self.published / self.critical if self.critical else math.nan
 
-    def told_after(self, period: float) -> float:
-        """Return how long after the first critical tick the ADS was told [s]; NaN where it was not or none was."""
-        return (self.first_told - self.first_critical) * period if self.first_told >= 0 else math.nan
+    def published_after(self, period: float) -> float:
+        """Return how long after the first critical tick it was published [s]; NaN where it never was."""
+        return (self.first_published - self.first_critical) * period if self.first_published >= 0 else math.nan
 
 
 class Watcher:
     """Gathers what could be seen, tick by tick; errors of perception are drawn again, to the bit.
 
-    :param perception: of the ADS; None: it is told of everybody.
+    :param perception: of the ADS; None: everybody is published.
     :param period: of a tick [s].
     :param pedestrians: rows of an episode.
     :ivar found: (scenario, episode) -> what could be seen.
@@ -67,7 +67,7 @@ class Watcher:
 
     def add(self, state: NDArray[np.void], curvttc: NDArray[np.float64]) -> None:
         """Take in EPISODE[B] and CurvTTC [s], float64[B], of the next tick."""
-        told = self._told(state)
+        published = self._published(state)
         critical = (state["status"] == RUNNING) & (curvttc < CRITICAL_TTC)
         if not critical.any():
             return
@@ -79,15 +79,15 @@ class Watcher:
             if sight.first_critical < 0:
                 sight.first_critical, sight.hidden = frame, not visible[slot]
                 sight.kind, sight.pedestrians = KINDS[record["kind"]], max(1, int(record["pedestrians"]))
-            if told[slot] and sight.first_told < 0:
-                sight.first_told = frame
+            if published[slot] and sight.first_published < 0:
+                sight.first_published = frame
             sight.critical += 1
-            sight.told += int(told[slot])
+            sight.published += int(published[slot])
 
-    def _told(self, state: NDArray[np.void]) -> NDArray[np.bool_]:
+    def _published(self, state: NDArray[np.void]) -> NDArray[np.bool_]:
         if self._perception is None:
             return np.ones(len(state), np.bool_)
         self._memory = self._memory or blank(len(state), self._perception, self._period)
         self._memory, objects = perceive(self._memory, state, self._perception, self._period, self._parked, self._most)
-        told: NDArray[np.bool_] = objects["status"] == SEEN
-        return told
+        published: NDArray[np.bool_] = objects["status"] == SEEN
+        return published

@@ -56,14 +56,14 @@ def shown(episode: Episode) -> Shown:
     return Shown(episode, YIELDED[code], (*(name for name, does in applies.items() if does), *episode.marks))
 
 
-def read_source(path: Path, limit: int = LIMIT, wanted: Sequence[str] = (), *, recover: bool = False) -> Source:
+def read_source(path: Path, limit: int = LIMIT, wanted: Sequence[str] = ()) -> Source:
     """Return the episodes of a near-miss table, a dataset or a bag, see `vpsci_ros.episodes.read_episodes`.
 
     :param limit: episodes at most; where there are more, evenly spread ones are taken.
     :param wanted: only these episodes.
     :raises InvalidInput: also where there is no episode.
     """
-    found = open_source(path, recover=recover)
+    found = open_source(path)
     episodes = [shown(episode) for episode in found.read(wanted, limit)]
     if not episodes:
         raise InvalidInput(f"{path}: holds no episode, so there is nothing to show")

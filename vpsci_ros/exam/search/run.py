@@ -22,7 +22,7 @@ from vpsci_ros.data.parquet import Column, read_parquet, write_parquet
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.exam.conduct import Exam, bag_of, meet
+from vpsci_ros.exam.conduct import Exam, bag_of, run_with
 from vpsci_ros.exam.config import EXTERNAL
 from vpsci_ros.exam.episode_list import flat, write_episode_list
 from vpsci_ros.exam.measures import COLUMNS, episode_table
@@ -37,7 +37,7 @@ from vpsci_ros.runs.files import write_json, write_text
 from vpsci_ros.runs.progress import Bars
 
 IDENTITY, FAILURES = "search.json", "failures.json"
-_TOLD = ("scenario", "episode", "outcome", "impact_speed", "least_curvttc")
+_LISTED = ("scenario", "episode", "outcome", "impact_speed", "least_curvttc")
 _SAME = ("outcome", "duration", "driven", "impact_speed", "least_curvttc", "hardest_braking")
 _MORE = {
     "part": Column(
@@ -72,13 +72,10 @@ def run_search(exam: Exam, folder: Path, *, quiet: bool = False) -> list[str]:
         where = folder / "parts" / name
         keys = _chosen(where, keys)
         part = _only(exam, keys)
-        met = meet(part, search.pedestrian, where, f"part {name} of the search", quiet=quiet)
-        if met.conduct.failure:
-            raise _Failed(met.conduct.failure)
-        table = episode_table(
-            met.episodes, [], exam.config, driver=ADS, pedestrian=search.pedestrian,
-            unanswered=met.unanswered, sight=met.sight,
-        )  # fmt: skip
+        run = run_with(part, search.pedestrian, where, f"part {name} of the search", quiet=quiet)
+        if run.conduct.failure:
+            raise _Failed(run.conduct.failure)
+        table = episode_table(run, [], exam.config, driver=ADS, pedestrian=search.pedestrian)
         tables[name] = table
         failed = dict(zip(table.select("scenario", "episode").iter_rows(), table[search.failure], strict=True))
         seen, done = lessons(read_bag(bag_of(where, search.pedestrian)), exam.world.pedestrians)
@@ -93,7 +90,7 @@ def run_search(exam: Exam, folder: Path, *, quiet: bool = False) -> list[str]:
     table = _table(tables, plan, pool)
     write_parquet(table, folder / EPISODES, COLUMNS | _MORE, content="episodes of a search", search=identity)
     failures = worst_first(table.filter(pl.col(search.failure)))
-    rows = [{name: _plain(row[name]) for name in _TOLD} for row in failures.to_dicts()]
+    rows = [{name: _plain(row[name]) for name in _LISTED} for row in failures.to_dicts()]
     write_episode_list(folder / FAILURES, rows, exam.run, exam.world, exam.scenarios)
     report = {
         "search": identity,
