@@ -1,5 +1,6 @@
 """What the tests of several rooms use."""
 
+import contextlib
 import fcntl
 import importlib.util
 import os
@@ -54,6 +55,20 @@ def pytest_runtestloop(session: pytest.Session) -> None:
             command += [word for setting in settings for word in ("--set", setting)]
             subprocess.run(command, check=True, cwd=ROOT, timeout=1800)
             (cache / "graph.compiled").touch()
+
+
+@pytest.fixture
+def claimed_by_another() -> Callable[[Path], contextlib.AbstractContextManager[None]]:
+    """Hold the lock of an output folder as another process does, by another open file."""
+
+    @contextlib.contextmanager
+    def claim(folder: Path) -> Iterator[None]:
+        handle = os.open(folder, os.O_RDONLY)
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+        os.close(handle)
+
+    return claim
 
 
 @pytest.fixture(scope="session")

@@ -176,11 +176,11 @@ def test_somebody_elses_folder_is_refused_and_left_alone(make, tmp_path) -> None
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
-def test_two_runs_do_not_share_a_folder(tmp_path) -> None:
+def test_two_runs_do_not_share_a_folder(claimed_by_another, tmp_path) -> None:
     with (
-        journal_of(tmp_path / "d", {"seed": 1}, 8),
-        pytest.raises(InvalidInput, match="another process is generating"),
-        journal_of(tmp_path / "d", {"seed": 1}, 8),
+        claimed_by_another(tmp_path),
+        pytest.raises(InvalidInput, match="another process is writing into this folder"),
+        journal_of(tmp_path, {"seed": 1}, 8),
     ):
         pass
 

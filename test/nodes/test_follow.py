@@ -47,7 +47,7 @@ def follow(processes: Processes, seen: Any = None, *, made: bool = False, **grap
     request = StopRequest()
     if made:
         request.set()
-    return _follow(processes, seen or watch(), GraphConfig(**graph), request)  # type: ignore[arg-type]
+    return _follow(processes, seen or watch(), GraphConfig(**graph), request, lambda *_: "")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("status", [1, -9, -11])

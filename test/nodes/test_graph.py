@@ -208,9 +208,25 @@ def test_a_full_disk_under_the_recorder_ends_the_run_with_a_reason_and_a_record(
     result = run_graph(fewest(chosen), tmp_path / "run", quiet=True)
     assert "recorder ended with exit status 1" in result.error
     assert "the disk refused a part of it (File too large)" in result.error
-    assert "bag_0.mcap: cannot write (No space left on device); free some space" in result.error
+    assert "bag_0.mcap: No space left on device; free some space" in result.error
     assert json.loads((tmp_path / "run" / "run.json").read_text())["error"] == result.error
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["bag", "log", "params.yaml", "run.json"]
+
+
+def test_a_folder_that_is_replaced_by_a_link_ends_the_run_and_nothing_is_written_where_it_leads(
+    domain: int, tmp_path: Path, weights: str, once_it_records: OnceItRecords
+) -> None:
+    run, elsewhere = tmp_path / "run", tmp_path / "elsewhere"
+    (elsewhere / "bag").mkdir(parents=True)
+
+    def replace(nodes: NodeProcesses) -> None:
+        run.rename(tmp_path / "moved")
+        run.symlink_to(elsewhere)
+
+    once_it_records(replace)
+    result = run_graph(fewest(sections(weights, episodes=100_000)), run, quiet=True)
+    assert result.error.startswith(f"{run}: this folder was deleted, moved or replaced")
+    assert [path.name for path in elsewhere.rglob("*")] == ["bag"]
 
 
 def test_a_policy_that_refuses_its_weights_ends_the_run_with_the_reason(domain: int, tmp_path: Path) -> None:

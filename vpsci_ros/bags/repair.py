@@ -1,5 +1,6 @@
 """Complete a bag whose recorder was killed: every whole message again, now with an index and metadata.yaml."""
 
+import contextlib
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from vpsci_ros.bags.reader import bag_files
 from vpsci_ros.bags.writer import CHUNK_SIZE, RUN, TOTALS, BagFile, BagTopic, write_metadata
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import written_whole
+from vpsci_ros.runs.output_folder import Claim
 
 
 @dataclass(frozen=True)
@@ -41,14 +43,18 @@ def repair_bag(folder: str | Path) -> Repair:
     Each file is written beside and renamed, metadata.yaml comes last: whenever this is interrupted, the bag is as it
     was or can be repaired again.
 
-    :raises InvalidInput: no bag, or one without a single whole message.
+    :raises InvalidInput: no bag, one without a single whole message, or one that is being recorded.
     """
-    folder = Path(folder)
+    paths = bag_files(folder)
+    with contextlib.closing(Claim(paths[0].parent)):
+        return _repaired(Path(folder), paths)
+
+
+def _repaired(folder: Path, paths: list[Path]) -> Repair:
     topics: dict[str, BagTopic] = {}
     counts: Counter[str] = Counter()
     damage: list[str] = []
     custom: dict[str, str] = {}
-    paths = bag_files(folder)
     if paths[0].suffix != ".mcap":
         raise InvalidInput(f"{folder}: only MCAP bags are repaired; what is whole of this one is read with --recover")
     files = [BagFile(path.name) for path in paths]

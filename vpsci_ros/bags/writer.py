@@ -17,6 +17,7 @@ from vpsci_ros import __version__
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.runs.files import require_empty_folder, written_whole
+from vpsci_ros.runs.output_folder import Claim
 
 RUN = "vpsci_ros"  # name of the record with which every file ends
 COUNTS = {"seen": "seen", "written": "messages", "refused": "refused"}  # its keys by topic -> fields of `BagTopic`
@@ -79,12 +80,13 @@ class BagWriter:
     :param folder: made if need be; must be empty.
     :param chunk_size: size of a chunk before compression [bytes].
     :param split_size: begin another file when one has this size [bytes]; 0: never.
-    :raises InvalidInput: the folder is not empty.
+    :raises InvalidInput: the folder is not empty, or another process writes into it.
     """
 
     def __init__(
         self, folder: str | Path, topics: list[BagTopic], *, chunk_size: int = CHUNK_SIZE, split_size: int = 0
     ) -> None:
+        self._claim = Claim(folder)
         self.folder = require_empty_folder(folder)
         self.topics = {topic.name: topic for topic in topics}
         self.files: list[BagFile] = []
@@ -107,6 +109,7 @@ class BagWriter:
         row = self.topics[topic]
         with self._on_disk():
             if self._split_size and self._file.tell() >= self._split_size and self.files[-1].messages:
+                self._claim.require_there()
                 self._finish()
                 self._open()
             row.seen += 1
@@ -135,11 +138,13 @@ class BagWriter:
         """Write the file's index and metadata.yaml; `custom_data` goes into both, beside the numbers of messages.
 
         :raises VpsciError: the disk refuses it, or has refused anything before: then the last file breaks off, and has
-            to be repaired.
+            to be repaired. Or the folder is not there any more.
         """
         with self._on_disk():
             self._finish(custom_data)
+            self._claim.require_there()
             write_metadata(self.folder, self.files, list(self.topics.values()), self._totals() | dict(custom_data))
+        self._claim.close()
 
     @contextlib.contextmanager
     def _on_disk(self) -> Iterator[None]:

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from vpsci_ros.cli.options import writes_folder
+
 bag_app = typer.Typer(no_args_is_help=True, help="Look into recorded bags, this package's or other ROS 2 tools'.")
 
 BagPath = Annotated[Path, typer.Argument(metavar="BAG", help="rosbag2 folder (MCAP or sqlite3), or one of its files.")]
@@ -30,6 +32,7 @@ def info(
 
 
 @bag_app.command()
+@writes_folder
 def export(
     bag: BagPath,
     output: Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")],

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Params, Resumable
+from vpsci_ros.cli.options import Params, Resumable, writes_folder
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.resources import RIGHT_TURNS
 
@@ -28,6 +28,7 @@ Ray = Annotated[
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a dataset.")]
 
 
+@writes_folder
 def generate(
     output: Resumable,
     params: Params = Path("stage3_generate"),
@@ -122,11 +123,12 @@ def report(
     from rich.console import Console
 
     from vpsci_ros.report.page import PAGE, VIEW, sources_of_report, write_report
+    from vpsci_ros.runs.output_folder import output_folder
     from vpsci_ros.view.page import write_view
     from vpsci_ros.view.sources import read_source
 
     folder_of_report = output or folder / "report"
-    with Console(stderr=True, quiet=quiet).status("reading") as status:
+    with output_folder(folder_of_report), Console(stderr=True, quiet=quiet).status("reading") as status:
         write_report(folder, folder_of_report, near_misses=near_misses, beside=beside, view=VIEW, tell=status.update)
         status.update("gathering episodes")
         inputs = sources_of_report(folder, near_misses, beside)
@@ -170,6 +172,7 @@ def verify(
 
 
 @dataset_app.command()
+@writes_folder
 def bag(
     folder: Folder,
     output: Annotated[Path, typer.Option("--output", "-o", help="Bag folder; must be new or empty.")],

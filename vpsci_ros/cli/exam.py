@@ -6,10 +6,11 @@ from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections
+from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections, writes_folder
 from vpsci_ros.errors import InvalidInput
 
 
+@writes_folder
 def ads_test(
     output: Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same exam.")],
     params: Params = Path("ads_test"),

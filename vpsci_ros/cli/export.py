@@ -5,7 +5,10 @@ from typing import Annotated
 
 import typer
 
+from vpsci_ros.cli.options import writes_folder
 
+
+@writes_folder
 def export(
     source: Annotated[
         Path, typer.Argument(metavar="SOURCE", help="Near-miss table, folder of a dataset or of an exam, or bag.")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import NearMisses, Params, Quiet, Resumable, Settings, read_sections
+from vpsci_ros.cli.options import NearMisses, Params, Quiet, Resumable, Settings, read_sections, writes_folder
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import TO_MEASURE_ON
 
@@ -17,6 +17,7 @@ study_app = typer.Typer(
 )
 
 
+@writes_folder
 def pretrain(
     output: Resumable,
     params: Params = Path("stage1_pretrain"),
@@ -37,6 +38,7 @@ def pretrain(
         run_pretraining(read_sections(params, settings, near_misses), output, quiet=quiet)
 
 
+@writes_folder
 def refine(
     output: Resumable,
     params: Params = Path("stage2_online"),
@@ -107,6 +109,7 @@ def evaluate(
 
 
 @study_app.command()
+@writes_folder
 def samples(
     params: Params,
     output: Resumable,
@@ -139,6 +142,7 @@ def samples(
 
 
 @study_app.command()
+@writes_folder
 def folds(
     params: Params,
     output: Resumable,
@@ -171,6 +175,7 @@ def folds(
 
 
 @study_app.command()
+@writes_folder
 def models(
     params: Params,
     output: Resumable,
@@ -203,6 +208,7 @@ def models(
 
 
 @study_app.command()
+@writes_folder
 def weights(
     params: Params,
     output: Resumable,

@@ -13,10 +13,10 @@ from vpsci_ros.cli.dataset import dataset_app, generate, report
 from vpsci_ros.cli.exam import ads_test
 from vpsci_ros.cli.export import export
 from vpsci_ros.cli.learning import average, evaluate, pretrain, refine, study_app
-from vpsci_ros.cli.options import Output, Params, Quiet, Settings, read_sections
+from vpsci_ros.cli.options import Output, Params, Quiet, Settings, read_sections, writes_folder
 from vpsci_ros.cli.realism import realism
 from vpsci_ros.cli.view import turing_app, view
-from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 
 app = typer.Typer(
     name="vpsci",
@@ -67,6 +67,7 @@ def import_command(
 
 
 @app.command()
+@writes_folder
 def graph(
     params: Params,
     output: Output,
@@ -103,6 +104,7 @@ def node(
 
 
 @app.command()
+@writes_folder
 def demo(
     output: Output = Path("out/demo"),
     data: Annotated[
@@ -150,10 +152,27 @@ def main() -> None:
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # idle threads of torch wait without burning a core
     try:
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
     except VpsciError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2 if isinstance(error, InvalidInput) else 1)
+        _end(2 if isinstance(error, InvalidInput) else 1, f"error: {error}")
     except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
-        sys.exit(130)
+        _end(130, "stopped")
+    except Exception as error:
+        if not (text := in_words(error)):
+            raise
+        _end(1, f"error: {text}")
+
+
+def _end(status: int, text: str) -> None:
+    """End the process; what cannot be printed any more, because the disk or the pipe behind it is full, is left out."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            if stream is sys.stderr:
+                print(text, file=stream)
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+    sys.exit(status)

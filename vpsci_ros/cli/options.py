@@ -1,12 +1,17 @@
 """Options that several commands share."""
 
+import contextlib
+import functools
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
 
 import typer
 
 if TYPE_CHECKING:
     from vpsci_ros.runs.sections import Sections
+
+P = ParamSpec("P")
 
 Params = Annotated[
     Path, typer.Option("--params", metavar="FILE", help="Parameter file: a path, or the name of one of the package's.")
@@ -28,6 +33,26 @@ NearMisses = Annotated[
         "Default: the parameter file's, or right_turns/train.",
     ),
 ]
+
+
+def writes_folder(command: Callable[P, None]) -> Callable[P, None]:
+    """Claim the folder that a command's parameter `output` names for as long as the command runs."""
+
+    @functools.wraps(command)
+    def held(*args: P.args, **given: P.kwargs) -> None:
+        from vpsci_ros.runs.output_folder import output_folder
+
+        output: Any = given.get("output")
+        status = None
+        with contextlib.nullcontext() if output is None else output_folder(output):
+            try:
+                command(*args, **given)
+            except typer.Exit as error:  # a result, not a failure
+                status = error
+        if status is not None:
+            raise status
+
+    return held
 
 
 def read_sections(params: Path, settings: list[str] | None, near_misses: list[Path] | None = None) -> "Sections":

@@ -5,10 +5,11 @@ from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Quiet
+from vpsci_ros.cli.options import Quiet, writes_folder
 from vpsci_ros.resources import TO_MEASURE_ON
 
 
+@writes_folder
 def realism(
     data: Annotated[
         Path,

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from vpsci_ros.cli.options import writes_folder
 from vpsci_ros.resources import TO_MEASURE_ON
 
 turing_app = typer.Typer(no_args_is_help=True, help="The Turing test of section 4.4: recorded or generated?")
@@ -48,6 +49,7 @@ def view(
 
 
 @turing_app.command()
+@writes_folder
 def make(
     output: Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")],
     near_misses: Annotated[
@@ -78,6 +80,7 @@ def make(
 
 
 @turing_app.command()
+@writes_folder
 def score(
     key: Annotated[Path, typer.Argument(metavar="KEY", help="key.json of `vpsci turing make`.")],
     answers: Annotated[list[Path], typer.Argument(metavar="ANSWERS...", help="The raters' files.")],

@@ -6,7 +6,6 @@ its checksums and the unit computed again. The folder goes when the dataset is c
 """
 
 import contextlib
-import fcntl
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -19,6 +18,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import Unit
 from vpsci_ros.runs.files import require_empty_folder, write_json, written_whole
 from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.output_folder import Claim
 
 FOLDER = ".generate"
 RUN = "run.json"
@@ -76,15 +76,11 @@ def journal_of(folder: Path, run: Mapping[str, Any], unit: int) -> Iterator[Jour
         shutil.rmtree(folder / FOLDER, ignore_errors=True)  # a run that was killed while it removed it
         yield None
         return
-    hidden = folder / FOLDER
-    if not hidden.is_dir():
-        require_empty_folder(folder)
-        hidden.mkdir()
-    with (hidden / "lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InvalidInput(f"{folder}: another process is generating into this folder; wait for it") from None
+    with contextlib.closing(Claim(folder)):
+        hidden = folder / FOLDER
+        if not hidden.is_dir():
+            require_empty_folder(folder)
+            hidden.mkdir()
         if (hidden / RUN).is_file():
             begun = _read(hidden / RUN)
             require_same(folder, begun, run, "holds an unfinished run")

@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
-from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.nodes import status as reporting
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, PeerConfig, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
@@ -255,6 +255,9 @@ def _run(node_class: Callable[..., GraphNode], context: Context, stop: StopReque
     except VpsciError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except (OSError, MemoryError) as error:
+        print(f"error: {in_words(error)}", file=sys.stderr)
+        return 1
     node.stop = stop
     executor = EventsExecutor(context=context)
     executor.add_node(node)
@@ -287,6 +290,9 @@ def _attempt(node: GraphNode, part: Callable[[], None]) -> int:
         part()
     except VpsciError as error:
         node.get_logger().error(str(error))
+        return 1
+    except (OSError, MemoryError) as error:
+        node.get_logger().error(in_words(error))
         return 1
     return 0
 

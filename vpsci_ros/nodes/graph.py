@@ -19,7 +19,7 @@ from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.data.corpus import corpus_files
 from vpsci_ros.documents import dump_yaml
-from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.learning.config import LearnerConfig, RefineConfig
 from vpsci_ros.nodes import failures
 from vpsci_ros.nodes.config import GraphConfig, section_classes
@@ -30,8 +30,9 @@ from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, table,
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import require_empty_folder, sha256
+from vpsci_ros.runs.output_folder import Claim
 from vpsci_ros.runs.processes import ChildProcess, stop
-from vpsci_ros.runs.record import RECORD, room_for_record, write_record
+from vpsci_ros.runs.record import RECORD, keep_room, write_record
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 from vpsci_ros.wire import signature
@@ -87,21 +88,24 @@ def run_graph(
     resolved = resolve(sections, Path(folder))
     weights = sorted({values["weights"] for values in resolved.values.values() if values.get("weights")})
     hashes = {name: sha256(weights_path(name)) for name in weights}
+    claim = Claim(folder)
     folder = require_empty_folder(folder)
-    parameters = folder / "params.yaml"
-    chosen = resolved.get(GraphConfig, "graph")
-    layout = as_ros_parameters(resolved.values, any_namespace=bool(chosen.namespace))
-    parameters.write_text(dump_yaml(layout), encoding="utf-8")
     result = GraphResult(folder)
     begun = time.monotonic()
-    with stop_requested_by_signals() as requested:  # until the record is written: nothing cuts that short
-        with room_for_record(folder):
+    with contextlib.closing(claim), stop_requested_by_signals() as requested:  # nothing cuts the record short
+        keep_room(folder)
+        with _collecting_errors(result):
+            parameters = folder / "params.yaml"
+            chosen = resolved.get(GraphConfig, "graph")
+            layout = as_ros_parameters(resolved.values, any_namespace=bool(chosen.namespace))
+            parameters.write_text(dump_yaml(layout), encoding="utf-8")
             processes = NodeProcesses(chosen.nodes, parameters, folder / "log", chosen.namespace)
-            _run_to_the_end(result, resolved, processes, quiet, requested, stop_when)
+            _run_to_the_end(result, resolved, processes, quiet, requested, stop_when, claim)
         result.wall_time = time.monotonic() - begun
         learner = resolved.values.get("learner")
         near_misses = [] if learner is None else corpus_files(learner.get("near_misses", []))
         with _collecting_errors(result):
+            claim.require_there()
             write_record(
                 folder / RECORD,
                 begun=begun,
@@ -115,6 +119,17 @@ def run_graph(
     return result
 
 
+def _taken_away(claim: Claim, stop_when: StopWhen | None) -> StopWhen:
+    """Have a run stop where its output folder is not there any more, besides where `stop_when` says so."""
+
+    def reason(nodes: Mapping[str, NodeStatus], idle: float) -> str:
+        if not claim.there:
+            return f"{claim.path}: this folder was deleted, moved or replaced"
+        return stop_when(nodes, idle) if stop_when else ""
+
+    return reason
+
+
 def _run_to_the_end(
     result: GraphResult,
     resolved: Sections,
@@ -122,15 +137,20 @@ def _run_to_the_end(
     quiet: bool,
     requested: StopRequest,
     stop_when: StopWhen | None,
+    claim: Claim,
 ) -> None:
     """Start and watch the processes, stop them, and complete what they leave; fill `result` in."""
     with processes:
         try:
             with Watch(resolved, quiet=quiet) as watch:
-                result.error = _follow(processes, watch, resolved.get(GraphConfig, "graph"), requested, stop_when)
+                result.error = _follow(
+                    processes, watch, resolved.get(GraphConfig, "graph"), requested, _taken_away(claim, stop_when)
+                )
         finally:
             result.exits = processes.stop()
             result.nodes = processes.statuses(0.0)
+    if not claim.there:
+        return
     _settle(result, processes)
     result.error = result.error or "; ".join(_incomplete(result, processes, resolved))
 
@@ -230,7 +250,7 @@ def _follow(
     watch: Watch,
     graph: GraphConfig,
     requested: StopRequest,
-    stop_when: StopWhen | None = None,
+    stop_when: StopWhen,
 ) -> str:
     """Wait for the end of the run; return what went wrong, or nothing."""
     restarts = graph.restarts
@@ -242,13 +262,15 @@ def _follow(
         ended = processes.ended()
         if ended.get(processes.leader) == 0:
             return ""
+        if ended and (reason := stop_when(statuses, watch.idle_time())):
+            return reason
         for node, status in ended.items():
             if status in ENDED_FOR_GOOD or not node.endswith("_policy") or restarts == 0:
                 return processes.explain(node)
             restarts -= 1
             watch.pause_for(node)
             processes.start(node)
-        reason = stop_when(statuses, watch.idle_time()) if stop_when else ""
+        reason = stop_when(statuses, watch.idle_time())
         reason = reason or failures.stands_still(watch.paused_time(), watch.idle_time(), graph, processes.logs)
         if reason:
             return reason
@@ -275,7 +297,7 @@ def _collecting_errors(result: GraphResult) -> Iterator[None]:
     except VpsciError as error:
         text = str(error)
     except OSError as error:
-        text = f"{error.filename or result.folder}: cannot write ({error.strerror}); free some space"
+        text = in_words(error)
     result.error = "; ".join(part for part in (result.error, text) if part)
 
 

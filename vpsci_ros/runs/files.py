@@ -11,6 +11,9 @@ from typing import Any
 
 from vpsci_ros.errors import InvalidInput
 
+FAILURE = "failed.json"  # why a command left a folder unfinished
+ROOM_FILE = ".run.json.room"  # which keeps room for a record
+
 
 def sha256(path: str | Path) -> str:
     """Return the SHA-256 of a file's content as hexadecimal digits."""
@@ -68,6 +71,11 @@ def write_json(path: str | Path, values: Any) -> None:
     write_text(path, json.dumps(values, indent=2) + "\n")
 
 
+def is_empty_folder(path: Path) -> bool:
+    """Return whether a folder holds nothing but what is kept of a command that runs, or has failed at once."""
+    return all(inside.name in (FAILURE, ROOM_FILE) for inside in path.iterdir())
+
+
 def require_empty_folder(path: str | Path) -> Path:
     """Create folder `path` if need be and return it.
 
@@ -76,7 +84,7 @@ def require_empty_folder(path: str | Path) -> Path:
     path = Path(path)
     if path.exists() and not path.is_dir():
         raise InvalidInput(f"{path}: expected a folder for the output, found a file; choose another path")
-    if path.is_dir() and any(path.iterdir()):
+    if path.is_dir() and not is_empty_folder(path):
         raise InvalidInput(f"{path}: the output folder is not empty; choose another one or empty it first")
     path.mkdir(parents=True, exist_ok=True)
     return path

@@ -64,6 +64,8 @@ class ChildProcess:
 
     def said(self, what: str = "") -> str:
         """Return the last line of its log that has `what` in it, in whatever case; nothing if there is none."""
+        if not self.log.is_file():  # the folder was taken away
+            return ""
         lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         return next((line.strip() for line in reversed(lines) if what in line.lower()), "")
 

@@ -1,0 +1,91 @@
+"""Output folders belong to one command at a time, are not written once they were taken away, and say what failed."""
+
+import errno
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+import typer
+from safetensors import SafetensorError
+from typer.testing import CliRunner
+
+from vpsci_ros.cli.main import app
+from vpsci_ros.documents import read_json
+from vpsci_ros.errors import InvalidInput, VpsciError, in_words
+from vpsci_ros.runs.files import FAILURE, ROOM_FILE, require_empty_folder
+from vpsci_ros.runs.output_folder import output_folder
+
+
+def commands(group: Any, *names: str) -> Iterator[tuple[str, ...]]:
+    """Yield words that call each command whose --output is a folder, required arguments filled in with anything."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, *names, name)
+        for option in command.params:
+            if option.name == "output" and "older" in option.help:
+                required = [other for other in command.params if other.required and other is not option]
+                words = [word for other in required for word in (*(o for o in other.opts if o[0] == "-"), "1")]
+                yield (*names, name, *words)
+
+
+@pytest.mark.parametrize("words", list(commands(typer.main.get_command(app))), ids=" ".join)
+def test_every_command_refuses_a_folder_that_another_process_writes(words, claimed_by_another, tmp_path: Path) -> None:
+    with claimed_by_another(tmp_path):
+        result = CliRunner().invoke(app, [*words, "-o", str(tmp_path)])
+    assert isinstance(result.exception, InvalidInput)
+    assert f"{tmp_path}: another process is writing into this folder" in str(result.exception)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("away", ["deleted", "moved", "link"])
+def test_a_folder_that_was_taken_away_ends_the_command_and_nothing_is_written_in_its_place(away, tmp_path) -> None:
+    out, other = tmp_path / "out", tmp_path / "other"
+    other.mkdir()
+    with pytest.raises(VpsciError, match="out: this folder was deleted, moved or replaced"), output_folder(out):
+        (out / "half").touch()
+        out.rename(tmp_path / "moved")
+        if away == "link":
+            out.symlink_to(other)
+    assert list(other.iterdir()) == []
+
+
+def test_what_a_failed_command_left_says_so_until_the_command_succeeds(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(OSError, match="no room"), output_folder(out):
+        (out / "half.csv").write_text("a,")
+        raise OSError(errno.ENOSPC, "no room", "half.csv")
+    assert sorted(path.name for path in out.iterdir()) == [FAILURE, "half.csv"]
+    assert read_json(out / FAILURE)["error"].startswith("half.csv: No space left on device; free some space")
+    with output_folder(out):
+        assert (out / ROOM_FILE).exists()
+    assert [path.name for path in out.iterdir()] == ["half.csv"]
+
+
+def test_a_refused_command_leaves_no_folder_and_nothing_in_somebody_elses(tmp_path: Path) -> None:
+    for out in (tmp_path / "new", tmp_path):
+        with pytest.raises(InvalidInput), output_folder(out):
+            require_empty_folder(out)
+            (out / "mine").touch()
+            (out / "mine").unlink()
+            raise InvalidInput("no such table")
+        (tmp_path / "notes.txt").touch()
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (OSError(errno.EROFS, "", "a.png"), "a.png: Read-only file system; choose another place"),
+        (OSError(errno.EMFILE, ""), "Too many open files; allow more open files (ulimit -n) and try again"),
+        (pl.exceptions.ComputeError("write: No space left on device (os error 28)"), "No space left on device; free"),
+        (SafetensorError('IoError(Os { code: 27, kind: FileTooLarge, message: "" })'), "File too large; allow larger"),
+        (MemoryError(), "not enough memory; free some memory"),
+        (OSError("cannot identify image"), "cannot identify image"),
+        (KeyError("code: 5"), ""),
+    ],
+)
+def test_what_the_system_refuses_is_said_in_words_and_a_defect_is_not(error: Exception, text: str) -> None:
+    assert in_words(error).startswith(text)
+    assert bool(in_words(error)) == bool(text)

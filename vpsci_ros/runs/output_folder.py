@@ -1,0 +1,111 @@
+"""Output folders: nobody else's while they are written, and marked where a command left them unfinished."""
+
+import contextlib
+import fcntl
+import os
+import time
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+
+from vpsci_ros.errors import InvalidInput, VpsciError, in_words
+from vpsci_ros.runs.files import FAILURE, is_empty_folder, require_empty_folder
+from vpsci_ros.runs.record import RECORD, keep_room, read_record, release_room, write_record
+
+_CLAIMED: set[tuple[int, int]] = set()  # device and inode of the folders that this process has claimed
+
+
+class Claim:
+    """A folder that is this process's from now on until `close`; the system ends the claim of a process that dies.
+
+    :param path: made if need be.
+    :raises InvalidInput: it is no folder, or another process has claimed it.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.made = not self.path.exists()
+        if not self.made and not self.path.is_dir():
+            require_empty_folder(self.path)  # says that it is no folder
+        self.path.mkdir(parents=True, exist_ok=True)
+        handle = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
+        self._identity = _identity(os.fstat(handle))
+        self._first = self._identity not in _CLAIMED
+        self.close = weakref.finalize(self, _release, handle, self._identity if self._first else None)
+        """Give the folder up."""
+        if self._first:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                self.close()
+                raise InvalidInput(
+                    f"{self.path}: another process is writing into this folder; wait for it, or choose another one"
+                ) from None
+            except OSError:  # a file system without locks
+                pass
+            _CLAIMED.add(self._identity)
+
+    @property
+    def there(self) -> bool:
+        """Whether the path still names the folder that was claimed."""
+        try:
+            return _identity(self.path.stat()) == self._identity
+        except OSError:
+            return False
+
+    def require_there(self) -> None:
+        """Refuse to go on by a path that names something else by now.
+
+        :raises VpsciError: the folder was deleted, moved or replaced.
+        """
+        if not self.there:
+            raise VpsciError(f"{self.path}: this folder was deleted, moved or replaced while it was being written")
+
+
+def _identity(status: os.stat_result) -> tuple[int, int]:
+    return status.st_dev, status.st_ino
+
+
+def _release(handle: int, identity: tuple[int, int] | None) -> None:
+    if identity is not None:
+        _CLAIMED.discard(identity)
+    os.close(handle)
+
+
+@contextlib.contextmanager
+def output_folder(path: Path) -> Iterator[Claim]:
+    """Claim the folder that a command writes, and mark what it leaves there where it fails.
+
+    Room is kept on the disk for the mark, `FAILURE` with the reason, and for a record. It is written where no record
+    tells of the failure, and goes when the same command succeeds. A folder that was made for nothing is removed again.
+
+    :raises InvalidInput: see `Claim`.
+    :raises VpsciError: the folder was taken away meanwhile.
+    """
+    begun, claim = time.monotonic(), Claim(path)
+    try:
+        empty = is_empty_folder(path)
+        keep_room(path)
+        yield claim
+        claim.require_there()
+        (path / FAILURE).unlink(missing_ok=True)
+    except BaseException as error:
+        claim.require_there()
+        release_room(path)
+        refused = isinstance(error, InvalidInput) and not empty
+        if not (refused or is_empty_folder(path)):
+            _mark(path, begun, in_words(error) or str(error) or "stopped on request")
+        raise
+    finally:
+        if claim.there:
+            release_room(path)
+            if claim.made and not any(path.iterdir()):
+                path.rmdir()
+        claim.close()
+
+
+def _mark(folder: Path, begun: float, error: str) -> None:
+    record = read_record(folder / RECORD)
+    if record is None or not record["error"]:
+        with contextlib.suppress(OSError, VpsciError):
+            write_record(folder / FAILURE, begun=begun, error=error, results={}, inputs={})
