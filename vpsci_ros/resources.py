@@ -78,6 +78,11 @@ def weights_path(name: str, package: Path = _PACKAGE) -> Path:
     return shipped[name]
 
 
+def recorded_onsets_path(package: Path = _PACKAGE) -> Path:
+    """Return the table of recorded onsets (CSV) that scenes of right turns are drawn from."""
+    return package / "recordings" / "onsets.csv"
+
+
 def near_misses_part(name: str | Path, package: Path = _PACKAGE) -> tuple[Path, str]:
     """Return the near-miss table that `name` means, and which part of it: how the names of its clips begin, "" for all.
 

@@ -8,7 +8,7 @@ from vpsci_ros.world.crowd import MOST, CrowdConfig
 from vpsci_ros.world.kinds import KindMixture
 
 VEHICLE_DRIVERS = ("policy", "autopilot", "external", "replay")
-SPAWNS = ("human", "paper")
+SPAWNS = ("human", "right_turns", "paper")
 PEDESTRIAN_DRIVERS = ("policy", "autopilot", "external", "replay", "constant_velocity", "social_force")
 
 
@@ -28,8 +28,8 @@ class WorldConfig:
     )
     spawn: str = parameter(
         "human",
-        "how both approach each other; human: as recorded people do, with human jerk; paper: section 3.2's walking "
-        "speeds of 1-4 m/s and throttle of 0.6-0.9",
+        "how both approach each other; right_turns, human: as people recorded in right turns, on a campus, with human "
+        "jerk; paper: section 3.2's walking speeds of 1-4 m/s and throttle of 0.6-0.9",
         choices=SPAWNS,
     )
     vehicle_driver: str = parameter(

@@ -32,15 +32,15 @@ def spawn_people(episode, row, tables, seed):  # type: ignore[no-untyped-def]
 
     Return the time [s] that the car needs from the spawn to the crossing.
     """
-    speed = _draw_driver(episode, row, seed)
-    _draw_walker(episode, row, tables, seed)
+    speed = draw_driver(episode, row, seed)
+    draw_walker(episode, row, tables, seed)
     meeting = draw(episode, seed, STREAM_SPAWN, _MEETING)
     onset = EARLIEST + unit(meeting[0]) * (LATEST - EARLIEST)
     later = _meet(episode, row, meeting, onset, speed)
     # until it is at the crossing
     drives = onset + AHEAD - max(-_HALF_LENGTH / speed, later - _HALF_WIDTH / episode.walking_speed)
     _place_car(episode, row, tables, drives)
-    _place_walker(episode, row, tables, drives + later, seed)
+    place_walker(episode, row, tables, drives + later, seed)
     return drives
 
 
@@ -51,14 +51,14 @@ def join_people(episode, leader, row, tables, seed, drives):  # type: ignore[no-
     :param drives: time [s] that the car needs from the spawn to where it meets the leader.
     """
     speed = leader.cruise_throttle * tables.rows[leader.table].full_throttle_speed
-    _draw_walker(episode, row, tables, seed)
+    draw_walker(episode, row, tables, seed)
     meeting = draw(episode, seed, STREAM_SPAWN, _MEETING)
     later = _meet(episode, row, meeting, EARLIEST + unit(meeting[0]) * (LATEST - EARLIEST), speed)
-    _place_walker(episode, row, tables, drives + (episode.meeting_s - leader.meeting_s) / speed + later, seed)
+    place_walker(episode, row, tables, drives + (episode.meeting_s - leader.meeting_s) / speed + later, seed)
 
 
 @kernel
-def _draw_driver(episode, row, seed):  # type: ignore[no-untyped-def]
+def draw_driver(episode, row, seed):  # type: ignore[no-untyped-def]
     """Draw who drives; return the speed at the onset [m/s]."""
     driver, car_sway = draw(episode, seed, STREAM_SPAWN, _DRIVER), draw(episode, seed, STREAM_SPAWN, _CAR_SWAY)
     speed = quantile(people.CAR_SPEED, unit(driver[0]))
@@ -80,7 +80,7 @@ def _wave(drawn):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _draw_walker(episode, row, tables, seed):  # type: ignore[no-untyped-def]
+def draw_walker(episode, row, tables, seed):  # type: ignore[no-untyped-def]
     """Draw who walks, and along which line."""
     walker, walk_sway = draw(episode, seed, STREAM_SPAWN, _WALKER), draw(episode, seed, STREAM_SPAWN, _WALK_SWAY)
     episode.walking_phase = unit(walk_sway[2])
@@ -90,7 +90,7 @@ def _draw_walker(episode, row, tables, seed):  # type: ignore[no-untyped-def]
     episode.walking_acceleration = _OF_A_WAVE * quantile(people.WALKING_ACCELERATION, unit(walker[1]))
     oblique = math.tan(quantile(people.OBLIQUE, unit(walker[2])))
     offset = row.lowest_offset + unit(walker[3]) * (row.highest_offset - row.lowest_offset)
-    _cross(episode, row, tables, offset, oblique)
+    cross(episode, row, tables, offset, oblique)
 
 
 @kernel
@@ -103,7 +103,7 @@ def _meet(episode, row, meeting, onset, speed):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _cross(episode, row, tables, offset, oblique):  # type: ignore[no-untyped-def]
+def cross(episode, row, tables, offset, oblique):  # type: ignore[no-untyped-def]
     """Set the walker's line, `oblique` [m/m] along with the car, and where it crosses the lane."""
     lane = tables.lane, episode.table, row.lane_count, row.lane_step
     x, y, ux, uy = line_at(tables.walk, episode.table, row.walk_count, row.walk_step, row.conflict)
@@ -126,6 +126,12 @@ def _place_car(episode, row, tables, drives):  # type: ignore[no-untyped-def]
         speed = min(pace, bend_speed(episode, row, tables, s))
         s -= speed * min(TRACE, left)
         left -= TRACE
+    put_car(episode, row, tables, s, speed)
+
+
+@kernel
+def put_car(episode, row, tables, s, speed):  # type: ignore[no-untyped-def]
+    """Put the car in its lane at arc length `s` [m], at this speed [m/s]."""
     lane = tables.lane, episode.table, row.lane_count, row.lane_step
     x, y, ux, uy = line_at(*lane, s)
     here = sway(episode.lane_sine, episode.lane_cosine, people.CAR_WAVE, s)
@@ -140,7 +146,7 @@ def _place_car(episode, row, tables, drives):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _place_walker(episode, row, tables, walks, seed):  # type: ignore[no-untyped-def]
+def place_walker(episode, row, tables, walks, seed):  # type: ignore[no-untyped-def]
     """Put the walker where it has `walks` [s] to go to the crossing, time that it waits included.
 
     A child waits at the kerb for what it does not need to run.
@@ -150,22 +156,22 @@ def _place_walker(episode, row, tables, walks, seed):  # type: ignore[no-untyped
         running = (row.conflict - kerb) / episode.walking_speed + 0.5 * episode.walking_speed / SET_OFF[CHILD]
         if running < walks:
             episode.start_delay = walks - running
-            put_walker(episode, row, tables, kerb)
+            put_walker(episode, row, tables, kerb, 0.0)
             return
     way, time = 0.0, 0.0
     while time < walks:
         way += walker_speed(episode, time) * min(TRACE, walks - time)
         time += TRACE
-    put_walker(episode, row, tables, row.conflict - way)
+    put_walker(episode, row, tables, row.conflict - way, 0.0)
 
 
 @kernel
-def put_walker(episode, row, tables, s):  # type: ignore[no-untyped-def]
-    """Put the walker on its line at arc length `s` [m] of the route, at the speed it has at the spawn."""
+def put_walker(episode, row, tables, s, time):  # type: ignore[no-untyped-def]
+    """Put the walker on its line at arc length `s` [m] of the route, at the speed of so long after the spawn [s]."""
     x, y, ux, uy = line_at(tables.walk, episode.table, row.walk_count, row.walk_step, s)
     here, there = line_offset(episode, row, s), line_offset(episode, row, s + row.walk_step)
     aside = (there - here) / row.walk_step
-    pace = walker_speed(episode, 0.0) / math.sqrt(1.0 + aside * aside)
+    pace = walker_speed(episode, time) / math.sqrt(1.0 + aside * aside)
     episode.pedestrian_s = s
     episode.pedestrian_x, episode.pedestrian_y = x - here * uy, y + here * ux
     episode.pedestrian_vx, episode.pedestrian_vy = pace * (ux - aside * uy), pace * (uy + aside * ux)

@@ -24,6 +24,7 @@ from vpsci_ros.world.crowd import (
 from vpsci_ros.world.human_spawn import join_people, put_walker, spawn_people
 from vpsci_ros.world.kinds import draw_kind, speed_of_kind
 from vpsci_ros.world.paths import line_at, nearest, point_at
+from vpsci_ros.world.right_turns import spawn_right_turn
 from vpsci_ros.world.sharing import share_vehicle
 from vpsci_ros.world.state import NONE, RUNNING, STARTED
 
@@ -55,7 +56,7 @@ def _begin(episode, table, row, number, pedestrian):  # type: ignore[no-untyped-
 
 
 @kernel
-def spawn(state, first, table, number, seed, tables, crowd, human):  # type: ignore[no-untyped-def]
+def spawn(state, first, table, number, seed, tables, crowd, human, turning):  # type: ignore[no-untyped-def]
     """Make the rows of EPISODE[B] from `first` on those of an episode of scenario `tables.rows[table]`, at frame 0.
 
     Return how many there are, one a pedestrian.
@@ -63,7 +64,9 @@ def spawn(state, first, table, number, seed, tables, crowd, human):  # type: ign
     leader, row, drives = state[first], tables.rows[table], 0.0
     _begin(leader, table, row, number, 0)
     draw_kind(leader, seed, crowd.kinds)
-    if human:
+    if turning:
+        drives = spawn_right_turn(leader, row, tables, seed)
+    elif human:
         drives = spawn_people(leader, row, tables, seed)
     else:
         _place_vehicle(leader, row, tables, seed)
@@ -108,7 +111,7 @@ def _join(state, first, i, seed, tables, crowd, human, drives):  # type: ignore[
 @kernel
 def _put(episode, row, tables, s, human):  # type: ignore[no-untyped-def]
     if human:
-        put_walker(episode, row, tables, s)
+        put_walker(episode, row, tables, s, 0.0)
     else:
         _put_on_route(episode, row, tables, s)
 
@@ -166,7 +169,7 @@ def spawn_all(state, slots, table_of, numbers, seeds, tables, recordings, record
     for k in range(slots.size):
         first = slots[k]
         episode = state[first]
-        count = spawn(state, first, table_of[k], numbers[k], seeds[k], tables, crowd, settings.human)
+        count = spawn(state, first, table_of[k], numbers[k], seeds[k], tables, crowd, settings.human, settings.turning)
         for i in range(first, first + count):
             state[i].recording = recording_of[k]
             bits[i] = 1 << STARTED

@@ -61,7 +61,8 @@ class Settings(NamedTuple):
     pedestrian_gain: float
     proximity_distance: float
     lane_following: bool
-    human: bool  # the spawn is "human"
+    human: bool  # people approach as recorded
+    turning: bool  # those of right turns
     pedestrians: int  # rows of an episode
 
 
@@ -97,7 +98,8 @@ def settings_from(config: WorldConfig) -> Settings:
         pedestrian_gain=config.pedestrian_gain,
         proximity_distance=config.proximity_distance,
         lane_following=config.lane_following,
-        human=config.spawn == "human",
+        human=config.spawn != "paper",
+        turning=config.spawn == "right_turns",
         pedestrians=config.pedestrians,
     )
 
