@@ -2,6 +2,7 @@
 
     python benchmarks/onsets.py near_misses.parquet [--episodes 60] [--spawn human paper] [--weights refined]
                                      [--seed 7] [--picture docs/onsets.png]
+    python benchmarks/onsets.py right_turns/train --spawn right_turns --rows vpsci_ros/recordings/onsets.csv
 
 The onset is the first step of 0.1 s with CurvTTC, as known then, below 5 s. Recorded: near misses whose car moves and
 whose track has half a second before it; whole clips are resampled for intervals, and left out by the classifier's
@@ -35,6 +36,7 @@ STATE = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed")
 STATE += ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy", "controlled", "episode", "scenario")
 SECOND, LEAST = 10, 5  # steps over which accelerations are measured, as many as there are; fewest that there must be
 MOTION = ["car_speed", "car_acceleration", "walking_speed", "walking_acceleration", "distance", "curvttc"]
+ROW = [*MOTION[:4], "slowest_walk", "curvttc"]
 PLACE = [*MOTION, "ahead", "aside", "walk_along", "walk_across"]
 SETS = {"motion": MOTION, "motion and place": PLACE, "and turn rates": [*PLACE, "yaw_rate", "walk_turn"]}
 
@@ -225,9 +227,16 @@ def main() -> None:
     parser.add_argument("--weights", default="refined", help="file or shipped name: who acts from the onset on")
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--picture", type=Path)
+    parser.add_argument("--rows", type=Path, help="write the recorded onsets, the rows of people.RIGHT_TURNS, as CSV")
     arguments = parser.parse_args()
     real = recorded(read_near_misses(arguments.near_misses))
     fit("recorded", real)
+    if arguments.rows:
+        header = (
+            "Onsets of recorded right turns: the training part of right_turns.parquet (CQUT-PVI, MIT licence), by\n"
+        )
+        header += "python benchmarks/onsets.py right_turns/train --rows; " + ", ".join(ROW)
+        np.savetxt(arguments.rows, real.select(ROW).to_numpy(), "%.2f", ",", header=header)
     sides = {"recorded": real}
     for spawn in arguments.spawn:
         config = WorldConfig(spawn=spawn, episode_time=10.0 if spawn == "paper" else WorldConfig().episode_time)

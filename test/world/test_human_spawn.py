@@ -10,7 +10,7 @@ from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.monitor import MonitorConfig, assess
 from vpsci_ros.world.tick import Actions
 
-HUMAN = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot")
+HUMAN = WorldConfig(spawn="human", vehicle_driver="autopilot", pedestrian_driver="autopilot")
 PAIRS = [(scenario, number) for number in range(60) for scenario in range(1, 9)]
 LOOK_BACK = 40  # ticks: 2 s
 
@@ -81,7 +81,7 @@ def test_both_reach_the_other_side_in_time_where_nothing_happens():
 
 
 def test_accelerations_never_jump_though_the_policies_brake_at_once_when_they_take_over():
-    config = WorldConfig()
+    config = WorldConfig(spawn="human")
     world = World(config, SCENARIOS, PAIRS[:160], 160, 1)
     allowed = people.JERK * config.tick + 1e-9
     before, held = None, 0

@@ -33,7 +33,7 @@ def spawn_people(episode, row, tables, seed):  # type: ignore[no-untyped-def]
     Return the time [s] that the car needs from the spawn to the crossing.
     """
     speed = draw_driver(episode, row, seed)
-    draw_walker(episode, row, tables, seed)
+    draw_walker(episode, row, tables, seed, False)
     meeting = draw(episode, seed, STREAM_SPAWN, _MEETING)
     onset = EARLIEST + unit(meeting[0]) * (LATEST - EARLIEST)
     later = _meet(episode, row, meeting, onset, speed)
@@ -45,13 +45,14 @@ def spawn_people(episode, row, tables, seed):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def join_people(episode, leader, row, tables, seed, drives):  # type: ignore[no-untyped-def]
+def join_people(episode, leader, row, tables, seed, drives, turning):  # type: ignore[no-untyped-def]
     """Draw one more walker, who meets the `leader` record's car for itself, and put them where they are at the spawn.
 
     :param drives: time [s] that the car needs from the spawn to where it meets the leader.
+    :param turning: they walk as in right turns.
     """
     speed = leader.cruise_throttle * tables.rows[leader.table].full_throttle_speed
-    draw_walker(episode, row, tables, seed)
+    draw_walker(episode, row, tables, seed, turning)
     meeting = draw(episode, seed, STREAM_SPAWN, _MEETING)
     later = _meet(episode, row, meeting, EARLIEST + unit(meeting[0]) * (LATEST - EARLIEST), speed)
     place_walker(episode, row, tables, drives + (episode.meeting_s - leader.meeting_s) / speed + later, seed)
@@ -80,15 +81,22 @@ def _wave(drawn):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def draw_walker(episode, row, tables, seed):  # type: ignore[no-untyped-def]
+def draw_walker(episode, row, tables, seed, turning):  # type: ignore[no-untyped-def]
     """Draw who walks, and along which line."""
     walker, walk_sway = draw(episode, seed, STREAM_SPAWN, _WALKER), draw(episode, seed, STREAM_SPAWN, _WALK_SWAY)
     episode.walking_phase = unit(walk_sway[2])
     sine, cosine = _wave(walk_sway)
     episode.walk_sine, episode.walk_cosine = people.WALK_WANDER * sine, people.WALK_WANDER * cosine
-    episode.walking_speed = speed_of_kind(episode, seed, quantile(people.WALKING_SPEED, unit(walker[0])))
-    episode.walking_acceleration = _OF_A_WAVE * quantile(people.WALKING_ACCELERATION, unit(walker[1]))
-    oblique = math.tan(quantile(people.OBLIQUE, unit(walker[2])))
+    if turning:
+        one = people.RIGHT_TURNS[int(unit(walker[0]) * people.RIGHT_TURNS.shape[0])]
+        pace, change = max(people.LEAST_WALK, one[people.WALK]), one[people.HURRIES]
+        oblique = people.SLOPE + people.SLOPE_SPREAD * (2.0 * unit(walker[2]) - 1.0)
+    else:
+        pace = quantile(people.WALKING_SPEED, unit(walker[0]))
+        change = quantile(people.WALKING_ACCELERATION, unit(walker[1]))
+        oblique = math.tan(quantile(people.OBLIQUE, unit(walker[2])))
+    episode.walking_speed = speed_of_kind(episode, seed, pace)
+    episode.walking_acceleration = _OF_A_WAVE * change
     offset = row.lowest_offset + unit(walker[3]) * (row.highest_offset - row.lowest_offset)
     cross(episode, row, tables, offset, oblique)
 

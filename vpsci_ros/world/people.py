@@ -1,15 +1,22 @@
 """How people come to a meeting: speeds, accelerations and lines of drivers and walkers, as recorded at onsets.
 
-Quantile tables hold what was measured at the onset, the first step of 0.1 s with CurvTTC below 5 s, in 158 near misses
-of 31 clips of VCI-DUT and VCI-CITR (Yang et al., IV 2019, arXiv 1902.00487) whose car moves and which do not begin
-critical. They are inverted at a uniform number, so that a draw has the recorded distribution without a formula for it.
-`python benchmarks/onsets.py` fits them again and compares; docs/world.md has n, intervals and sources.
+The onset is the first step of 0.1 s with CurvTTC below 5 s. There are two calibrations.
+
+`spawn: human`, of a campus where cars drive straight on: quantile tables of 158 near misses of 31 clips of VCI-DUT and
+VCI-CITR (Yang et al., IV 2019, arXiv 1902.00487) whose car moves and which do not begin critical. They are inverted at
+a uniform number, so that a draw has the recorded distribution without a formula for it.
+
+`spawn: right_turns`: `RIGHT_TURNS`, whole onsets of 238 near misses of 214 clips, the training part of CQUT-PVI (Zhang
+et al., T-ITS 2024, doi 10.1109/TITS.2024.3398648), drawn one at a time, for their numbers depend on each other.
+
+`python benchmarks/onsets.py` fits both again and compares; docs/world.md has n, intervals and sources.
 """
 
 import math
 
 import numpy as np
 
+from vpsci_ros.resources import recorded_onsets_path
 from vpsci_ros.world.compiled import kernel
 
 SHARES = np.array([0.0, 0.05, 0.10, 0.25, 0.50, 0.75, 0.90, 0.95, 1.0])  # of the people, for the tables below
@@ -20,6 +27,13 @@ WALKING_ACCELERATION = np.array([-0.69, -0.44, -0.24, -0.09, -0.02, 0.05, 0.21, 
 # [rad] of a walker's line, from straight across and along with the car
 OBLIQUE = np.radians([-30.0, -16.0, -12.0, -5.0, 2.0, 11.0, 27.0, 30.0, 30.0])
 BESIDE = np.array([0.0, 0.12, 0.20, 0.50, 0.82, 0.98, 1.10, 1.20, 1.40])  # their miss: 1, they graze
+
+# float64[N, 6], an onset a row: the car's speed [m/s] and acceleration [m/s2], the walking speed [m/s] and acceleration
+# [m/s2], the slowest walk of the two seconds before [m/s], CurvTTC [s]
+RIGHT_TURNS = np.loadtxt(recorded_onsets_path(), delimiter=",")
+CAR, BRAKES, WALK, HURRIES, SLOWEST, TTC = range(6)
+SMOOTHING = np.array([0.10, 0.10, 0.05, 0.05, 0.0, 0.12])  # standard deviations around a recorded onset
+SLOPE, SLOPE_SPREAD = 0.40, 0.25  # [m/m] mean and standard deviation of a walker's line, along with the car
 
 CAR_PERIOD, WALK_PERIOD = 8.0, 4.0  # [s] in which a car's and a walker's speed goes up and down
 LEAST_CAR, GREATEST_CAR = 0.4, 5.6  # [m/s]

@@ -7,9 +7,6 @@ both are traced back along lane and route. Draws that would have been critical b
 
 import math
 
-import numpy as np
-
-from vpsci_ros.resources import recorded_onsets_path
 from vpsci_ros.safety import (
     CRITICAL_TTC,
     HORIZON,
@@ -28,12 +25,7 @@ from vpsci_ros.world.kinds import ADULT, CHILD, SET_OFF
 from vpsci_ros.world.paths import line_at
 from vpsci_ros.world.people import car_speed
 
-# [N, 6] car's speed [m/s] and acceleration [m/s2], walking speed [m/s], its change [m/s2], slowest walk of the 2 s
-# before [m/s], CurvTTC [s]
-ONSETS = np.loadtxt(recorded_onsets_path(), delimiter=",")
 EARLIEST, LATEST = 0.8, 1.4  # [s] from the spawn to the onset
-SMOOTHING = np.array([0.10, 0.10, 0.05, 0.05, 0.0, 0.12])  # standard deviations around a recorded onset
-OBLIQUE = 0.2  # [m/m] standard deviation of a walker's line from straight across
 FRONT = 0.4  # share of the draws in which the walker would come before the car's front; else, to its side
 STANDS = 0.3  # [m/s] below it somebody stands
 NEAR_ENOUGH = 0.4  # [s] by which CurvTTC may differ from the recorded one
@@ -53,7 +45,7 @@ def spawn_right_turn(episode, row, tables, seed):  # type: ignore[no-untyped-def
     Return the time [s] that the car needs from the spawn to the crossing.
     """
     draw_driver(episode, row, seed)
-    draw_walker(episode, row, tables, seed)
+    draw_walker(episode, row, tables, seed, True)
     comfort = episode.lateral_comfort
     drives, speed, ttc, walks = 0.0, 1.0, 4.0, 1.0
     onset = 0.0
@@ -75,25 +67,25 @@ def spawn_right_turn(episode, row, tables, seed):  # type: ignore[no-untyped-def
 
 @kernel
 def _smoothed(values, column, deviation):  # type: ignore[no-untyped-def]
-    return values[column] + SMOOTHING[column] * min(2.0, max(-2.0, deviation))
+    return values[column] + people.SMOOTHING[column] * min(2.0, max(-2.0, deviation))
 
 
 @kernel
 def _draw_people(episode, row, first, second, onset):  # type: ignore[no-untyped-def]
     """Draw how fast both are at the onset; return the car's speed, the walker's [m/s], and CurvTTC [s]."""
-    one = ONSETS[int(unit(first[0]) * ONSETS.shape[0])]
+    one = people.RIGHT_TURNS[int(unit(first[0]) * people.RIGHT_TURNS.shape[0])]
     a, b = normal_pair(unit(first[1]), unit(first[2]))
     c, d = normal_pair(unit(first[3]), unit(second[0]))
     e, _ = normal_pair(unit(second[1]), unit(second[2]))
-    speed = max(0.6, _smoothed(one, 0, a))
-    ttc = min(CRITICAL_TTC - 0.05, max(1.0, _smoothed(one, 5, e)))
-    acceleration = _smoothed(one, 1, b)
+    speed = max(0.6, _smoothed(one, people.CAR, a))
+    ttc = min(CRITICAL_TTC - 0.05, max(1.0, _smoothed(one, people.TTC, e)))
+    acceleration = _smoothed(one, people.BRAKES, b)
     # half a second before the onset the speed changes most
     episode.approach_acceleration = acceleration / 0.9745
     episode.cruise_throttle = (speed - 0.5 * acceleration) / row.full_throttle_speed
     phase = (SPEED_TIME - (onset - 0.5)) / people.CAR_PERIOD
     episode.approach_phase = phase - math.floor(phase)
-    walks, change = one[2], 0.0
+    walks, change = one[people.WALK], 0.0
     episode.start_delay = 0.0
     if episode.kind != ADULT:
         walks = episode.walking_speed
@@ -101,12 +93,12 @@ def _draw_people(episode, row, first, second, onset):  # type: ignore[no-untyped
         walks, episode.walking_speed = 0.0, 1.0
         episode.start_delay = onset + 1.0
     else:
-        walks = max(people.LEAST_WALK, _smoothed(one, 2, c))
+        walks = max(people.LEAST_WALK, _smoothed(one, people.WALK, c))
         episode.walking_speed = walks
-        if one[4] < STANDS:
+        if one[people.SLOWEST] < STANDS and one[people.WALK] - one[people.HURRIES] < people.LEAST_WALK:
             episode.start_delay = max(0.05, onset - walks / SET_OFF[episode.kind])
         else:
-            change = _smoothed(one, 3, d)
+            change = _smoothed(one, people.HURRIES, d)
             episode.walking_speed = walks - 0.5 * change
     episode.walking_acceleration = change / 0.9003
     phase = -(onset - 0.5) / people.WALK_PERIOD
@@ -119,7 +111,7 @@ def _place(episode, row, tables, place, more, onset, speed, walks, ttc):  # type
     """Put both where they are at the spawn; return whether they come to the onset, and not before."""
     oblique, _ = normal_pair(unit(place[0]), unit(place[1]))
     offset = row.lowest_offset + unit(place[2]) * (row.highest_offset - row.lowest_offset)
-    cross(episode, row, tables, offset, OBLIQUE * min(2.0, max(-2.0, oblique)))
+    cross(episode, row, tables, offset, people.SLOPE + people.SLOPE_SPREAD * min(2.0, max(-2.0, oblique)))
     x, y, ux, uy = line_at(tables.walk, episode.table, row.walk_count, row.walk_step, row.conflict)
     x, y = x - offset * uy, y + offset * ux
     slope = episode.walk_slope

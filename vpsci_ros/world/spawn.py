@@ -73,14 +73,14 @@ def spawn(state, first, table, number, seed, tables, crowd, human, turning):  # 
         _place_pedestrian(leader, row, tables, seed)
     count = how_many(leader, seed, crowd)
     for i in range(first + 1, first + count):
-        _join(state, first, i, seed, tables, crowd, human, drives)
+        _join(state, first, i, seed, tables, crowd, human, drives, turning)
     for i in range(first, first + count):
         state[i].pedestrians = count
     return count
 
 
 @kernel
-def _join(state, first, i, seed, tables, crowd, human, drives):  # type: ignore[no-untyped-def]
+def _join(state, first, i, seed, tables, crowd, human, drives, turning):  # type: ignore[no-untyped-def]
     """Make row `i` of EPISODE[B] a further pedestrian of the episode that begins in row `first`."""
     leader, episode = state[first], state[i]
     _begin(episode, leader.table, tables.rows[leader.table], leader.episode, i - first)
@@ -90,7 +90,7 @@ def _join(state, first, i, seed, tables, crowd, human, drives):  # type: ignore[
     row = tables.rows[episode.table]
     draw_kind(episode, seed, crowd.kinds)
     if human:
-        join_people(episode, leader, row, tables, seed, drives)
+        join_people(episode, leader, row, tables, seed, drives, turning)
     else:
         _place_pedestrian(episode, row, tables, seed)
     s = episode.pedestrian_s
