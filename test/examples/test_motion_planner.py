@@ -7,9 +7,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from composed import composed
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import PointCloud2
 
 pytest.importorskip("fiss_planner", reason="needs fiss-planner (extra: planner)")
 
@@ -17,11 +16,10 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.exam.conduct import autopilot_run
 from vpsci_ros.exam.process import running
 from vpsci_ros.exam.run import prepare
+from vpsci_ros.nodes.convert import objects_message
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.resources import params_dir
-from vpsci_ros.wire.header import WireHeader
-from vpsci_ros.wire.objects import write_objects
 from vpsci_ros.world import EPISODE, RUNNING, load_scenario
 from vpsci_ros.world.kinematics import drive
 from vpsci_ros.world.perception import OBJECT
@@ -94,10 +92,9 @@ def test_one_driver_plans_each_episode_anew(example: ModuleType) -> None:
 def test_it_reads_the_list_of_objects_that_perception_publishes(example: ModuleType) -> None:
     objects = np.zeros(2, OBJECT)
     objects["x"], objects["y"], objects["vx"], objects["vy"] = [1.5, -2.0], [3.0, 4.0], [0.5, 0.0], [-1.0, 0.25]
-    header = WireHeader(0, 350_000_000, "map")
-    seen = example.people_seen(deserialize_message(write_objects(objects, header), PointCloud2))
+    seen = example.people_seen(objects_message(objects, Time(nanosec=350_000_000)))
     assert seen == [(1.5, 3.0, 0.5, -1.0), (-2.0, 4.0, 0.0, 0.25)]
-    assert example.people_seen(deserialize_message(write_objects(objects[:0], header), PointCloud2)) == []
+    assert example.people_seen(objects_message(objects[:0], Time())) == []
 
 
 @pytest.mark.parametrize(("option", "nodes", "several"), [("", [], 1), ("--objects 0.1", ["perception"], 3)])

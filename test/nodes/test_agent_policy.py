@@ -14,8 +14,8 @@ from std_msgs.msg import Header
 from vpsci_msgs.msg import AgentAction
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.nodes import convert
+from vpsci_ros.nodes.agent_policy import VehiclePolicy
 from vpsci_ros.nodes.topics import LOCK_STEP
-from vpsci_ros.nodes.vehicle_policy import VehiclePolicy
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.world import EPISODE, RUNNING

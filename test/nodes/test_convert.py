@@ -1,5 +1,6 @@
 """Messages carry arrays without changing a bit, and a message that does not fit is refused."""
 
+import struct
 from array import array
 
 import numpy as np
@@ -12,6 +13,7 @@ from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.nodes import convert
 from vpsci_ros.wire import layout
 from vpsci_ros.world import EPISODE, EVENT
+from vpsci_ros.world.perception import OBJECT
 
 
 def random_records(dtype: np.dtype, count: int, seed: int = 1) -> np.ndarray:
@@ -27,6 +29,11 @@ def random_records(dtype: np.dtype, count: int, seed: int = 1) -> np.ndarray:
 
 def over_the_wire(message):
     return deserialize_message(serialize_message(message), type(message))
+
+
+def action_message(header: convert.Header, tick: int, action: np.ndarray, version: int) -> AgentAction:
+    message = AgentAction(header=header, tick=tick, policy_version=version)
+    return convert.filled(message, layout.action_fields(action))
 
 
 def test_a_world_state_comes_back_bit_for_bit() -> None:
@@ -65,7 +72,7 @@ def test_a_safety_state_keeps_infinity() -> None:
 
 def test_an_action_keeps_the_policys_bits() -> None:
     action = np.array([[0.1, -0.2], [1e-20, 5.0]], np.float32)
-    message = over_the_wire(convert.action_message(convert.Header(), 3, action, policy_version=9))
+    message = over_the_wire(action_message(convert.Header(), 3, action, 9))
     assert message.policy_version == 9
     back = layout.action(message, 2, "/vehicle/action")
     assert back.astype(np.float32).tobytes() == action.tobytes()
@@ -119,3 +126,17 @@ def test_odometry_speaks_in_the_childs_frame() -> None:
     assert vehicle.pose.pose.orientation.z == pytest.approx(np.sin(np.pi / 4))
     assert pedestrian.twist.twist.linear.x == pytest.approx(1.5)
     assert pedestrian.pose.pose.orientation.z == pytest.approx(np.sin(-np.pi / 4))
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_objects_are_points_with_place_velocity_and_number(count: int) -> None:
+    objects = random_records(OBJECT, count)
+    cloud = over_the_wire(convert.objects_message(objects, convert.stamp(7, 0.05)))
+    assert (cloud.header.frame_id, cloud.header.stamp.nanosec) == ("map", 350_000_000)
+    assert (cloud.width, cloud.height, cloud.point_step, cloud.row_step) == (count, 1, 24, 24 * count)
+    assert [(field.name, field.offset) for field in cloud.fields] == [
+        (name, 4 * k) for k, name in enumerate(["x", "y", "z", "vx", "vy", "id"])
+    ]
+    for n, row in enumerate(struct.iter_unpack("<5fI", cloud.data)):
+        x, y, vx, vy, track = (objects[n][name] for name in ("x", "y", "vx", "vy", "track"))
+        assert row == pytest.approx((x, y, 0.0, vx, vy, track), rel=1e-6)

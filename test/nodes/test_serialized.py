@@ -1,15 +1,13 @@
 """The lock-step sends and takes the bytes that ROS itself makes of a message, and other bytes are refused."""
 
-import struct
-from array import array
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from nodes.test_convert import action_message
 from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
-from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
 from vpsci_msgs.msg import AgentAction, SafetyState, WorldState
@@ -18,11 +16,9 @@ from vpsci_ros.nodes import convert, serialized
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import read_action, read_safety_state, write_action, write_safety_state
 from vpsci_ros.wire.header import WireHeader
-from vpsci_ros.wire.objects import write_objects
 from vpsci_ros.wire.padding import zeroed
 from vpsci_ros.wire.world_state import SerializedState, read_world_state, write_world_state
 from vpsci_ros.world import EPISODE, RUNNING
-from vpsci_ros.world.perception import OBJECT
 from vpsci_ros.world.tick import Tick
 
 PERIOD, TICK = 0.05, 2**32 + 5
@@ -82,35 +78,12 @@ def test_a_safety_state_is_written_as_ros_writes_it_and_read_as_it_was(batch: in
 def test_an_action_is_written_as_ros_writes_it_and_read_as_it_was(batch: int, frame: str) -> None:
     header, start = headers(frame)
     pairs = np.random.default_rng(batch).random((batch, 2))
-    data = serialize_message(convert.action_message(header, TICK, pairs, 9))
+    data = serialize_message(action_message(header, TICK, pairs, 9))
     assert write_action(start, TICK, pairs, 9) == zeroed("vpsci_msgs/msg/AgentAction", data, "/vehicle/action")
     back = read_action(data)
     assert back is not None
     assert (back.tick, back.policy_version) == (TICK, 9)
     assert np.array_equal(layout.action(back, batch, "/vehicle/action"), pairs)
-
-
-@pytest.mark.parametrize("count", [0, 1, 3])
-def test_objects_are_written_as_ros_writes_a_cloud_of_points(count: int) -> None:
-    rng, (header, start) = np.random.default_rng(count), headers("map")
-    objects = np.zeros(count, OBJECT)
-    for name in ("x", "y", "vx", "vy"):
-        objects[name] = rng.normal(size=count)
-    objects["track"] = rng.integers(1, 2**32, count)
-    rows = [[each["x"], each["y"], 0.0, each["vx"], each["vy"], each["track"]] for each in objects]
-    fields = [PointField(name=n, offset=4 * k, datatype=7, count=1) for k, n in enumerate(["x", "y", "z", "vx", "vy"])]
-    cloud = PointCloud2(
-        header=header,
-        height=1,
-        width=count,
-        fields=[*fields, PointField(name="id", offset=20, datatype=6, count=1)],
-        point_step=24,
-        row_step=24 * count,
-        data=array("B", b"".join(struct.pack("<5fI", *row) for row in rows)),
-        is_dense=True,
-    )
-    data = serialize_message(cloud)
-    assert write_objects(objects, start) == zeroed("sensor_msgs/msg/PointCloud2", data, "/perception/objects")
 
 
 def test_a_message_that_breaks_off_anywhere_is_refused() -> None:

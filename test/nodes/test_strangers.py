@@ -25,13 +25,13 @@ from vpsci_ros.bags.info import bag_info
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.nodes import convert
+from vpsci_ros.nodes.agent_policy import VehiclePolicy
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.intake import second_publishers
 from vpsci_ros.nodes.learner import Learner
 from vpsci_ros.nodes.recorder import Recorder
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.topics import LOCK_STEP
-from vpsci_ros.nodes.vehicle_policy import VehiclePolicy
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import save_weights

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from vpsci_ros.safety import CRITICAL_TTC, Yielded, YieldRule, curvttc, who_yielded
+from vpsci_ros.safety import CRITICAL_TTC, Yielded, curvttc, who_yielded
+from vpsci_ros.safety.yielding import PEDESTRIAN_MOVING, VEHICLE_DROP
 
 DT = 0.1
 STEPS = 120
@@ -61,9 +62,10 @@ def test_without_a_critical_step_nobody_yields():
     assert who_yielded(*state, np.full_like(ttc, np.inf), dt=DT) == Yielded.NONE
 
 
-def test_the_thresholds_are_parameters():
-    assert who_yielded(*CAR_SLOWS, dt=DT, rule=YieldRule(vehicle_drop=0.6)) == Yielded.NONE
-    assert who_yielded(*WALKER_STOPS, dt=DT, rule=YieldRule(pedestrian_moving=2.0)) == Yielded.NONE
+def test_who_loses_less_than_the_thresholds_or_hardly_moves_does_not_yield():
+    slower = encounter(ramp(5.0, 5.0 * (1.0 - VEHICLE_DROP) + 0.1, 1.0, 3.0), 1.4, vehicle_from=-30.0)
+    creeping = encounter(5.0, ramp(PEDESTRIAN_MOVING - 0.05, 0.0, 2.0, 4.0), walker_from=-1.5)
+    assert who_yielded(*slower, dt=DT) == who_yielded(*creeping, dt=DT) == Yielded.NONE
 
 
 def test_a_padded_batch_is_its_episodes_one_by_one():

@@ -62,17 +62,17 @@ def test_a_state_without_episodes_is_refused() -> None:
     ],
 )
 def test_events_that_are_ragged_or_unknown_are_refused(changed: dict[str, Any], message: str) -> None:
-    assert received.events(event_message())["outcome"] == [1]
+    assert layout.events(event_message())["outcome"] == [1]
     with pytest.raises(InvalidInput, match=message):
-        received.events(event_message(**changed))
+        layout.events(event_message(**changed))
 
 
 def test_a_curvttc_that_is_not_a_number_is_refused() -> None:
     message = SimpleNamespace(curvttc=np.array([np.nan]), distance=np.ones(1), critical=np.ones(1, np.uint8))
     with pytest.raises(InvalidInput, match="curvttc of slot 0 is not a number"):
-        received.safety_state(message, 1)
+        layout.safety_state(message, 1)
     with pytest.raises(InvalidInput, match="expected 2 entries in curvttc, got 1"):
-        received.safety_state(message, 2)
+        layout.safety_state(message, 2)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from world.helpers import SCENARIOS, alarm, calm, cautious, frames
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import build
-from vpsci_ros.world import COLLISION, ENDED, GOAL, IDLE, RUNNING, World, WorldConfig, compiled
+from vpsci_ros.world import COLLISION, ENDED, GOAL, IDLE, RUNNING, World, WorldConfig
 from vpsci_ros.world.crowd import FOLLOWER, GROUP, OPPOSITE, ROLES, CrowdConfig
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.sharing import leading_rows
@@ -68,8 +68,8 @@ def test_bits_do_not_depend_on_the_batch_nor_on_threads(monkeypatch):
     reference = by_row(history(config, batch=7))
     one = by_row(history(config, batch=1, pairs=PAIRS[:8]))
     assert one == {key: reference[key] for key in one}
-    monkeypatch.setattr(compiled, "_PER_THREAD", 4)
-    monkeypatch.setattr(compiled._pool, "size", 3)
+    monkeypatch.setattr("vpsci_ros.world.world.PER_THREAD", 4)
+    monkeypatch.setattr("vpsci_ros.safety.compiled._pool.size", 3)
     assert by_row(history(config, batch=16)) == reference
 
 

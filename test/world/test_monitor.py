@@ -5,7 +5,7 @@ import pytest
 from world.helpers import SCENARIOS, frames
 
 from vpsci_ros.safety import curvttc
-from vpsci_ros.world import ENDED, IDLE, World, WorldConfig, compiled
+from vpsci_ros.world import ENDED, IDLE, World, WorldConfig
 from vpsci_ros.world.monitor import MonitorConfig, assess
 
 NAMES = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature")
@@ -18,12 +18,11 @@ def states():
     return [state for state, _ in frames(world)]
 
 
-@pytest.mark.parametrize("method", ["footprint", "center"])
-def test_the_monitor_gives_the_bits_of_curvttc(states, method):
+def test_the_monitor_gives_the_bits_of_curvttc(states):
     for state in states[::7]:
         present = state["status"] != IDLE
-        ttc, distance, critical = assess(state, MonitorConfig(method=method))
-        assert np.array_equal(ttc[present], curvttc(*(state[n][present] for n in NAMES), method=method))
+        ttc, distance, critical = assess(state, MonitorConfig())
+        assert np.array_equal(ttc[present], curvttc(*(state[n][present] for n in NAMES)))
         assert np.isinf(ttc[~present]).all()
         assert np.array_equal(critical, (ttc < 5.0) & (state["status"] == 1))
         apart = np.hypot(state["vehicle_x"] - state["pedestrian_x"], state["vehicle_y"] - state["pedestrian_y"])
@@ -39,8 +38,8 @@ def test_the_last_frame_of_an_episode_has_a_curvttc_but_is_not_critical(states):
 
 def test_threads_change_no_bit(states, monkeypatch):
     whole = [assess(state, MonitorConfig()) for state in states[::50]]
-    monkeypatch.setattr(compiled, "_PER_THREAD", 3)
-    monkeypatch.setattr(compiled._pool, "size", 4)
+    monkeypatch.setattr("vpsci_ros.world.monitor.PER_THREAD", 3)
+    monkeypatch.setattr("vpsci_ros.safety.compiled._pool.size", 4)
     for state, expected in zip(states[::50], whole, strict=True):
         for a, b in zip(assess(state, MonitorConfig()), expected, strict=True):
             assert a.tobytes() == b.tobytes()

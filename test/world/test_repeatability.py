@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from world.helpers import SCENARIOS, episodes, run
 
-from vpsci_ros.world import World, WorldConfig, compiled
+from vpsci_ros.world import World, WorldConfig
 
 PAIRS = [(scenario, number) for number in range(8) for scenario in range(1, 9)]
 CONFIG = WorldConfig()
@@ -60,8 +60,8 @@ def test_bits_do_not_depend_on_the_order_of_the_scenario_list(reference):
 
 
 def test_bits_do_not_depend_on_the_number_of_threads(reference, monkeypatch):
-    monkeypatch.setattr(compiled, "_PER_THREAD", 3)
-    monkeypatch.setattr(compiled._pool, "size", 4)
+    monkeypatch.setattr("vpsci_ros.world.world.PER_THREAD", 3)
+    monkeypatch.setattr("vpsci_ros.safety.compiled._pool.size", 4)
     assert digest(run(PAIRS, batch=64, config=CONFIG)) == digest(reference)
 
 

@@ -10,7 +10,7 @@ from vpsci_ros.bags.odometry import ODOMETRY, odometry_ticks
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.wire import received
+from vpsci_ros.wire import layout, received
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import SAFETY, TYPES, WORLD
 
@@ -81,7 +81,7 @@ def _tick(folder: str | Path, world: Any, time: int, safety: Any | None) -> Reco
     tick = received.world_state(world, f"{folder}: {WORLD}")
     curvttc = distance = np.full(len(tick.state), np.nan)
     if safety is not None:
-        curvttc, distance, _ = received.safety_state(safety, len(tick.state), f"{folder}: {SAFETY}")
+        curvttc, distance, _ = layout.safety_state(safety, len(tick.state), f"{folder}: {SAFETY}")
     return RecordedTick(
         number=tick.number, period=float(world.dt), state=tick.state, curvttc=curvttc, distance=distance, time=time
     )

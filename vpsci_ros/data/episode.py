@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, YieldRule, who_yielded
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, who_yielded
 from vpsci_ros.world import Scenario
 
 Floats = NDArray[np.float64]
@@ -196,15 +196,15 @@ def batches(episodes: Iterable[Episode], size: int = BATCH) -> Iterator[list[Epi
         yield batch
 
 
-def yields(episodes: Iterable[Episode], rule: YieldRule | None = None) -> NDArray[np.uint8]:
+def yields(episodes: Iterable[Episode]) -> NDArray[np.uint8]:
     """Return who gave way in each episode, vehicle and most critical pedestrian, uint8[N], codes of `Yielded`.
 
     :param episodes: with vehicles of one size, at one period; frames that nobody saw count as the last one seen.
     """
-    return np.concatenate([np.zeros(0, np.uint8), *(_yields(batch, rule) for batch in batches(episodes))])
+    return np.concatenate([np.zeros(0, np.uint8), *(_yields(batch) for batch in batches(episodes))])
 
 
-def _yields(episodes: Sequence[Episode], rule: YieldRule | None) -> NDArray[np.uint8]:
+def _yields(episodes: Sequence[Episode]) -> NDArray[np.uint8]:
     first = episodes[0]
     pairs = [episode.pair().filled() for episode in episodes]
     vehicle = [[getattr(pair, name) for pair in pairs] for name in ("x", "y", "heading", "speed")]
@@ -218,7 +218,6 @@ def _yields(episodes: Sequence[Episode], rule: YieldRule | None) -> NDArray[np.u
         length=first.length,
         width=first.width,
         radius=first.radius,
-        rule=rule,
     )
 
 

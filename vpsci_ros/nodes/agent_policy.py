@@ -13,7 +13,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.output import Output
-from vpsci_ros.nodes.serialized import Shown, safety_state, shown, time_of, warm_up
+from vpsci_ros.nodes.serialized import safety_state, shown, time_of, warm_up
 from vpsci_ros.nodes.topics import LATCHED
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
@@ -24,6 +24,7 @@ from vpsci_ros.wire import layout, received
 from vpsci_ros.wire.answers import SerializedSafety, write_action
 from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.signature import is_signed
+from vpsci_ros.wire.world_state import SerializedState
 from vpsci_ros.world.tick import Actions, Tick
 
 SILENCE = 0.5  # [s] without a message before the missed ones are requested from the world
@@ -49,7 +50,7 @@ class AgentPolicy(GraphNode):
         self._version = 0  # of the weights
         self._actions: Output | None = None
         self._agent = make_agent(agent, config)
-        self._world: Shown | None = None
+        self._world: SerializedState | None = None
         self._ticks = received.TickSequence()
         self._safety: SafetyState | SerializedSafety | None = None
         self._known = -1  # tick of the latest policy frame that was worked through
@@ -93,7 +94,7 @@ class AgentPolicy(GraphNode):
         if self._actions is None:
             self._actions = self.output(self._topic)
 
-    def _on_state(self, world: Shown) -> None:
+    def _on_state(self, world: SerializedState) -> None:
         restarted = self.intake.read("/world/state", self._ticks.take, world.tick)
         if restarted is None:
             return
@@ -109,7 +110,7 @@ class AgentPolicy(GraphNode):
 
     def _on_safety(self, safety: SafetyState | SerializedSafety) -> None:
         batch = len(self._world.tick.state) if self._world and safety.tick > 0 else len(safety.curvttc)
-        if self.intake.read("/safety/state", received.safety_state, safety, batch) is not None:
+        if self.intake.read("/safety/state", layout.safety_state, safety, batch) is not None:
             self._safety = safety
             self._answer()
 
@@ -154,7 +155,7 @@ class AgentPolicy(GraphNode):
     def _act(self, header: WireHeader, tick: Tick, safety: SafetyState | SerializedSafety) -> bytes | None:
         """Take one tick in; return the answer, serialized, or None where none is wanted."""
         if not tick.policy_frame.any():
-            if self.intake.read("/safety/state", received.safety_state, safety, len(tick.state)) is not None:
+            if self.intake.read("/safety/state", layout.safety_state, safety, len(tick.state)) is not None:
                 self._known = tick.number
             return None
         assessment = self.intake.read("/safety/state", layout.assessment, safety, tick)
@@ -211,6 +212,20 @@ class AgentPolicy(GraphNode):
                 self._act(world.header, world.tick, safety)
                 self._recalled += 1
         self._answer()
+
+
+class VehiclePolicy(AgentPolicy):
+    """The vehicle's."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__("vehicle", **given)
+
+
+class PedestrianPolicy(AgentPolicy):
+    """The pedestrian's."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__("pedestrian", **given)
 
 
 def _require_same(first: Tick, second: Tick) -> None:

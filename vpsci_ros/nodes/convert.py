@@ -15,10 +15,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
+from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from vpsci_msgs.msg import AgentAction, EpisodeEvent, SafetyState, Transition, WorldState
+from vpsci_msgs.msg import EpisodeEvent, SafetyState, Transition, WorldState
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world.kinematics import WHEELBASE
@@ -27,6 +28,12 @@ from vpsci_ros.world.observation import AGENTS
 Array = NDArray[Any]
 T = TypeVar("T")
 _CODES = {np.dtype(kind).char: code for kind, code in (("u1", "B"), ("u4", "I"), ("u8", "Q"), ("f4", "f"), ("f8", "d"))}
+
+_POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "vx", "vy")] + [("id", "<u4")])
+_POINT_FIELDS = [
+    PointField(name=name, offset=4 * k, datatype=PointField.UINT32 if name == "id" else PointField.FLOAT32, count=1)
+    for k, name in enumerate(_POINT.names or ())
+]
 
 
 def sequence(values: Array) -> array[Any]:
@@ -58,12 +65,6 @@ def safety_message(header: Header, tick: int, curvttc: Array, distance: Array, c
     return filled(SafetyState(header=header, tick=tick), layout.safety_fields(curvttc, distance, critical))
 
 
-def action_message(header: Header, tick: int, action: Array, policy_version: int) -> AgentAction:
-    """Return accelerations [m/s2], [B, 2] as (longitudinal, lateral), as a message."""
-    message = AgentAction(header=header, tick=tick, policy_version=policy_version)
-    return filled(message, layout.action_fields(action))
-
-
 def event_message(events: Array, tick: int, period: float) -> EpisodeEvent:
     """Return EVENT[n] records of one tick as a message."""
     header = Header(stamp=stamp(tick, period), frame_id=MAP)
@@ -74,6 +75,20 @@ def transition_message(rows: Array, tick: int, period: float) -> Transition:
     """Return TRANSITION[n] records, n > 0, numbered without gaps, as a message."""
     header = Header(stamp=stamp(tick, period), frame_id=MAP)
     return filled(Transition(header=header), layout.transition_fields(rows))
+
+
+def objects_message(objects: Array, at: Time) -> PointCloud2:
+    """Return OBJECT[n], the objects of `vpsci_ros.world.perception`, seen at `at`, as points that existing tools read.
+
+    A point has its place [m] (z: 0) and velocity [m/s] in the map, and the number of its track.
+    """
+    points = np.zeros(len(objects), _POINT)
+    for name, source in (("x", "x"), ("y", "y"), ("vx", "vx"), ("vy", "vy"), ("id", "track")):
+        points[name] = objects[source]
+    size = {"height": 1, "width": len(points), "point_step": _POINT.itemsize, "row_step": points.nbytes}
+    cloud = PointCloud2(header=Header(stamp=at, frame_id=MAP), fields=_POINT_FIELDS, is_dense=True, **size)
+    cloud.data.frombytes(points.tobytes())
+    return cloud
 
 
 def odometry_messages(record: np.void, header: Header, prefix: str = "") -> tuple[Odometry, Odometry]:

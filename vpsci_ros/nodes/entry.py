@@ -10,10 +10,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+_MODULES = dict.fromkeys(("vehicle_policy", "pedestrian_policy"), "agent_policy")
+"""Node -> its module, where that has another name."""
+
 
 def node_class(name: str) -> Any:
     """Return the class of a node, `WorldSimulator` of "world_simulator"."""
-    module = importlib.import_module(f"vpsci_ros.nodes.{name}")
+    module = importlib.import_module(f"vpsci_ros.nodes.{_MODULES.get(name, name)}")
     return getattr(module, "".join(part.capitalize() for part in name.split("_")))
 
 
@@ -32,6 +35,6 @@ def start(name: str, args: list[str] | None = None) -> int:
 
 def __getattr__(name: str) -> Callable[[], int]:
     """Return what starts the node of this name, for the scripts that setuptools writes."""
-    if importlib.util.find_spec(f"vpsci_ros.nodes.{name}") is None:
+    if importlib.util.find_spec(f"vpsci_ros.nodes.{_MODULES.get(name, name)}") is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return partial(start, name)

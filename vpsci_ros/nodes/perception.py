@@ -4,17 +4,18 @@ import math
 import time
 from typing import Any
 
+from sensor_msgs.msg import PointCloud2
+
 from vpsci_msgs.msg import WorldState
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.peer_parameters import PeerParameters
-from vpsci_ros.nodes.serialized import Shown, shown, time_of
+from vpsci_ros.nodes.serialized import shown, time_of
 from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
-from vpsci_ros.wire.header import WireHeader
-from vpsci_ros.wire.layout import MAP, WORLD
-from vpsci_ros.wire.objects import write_objects
+from vpsci_ros.wire.layout import WORLD
+from vpsci_ros.wire.world_state import SerializedState
 from vpsci_ros.world import load_scenarios
 from vpsci_ros.world.parked import Parked, parked_from
 from vpsci_ros.world.perception import SEEN, PerceptionConfig, PerceptionState, blank, perceive, warm_up
@@ -40,9 +41,9 @@ class Perception(GraphNode):
         self._pedestrians = 1
         self._memory: PerceptionState | None = None
         self._listed = 0
-        self._first: bytes | None = None  # list, until the second one
+        self._first: PointCloud2 | None = None  # list, until the second one
         self._first_at = 0.0  # [s] of the wall clock, when it was published
-        self._waiting: list[Shown] = []
+        self._waiting: list[SerializedState] = []
         self._world = PeerParameters(self, ["world_simulator"], self._on_parameters)
         self.input(WORLD, _shown, self._on_state, raw=True)
         self.wall_timer(REPEAT_AFTER / 4, self._repeat_first)
@@ -58,14 +59,14 @@ class Perception(GraphNode):
         for world in waiting:
             self._look(world)
 
-    def _on_state(self, world: Shown) -> None:
+    def _on_state(self, world: SerializedState) -> None:
         if self._world.missing:
             self._waiting.append(world)
         else:
             self._look(world)
             self._meter.answered(self.intake.arrived)
 
-    def _look(self, world: Shown) -> None:
+    def _look(self, world: SerializedState) -> None:
         header, tick, period = world
         if len(tick.state) != self._pedestrians:
             raise VpsciError(
@@ -79,7 +80,7 @@ class Perception(GraphNode):
         )
         seen = objects[objects["status"] == SEEN]
         seen_at = convert.stamp(max(0, tick.number - self._config.delay(period)), period)
-        listed = write_objects(seen, WireHeader(seen_at.sec, seen_at.nanosec, MAP))
+        listed = convert.objects_message(seen, seen_at)
         self._objects.publish(listed)
         self._first, self._first_at = listed if first else None, time.perf_counter()
         self._listed += len(seen)
@@ -92,7 +93,7 @@ class Perception(GraphNode):
             self._objects.publish_now(self._first)
 
 
-def _shown(message: WorldState | bytes) -> Shown:
+def _shown(message: WorldState | bytes) -> SerializedState:
     """Return what a WorldState says.
 
     :raises InvalidInput: as `vpsci_ros.nodes.serialized.shown`, or its ticks take no time.

@@ -113,13 +113,13 @@ class Recorder(GraphNode):
         """
         if topic == EVENTS:
             message = message_of(data, EpisodeEvent, EVENTS)
-            return message.tick, event_rows(received.events(message))
+            return message.tick, event_rows(layout.events(message))
         if topic == WORLD:
             rows = len(serialized.shown(data).tick.state)
             if self._rows and rows != self._rows:
                 raise InvalidInput(f"{topic}: expected {self._rows} pedestrians, got {rows}; are two worlds here?")
         elif topic == SAFETY and self._rows:
-            received.safety_state(serialized.safety_state(data), self._rows)
+            layout.safety_state(serialized.safety_state(data), self._rows)
         elif topic in _ACTIONS and self._rows:
             Actions(**{_ACTIONS[topic]: layout.action(serialized.action(data, topic), self._rows, topic)})
         return 0, []

@@ -4,9 +4,10 @@ from typing import Any
 
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.meter import Meter
-from vpsci_ros.nodes.serialized import Shown, shown, time_of
+from vpsci_ros.nodes.serialized import shown, time_of
 from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
 from vpsci_ros.wire.answers import write_safety_state
+from vpsci_ros.wire.world_state import SerializedState
 from vpsci_ros.world.monitor import MonitorConfig, assess, warm_up
 
 
@@ -26,7 +27,7 @@ class SafetyMonitor(GraphNode):
         """Return rate and lag of the answers."""
         return self._meter.figures()
 
-    def _on_state(self, world: Shown) -> None:
+    def _on_state(self, world: SerializedState) -> None:
         header, tick, _ = world
         curvttc, distance, critical = assess(tick.state, self._config)
         self._safety.publish(write_safety_state(header, tick.number, curvttc, distance, critical))

@@ -3,7 +3,7 @@
 Bytes of a layout that it does not know, from another implementation of DDS, the middleware turns into a message.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -15,19 +15,12 @@ from vpsci_ros.wire import received, world_state
 from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, read_action, read_safety_state
 from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.layout import SAFETY, WORLD
+from vpsci_ros.wire.world_state import SerializedState
 from vpsci_ros.world.state import EPISODE
 from vpsci_ros.world.tick import Tick
 
 
-class Shown(NamedTuple):
-    """The world as a message shows it, and the header for the answers to it."""
-
-    header: WireHeader
-    tick: Tick
-    period: float  # of a tick [s], unchecked
-
-
-def shown(message: WorldState | bytes, where: str = WORLD) -> Shown:
+def shown(message: WorldState | bytes, where: str = WORLD) -> SerializedState:
     """Return what a WorldState says.
 
     :raises InvalidInput: it is none, or as `vpsci_ros.wire.received.world_state`.
@@ -35,11 +28,12 @@ def shown(message: WorldState | bytes, where: str = WORLD) -> Shown:
     if isinstance(message, bytes):
         state = world_state.read_world_state(message)
         if state is not None:
-            return Shown(state.header, received.credible(state.tick, where), state.period)
+            received.credible(state.tick, where)
+            return state
         message = message_of(message, WorldState, where)
     stamp = message.header.stamp
     header = WireHeader(stamp.sec, stamp.nanosec, message.header.frame_id)
-    return Shown(header, received.world_state(message, where), message.dt)
+    return SerializedState(header, received.world_state(message, where), message.dt)
 
 
 def safety_state(message: SafetyState | bytes, where: str = SAFETY) -> SafetyState | SerializedSafety:

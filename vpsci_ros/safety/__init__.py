@@ -9,13 +9,13 @@ vehicles; `measures` and `encroachment` are what others use instead; `episodes` 
 """
 
 from vpsci_ros.safety.curvature import curvature_from_positions, curvature_from_yaw_rate
-from vpsci_ros.safety.curvttc import CONFLICT_TTC, CRITICAL_TTC, HORIZON, center_pair, curvttc, curvttc_pair
+from vpsci_ros.safety.curvttc import CONFLICT_TTC, CRITICAL_TTC, HORIZON, curvttc, curvttc_pair
 from vpsci_ros.safety.encroachment import post_encroachment_time
 from vpsci_ros.safety.episodes import is_collision, is_conflict, least_clearance, least_curvttc, onset
 from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance, clearance_pair
 from vpsci_ros.safety.line_of_sight import touches_box, visible_pair, visible_share
-from vpsci_ros.safety.measures import closest_encounter, drac, second_order_pair, second_order_ttc, ttc_2d
-from vpsci_ros.safety.yielding import Yielded, YieldRule, who_yielded
+from vpsci_ros.safety.measures import closest_encounter, drac, second_order_ttc, ttc_2d
+from vpsci_ros.safety.yielding import Yielded, who_yielded
 
 __all__ = [
     "CONFLICT_TTC",
@@ -24,9 +24,7 @@ __all__ = [
     "PEDESTRIAN_RADIUS",
     "VEHICLE_LENGTH",
     "VEHICLE_WIDTH",
-    "YieldRule",
     "Yielded",
-    "center_pair",
     "clearance",
     "clearance_pair",
     "closest_encounter",
@@ -41,7 +39,6 @@ __all__ = [
     "least_curvttc",
     "onset",
     "post_encroachment_time",
-    "second_order_pair",
     "second_order_ttc",
     "touches_box",
     "ttc_2d",

@@ -21,7 +21,7 @@ interval that is searched. An accelerating vehicle adds |a k g(t)|.
 
 import math
 
-from numba import njit
+from vpsci_ros.safety.compiled import kernel
 
 TOUCH = 1e-9  # [m] footprints this near to each other count as touching
 STEP_FLOOR = 1e-9  # [s] the n-th step is at least n^2 times as long: never more than 3,200 of them in 10 s
@@ -29,19 +29,8 @@ QUARTER = 0.5 * math.pi  # [rad] the predicted arc is at most as long
 _MARGIN = 1e-6  # [m] the swept ring is drawn this much wider, against rounding
 
 
-@njit(cache=True, error_model="numpy")
-def first_contact(
-    qx: float,
-    qy: float,
-    ux: float,
-    uy: float,
-    speed: float,
-    curvature: float,
-    half_length: float,
-    half_width: float,
-    radius: float,
-    horizon: float,
-) -> float:
+@kernel
+def first_contact(qx, qy, ux, uy, speed, curvature, half_length, half_width, radius, horizon):  # type: ignore[no-untyped-def]
     """Time [s] of the first contact within `horizon`, 0 when touching now, infinity when there is none.
 
     Everything is in the vehicle's heading frame at time 0 (forward, left): the pedestrian's centre (qx, qy) [m]
@@ -65,20 +54,10 @@ def first_contact(
     return advance(qx, qy, ux, uy, speed, 0.0, curvature, half_length, half_width, radius, begin, end, bound)
 
 
-@njit(cache=True, error_model="numpy")
-def first_contact_accelerating(
-    qx: float,
-    qy: float,
-    ux: float,
-    uy: float,
-    speed: float,
-    acceleration: float,
-    curvature: float,
-    half_length: float,
-    half_width: float,
-    radius: float,
-    horizon: float,
-) -> float:
+@kernel
+def first_contact_accelerating(  # type: ignore[no-untyped-def]
+    qx, qy, ux, uy, speed, acceleration, curvature, half_length, half_width, radius, horizon
+):
     """`first_contact` with the vehicle at constant acceleration [m/s2] along the arc; once stopped, it stands."""
     if acceleration == 0.0 or (speed == 0.0 and acceleration < 0.0):
         return first_contact(qx, qy, ux, uy, speed, curvature, half_length, half_width, radius, horizon)
@@ -116,22 +95,8 @@ def first_contact_accelerating(
     return stop + first_contact(forward, left, ux, uy, 0.0, 0.0, half_length, half_width, radius, horizon - stop)
 
 
-@njit(cache=True, error_model="numpy")
-def advance(
-    qx: float,
-    qy: float,
-    ux: float,
-    uy: float,
-    speed: float,
-    acceleration: float,
-    curvature: float,
-    half_length: float,
-    half_width: float,
-    radius: float,
-    begin: float,
-    end: float,
-    bound: float,
-) -> float:
+@kernel
+def advance(qx, qy, ux, uy, speed, acceleration, curvature, half_length, half_width, radius, begin, end, bound):  # type: ignore[no-untyped-def]
     """First contact [s] within [begin, end], infinity when there is none; `bound` [m/s2] is A of this file's head."""
     t, count = begin, 0.0
     while True:
@@ -169,18 +134,8 @@ def advance(
             return math.inf
 
 
-@njit(cache=True, error_model="numpy")
-def _within_swept_ring(
-    qx: float,
-    qy: float,
-    ux: float,
-    uy: float,
-    curvature: float,
-    half_length: float,
-    half_width: float,
-    radius: float,
-    end: float,
-) -> tuple[float, float]:
+@kernel
+def _within_swept_ring(qx, qy, ux, uy, curvature, half_length, half_width, radius, end):  # type: ignore[no-untyped-def]
     """Return the part of [0, end] in which contact is possible at all, empty (begin > end) when there is none.
 
     The rectangle turning about its turning centre sweeps a ring, on a straight path a band. Contact needs the

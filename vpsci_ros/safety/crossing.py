@@ -2,13 +2,11 @@
 
 import math
 
-from numba import njit
+from vpsci_ros.safety.compiled import kernel
 
 
-@njit(cache=True, error_model="numpy")
-def overlap_start(
-    qx: float, qy: float, ux: float, uy: float, speed: float, curvature: float, occupied: float, horizon: float
-) -> float:
+@kernel
+def overlap_start(qx, qy, ux, uy, speed, curvature, occupied, horizon):  # type: ignore[no-untyped-def]
     """Time [s] at which both begin to occupy the point where their paths cross, infinity when that never happens.
 
     In the vehicle's heading frame: the pedestrian's centre (qx, qy) [m] relative to the vehicle's and its velocity
@@ -37,18 +35,8 @@ def overlap_start(
     return start if start <= horizon else math.inf
 
 
-@njit(cache=True, error_model="numpy")
-def _overlap(
-    qx: float,
-    qy: float,
-    ux: float,
-    uy: float,
-    pace: float,
-    walked: float,
-    speed: float,
-    curvature: float,
-    occupied: float,
-) -> float:
+@kernel
+def _overlap(qx, qy, ux, uy, pace, walked, speed, curvature, occupied):  # type: ignore[no-untyped-def]
     """Start [s] of the common occupancy of the crossing point that the pedestrian reaches after `walked` metres."""
     if not 0.0 <= walked < math.inf:
         return math.inf

@@ -6,17 +6,15 @@ numba code. Numba does not see changes in functions called from another file: cl
 """
 
 import math
-import os
-from concurrent.futures import ThreadPoolExecutor
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety.compiled import in_threads, kernel
 from vpsci_ros.safety.contact import first_contact
 from vpsci_ros.safety.crossing import overlap_start
-from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, in_vehicle_frame
 from vpsci_ros.safety.inputs import FloatLike, Floats, as_floats, common_shape, flattened, refuse
 
 HORIZON = 10.0  # [s] how far the motion is predicted
@@ -24,116 +22,36 @@ CRITICAL_TTC = 5.0  # [s] below it an interaction is safety-critical and the pol
 CONFLICT_TTC = 2.0  # [s] below it an interaction is a conflict
 
 
-@njit(cache=True, error_model="numpy")
-def curvttc_pair(
-    x: float,
-    y: float,
-    heading: float,
-    speed: float,
-    curvature: float,
-    ped_x: float,
-    ped_y: float,
-    ped_vx: float,
-    ped_vy: float,
-    length: float,
-    width: float,
-    radius: float,
-    horizon: float,
-) -> float:
+@kernel
+def curvttc_pair(x, y, heading, speed, curvature, ped_x, ped_y, ped_vx, ped_vy, length, width, radius, horizon):  # type: ignore[no-untyped-def]
     """`curvttc(..., method="footprint")` of one pair, for other numba code: unchecked, no keyword arguments."""
     dx, dy = ped_x - x, ped_y - y
     reach = 0.5 * (length + width) + radius + horizon * (speed + abs(ped_vx) + abs(ped_vy))
     if abs(dx) > reach or abs(dy) > reach:
         return math.inf
-    cos, sin = math.cos(heading), math.sin(heading)
-    return first_contact(
-        cos * dx + sin * dy,
-        cos * dy - sin * dx,
-        cos * ped_vx + sin * ped_vy,
-        cos * ped_vy - sin * ped_vx,
-        speed,
-        curvature,
-        0.5 * length,
-        0.5 * width,
-        radius,
-        horizon,
-    )
+    walker = in_vehicle_frame(heading, dx, dy, ped_vx, ped_vy)
+    return first_contact(*walker, speed, curvature, 0.5 * length, 0.5 * width, radius, horizon)
 
 
-@njit(cache=True, error_model="numpy")
-def center_pair(
-    x: float,
-    y: float,
-    heading: float,
-    speed: float,
-    curvature: float,
-    ped_x: float,
-    ped_y: float,
-    ped_vx: float,
-    ped_vy: float,
-    length: float,
-    width: float,
-    horizon: float,
-) -> float:
-    """`curvttc(..., method="center")` of one pair, for other numba code: unchecked, no keyword arguments."""
-    dx, dy = ped_x - x, ped_y - y
-    cos, sin = math.cos(heading), math.sin(heading)
-    return overlap_start(
-        cos * dx + sin * dy,
-        cos * dy - sin * dx,
-        cos * ped_vx + sin * ped_vy,
-        cos * ped_vy - sin * ped_vx,
-        speed,
-        curvature,
-        0.5 * (length + width),
-        horizon,
-    )
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _curvttcs(states: tuple[Floats, ...], sizes: Floats, footprint: bool, out: Floats) -> bool:
     """Fill `out`; return False at the first bad number. `states` are 9 float64[B], `sizes` is float64[4, 1 or B]."""
-    x, y, heading, speed, curvature, ped_x, ped_y, ped_vx, ped_vy = states
     stride = 0 if sizes.shape[1] == 1 else 1
     for i in range(out.size):
+        x, y, heading, speed, curvature = states[0][i], states[1][i], states[2][i], states[3][i], states[4][i]
+        ped_x, ped_y, ped_vx, ped_vy = states[5][i], states[6][i], states[7][i], states[8][i]
         length, width = sizes[0, i * stride], sizes[1, i * stride]
         radius, horizon = sizes[2, i * stride], sizes[3, i * stride]
-        total = x[i] + y[i] + heading[i] + speed[i] + curvature[i] + ped_x[i] + ped_y[i] + ped_vx[i] + ped_vy[i]
+        total = x + y + heading + speed + curvature + ped_x + ped_y + ped_vx + ped_vy
         total += length + width + radius + horizon
-        if not (math.isfinite(total) and speed[i] >= 0.0 and min(length, width, radius, horizon) > 0.0):
+        if not (math.isfinite(total) and speed >= 0.0 and min(length, width, radius, horizon) > 0.0):
             return False
-        out[i] = (
-            curvttc_pair(
-                x[i],
-                y[i],
-                heading[i],
-                speed[i],
-                curvature[i],
-                ped_x[i],
-                ped_y[i],
-                ped_vx[i],
-                ped_vy[i],
-                length,
-                width,
-                radius,
-                horizon,
-            )
-            if footprint
-            else center_pair(
-                x[i],
-                y[i],
-                heading[i],
-                speed[i],
-                curvature[i],
-                ped_x[i],
-                ped_y[i],
-                ped_vx[i],
-                ped_vy[i],
-                length,
-                width,
-                horizon,
-            )
-        )
+        if footprint:
+            car, walker = (x, y, heading, speed, curvature), (ped_x, ped_y, ped_vx, ped_vy)
+            out[i] = curvttc_pair(*car, *walker, length, width, radius, horizon)
+        else:
+            walker = in_vehicle_frame(heading, ped_x - x, ped_y - y, ped_vx, ped_vy)
+            out[i] = overlap_start(*walker, speed, curvature, 0.5 * (length + width), horizon)
     return True
 
 
@@ -190,23 +108,13 @@ def curvttc(
     one_size = all(size.size == 1 for size in sizes)
     table = np.stack([size.reshape(1) if one_size else flattened(size, shape) for size in sizes])
     out = np.empty(shape)
-    if not _in_threads(flat, table, method == "footprint", out.reshape(-1)):
+    flat_out, footprint = out.reshape(-1), method == "footprint"
+
+    def run(part: slice) -> bool:
+        own = table if one_size else np.ascontiguousarray(table[:, part])
+        return bool(_curvttcs(tuple(a[part] for a in flat), own, footprint, flat_out[part]))
+
+    if not all(in_threads(run, out.size, _PER_THREAD)):
         refuse(_STATE + _SIZES, arrays + sizes, positive=_SIZES, not_negative=("speed",))
     result: Floats = out[()]
     return result
-
-
-def _in_threads(flat: tuple[Floats, ...], sizes: Floats, footprint: bool, out: Floats) -> bool:
-    """Run the kernel on `out.size` pairs, large batches shared between threads; False when a number is bad."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    threads = min(cores, out.size // _PER_THREAD)
-    if threads < 2:
-        return _curvttcs(flat, sizes, footprint, out)
-    parts = [slice(out.size * k // threads, out.size * (k + 1) // threads) for k in range(threads)]
-
-    def run(part: slice) -> bool:
-        own = sizes if sizes.shape[1] == 1 else np.ascontiguousarray(sizes[:, part])
-        return _curvttcs(tuple(a[part] for a in flat), own, footprint, out[part])
-
-    with ThreadPoolExecutor(threads) as pool:
-        return all(pool.map(run, parts))

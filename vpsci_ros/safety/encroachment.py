@@ -3,10 +3,10 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety.compiled import kernel
 from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
 from vpsci_ros.safety.inputs import FloatLike, Floats
 from vpsci_ros.safety.paths import first_crossing
@@ -15,7 +15,7 @@ from vpsci_ros.safety.series import trajectories
 _PRECISION = 1e-6  # [steps]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _outside(
     rows: tuple[Floats, ...], step: float, vehicle: bool, cx: float, cy: float, sizes: tuple[float, float, float]
 ) -> bool:
@@ -32,7 +32,7 @@ def _outside(
     return clearance_pair(here_x, here_y, heading[i] + part * turned, cx, cy, sizes[0], sizes[1], 0.0) > 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _edge(
     rows: tuple[Floats, ...],
     start: float,
@@ -62,7 +62,7 @@ def _edge(
     return covered
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _pet_steps(rows: tuple[Floats, ...], sizes: tuple[float, float, float]) -> tuple[float, float]:
     """Return PET in steps, and the step at which the second agent arrives; NaN where the paths do not cross."""
     x, y, heading, ped_x, ped_y = rows
@@ -76,7 +76,7 @@ def _pet_steps(rows: tuple[Floats, ...], sizes: tuple[float, float, float]) -> t
     return arrival - _edge(rows, driven, 1.0, True, cx, cy, sizes), arrival
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _pets(
     rows: tuple[Floats, ...],
     lengths: NDArray[np.int64],

@@ -7,8 +7,8 @@ it by at most one metre. `contact` builds on these two facts.
 import math
 
 import numpy as np
-from numba import njit
 
+from vpsci_ros.safety.compiled import kernel
 from vpsci_ros.safety.inputs import FloatLike, Floats, broadcast, refuse
 
 VEHICLE_LENGTH = 4.69  # [m] Tesla Model 3, the car of the simulations
@@ -16,7 +16,7 @@ VEHICLE_WIDTH = 1.85  # [m]
 PEDESTRIAN_RADIUS = 0.3  # [m]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def gap(forward: float, left: float, half_length: float, half_width: float) -> float:
     """Signed distance [m] from a point in the vehicle's frame to the rectangle's outline, negative inside."""
     dx = abs(forward) - half_length
@@ -26,17 +26,22 @@ def gap(forward: float, left: float, half_length: float, half_width: float) -> f
     return max(dx, dy)
 
 
-@njit(cache=True, error_model="numpy")
-def clearance_pair(
-    x: float, y: float, heading: float, ped_x: float, ped_y: float, length: float, width: float, radius: float
-) -> float:
+@kernel
+def in_vehicle_frame(heading, dx, dy, ped_vx, ped_vy):  # type: ignore[no-untyped-def]
+    """Return the pedestrian's place, (dx, dy) [m] from the vehicle's, and velocity [m/s] as (forward, left) each."""
+    cos, sin = math.cos(heading), math.sin(heading)
+    return cos * dx + sin * dy, cos * dy - sin * dx, cos * ped_vx + sin * ped_vy, cos * ped_vy - sin * ped_vx
+
+
+@kernel
+def clearance_pair(x, y, heading, ped_x, ped_y, length, width, radius):  # type: ignore[no-untyped-def]
     """`clearance` of one pair, for other numba code: unchecked, no keyword arguments, metres and radians."""
     cos, sin = math.cos(heading), math.sin(heading)
     dx, dy = ped_x - x, ped_y - y
     return gap(cos * dx + sin * dy, cos * dy - sin * dx, 0.5 * length, 0.5 * width) - radius
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _clearances(arrays: tuple[Floats, ...], out: Floats) -> bool:
     """Fill `out` from 8 float64[B]; return False at the first bad number."""
     x, y, heading, ped_x, ped_y, length, width, radius = arrays

@@ -9,9 +9,9 @@ other in every direction that both take up, so one direction tells which.
 import math
 
 import numpy as np
-from numba import njit
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety.compiled import kernel
 from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.safety.inputs import FloatLike, Floats, as_floats, broadcast, refuse
 
@@ -61,13 +61,13 @@ def as_boxes(boxes: FloatLike) -> Floats:
     return array
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _shares(eye_x, eye_y, ped_x, ped_y, radius, boxes, shadows, out):  # type: ignore[no-untyped-def]
     for i in range(out.size):
         out[i] = visible_pair(eye_x[i], eye_y[i], ped_x[i], ped_y[i], radius[i], boxes, len(boxes), shadows)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def visible_pair(eye_x, eye_y, x, y, radius, boxes, count, shadows):  # type: ignore[no-untyped-def]
     """`visible_share` of one pair and the first `count` boxes, for other numba code; `shadows` float64[3 K, 2]."""
     dx, dy = x - eye_x, y - eye_y
@@ -92,7 +92,7 @@ def visible_pair(eye_x, eye_y, x, y, radius, boxes, count, shadows):  # type: ig
     return 1.0 - _union(shadows, n) / (2.0 * half)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _corners_seen(eye_x, eye_y, box, bearing):  # type: ignore[no-untyped-def]
     """Return the first and the last direction [rad] that a box takes up, from `bearing`; the wrong way round inside."""
     c, s = math.cos(box[2]), math.sin(box[2])
@@ -111,7 +111,7 @@ def _corners_seen(eye_x, eye_y, box, bearing):  # type: ignore[no-untyped-def]
     return middle + first, middle + last
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _wrapped(angle: float) -> float:
     """Return an angle between -2 pi and 2 pi [rad] as the same one from -pi to pi."""
     if angle > math.pi:
@@ -119,7 +119,7 @@ def _wrapped(angle: float) -> float:
     return angle + _TURN if angle < -math.pi else angle
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _entry(eye_x, eye_y, direction, box):  # type: ignore[no-untyped-def]
     """Return the distance [m] from the eye to the box in a direction [rad]; infinity where it is missed."""
     c, s = math.cos(box[2]), math.sin(box[2])
@@ -136,7 +136,7 @@ def _entry(eye_x, eye_y, direction, box):  # type: ignore[no-untyped-def]
     return enters if enters <= leaves else math.inf
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def _union(intervals, n):  # type: ignore[no-untyped-def]
     """Return the length of the union of the first `n` intervals, which are sorted on the way."""
     for i in range(1, n):
@@ -153,7 +153,7 @@ def _union(intervals, n):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def touches_box(x, y, heading, box, length=VEHICLE_LENGTH, width=VEHICLE_WIDTH):  # type: ignore[no-untyped-def]
     """Return whether a vehicle's rectangle touches a box: no side of either lies between them."""
     turned = box[2] - heading

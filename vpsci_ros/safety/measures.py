@@ -6,11 +6,11 @@ A measure from one instant predicts; PET, in `encroachment`, looks back at what 
 import math
 
 import numpy as np
-from numba import njit
 
+from vpsci_ros.safety.compiled import kernel
 from vpsci_ros.safety.contact import first_contact_accelerating
 from vpsci_ros.safety.curvttc import HORIZON, curvttc
-from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, in_vehicle_frame
 from vpsci_ros.safety.inputs import FloatLike, Floats, as_floats, broadcast, refuse
 
 
@@ -38,67 +38,21 @@ def ttc_2d(
     return curvttc(*state, length=length, width=width, radius=radius, horizon=horizon)
 
 
-@njit(cache=True, error_model="numpy")
-def second_order_pair(
-    x: float,
-    y: float,
-    heading: float,
-    speed: float,
-    acceleration: float,
-    curvature: float,
-    ped_x: float,
-    ped_y: float,
-    ped_vx: float,
-    ped_vy: float,
-    length: float,
-    width: float,
-    radius: float,
-    horizon: float,
-) -> float:
-    """`second_order_ttc` of one pair, for other numba code: unchecked, no keyword arguments."""
-    cos, sin = math.cos(heading), math.sin(heading)
-    dx, dy = ped_x - x, ped_y - y
-    return first_contact_accelerating(
-        cos * dx + sin * dy,
-        cos * dy - sin * dx,
-        cos * ped_vx + sin * ped_vy,
-        cos * ped_vy - sin * ped_vx,
-        speed,
-        acceleration,
-        curvature,
-        0.5 * length,
-        0.5 * width,
-        radius,
-        horizon,
-    )
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def _second_order(arrays: tuple[Floats, ...], out: Floats) -> bool:
     """Fill `out` from 14 float64[B]; return False at the first bad number."""
-    x, y, heading, speed, acceleration, curvature, px, py, vx, vy, length, width, radius, horizon = arrays
     for i in range(out.size):
-        total = x[i] + y[i] + heading[i] + speed[i] + acceleration[i] + curvature[i] + px[i] + py[i] + vx[i] + vy[i]
-        total += length[i] + width[i] + radius[i] + horizon[i]
-        least = min(length[i], width[i], radius[i], horizon[i])
-        if not (math.isfinite(total) and speed[i] >= 0.0 and least > 0.0):
+        total = 0.0
+        for array in arrays:
+            total += array[i]
+        speed, acceleration, curvature = arrays[3][i], arrays[4][i], arrays[5][i]
+        length, width, radius, horizon = arrays[10][i], arrays[11][i], arrays[12][i], arrays[13][i]
+        if not (math.isfinite(total) and speed >= 0.0 and min(length, width, radius, horizon) > 0.0):
             return False
-        out[i] = second_order_pair(
-            x[i],
-            y[i],
-            heading[i],
-            speed[i],
-            acceleration[i],
-            curvature[i],
-            px[i],
-            py[i],
-            vx[i],
-            vy[i],
-            length[i],
-            width[i],
-            radius[i],
-            horizon[i],
-        )
+        dx, dy = arrays[6][i] - arrays[0][i], arrays[7][i] - arrays[1][i]
+        walker = in_vehicle_frame(arrays[2][i], dx, dy, arrays[8][i], arrays[9][i])
+        car = speed, acceleration, curvature, 0.5 * length, 0.5 * width
+        out[i] = first_contact_accelerating(*walker, *car, radius, horizon)
     return True
 
 

@@ -2,12 +2,11 @@
 
 import math
 
-from numba import njit
-
+from vpsci_ros.safety.compiled import kernel
 from vpsci_ros.safety.inputs import Floats
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def first_crossing(
     x: Floats, y: Floats, ahead: float, heading: float, ped_x: Floats, ped_y: Floats
 ) -> tuple[float, float, float, float]:

@@ -20,8 +20,8 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.resources import messages_dir
 from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.state import EPISODE, EVENT, IDLE
-from vpsci_ros.world.tick import Assessment, Tick
+from vpsci_ros.world.state import EPISODE, EVENT, IDLE, OUTCOME_NAMES, SAFE_STOP, STARTED
+from vpsci_ros.world.tick import Assessment, Tick, has_nan
 
 Array = NDArray[Any]
 MAP = "map"
@@ -189,19 +189,19 @@ def number_pedestrians(state):  # type: ignore[no-untyped-def]
 def safety_state(message: Any, batch: int, where: str = SAFETY) -> tuple[Array, Array, Array]:
     """Return CurvTTC [s] and distance [m], float64[B], and critical, uint8[B], of a SafetyState.
 
-    :raises InvalidInput: not one of each per episode.
+    :raises InvalidInput: not one of each per episode, or a CurvTTC that is not a number.
     """
     curvttc, distance, critical = (
         checked(getattr(message, name), batch, where, name) for name in ("curvttc", "distance", "critical")
     )
+    if has_nan(curvttc):
+        slot = int(np.argmax(np.isnan(curvttc)))
+        raise InvalidInput(f"{where}: curvttc of slot {slot} is not a number; does another program publish it?")
     return curvttc, distance, critical
 
 
 def assessment(message: Any, tick: Tick) -> Assessment:
-    """Return what a SafetyState says of a tick.
-
-    :raises InvalidInput: not one of each per episode, or a CurvTTC that is not a number.
-    """
+    """Return what a SafetyState says of a tick; errors as `safety_state`."""
     return tick.assessed(*safety_state(message, len(tick.state)))
 
 
@@ -219,9 +219,12 @@ def action(message: Any, batch: int, where: str) -> Array:
 def events(message: Any, where: str = EVENTS) -> Array:
     """Return the EVENT[n] records of an EpisodeEvent.
 
-    :raises InvalidInput: the arrays differ in length, or one is missing.
+    :raises InvalidInput: the arrays differ in length, or one is missing, or an unknown kind or outcome.
     """
-    return _records(message, _EVENT, np.zeros(len(getattr(message, "kind", ())), EVENT), where)
+    rows = _records(message, _EVENT, np.zeros(len(getattr(message, "kind", ())), EVENT), where)
+    require_codes(rows["kind"], SAFE_STOP, f"{where}: kind", least=STARTED)
+    require_codes(rows["outcome"], len(OUTCOME_NAMES) - 1, f"{where}: outcome")
+    return rows
 
 
 def transitions(message: Any, where: str = "/replay") -> Array:
@@ -257,3 +260,13 @@ def _records(message: Any, shapes: dict[str, tuple[int, ...]], into: Array, wher
             raise InvalidInput(f"{where} has no field {name}; it is of another version")
         into[name] = checked(field, len(into) * math.prod(shape), where, name).reshape(-1, *shape)
     return into
+
+
+def require_codes(codes: NDArray[np.uint8], most: int, where: str, least: int = 0) -> None:
+    """Refuse codes that are not from `least` to `most`; `where` opens the message."""
+    bad = (codes < least) | (codes > most)
+    if bad.any():
+        raise InvalidInput(
+            f"{where}: expected codes from {least} to {most}, got {int(codes[bad][0])}; "
+            "does another program publish it?"
+        )

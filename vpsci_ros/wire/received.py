@@ -7,15 +7,14 @@ What they could have sent is accepted: a message does not say who sent it.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
+from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.wire.signature import require_signature
 from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.state import ENDED, OUTCOME_NAMES, SAFE_STOP, STARTED
-from vpsci_ros.world.tick import Tick, has_nan
+from vpsci_ros.world.state import ENDED
+from vpsci_ros.world.tick import Tick
 
 FARTHEST = 1e8  # [m], [m/s], [rad]: nothing in a world is beyond
 NEAR = 1000  # ticks: a reader's queue holds as many
@@ -41,7 +40,7 @@ def credible(tick: Tick, where: str = WORLD) -> Tick:
     if len(tick.state) == 0:
         raise InvalidInput(f"{where}: expected at least one episode, got none; does another program publish it?")
     if not _in_range(tick.state):  # at every tick, so one compiled look at all; this one finds out what is wrong
-        _require_codes(tick.state["status"], ENDED, f"{where}: status")
+        layout.require_codes(tick.state["status"], ENDED, f"{where}: status")
         for name in _MOTION:
             bad = ~(np.abs(tick.state[name]) <= FARTHEST)
             if bad.any():
@@ -72,29 +71,6 @@ def _in_range(state):  # type: ignore[no-untyped-def]
         ):
             return False
     return True
-
-
-def safety_state(message: Any, batch: int, where: str = SAFETY) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Return CurvTTC [s], distance [m] and critical of a SafetyState, one of each for `batch` episodes.
-
-    :raises InvalidInput: as `layout.safety_state`, or a CurvTTC that is not a number.
-    """
-    answer = layout.safety_state(message, batch, where)
-    if has_nan(answer[0]):
-        slot = int(np.argmax(np.isnan(answer[0])))
-        raise InvalidInput(f"{where}: curvttc of slot {slot} is not a number; does another program publish it?")
-    return answer
-
-
-def events(message: Any, where: str = EVENTS) -> NDArray[np.void]:
-    """Return the EVENT[n] records of an EpisodeEvent.
-
-    :raises InvalidInput: as `layout.events`, or an unknown kind or outcome.
-    """
-    rows = layout.events(message, where)
-    _require_codes(rows["kind"], SAFE_STOP, f"{where}: kind", least=STARTED)
-    _require_codes(rows["outcome"], len(OUTCOME_NAMES) - 1, f"{where}: outcome")
-    return rows
 
 
 def weights(message: Any, where: str = "/policy/weights") -> bytes:
@@ -170,12 +146,3 @@ class TickSequence:
 
 def _near(before: tuple[int, int], given: tuple[int, int], least: int = -NEAR) -> bool:
     return least <= given[0] - before[0] <= NEAR and given[1] == before[1]
-
-
-def _require_codes(codes: NDArray[np.uint8], most: int, where: str, least: int = 0) -> None:
-    bad = (codes < least) | (codes > most)
-    if bad.any():
-        raise InvalidInput(
-            f"{where}: expected codes from {least} to {most}, got {int(codes[bad][0])}; "
-            "does another program publish it?"
-        )

@@ -29,9 +29,9 @@ _ROW = int(_SIZES.sum())  # [bytes] of one slot
 class SerializedState(NamedTuple):
     """What a serialized WorldState says."""
 
-    header: WireHeader
+    header: WireHeader  # also for the answers to it
     tick: Tick
-    period: float  # [s]
+    period: float  # [s] of a tick, unchecked
 
 
 def read_world_state(data: bytes) -> SerializedState | None:

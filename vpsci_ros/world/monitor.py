@@ -7,22 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.parameters import parameter
-from vpsci_ros.safety import (
-    CRITICAL_TTC,
-    HORIZON,
-    PEDESTRIAN_RADIUS,
-    VEHICLE_LENGTH,
-    VEHICLE_WIDTH,
-    curvttc,
-    curvttc_pair,
-)
-from vpsci_ros.world.compiled import in_threads, kernel
+from vpsci_ros.safety import CRITICAL_TTC, HORIZON, PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, curvttc_pair
+from vpsci_ros.safety.compiled import in_threads
+from vpsci_ros.world.compiled import PER_THREAD, kernel
 from vpsci_ros.world.state import EPISODE, IDLE, RUNNING
-
-_PAIR = (
-    "vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature",
-    "pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -30,8 +18,6 @@ class MonitorConfig:
     """What counts as critical, between the simulated Model 3 and a pedestrian's disc."""
 
     critical_threshold: float = parameter(CRITICAL_TTC, "critical where CurvTTC is below", unit="s", low=0.0, high=60.0)
-    horizon: float = parameter(HORIZON, "look ahead so far", unit="s", low=0.1, high=60.0)
-    method: str = parameter("footprint", "definition of CurvTTC", choices=("footprint", "center"))
 
 
 def assess(
@@ -39,29 +25,20 @@ def assess(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Return CurvTTC [s], distance of the centres [m] (float64[B]) and critical (bool[B]) of EPISODE[B] records.
 
-    CurvTTC is infinite in idle slots; an episode is critical only while it runs. With the default method the records
-    are read in place by compiled code, in threads for large batches; `curvttc` gives the same bits.
+    CurvTTC is infinite in idle slots; an episode is critical only while it runs. The records are read in place by
+    compiled code, in threads for large batches; `curvttc` gives the same bits.
     """
     ttc, distance, critical = np.empty(len(state)), np.empty(len(state)), np.empty(len(state), np.bool_)
-    sizes = VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS, config.horizon
-    if config.method == "footprint":
-        threshold = config.critical_threshold
-        in_threads(
-            lambda part: _assess(state[part], *sizes, threshold, ttc[part], distance[part], critical[part]), len(state)
-        )
-        return ttc, distance, critical
-    present = state["status"] != IDLE
-    ttc[:] = math.inf
-    pair = (state[name][present] for name in _PAIR)
-    ttc[present] = curvttc(*pair, horizon=config.horizon, method="center")
-    distance[:] = np.sqrt(
-        (state["vehicle_x"] - state["pedestrian_x"]) ** 2 + (state["vehicle_y"] - state["pedestrian_y"]) ** 2
-    )
-    return ttc, distance, (ttc < config.critical_threshold) & (state["status"] == RUNNING)
+
+    def run(part: slice) -> None:
+        _assess(state[part], config.critical_threshold, ttc[part], distance[part], critical[part])
+
+    in_threads(run, len(state), PER_THREAD)
+    return ttc, distance, critical
 
 
 @kernel
-def _assess(state, length, width, radius, horizon, threshold, ttc, distance, critical):  # type: ignore[no-untyped-def]
+def _assess(state, threshold, ttc, distance, critical):  # type: ignore[no-untyped-def]
     for i in range(state.size):
         slot = state[i]
         dx, dy = slot.vehicle_x - slot.pedestrian_x, slot.vehicle_y - slot.pedestrian_y
@@ -70,7 +47,7 @@ def _assess(state, length, width, radius, horizon, threshold, ttc, distance, cri
         if slot.status != IDLE:
             car = slot.vehicle_x, slot.vehicle_y, slot.vehicle_heading, slot.vehicle_speed, slot.vehicle_curvature
             walker = slot.pedestrian_x, slot.pedestrian_y, slot.pedestrian_vx, slot.pedestrian_vy
-            ttc[i] = curvttc_pair(*car, *walker, length, width, radius, horizon)
+            ttc[i] = curvttc_pair(*car, *walker, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS, HORIZON)
         critical[i] = slot.status == RUNNING and ttc[i] < threshold
 
 

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety.compiled import in_threads
 from vpsci_ros.world import engine, handover
-from vpsci_ros.world.compiled import in_threads
+from vpsci_ros.world.compiled import PER_THREAD
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.events import NO_EVENTS, list_events
 from vpsci_ros.world.parked import end_crashed, in_sight, parked_from
@@ -111,7 +112,7 @@ class World:
         if len(self._ended):
             self.state[self._ended] = 0
             self._idle += int(np.count_nonzero(self._ended % self._most == 0))
-        in_threads(lambda part: self._move(answers, part), len(self.state), self._most)
+        in_threads(lambda part: self._move(answers, part), len(self.state), PER_THREAD, self._most)
         if self._parked is not None:
             end_crashed(self.state, self._parked, self._bits)
         self._ended = np.flatnonzero(self._bits)

@@ -1,0 +1,46 @@
+"""How scalar code is compiled here and in the world, and how a large batch is shared between threads.
+
+Compiled code is cached on disk, divides as IEEE says and never reorders arithmetic (no fastmath).
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from numba import njit
+
+T = TypeVar("T")
+kernel = njit(cache=True, error_model="numpy", nogil=True)
+
+
+class _Pool:
+    """Threads that live as long as the process, made when first needed."""
+
+    def __init__(self) -> None:
+        self.size = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        self.executor: ThreadPoolExecutor | None = None
+
+    def get(self) -> ThreadPoolExecutor:
+        if self.executor is None:
+            self.executor = ThreadPoolExecutor(self.size, thread_name_prefix="vpsci_kernels")
+        return self.executor
+
+
+_pool = _Pool()
+os.register_at_fork(after_in_child=_pool.__init__)  # type: ignore[misc]
+
+
+def in_threads(run: Callable[[slice], T], size: int, per_thread: int, together: int = 1) -> list[T]:
+    """Call `run` on slices that make up range(size), in several threads where `size` is worth it; return its answers.
+
+    `run` is a kernel that leaves the interpreter lock and treats each index for itself, so the split changes no bit.
+
+    :param per_thread: below which another thread costs more than it saves.
+    :param together: a slice begins at a multiple of it; `size` is one, too.
+    """
+    count = max(1, min(_pool.size, size // per_thread))
+    groups = size // together
+    parts = [slice(groups * k // count * together, groups * (k + 1) // count * together) for k in range(count)]
+    others = [_pool.get().submit(run, part) for part in parts[1:]]
+    return [run(parts[0]), *(other.result() for other in others)]
