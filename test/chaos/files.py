@@ -39,7 +39,7 @@ from vpsci_ros.generate.workers import Serial
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.weights import Weights, load_weights, save_weights
-from vpsci_ros.report.dataset_info import print_info
+from vpsci_ros.report.summary import print_info
 from vpsci_ros.resources import params_dir
 from vpsci_ros.world.opendrive import OpenDriveMap
 from vpsci_ros.world.scenario import load_scenario, scenario_files

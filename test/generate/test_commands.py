@@ -4,12 +4,13 @@ import re
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.report.dataset_info import print_info
+from vpsci_ros.report.summary import print_info
 
 
 @pytest.fixture
@@ -43,7 +44,7 @@ def test_two_numbers_of_episodes_are_one_too_many(params, tmp_path) -> None:
 
 
 def test_info_fits_a_terminal(made, capsys) -> None:
-    print_info(made)
+    print_info(made, Console())
     output = capsys.readouterr().out
     assert "…" not in output
     assert re.search(r"\ball +24 +198,157 ", output)

@@ -86,7 +86,7 @@ def export_bag(
         writer.add(frames.add(first.state, first.curvttc, first.distance))
         for tick in ticks:
             writer.add(frames.add(tick.state, tick.curvttc, tick.distance))
-        if not writer.counts:
+        if writer.empty:
             raise InvalidInput(f"{bag}: not one of its {frames.unfinished} episodes ended while it was recorded")
         description = writer.close(unfinished=frames.unfinished)
     report(folder, console)
@@ -102,10 +102,10 @@ def _alone(tick: RecordedTick, wanted: Collection[Key]) -> RecordedTick:
 
 def report(folder: str | Path, console: Console) -> None:
     """Print the summary of a dataset and draw its typical episodes into it."""
-    rows = summarise(folder)
-    print_summary(rows, console)
+    summary = summarise(folder)
+    print_summary(summary, console)
     print_rejections(folder, console)
-    if any(row.kept for row in rows):
+    if summary["kept"].any():
         save_trajectories(typical_episodes(folder), Path(folder) / PICTURE)
     else:
         console.print("no episode was kept, so there is no picture")

@@ -140,9 +140,11 @@ def report(
 @dataset_app.command()
 def info(folder: Folder) -> None:
     """Table 10 beside the paper's numbers, rejections by reason, least CurvTTC with and without early collisions."""
-    from vpsci_ros.report.dataset_info import print_info
+    from rich.console import Console
 
-    print_info(folder)
+    from vpsci_ros.report.summary import print_info
+
+    print_info(folder, Console())
 
 
 @dataset_app.command()

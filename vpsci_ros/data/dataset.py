@@ -4,7 +4,7 @@ Episodes are written in the order of their numbers, in row groups cut by rows al
 on the episodes only: not on who simulated them, nor on the order in which they ended. A file appears when everything
 is written: until `close` there are hidden part files, and `discard` removes them. `dataset.json` comes last; a folder
 without it is no dataset. Memory holds the episodes that wait for an earlier one still running, a row group a file, and
-30 bytes an episode for the index.
+60 bytes an episode for the index.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,15 +21,13 @@ from vpsci_ros.data.dataset_index import (
     DESCRIPTION,
     INDEX,
     REJECTED,
-    Tally,
     description_of,
     file_entry,
-    index_columns,
     index_table,
 )
 from vpsci_ros.data.episode_block import EpisodeBlock, block_of, joined
 from vpsci_ros.data.episode_frames import NOT_OPEN, EpisodeBatch
-from vpsci_ros.data.filters import FilterConfig, Judgement, judge
+from vpsci_ros.data.filters import RECORD, FilterConfig, judge
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import require_empty_folder, write_json, write_text, written_whole
@@ -38,31 +36,34 @@ ROW_GROUP = 1 << 17
 
 
 class ScenarioWriter:
-    """One scenario's share of a dataset: its files, its counts and its rows of the index.
+    """One scenario's share of a dataset: its files and the records of its episodes.
 
     :param tables: of the kept episodes (True) and, where they are written, of the rejected ones.
     """
 
     def __init__(self, number: int, tables: Mapping[bool, EpisodeTable]) -> None:
-        self.tables, self.tally = tables, Tally()
-        self.index: list[tuple[NDArray[Any], ...]] = []
-        self._number = number
+        self.tables = tables
+        self._number, self._records = number, [np.zeros(0, RECORD)]
         self._waiting: dict[int, EpisodeBlock] = {}  # an episode each, by its number
+
+    @property
+    def records(self) -> NDArray[np.void]:
+        """RECORD[n] of the episodes that were written."""
+        return np.concatenate(self._records)
 
     def write(self, block: EpisodeBlock) -> None:
         """Write episodes, which follow those written before in the order of their numbers."""
-        for i, rows in enumerate(block.rows()):
-            if block.stored[i] and (table := self.tables.get(bool(block.kept[i]))):
-                table.add(int(block.number[i]), rows, int(block.pedestrians[i]))
-        self.tally.add(block)
-        self.index.append(index_columns(self._number, block))
+        for record, kept, rows in zip(block.records, block.kept, block.rows(), strict=True):
+            if len(rows) and (table := self.tables.get(bool(kept))):
+                table.add(int(record["count"]), rows, int(record["pedestrians"]))
+        self._records.append(block.records)
 
     def wait(self, block: EpisodeBlock) -> None:
         """Take episodes in any order; they are written when `release` says that none before them is to come.
 
         :raises InvalidInput: one of them waits already.
         """
-        for i, number in enumerate(block.number.tolist()):
+        for i, number in enumerate(block.records["count"].tolist()):
             if number in self._waiting:
                 raise InvalidInput(f"episode {number} of scenario {self._number} came twice")
             self._waiting[number] = block.take(np.array([i]))
@@ -135,24 +136,23 @@ class DatasetWriter:
             self._scenarios[number] = ScenarioWriter(number, tables)
         return self._scenarios[number]
 
-    def add(self, batch: EpisodeBatch) -> Judgement:
-        """Apply the filters to the episodes of a batch, store them, and return what the filters say.
+    def add(self, batch: EpisodeBatch) -> None:
+        """Apply the filters to the episodes of a batch, and store them.
 
         :raises InvalidInput: an episode of a scenario that has no name here, or one that came before.
         """
-        verdict = judge(batch, self.filters)
         if len(batch) == 0:
-            return verdict
+            return
+        records = judge(batch, self.filters)
         for number in np.unique(batch.scenario).tolist():
-            self.scenario(number).wait(block_of(batch, verdict, self.keep_rejected, number))
+            self.scenario(number).wait(block_of(batch, records, self.keep_rejected, number))
         for number, scenario in self._scenarios.items():
             scenario.release(int(batch.open_from[number]))
-        return verdict
 
     @property
-    def counts(self) -> dict[int, dict[str, Any]]:
-        """By scenario: what `Tally.summary` counts of the episodes that came."""
-        return {number: scenario.tally.summary() for number, scenario in sorted(self._scenarios.items())}
+    def empty(self) -> bool:
+        """Whether no episode came."""
+        return not self._scenarios
 
     def close(
         self,
@@ -173,15 +173,15 @@ class DatasetWriter:
             for table in scenario.tables.values():
                 for path, rows in table.close():
                     files[path.relative_to(self.folder).as_posix()] = file_entry(path, rows)
-        index = index_table([columns for scenario in self._scenarios.values() for columns in scenario.index])
+        records = {self._names[number]: (number, s.records) for number, s in sorted(self._scenarios.items())}
+        index = index_table(np.concatenate([np.zeros(0, RECORD), *(own for _, own in records.values())]))
         write_parquet(index, self.folder / INDEX, INDEX_COLUMNS, **self._provenance)
         files[INDEX] = file_entry(self.folder / INDEX, index.height)
         for name, data in (beside or {}).items():
             with written_whole(self.folder / name) as path:
                 path.write_bytes(data)
             files[name] = file_entry(self.folder / name, 0)
-        tallies = {self._names[number]: (number, s.tally) for number, s in sorted(self._scenarios.items())}
-        description = description_of(self._provenance, self.filters, unfinished, tallies, files)
+        description = description_of(self._provenance, self.filters, unfinished, records, files)
         if datasheet is not None:
             write_text(self.folder / DATASHEET, datasheet(description))
             description["files"][DATASHEET] = file_entry(self.folder / DATASHEET, 0)

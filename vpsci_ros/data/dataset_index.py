@@ -1,7 +1,6 @@
 """What a dataset says of its episodes: the index, one row each, the counts by scenario, and dataset.json."""
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from types import NoneType
@@ -12,8 +11,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
-from vpsci_ros.data.episode_block import EpisodeBlock
-from vpsci_ros.data.filters import REASONS, FilterConfig
+from vpsci_ros.data.filters import KEPT, REASONS, RECORD, FilterConfig
 from vpsci_ros.documents import Form
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import software_versions
@@ -54,122 +52,91 @@ INDEX = "episodes.parquet"
 REJECTED = "rejected"
 
 
-class Tally:
-    """Counts of one scenario."""
-
-    def __init__(self) -> None:
-        self._reasons: Counter[str] = Counter()
-        self._failed = np.zeros(len(REASONS) - 1, np.int64)
-        self._outcomes: Counter[str] = Counter()
-        self.kept_outcomes: Counter[str] = Counter()
-        self._lost_collisions: Counter[str] = Counter()
-        self._kilometres = np.zeros(2)
-        self.least: list[NDArray[np.float32]] = []
-        self.least_early: list[NDArray[np.float32]] = []
-
-    def add(self, block: EpisodeBlock) -> None:
-        """Count episodes: what the filters say of each, and how it ended."""
-        kept = block.kept
-        self._reasons.update(REASONS[i] for i in block.reason.tolist())
-        self._failed += block.failed.sum(axis=0)
-        self._outcomes.update(OUTCOME_NAMES[i] for i in block.outcome.tolist())
-        self.kept_outcomes.update(OUTCOME_NAMES[i] for i in block.outcome[kept].tolist())
-        self._lost_collisions.update(REASONS[i] for i in block.reason[~kept & (block.outcome == COLLISION)].tolist())
-        self._kilometres += [block.vehicle_path[kept].sum(), block.pedestrian_path[kept].sum()]
-        self.least.append(block.least_curvttc[kept])
-        self.least_early.append(block.least_curvttc[_early_collisions(block)])
-
-    def summary(self) -> dict[str, Any]:
-        """Return simulated, kept, acceptance rate, rejected by reason, failed by condition, outcomes, km, nearness."""
-        simulated, kept = sum(self._reasons.values()), self._reasons["kept"]
-        return {
-            "simulated": simulated,
-            "kept": kept,
-            "acceptance_rate": kept / simulated if simulated else None,
-            "rejected": {name: self._reasons[name] for name in REASONS[1:]},
-            "failed": dict(zip(REASONS[1:], self._failed.tolist(), strict=True)),
-            "outcomes": _by_name(self._outcomes),
-            "kept_outcomes": _by_name(self.kept_outcomes),
-            "rejected_collisions": {name: self._lost_collisions[name] for name in REASONS[1:]},
-            "vehicle_km": round(float(self._kilometres[0]) / 1000.0, 6),
-            "pedestrian_km": round(float(self._kilometres[1]) / 1000.0, 6),
-            **nearness([self]),
-        }
+def counts_of(records: NDArray[np.void]) -> dict[str, Any]:
+    """Return how many of RECORD[n] were simulated, kept, rejected by reason ..., the way that they made, nearness."""
+    kept = records["reason"] == KEPT
+    return {
+        "simulated": len(records),
+        "kept": int(kept.sum()),
+        "acceptance_rate": int(kept.sum()) / len(records) if len(records) else None,
+        "rejected": _by_reason(records),
+        "failed": dict(zip(REASONS[1:], records["failed"].sum(axis=0).tolist(), strict=True)),
+        "outcomes": _by_outcome(records),
+        "kept_outcomes": _by_outcome(records[kept]),
+        "rejected_collisions": _by_reason(records[~kept & (records["outcome"] == COLLISION)]),
+        "vehicle_km": round(float(records["vehicle_path"][kept].sum()) / 1000.0, 6),
+        "pedestrian_km": round(float(records["pedestrian_path"][kept].sum()) / 1000.0, 6),
+        **nearness(records),
+    }
 
 
-def nearness(tallies: Sequence[Tally]) -> dict[str, Any]:
+def nearness(records: NDArray[np.void]) -> dict[str, Any]:
     """Return quartiles of the least CurvTTC of the kept episodes [s], and the same with early collisions put back.
 
     Early collisions are rejected for nothing but ending the episode too early. Without episodes there are no quartiles.
     """
-    least = [least for tally in tallies for least in tally.least]
-    early = [least for tally in tallies for least in tally.least_early]
-    collisions = sum(tally.kept_outcomes[OUTCOME_NAMES[COLLISION]] for tally in tallies)
+    kept, collided = records["reason"] == KEPT, records["outcome"] == COLLISION
+    others = np.delete(records["failed"], _TOO_SHORT, axis=1).any(axis=1)
+    put_back = kept | (records["failed"][:, _TOO_SHORT] & ~others & collided)
     return {
-        "least_curvttc": _quartiles(least),
+        "least_curvttc": _quartiles(records["least_curvttc"][kept]),
         "with_early_collisions": {
-            "kept": sum(map(len, [*least, *early])),
-            "collisions": collisions + sum(map(len, early)),
-            "least_curvttc": _quartiles([*least, *early]),
+            "kept": int(put_back.sum()),
+            "collisions": int((put_back & collided).sum()),
+            "least_curvttc": _quartiles(records["least_curvttc"][put_back]),
         },
     }
 
 
-def _quartiles(least: Sequence[NDArray[np.float32]]) -> list[float]:
-    values = np.concatenate([np.zeros(0), *least])
-    return [round(float(value), 4) for value in np.quantile(values, (0.25, 0.5, 0.75))] if len(values) else []
+def _quartiles(least: NDArray[np.float32]) -> list[float]:
+    values = np.quantile(least.astype(np.float64), (0.25, 0.5, 0.75)) if len(least) else np.zeros(0)
+    return [round(float(value), 4) for value in values]
 
 
-def _early_collisions(block: EpisodeBlock) -> NDArray[np.bool_]:
-    others = np.delete(block.failed, _TOO_SHORT, axis=1).any(axis=1)
-    mask: NDArray[np.bool_] = block.failed[:, _TOO_SHORT] & ~others & (block.outcome == COLLISION)
-    return mask
+def _by_reason(records: NDArray[np.void]) -> dict[str, int]:
+    counts = np.bincount(records["reason"], minlength=len(REASONS)).tolist()
+    return dict(zip(REASONS[1:], counts[1:], strict=True))
 
 
-def _by_name(outcomes: Counter[str]) -> dict[str, int]:
+def _by_outcome(records: NDArray[np.void]) -> dict[str, int]:
     """Return how often each outcome came; that of parked vehicles, which most worlds lack, only where it did."""
-    usual = OUTCOME_NAMES[1:PARKED_COLLISION]
-    return {name: outcomes[name] for name in OUTCOME_NAMES[1:] if outcomes[name] or name in usual}
+    counts = np.bincount(records["outcome"], minlength=len(OUTCOME_NAMES)).tolist()
+    return {
+        name: counts[code]
+        for code, name in enumerate(OUTCOME_NAMES)
+        if code and (counts[code] or code < PARKED_COLLISION)
+    }
 
 
-def index_columns(scenario: int, block: EpisodeBlock) -> tuple[NDArray[Any], ...]:
-    """Return the columns of `INDEX_COLUMNS` for episodes of a scenario, outcomes and reasons as codes."""
-    of_scenario = np.full(len(block), scenario, np.uint8)
-    lengths = block.vehicle_path.astype(np.float32), block.pedestrian_path.astype(np.float32)
-    return (of_scenario, block.number, block.outcome, block.reason, block.frames, block.least_curvttc, *lengths)
-
-
-def index_table(parts: Sequence[tuple[NDArray[Any], ...]]) -> pl.DataFrame:
-    """Return the index of what `index_columns` gives."""
-    schema = {name: column.dtype for name, column in INDEX_COLUMNS.items()}
-    if not parts:
-        return pl.DataFrame(schema=schema)
-    columns = dict(zip(INDEX_COLUMNS, (np.concatenate(column) for column in zip(*parts, strict=True)), strict=True))
-    table = pl.DataFrame(columns).with_columns(
+def index_table(records: NDArray[np.void]) -> pl.DataFrame:
+    """Return the index of RECORD[n], with the columns of `INDEX_COLUMNS`."""
+    table = pl.DataFrame({name: np.ascontiguousarray(records[name]) for name in INDEX_COLUMNS})
+    named = table.with_columns(
         pl.col("outcome").replace_strict(dict(enumerate(OUTCOME_NAMES)), return_dtype=pl.String),
         pl.col("reason").replace_strict(dict(enumerate(REASONS)), return_dtype=pl.String),
     )
-    return table.cast(schema).sort("scenario", "count")  # type: ignore[arg-type]
+    schema = {name: column.dtype for name, column in INDEX_COLUMNS.items()}
+    return named.cast(schema).sort("scenario", "count")  # type: ignore[arg-type]
 
 
 def description_of(
     provenance: Mapping[str, Any],
     filters: FilterConfig,
     unfinished: int,
-    tallies: Mapping[str, tuple[int, Tally]],
+    records: Mapping[str, tuple[int, NDArray[np.void]]],
     files: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return the content of dataset.json.
 
-    :param tallies: number and counts of each scenario, by its name.
+    :param records: number and RECORD[n] of each scenario, by its name.
     """
     return {
         "content": "vehicle-pedestrian safety-critical interaction episodes",
         **provenance,
-        "all": nearness([tally for _, tally in tallies.values()]),
+        "all": nearness(np.concatenate([np.zeros(0, RECORD), *(own for _, own in records.values())])),
         "filters": asdict(filters),
         "unfinished": unfinished,
-        "scenarios": {name: {"number": number, **tally.summary()} for name, (number, tally) in tallies.items()},
+        "scenarios": {name: {"number": number, **counts_of(own)} for name, (number, own) in records.items()},
         "columns": {n: {"unit": c.unit, "description": c.description} for n, c in DATASET_COLUMNS.items()},
         "files": dict(files),
         "versions": software_versions(),

@@ -50,62 +50,61 @@ class FilterConfig:
     pedestrian_distance: float = parameter(4.0, "likewise for the pedestrian", unit="m", low=0.0, high=1e4)
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """What the filters say of a batch of n episodes; of several pedestrians, by the pair that decides.
+RECORD = np.dtype(
+    [
+        ("scenario", np.uint8),
+        ("count", np.int64),  # number within the scenario
+        ("outcome", np.uint8),  # of `vpsci_ros.world.state`
+        ("failed", np.bool_, len(REASONS) - 1),  # the conditions `REASONS[1:]`, each judged on its own
+        ("reason", np.uint8),  # index into `REASONS` of the first that fails in the paper's order, `KEPT` for none
+        ("frames", np.int64),
+        ("pedestrians", np.int64),
+        ("rows", np.int64),  # of the episode that are stored: a row a frame and pedestrian, or none
+        ("least_curvttc", np.float32),  # [s] of all pairs
+        ("vehicle_path", np.float64),  # [m] length of the trajectory, of the pair that decides
+        ("pedestrian_path", np.float64),  # [m]
+    ]
+)
+"""What the filters say of an episode that ended."""
 
-    :ivar failed: bool[n, 5], the conditions `REASONS[1:]` that an episode fails, each judged on its own.
-    :ivar reason: uint8[n], index into `REASONS` of the first that fails in the paper's order, `KEPT` for none.
-    :ivar least_curvttc: float32[n] [s], the least of all pairs.
-    :ivar vehicle_path, pedestrian_path: float64[n] [m], lengths of the trajectories.
-    """
 
-    failed: NDArray[np.bool_]
-    reason: NDArray[np.uint8]
-    least_curvttc: NDArray[np.float32]
-    vehicle_path: NDArray[np.float64]
-    pedestrian_path: NDArray[np.float64]
-
-
-def judge(batch: EpisodeBatch, config: FilterConfig) -> Judgement:
-    """Apply the four conditions to every episode of a batch.
+def judge(batch: EpisodeBatch, config: FilterConfig) -> NDArray[np.void]:
+    """Apply the four conditions to every episode of a batch, and return RECORD[m].
 
     Of the pairs of an episode that one decides which is kept, or, where none or several are, has the least CurvTTC.
     """
-    pairs = _judge_pairs(batch, config)
-    first = batch.first
+    pairs, first = _judge_pairs(batch, config), batch.first
     if len(first) == len(batch):
         return pairs
     of_episode = np.repeat(np.arange(len(first)), batch.pedestrians)
-    order = np.lexsort((pairs.least_curvttc, pairs.reason != KEPT, of_episode))
-    decides = order[first]
-    least = np.minimum.reduceat(pairs.least_curvttc, first)
-    return Judgement(
-        pairs.failed[decides],
-        pairs.reason[decides],
-        least,
-        pairs.vehicle_path[decides],
-        pairs.pedestrian_path[decides],
-    )
+    order = np.lexsort((pairs["least_curvttc"], pairs["reason"] != KEPT, of_episode))
+    records = pairs[order[first]]
+    records["pedestrians"] = batch.pedestrians
+    records["least_curvttc"] = np.minimum.reduceat(pairs["least_curvttc"], first)
+    return records
 
 
-def _judge_pairs(batch: EpisodeBatch, config: FilterConfig) -> Judgement:
-    values = batch.values
+def _judge_pairs(batch: EpisodeBatch, config: FilterConfig) -> NDArray[np.void]:
+    """Return RECORD[n] of each pair as if it were alone."""
+    values, pairs = batch.values, np.zeros(len(batch), RECORD)
+    pairs["scenario"], pairs["count"], pairs["outcome"] = batch.scenario, batch.episode, batch.outcome
+    pairs["frames"], pairs["pedestrians"] = batch.frames, 1
     counted = np.arange(values.shape[1]) < batch.frames[:, None]
     ttc = np.where(counted & ~np.isnan(values[..., _TTC]), values[..., _TTC], np.inf)
-    least = ttc.min(axis=1, initial=np.inf).astype(np.float32)
+    pairs["least_curvttc"] = ttc.min(axis=1, initial=np.inf)
     missing = counted & np.isnan(values[..., _VELOCITIES]).any(axis=-1)
-    failed = np.column_stack(
+    pairs["failed"] = np.column_stack(
         [
-            ~(least < config.critical_ttc),
+            ~(pairs["least_curvttc"] < config.critical_ttc),
             _longest_run(missing) >= config.missing_frames,
             batch.frames < config.least_frames,
             _moved(values, _VEHICLE, counted) <= config.vehicle_distance,
             _moved(values, _PEDESTRIAN, counted) <= config.pedestrian_distance,
         ]
     )
-    reason = np.where(failed.any(axis=1), failed.argmax(axis=1) + 1, KEPT).astype(np.uint8)
-    return Judgement(failed, reason, least, _path_length(values, _VEHICLE), _path_length(values, _PEDESTRIAN))
+    pairs["reason"] = np.where(pairs["failed"].any(axis=1), pairs["failed"].argmax(axis=1) + 1, KEPT)
+    pairs["vehicle_path"], pairs["pedestrian_path"] = (_path_length(values, who) for who in (_VEHICLE, _PEDESTRIAN))
+    return pairs
 
 
 def _longest_run(missing: NDArray[np.bool_]) -> NDArray[np.int64]:

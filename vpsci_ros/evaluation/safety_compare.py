@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.evaluation.measure_series import MEASURES, CompareConfig, first_flags
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
+from vpsci_ros.runs.tables import text_table
 
 Floats = NDArray[np.float64]
 RESAMPLES = 1000
@@ -131,38 +131,26 @@ def _weighted_medians(values: Floats, weights: Floats) -> Floats:
 
 
 def _matrix(result: Agreement, title: str, values: Floats, form: str) -> Table:
-    view = Table(box=box.SIMPLE_HEAD, title=title, title_justify="left")
-    view.add_column("")
-    for name, conflicts in zip(result.names, result.conflicts, strict=True):
-        view.add_column(f"{name}\nn={conflicts}", justify="right", no_wrap=True)
-    for i, name in enumerate(result.names):
-        cells = ("-" if i == j or np.isnan(value) else form.format(value) for j, value in enumerate(values[i]))
-        view.add_row(name, *cells)
-    return view
+    heads = [f"{name}\nn={conflicts}" for name, conflicts in zip(result.names, result.conflicts, strict=True)]
+    rows = [
+        (name, *("-" if i == j or np.isnan(value) else form.format(value) for j, value in enumerate(values[i])))
+        for i, name in enumerate(result.names)
+    ]
+    return text_table(title, ("", *heads), rows)
 
 
 def _beside_curvttc(result: Agreement) -> Table:
-    view = Table(box=box.SIMPLE_HEAD, title="Beside CurvTTC, with 95% intervals", title_justify="left")
-    headings = (
-        "",
-        "conflicts",
-        "both",
-        "of its conflicts,\nCurvTTC flags",
-        "of CurvTTC's,\nit flags",
-        "CurvTTC earlier [s]",
-    )
-    for heading in headings:
-        view.add_column(heading, justify="right" if heading else "left")
-    for j, name in enumerate(result.names[1:], start=1):
-        view.add_row(
-            name,
-            str(result.conflicts[j]),
-            str(result.both[0, j]),
+    heads = ("conflicts", "both", "of its conflicts,\nCurvTTC flags", "of CurvTTC's,\nit flags", "CurvTTC earlier [s]")
+    rows = [
+        (
+            *(name, str(result.conflicts[j]), str(result.both[0, j])),
             _with_interval(result.share[0, j], result.share_interval[0, j], "{:.2f}"),
             _with_interval(result.share[j, 0], result.share_interval[j, 0], "{:.2f}"),
             _with_interval(result.lead[0, j], result.lead_interval[0, j], "{:+.1f}"),
         )
-    return view
+        for j, name in enumerate(result.names[1:], start=1)
+    ]
+    return text_table("Beside CurvTTC, with 95% intervals", ("", *heads), rows)
 
 
 def _with_interval(value: float, interval: Floats, form: str) -> str:

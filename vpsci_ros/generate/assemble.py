@@ -45,7 +45,7 @@ def _write(share: ScenarioWriter, plan: ScenarioPlan, journal: Journal) -> None:
         block = journal.load(plan.unit(place))
         if block is None:
             raise InvalidInput(f"{journal.path(plan.unit(place))}: damaged since it was written; generate again")
-        block = block.head(_up_to_kept(block, missing))
+        block = block.take(np.arange(_up_to_kept(block, missing)))
         missing -= int(block.kept.sum())
         share.write(block)
 

@@ -4,6 +4,7 @@ import time
 
 from vpsci_ros.generate.plan import Plan, ScenarioPlan
 from vpsci_ros.runs.progress import LINE_EVERY, Bars
+from vpsci_ros.runs.tables import short_name
 
 
 class ProgressOfRun(Bars):
@@ -33,7 +34,7 @@ class ProgressOfRun(Bars):
             rejected = scenario.simulated - scenario.kept
             rate = (done - self._before[number]) / hours
             note = f"kept, {rejected:,} rejected, {scenario.acceptance:.0%} pass, {rate:,.0f}/h"
-            self.bar(_short(self._names[number]), done, scenario.target, note)
+            self.bar(short_name(self._names[number]), done, scenario.target, note)
         rate = (kept - sum(self._before.values())) / hours
         left = f", {(wanted - kept) / rate * 60.0:.1f} min left" if rate > 0 else ""
         self.line(f"{kept:,} of {wanted:,} kept, {simulated:,} simulated, {rate:,.0f} kept/h{left}", now=plan.complete)
@@ -42,8 +43,3 @@ class ProgressOfRun(Bars):
 def _counted(scenario: ScenarioPlan) -> int:
     """Return how many kept episodes of a scenario count: a unit may keep more than are still wanted."""
     return min(scenario.kept, scenario.target)
-
-
-def _short(name: str) -> str:
-    """Return a scenario's name without what all of Table 6 have in common."""
-    return name.removeprefix("Location").replace("_PedCross_", " ")

@@ -15,7 +15,7 @@ from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import Job
 from vpsci_ros.generate.journal import Journal, journal_of
 from vpsci_ros.generate.plan import Plan, ScenarioPlan
-from vpsci_ros.generate.workers import Processes, Serial, Workers
+from vpsci_ros.generate.workers import Processes, Serial, Workers, computed
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
 
@@ -116,20 +116,17 @@ def _resume(scenario: ScenarioPlan, journal: Journal) -> None:
 
 
 def _compute(plan: Plan, journal: Journal, workers: Workers, report: Report | None) -> int:
-    computed = running = 0
+    episodes = 0
     try:
-        while not plan.complete:
-            while running < workers.size + 1 and (unit := plan.next()) is not None:
-                workers.submit(unit)
-                running += 1
-            for unit, data in workers.collect():
-                journal.store(unit, data)
-                block = block_from_bytes(data, "a unit just computed")
-                plan.scenarios[unit.scenario].take(unit, int(block.kept.sum()))
-                running -= 1
-                computed += len(unit.numbers)
+        for unit, data in computed(workers, plan.next):
+            journal.store(unit, data)
+            block = block_from_bytes(data, "a unit just computed")
+            plan.scenarios[unit.scenario].take(unit, int(block.kept.sum()))
+            episodes += len(unit.numbers)
             if report is not None:
                 report(plan)
+            if plan.complete:
+                break
     finally:
         workers.close()
-    return computed
+    return episodes

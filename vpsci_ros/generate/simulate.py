@@ -51,6 +51,6 @@ class Simulator:
             if len(ended):
                 blocks.append(block_of(ended, judge(ended, job.filters), job.keep_rejected, unit.scenario))
         whole = joined(blocks)
-        if not np.array_equal(whole.number, unit.numbers):
+        if not np.array_equal(whole.records["count"], unit.numbers):
             raise VpsciError(f"scenario {unit.scenario}: {len(unit.numbers)} episodes were due, {len(whole)} ended")
         return whole

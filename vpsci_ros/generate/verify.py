@@ -5,6 +5,7 @@ right is compared in the episodes that are drawn, all or a sample; one whose has
 the first differing row is found wherever it is.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,15 +13,15 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS, episode_rows
-from vpsci_ros.data.dataset_index import DESCRIPTION, FORM_OF_GENERATED, INDEX, REJECTED, index_columns, index_table
+from vpsci_ros.data.dataset_files import episode_rows
+from vpsci_ros.data.dataset_index import DESCRIPTION, FORM_OF_GENERATED, INDEX, REJECTED, index_table
 from vpsci_ros.data.dataset_reader import Dataset, file_rows
 from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes
 from vpsci_ros.documents import reason, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.compare import Difference, first_difference
+from vpsci_ros.generate.compare import first_difference
 from vpsci_ros.generate.job import Job, Unit, job_from
-from vpsci_ros.generate.workers import Workers
+from vpsci_ros.generate.workers import Workers, computed
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import cpu_name
 from vpsci_ros.runs.sections import Sections
@@ -79,8 +80,8 @@ def verify(
             if not whole and sample is not None and sample < len(numbers):
                 drawn = np.random.default_rng([seed, scenario.number]).choice(len(numbers), sample, replace=False)
                 numbers = np.sort(numbers[drawn])
-            checks: list[_FileCheck | _IndexCheck] = [_IndexCheck(folder, scenario.number, tolerance)]
-            checks += [_FileCheck(folder / name, name, kept, not whole, tolerance) for name, kept in files.items()]
+            checks = [_index_check(data, scenario.number, not whole, tolerance)]
+            checks += [_file_check(folder / name, name, kept, not whole, tolerance) for name, kept in files.items()]
             for block in _simulated(pool, scenario.number, numbers):
                 for check in checks:
                     check.compare(block)
@@ -137,100 +138,89 @@ def job_of(data: Dataset) -> Job:
     return job
 
 
-class _FileCheck:
-    """Compares one scenario's file, episode after episode, to what is simulated."""
+class _Check:
+    """Compares a scenario's rows of one file, episode after episode, to what is simulated.
 
-    def __init__(self, path: Path, name: str, kept: bool, sampled: bool, tolerance: float) -> None:
+    :param groups: the rows in the file's order, "row" the place of each; raises `InvalidInput` where it is damaged.
+    :param expected: returns what a block's rows should be.
+    :param sampled: other episodes may be in the file.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        groups: Iterator[pl.DataFrame],
+        expected: Callable[[EpisodeBlock], pl.DataFrame],
+        sampled: bool,
+        tolerance: float,
+    ) -> None:
         self.name = name
-        self._kept, self._sampled, self._tolerance = kept, sampled, tolerance
-        self._difference: Difference | str | None = None
-        self._groups = _numbered(file_rows(path))
-        self._rest = pl.DataFrame(schema={"row": pl.Int64, **{n: c.dtype for n, c in DATASET_COLUMNS.items()}})
+        self._groups, self._expected, self._sampled, self._tolerance = groups, expected, sampled, tolerance
+        self._left: list[pl.DataFrame] = []
+        self._difference: str | None = None
 
     def compare(self, block: EpisodeBlock) -> None:
         """Compare the episodes of a block, which come in rising order."""
-        if self._difference is not None or len(block) == 0:
+        self._compare(self._expected(block), block.records["count"].tolist())
+
+    def finish(self) -> str | None:
+        """Return the first difference in words, None for none."""
+        if not self._sampled:
+            self._compare(None, [])
+        return self._difference
+
+    def _compare(self, expected: pl.DataFrame | None, counts: list[int]) -> None:
+        """Compare the rows of these episodes, or, where None are expected, all that were not compared yet."""
+        if self._difference is not None:
             return
-        chosen = block.take(np.flatnonzero(block.stored & (block.kept == self._kept)))
-        expected = episode_rows(chosen.number.tolist(), chosen.rows(), chosen.pedestrians.tolist())
         try:
-            found = self._take(int(block.number[-1]))
+            found = self._take(counts[-1] if counts else None)
         except InvalidInput as error:
             self._difference = str(error)
             return
         if self._sampled:
-            found = found.filter(pl.col("count").is_in(block.number.tolist()))
-        self._difference = first_difference(expected, found, self._tolerance)
+            found = found.filter(pl.col("count").is_in(counts))
+        wanted = found.drop("row").clear() if expected is None else expected
+        self._difference = first_difference(wanted, found, self._tolerance)
 
-    def finish(self) -> str | None:
-        """Return the first difference in words, None for none."""
-        if self._difference is None and not self._sampled:
-            try:
-                rest = pl.concat([self._rest, *self._groups])
-            except InvalidInput as error:
-                return str(error)
-            self._difference = first_difference(rest.drop("row").clear(), rest, self._tolerance)
-        return None if self._difference is None else str(self._difference)
-
-    def _take(self, last: int) -> pl.DataFrame:
-        """Return the rows not taken yet of episodes up to number `last`."""
-        pieces = [self._rest]
-        while len(pieces[-1]) == 0 or pieces[-1]["count"][-1] <= last:
+    def _take(self, last: int | None) -> pl.DataFrame:
+        """Return the rows not taken yet of episodes up to number `last`; None: all."""
+        while last is None or not self._left or not self._left[-1].height or self._left[-1]["count"][-1] <= last:
             if (group := next(self._groups, None)) is None:
                 break
-            pieces.append(group)
-        rows = pl.concat(pieces)
-        beyond = (rows["count"] > last).to_numpy()
-        end = int(beyond.argmax()) if beyond.any() else len(rows)
-        self._rest = rows[end:]
+            self._left.append(group)
+        rows = pl.concat(self._left) if self._left else pl.DataFrame(schema={"row": pl.Int64, "count": pl.Int64})
+        beyond = rows["count"] > last if last is not None else pl.Series([], dtype=pl.Boolean)
+        end = beyond.arg_max() or 0 if beyond.any() else rows.height
+        self._left = [rows[end:]]
         return rows[:end]
 
 
-class _IndexCheck:
-    """Compares one scenario's rows of the index to what is simulated."""
+def _index_check(data: Dataset, scenario: int, sampled: bool, tolerance: float) -> _Check:
+    def groups() -> Iterator[pl.DataFrame]:
+        index = data.index().with_row_index("row")
+        yield index.filter(pl.col("scenario") == scenario)
 
-    name = INDEX
+    return _Check(INDEX, groups(), lambda block: index_table(block.records), sampled, tolerance)
 
-    def __init__(self, folder: Path, scenario: int, tolerance: float) -> None:
-        self._scenario, self._tolerance = scenario, tolerance
-        self._difference: Difference | str | None = None
-        try:
-            index = Dataset(folder).index().with_row_index("row")
-            self._rows = index.filter(pl.col("scenario") == scenario)
-        except InvalidInput as error:
-            self._difference = str(error)
 
-    def compare(self, block: EpisodeBlock) -> None:
-        """Compare the episodes of a block."""
-        if self._difference is not None or len(block) == 0:
-            return
-        expected = index_table([index_columns(self._scenario, block)])
-        found = self._rows.filter(pl.col("count").is_in(block.number.tolist()))
-        self._difference = first_difference(expected, found.select("row", *INDEX_COLUMNS), self._tolerance)
+def _file_check(path: Path, name: str, kept: bool, sampled: bool, tolerance: float) -> _Check:
+    def expected(block: EpisodeBlock) -> pl.DataFrame:
+        chosen = block.take(np.flatnonzero((block.records["rows"] > 0) & (block.kept == kept)))
+        counts, pedestrians = (chosen.records[field].tolist() for field in ("count", "pedestrians"))
+        return episode_rows(counts, chosen.rows(), pedestrians)
 
-    def finish(self) -> str | None:
-        """Return the first difference in words, None for none."""
-        return None if self._difference is None else str(self._difference)
+    return _Check(name, _numbered(file_rows(path)), expected, sampled, tolerance)
 
 
 def _simulated(pool: Workers, scenario: int, numbers: np.ndarray) -> Iterator[EpisodeBlock]:
-    """Yield blocks of episodes, in rising order, with a few on their way at any time."""
-    blocks = iter([Unit(scenario, numbers[k : k + BLOCK].tolist()) for k in range(0, len(numbers), BLOCK)])
-    waiting: dict[int, EpisodeBlock] = {}
-    order: list[int] = []
-    running = 0
-    while True:
-        while running < pool.size + 1 and (unit := next(blocks, None)) is not None:
-            pool.submit(unit)
-            order.append(unit.numbers[0])
-            running += 1
-        if not order:
-            return
-        while order[0] not in waiting:
-            for unit, data in pool.collect():
-                waiting[unit.numbers[0]] = block_from_bytes(data, "a block just simulated")
-                running -= 1
-        yield waiting.pop(order.pop(0))
+    """Yield blocks of episodes, in rising order."""
+    units = [Unit(scenario, numbers[k : k + BLOCK].tolist()) for k in range(0, len(numbers), BLOCK)]
+    left, due, waiting = iter(units), deque(units), dict[int, bytes]()
+    for unit, data in computed(pool, lambda: next(left, None)):
+        waiting[unit.numbers[0]] = data
+        while due and due[0].numbers[0] in waiting:
+            yield block_from_bytes(waiting.pop(due.popleft().numbers[0]), "a block just simulated")
 
 
 def _numbered(groups: Iterator[pl.DataFrame]) -> Iterator[pl.DataFrame]:

@@ -11,6 +11,7 @@ import signal
 import threading
 import time
 from collections import deque
+from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Protocol
@@ -36,6 +37,23 @@ class Workers(Protocol):
 
     def close(self) -> None:
         """Stop at once; what is not collected is lost."""
+
+
+def computed(workers: Workers, next_unit: Callable[[], Unit | None]) -> Iterator[tuple[Unit, bytes]]:
+    """Yield units as they are computed, while one more than there are workers is on its way.
+
+    :param next_unit: returns what is worth computing next; None: nothing, as things are.
+    """
+    running = 0
+    while True:
+        while running < workers.size + 1 and (unit := next_unit()) is not None:
+            workers.submit(unit)
+            running += 1
+        if not running:
+            return
+        for done in workers.collect():
+            running -= 1
+            yield done
 
 
 class Serial:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import RECORDED, Episode, Listed
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.report.canvas import save_png
 from vpsci_ros.report.trajectories import draw_episode, draw_speed_bars
-from vpsci_ros.runs.files import written_whole
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
 
@@ -44,8 +44,7 @@ def save_beside(recorded: pl.DataFrame, generated: pl.DataFrame, path: str | Pat
         for axis in axes.flat[len(episodes) :]:
             axis.set_axis_off()
     draw_speed_bars(part, axes[:, : COLUMNS // 2], axes[:, COLUMNS // 2 :])
-    with written_whole(path) as part_file:
-        figure.savefig(part_file, format="png", dpi=100)
+    save_png(figure, path, 100)
 
 
 def _drawn(table: pl.DataFrame, name: str, rng: np.random.Generator) -> list[Episode]:

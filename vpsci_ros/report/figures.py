@@ -7,14 +7,13 @@ from typing import NamedTuple
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.mlab import GaussianKDE
 from numpy.typing import NDArray
 
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.safety import CRITICAL_TTC
 
 Floats = NDArray[np.float64]
@@ -55,38 +54,32 @@ def save_nearness(sources: Mapping[str, pl.DataFrame], path: Path) -> None:
 
     :param sources: title -> encounters, at least one row each.
     """
-    figure = Figure(figsize=(3.7 * len(sources), 3.9), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(1, len(sources), sharey=True, squeeze=False)
+    figure, axes = new_figure(3.7 * len(sources), 3.9, 1, len(sources), sharey=True)
     for axis, (title, table) in zip(axes.flat, sources.items(), strict=True):
         _draw_nearness(axis, table["least_curvttc"].to_numpy(), title)
     axes[0, 0].set_ylabel("least CurvTTC [s]", fontsize=8)
-    _save(figure, path)
+    save_png(figure, path)
 
 
 def save_conflicts(sources: Mapping[str, pl.DataFrame], path: Path) -> None:
     """Draw the share of conflicts by the speeds at the onset, in the manner of Figure 11, as a PNG."""
-    figure = Figure(figsize=(3.7 * len(sources) + 0.8, 3.7), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(1, len(sources), squeeze=False)
+    figure, axes = new_figure(3.7 * len(sources) + 0.8, 3.7, 1, len(sources))
     for axis, (title, table) in zip(axes.flat, sources.items(), strict=True):
         _draw_shares(axis, table, VEHICLE_SPEED, PEDESTRIAN_SPEED, "conflict")
         axis.set_title(f"{title}, n = {table.height:,}", fontsize=9)
     _add_bar(figure, axes, "conflicts (CurvTTC < 2 s) [%]")
-    _save(figure, path)
+    save_png(figure, path)
 
 
 def save_yielding(sources: Mapping[str, pl.DataFrame], agent: str, path: Path) -> None:
     """Draw how often `agent` yields by distance and by what both do at the onset (Figures 9, 12, 13), as a PNG."""
-    figure = Figure(figsize=(12.2, 2.75 * len(sources) + 0.3), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(len(sources), len(SIDES), squeeze=False)
+    figure, axes = new_figure(12.2, 2.75 * len(sources) + 0.3, len(sources), len(SIDES))
     for row, (title, table) in zip(axes, sources.items(), strict=True):
         for axis, side in zip(row, SIDES, strict=True):
             _draw_shares(axis, table, DISTANCE, side, f"{agent}_yields")
         row[0].set_title(f"{title}, n = {table.height:,}", fontsize=9, loc="left")
     _add_bar(figure, axes, f"{agent} yields [%]")
-    _save(figure, path)
+    save_png(figure, path)
 
 
 def shares(table: pl.DataFrame, across: Axis, up: Axis, flag: str) -> Floats:
@@ -130,8 +123,3 @@ def _add_bar(figure: Figure, axes: NDArray[np.object_], label: str) -> None:
     bar = figure.colorbar(ScalarMappable(SHARES, COLOURS), ax=axes, shrink=0.8, pad=0.01)
     bar.set_label(label, fontsize=8)
     bar.ax.tick_params(labelsize=7)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    with written_whole(path) as part:
-        figure.savefig(part, format="png", dpi=130)

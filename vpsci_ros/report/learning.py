@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vpsci_ros.data.published import TABLE_5
 from vpsci_ros.learning import online, pretrain, refine
 from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.world.observation import AGENTS
 
 PICTURE = "learning.png"
@@ -36,9 +34,7 @@ Floats = NDArray[np.float64]
 def save_learning(folder: str | Path) -> Path | None:
     """Draw the log in a run's folder as `learning.png` beside it, and return its path; None where there is no log."""
     folder = Path(folder)
-    figure = Figure(figsize=(11.0, 7.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(2, 2)
+    figure, axes = new_figure(11.0, 7.0, 2, 2)
     if (folder / online.LOG).exists():
         log, episodes = (pl.read_csv(folder / name, infer_schema_length=None) for name in (online.LOG, online.EPISODES))
         _draw_stage_2(axes.ravel().tolist(), log, episodes, _held_out(folder / refine.WEIGHTS))
@@ -47,8 +43,7 @@ def save_learning(folder: str | Path) -> Path | None:
         _draw_stage_1(axes.ravel().tolist(), log)
     else:
         return None
-    with written_whole(folder / PICTURE) as part:
-        figure.savefig(part, format="png", dpi=110)
+    save_png(figure, folder / PICTURE, 110)
     return folder / PICTURE
 
 

@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.report.canvas import new_figure, save_png
 
 _COLUMNS = (
     ("of_constant_velocity", "energy score, of constant velocity's\n(less is better)", 1.0),
@@ -19,7 +18,7 @@ def save_realism(result: dict[str, Any], path: Path) -> None:
     """Draw Protocol A's models in three columns, each with its 95% interval, as PNG."""
     models = result["same_start"]["models"]
     names = list(models)
-    figure, axes = plt.subplots(1, len(_COLUMNS), figsize=(11.0, 1.2 + 0.35 * len(names)), sharey=True)
+    figure, (axes,) = new_figure(11.0, 1.2 + 0.35 * len(names), 1, len(_COLUMNS), sharey=True)
     place = np.arange(len(names))[::-1]
     for axis, (key, title, line) in zip(axes, _COLUMNS, strict=True):
         values = np.array([models[name][key] for name in names])
@@ -33,7 +32,4 @@ def save_realism(result: dict[str, Any], path: Path) -> None:
     axes[0].set_yticks(place, [name.replace("_", " ") for name in names])
     part = result["same_start"]
     figure.suptitle(f"{part['interactions']} recorded onsets of {part['clips']} clips, 3 s", fontsize=10)
-    figure.tight_layout()
-    with written_whole(path) as part_path:
-        figure.savefig(part_path, format="png", dpi=130)
-    plt.close(figure)
+    save_png(figure, path)

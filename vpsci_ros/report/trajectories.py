@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
@@ -20,15 +19,14 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.report.world_figures import draw_parked
-from vpsci_ros.runs.files import written_whole
-from vpsci_ros.world import Scenario
+from vpsci_ros.report.canvas import new_figure, save_png, show_all
+from vpsci_ros.report.world_figures import draw_ground, outlines
 
 Floats = NDArray[np.float64]
 TOP_SPEED = 8.0  # [m/s] at which the colours are darkest
 BLUES = LinearSegmentedColormap.from_list("vehicle", ["#ffffff", "#9ecae1", "#3182bd", "#08306b"])
 REDS = LinearSegmentedColormap.from_list("pedestrian", ["#ffffff", "#fcae91", "#de2d26", "#67000d"])
-GROUND, ROAD, MARKING, START = "#f1f1ee", "#d5d5d2", "#fafafa", "#2ca02c"
+GROUND, START = "#f1f1ee", "#2ca02c"
 _SPEEDS = Normalize(0.0, TOP_SPEED)
 _COLUMNS = 4
 
@@ -42,17 +40,14 @@ def save_trajectories(episodes: Sequence[tuple[str, Episode]], path: str | Path)
         raise InvalidInput(f"{path}: expected at least one interaction to draw, got none")
     columns = min(_COLUMNS, len(episodes))
     rows = -(-len(episodes) // columns)
-    figure = Figure(figsize=(3.9 * columns, 4.0 * rows + 0.9), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, columns, squeeze=False)
+    figure, axes = new_figure(3.9 * columns, 4.0 * rows + 0.9, rows, columns)
     for axis, (title, episode) in zip(axes.flat, episodes, strict=False):
         draw_episode(axis, title, episode)
     for axis in axes.flat[len(episodes) :]:
         axis.set_axis_off()
     half = columns // 2
     draw_speed_bars(figure, axes[:, : max(half, 1)], axes[:, half:])
-    with written_whole(path) as part:
-        figure.savefig(part, format="png", dpi=130)
+    save_png(figure, path)
 
 
 def draw_speed_bars(figure: Figure, below_first: Any, below_second: Any) -> None:
@@ -79,7 +74,7 @@ def draw_episode(axis: Axes, title: str, episode: Episode) -> None:
     axis.set_xlabel("x [m]", fontsize=7)
     axis.set_ylabel("y [m]", fontsize=7)
     if one.scenario is not None:
-        _draw_ground(axis, one.scenario)
+        draw_ground(axis, one.scenario)
     vehicle = np.column_stack([one.x, one.y])
     walks = np.stack([one.ped_x, one.ped_y], axis=-1)
     _draw_path(axis, vehicle, one.speed, BLUES, "#08306b")
@@ -88,23 +83,7 @@ def draw_episode(axis: Axes, title: str, episode: Episode) -> None:
     _draw_outlines(axis, one)
     for begin in (vehicle[0], *walks[:, 0]):
         axis.plot(*begin, "o", color=START, markersize=6, markeredgecolor="white", markeredgewidth=0.8, zorder=6)
-    _frame(axis, np.concatenate([vehicle, *walks]))
-
-
-def _draw_ground(axis: Axes, ground: Scenario) -> None:
-    lane = _band(ground.vehicle.path.points, ground.vehicle.lane_width)
-    axis.add_patch(Polygon(lane, closed=True, facecolor=ROAD, edgecolor="none", zorder=0))
-    if len(ground.crosswalk):
-        look: dict[str, Any] = {"facecolor": "none", "edgecolor": "#b4b4b0", "hatch": "////", "linewidth": 0.8}
-        axis.add_patch(Polygon(ground.crosswalk, closed=True, zorder=0.5, **look))
-    draw_parked(axis, ground)
-
-
-def _band(points: Floats, width: float) -> Floats:
-    """Return the outline of a band of `width` [m] along points float64[K, 2]."""
-    along = np.gradient(points, axis=0)
-    left = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
-    return np.concatenate([points + 0.5 * width * left, (points - 0.5 * width * left)[::-1]])
+    show_all(axis, np.concatenate([vehicle, *walks]), 3.5)
 
 
 def _draw_path(axis: Axes, points: Floats, speed: Floats, colours: LinearSegmentedColormap, edge: str) -> None:
@@ -131,19 +110,8 @@ def _point_at(points: Floats, length: Floats, at: float) -> tuple[float, float]:
 
 def _draw_outlines(axis: Axes, one: Episode) -> None:
     k = int(one.known_curvttc.min(axis=0).argmin())
-    cos, sin = np.cos(one.heading[k]), np.sin(one.heading[k])
-    corners = 0.5 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * [one.length, one.width]
-    rectangle = corners @ np.array([[cos, sin], [-sin, cos]]) + [one.x[k], one.y[k]]
+    (rectangle,) = outlines(np.array([[one.x[k], one.y[k], one.heading[k], one.length, one.width]]))
     look: dict[str, Any] = {"facecolor": "none", "linewidth": 0.9, "zorder": 4}
     axis.add_patch(Polygon(rectangle, closed=True, edgecolor="#08306b", **look))
     for x, y in zip(one.ped_x[:, k], one.ped_y[:, k], strict=True):
         axis.add_patch(Circle((x, y), one.radius, edgecolor="#67000d", **look))
-
-
-def _frame(axis: Axes, points: Floats, margin: float = 3.5) -> None:
-    """Show all points in a square window."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    half = 0.5 * float((high - low).max()) + margin
-    centre = 0.5 * (low + high)
-    axis.set_xlim(centre[0] - half, centre[0] + half)
-    axis.set_ylim(centre[1] - half, centre[1] + half)

@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.report.canvas import new_figure, save_png, show_all
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import Scenario, World, WorldConfig
 from vpsci_ros.world.paths import Path as Line
@@ -23,7 +21,6 @@ GROUND, ROAD, VEHICLE, PEDESTRIAN, GOAL = "#f1f1ee", "#d5d5d2", "#08519c", "#a50
 SPAWNS = 200  # episodes whose spawns are drawn
 PARKED = "#8a8f8c"
 _SIGNS = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
-_CORNERS = 0.5 * _SIGNS * [VEHICLE_LENGTH, VEHICLE_WIDTH]
 
 
 def save_scenario(scenario: Scenario, path: str | Path, seed: int = 1) -> None:
@@ -32,33 +29,33 @@ def save_scenario(scenario: Scenario, path: str | Path, seed: int = 1) -> None:
     :param seed: of the spawns that are drawn, those of episodes 0 to 199.
     :raises InvalidInput: the folder of `path` does not exist.
     """
-    figure = Figure(figsize=(8.0, 8.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    axis = figure.subplots()
+    figure, ((axis,),) = new_figure(8.0, 8.0)
     axis.set_facecolor(GROUND)
     axis.set_aspect("equal")
     axis.set_title(f"{scenario.number}  {scenario.name}\n{scenario.description}", fontsize=10)
     axis.set_xlabel("x, east [m]")
     axis.set_ylabel("y, north [m]")
-    _draw_ground(axis, scenario)
+    draw_ground(axis, scenario)
     _draw_spawns(axis, scenario, seed)
     _draw_line(axis, scenario.vehicle.path, scenario.vehicle.goal, scenario.vehicle.lane_width, VEHICLE, "vehicle")
     _draw_line(axis, scenario.pedestrian.path, scenario.pedestrian.goal, 2.0, PEDESTRIAN, "pedestrian")
     axis.plot(*scenario.pedestrian.path.at(scenario.pedestrian.conflict), "*", color="black", markersize=11)
     axis.plot([], [], "*", color="black", markersize=11, label="conflict point")
     axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=4, fontsize=8, frameon=False)
-    _frame(axis, np.concatenate([scenario.vehicle.path.points, scenario.pedestrian.path.points, scenario.crosswalk]))
-    with written_whole(path) as part:
-        figure.savefig(part, format="png", dpi=120)
+    routes = scenario.vehicle.path.points, scenario.pedestrian.path.points
+    show_all(axis, np.concatenate([*routes, scenario.crosswalk]), 3.0)
+    save_png(figure, path, 120)
 
 
-def _draw_ground(axis: Axes, scenario: Scenario) -> None:
+def draw_ground(axis: Axes, scenario: Scenario) -> None:
+    """Draw the lane, the crosswalk and the vehicles that stand."""
     lane = scenario.vehicle.path.band(scenario.vehicle.lane_width)
     axis.add_patch(Polygon(lane, facecolor=ROAD, edgecolor="none", zorder=0))
     if len(scenario.crosswalk):
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": "#a9a9a4", "hatch": "////", "linewidth": 0.8}
         axis.add_patch(Polygon(scenario.crosswalk, zorder=0.5, **look))
-    draw_parked(axis, scenario)
+    for outline in outlines(scenario.parked):
+        axis.add_patch(Polygon(outline, facecolor=PARKED, edgecolor="white", linewidth=0.6, zorder=1.5))
 
 
 def outlines(boxes: Floats) -> Floats:
@@ -69,18 +66,12 @@ def outlines(boxes: Floats) -> Floats:
     return turned
 
 
-def draw_parked(axis: Axes, scenario: Scenario) -> None:
-    """Draw the vehicles that stand."""
-    for outline in outlines(scenario.parked):
-        axis.add_patch(Polygon(outline, facecolor=PARKED, edgecolor="white", linewidth=0.6, zorder=1.5))
-
-
 def _draw_spawns(axis: Axes, scenario: Scenario, seed: int) -> None:
     config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot")
     state = World(config, [scenario], [(scenario.number, e) for e in range(SPAWNS)], SPAWNS, seed).state
-    for record in state[:40]:
-        c, s = np.cos(record["vehicle_heading"]), np.sin(record["vehicle_heading"])
-        outline = _CORNERS @ np.array([[c, s], [-s, c]]) + [record["vehicle_x"], record["vehicle_y"]]
+    places = np.stack([state[f"vehicle_{name}"][:40] for name in ("x", "y", "heading")], axis=1)
+    size = np.broadcast_to([VEHICLE_LENGTH, VEHICLE_WIDTH], (len(places), 2))
+    for outline in outlines(np.concatenate([places, size], axis=1)):
         axis.add_patch(Polygon(outline, facecolor="none", edgecolor=VEHICLE, linewidth=0.5, alpha=0.35, zorder=2))
     waiting = state["start_delay"] > 0.0
     for which, filled, name in ((~waiting, PEDESTRIAN, "on its way"), (waiting, "none", "waiting")):
@@ -111,10 +102,3 @@ def _draw_line(axis: Axes, line: Line, goal: float, width: float, colour: str, n
     )
     if name == "vehicle":
         axis.plot([], [], color=GOAL, linewidth=3.0, label="goals")
-
-
-def _frame(axis: Axes, points: Floats, margin: float = 3.0) -> None:
-    low, high = points.min(axis=0), points.max(axis=0)
-    half, centre = 0.5 * float((high - low).max()) + margin, 0.5 * (low + high)
-    axis.set_xlim(centre[0] - half, centre[0] + half)
-    axis.set_ylim(centre[1] - half, centre[1] + half)

@@ -5,14 +5,12 @@ from typing import Any
 
 import polars as pl
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
 from vpsci_ros.data.published import TABLE_3, TABLE_5, TABLE_9
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.evaluation.error_table import share_text
+from vpsci_ros.report.canvas import new_figure, save_png
+from vpsci_ros.runs.tables import text_table
 from vpsci_ros.world.observation import AGENTS
 
 VEHICLE, PEDESTRIAN, PAPER, GREEN, ORANGE = "#08519c", "#cb181d", "#8c8c8c", "#2ca02c", "#e6550d"
@@ -23,25 +21,24 @@ Row = dict[str, Any]
 
 def print_table_3(table: pl.DataFrame, console: Console) -> None:
     """Print what `sample_size_study` returned, in 80 columns; the paper's values in brackets."""
-    learned = _table("in training, mean of the run's last tenth [paper's]", "inter-\nactions")
-    for name in ("vehicle\nreward", "", "pedestrian\nreward", "", "critics:\nvehicle", "loss of\npedestrian", ""):
-        learned.add_column(name, justify="right", no_wrap=True)
-    errors = _table("on held-out clips: ADE, FDE in metres", "interactions")
-    for name in ("recon-\nstr. ADE", "\nFDE", "closed\nloop ADE", "\nFDE", "vehicle\nreward", "pedestrian\nreward"):
-        errors.add_column(_text(name), justify="right")
+    learned, errors = [], []
     for row in table.iter_rows(named=True):
         paper = TABLE_3.get(_size(row))
         if row.get("vehicle_reward") is not None:
-            published = [_text(f"[{value:.3g}]") for value in paper] if paper else [""] * 3
+            published = [f"[{value:.3g}]" for value in paper] if paper else [""] * 3
             rewards = [f"{row[f'{agent}_reward']:.1f}" for agent in AGENTS]
             losses = [f"{row[f'{agent}_critic_loss']:.3g}" for agent in AGENTS]
-            learned.add_row(
-                row["interactions"], rewards[0], published[0], rewards[1], published[1], *losses, published[2]
-            )
+            cells = [rewards[0], published[0], rewards[1], published[1], *losses, published[2]]
+            learned.append((row["interactions"], *cells))
         names = [f"{protocol}_{error}" for protocol in ("reconstruction", "closed_loop") for error in ("ade", "fde")]
         cells = [_number(row.get(name), ".4f" if name.startswith("r") else ".3f") for name in names]
-        errors.add_row(row["interactions"], *cells, *(_number(row.get(f"{a}_held_out_reward"), ".1f") for a in AGENTS))
-    console.print(learned, errors)
+        cells += [_number(row.get(f"{agent}_held_out_reward"), ".1f") for agent in AGENTS]
+        errors.append((row["interactions"], *cells))
+    title = "in training, mean of the run's last tenth [paper's]"
+    heads = ["vehicle\nreward", "", "pedestrian\nreward", "", "critics:\nvehicle", "loss of\npedestrian", ""]
+    console.print(text_table(title, ["inter-\nactions", *heads], learned))
+    heads = ["recon-\nstr. ADE", "\nFDE", "closed\nloop ADE", "\nFDE", "vehicle\nreward", "pedestrian\nreward"]
+    console.print(text_table("on held-out clips: ADE, FDE in metres", ["interactions", *heads], errors))
     console.print(
         "Rewards and losses depend on the data, so the paper's show a trend only. Rewards in training are measured "
         "against the subset's own deviations, those on held-out clips against the whole table's. '-': all clips are "
@@ -53,30 +50,30 @@ def print_table_3(table: pl.DataFrame, console: Console) -> None:
 def print_table_5(table: pl.DataFrame, console: Console) -> None:
     """Print what `reward_weight_study` returned, in 80 columns; the paper's values in brackets."""
     count = int(table["critical_episodes"].max() or 0)  # type: ignore[arg-type]
-    rates = _table("fresh episodes, no exploration: share of the critical ones in % [paper's]", "weights")
-    for name in ("collisions\n(95%)", "", "goals\n(95%)", "", "n", "CurvTTC\n[s]"):
-        rates.add_column(_text(name), justify="right", no_wrap=True)
-    errors = _table("held-out clips: ADE, FDE in metres [paper's, on its own data]", "weights")
-    heads = ("recon-\nstruct.\nADE", "\n\nFDE", "", "", "closed\nloop\nADE", "\n\nFDE", "final w\nin %")
-    for name in heads:
-        errors.add_column(_text(name), justify="right", no_wrap=True)
+    rates, errors = [], []
     for row in table.iter_rows(named=True):
         paper = TABLE_5.get(row["weights"])
         cells = []
         for name in ("collision", "goal"):
             low, rate, high = (100.0 * row[f"{name}_{part}"] for part in ("low", "rate", "high"))
-            published = f"[{100.0 * getattr(paper, f'{name}_rate'):.1f}]" if paper else ""
-            cells += [f"{rate:.1f} ({low:.0f}-{high:.0f})", _text(published)]
-        rates.add_row(
-            row["weights"], *cells, f"{row['critical_episodes']:.0f}", _number(row["least_curvttc_50"], ".2f")
+            cells += [f"{rate:.1f} ({low:.0f}-{high:.0f})"]
+            cells += [f"[{100.0 * getattr(paper, f'{name}_rate'):.1f}]" if paper else ""]
+        cells += [f"{row['critical_episodes']:.0f}", _number(row["least_curvttc_50"], ".2f")]
+        rates.append((row["weights"], *cells))
+        once, loop = (
+            [f"{row[f'{protocol}_{error}']:.{digits}f}" for error in ("ade", "fde")]
+            for protocol, digits in (("reconstruction", 4), ("closed_loop", 3))
         )
-        own = [f"{row[f'reconstruction_{e}']:.4f}" for e in ("ade", "fde")]
-        published_errors = [_text(f"[{value:.3f}]") for value in (paper.ade, paper.fde)] if paper else ["", ""]
-        loop = [f"{row[f'closed_loop_{e}']:.3f}" for e in ("ade", "fde")]
+        published = [f"[{value:.3f}]" for value in (paper.ade, paper.fde)] if paper else ["", ""]
         learned = [row.get(f"w_{name}") for name in ("collision", "goal", "speed")]
         weights = " ".join("-" if value is None else f"{100.0 * value:.0f}" for value in learned)
-        errors.add_row(row["weights"], *own, *published_errors, *loop, weights)
-    console.print(rates, errors)
+        errors.append((row["weights"], *once, *published, *loop, weights))
+    title = "fresh episodes, no exploration: share of the critical ones in % [paper's]"
+    heads = ["weights", "collisions\n(95%)", "", "goals\n(95%)", "", "n", "CurvTTC\n[s]"]
+    console.print(text_table(title, heads, rates))
+    title = "held-out clips: ADE, FDE in metres [paper's, on its own data]"
+    heads = ["recon-\nstruct.\nADE", "\n\nFDE", "", "", "closed\nloop\nADE", "\n\nFDE", "final w\nin %"]
+    console.print(text_table(title, ["weights", *heads], errors))
     console.print(
         "Controls: pretrained is what all start from; constant_velocity accelerates nobody. "
         "CurvTTC: median of the episodes' least. w: collision, goal, speed. The intervals are "
@@ -88,23 +85,21 @@ def print_table_5(table: pl.DataFrame, console: Console) -> None:
 def print_table_9(result: dict[str, Any], console: Console) -> None:
     """Print what `model_comparison.compare_models` returned, in 80 columns; the paper's values in brackets."""
     extent = f"{result['interactions']} interactions of {result['clips']} clips, each held out once; metres"
-    once = _table(f"reconstruction, {extent}", "model")
-    loop = _table("closed loop", "model")
-    for view, beside in ((once, "paper's\n[ADE]"), (loop, "FDE")):
-        view.show_edge = False
-        for name in ("ADE", beside, "its share of\nthe control's", "of ma_sst's"):
-            view.add_column(_text(name), justify="right", no_wrap=True)
+    once: list[tuple[str, ...]] = []
+    loop: list[tuple[str, ...]] = []
     for name, errors in result["models"].items():
         if name == "constant_velocity":
             continue  # in closed loop the same as repeat_velocity, in reconstruction as the tracked one
         paper = TABLE_9.get(name)
-        published = _text(f"[{paper.ade:.3f}]") if paper else ""
+        published = f"[{paper.ade:.3f}]" if paper else ""
         fde = f"{errors['closed_loop']['fde']:.3f}"
         for view, of, beside in ((once, errors["reconstruction"], published), (loop, errors["closed_loop"], fde)):
-            shares = [_share(of["ade_ratio"], of["ade_ratio_interval"])]
-            shares.append(_share(*of["share_of_ma_sst"]) if "share_of_ma_sst" in of else "")
-            view.add_row(name, f"{of['ade']:.{4 if view is once else 3}f}", beside, *shares)
-    console.print(once, "", loop)
+            shares = [share_text(of["ade_ratio"], of["ade_ratio_interval"])]
+            shares.append(share_text(*of["share_of_ma_sst"]) if "share_of_ma_sst" in of else "")
+            view.append((name, f"{of['ade']:.{4 if view is once else 3}f}", beside, *shares))
+    heads = ["its share of\nthe control's", "of ma_sst's"]
+    console.print(text_table(f"reconstruction, {extent}", ["model", "ADE", "paper's\n[ADE]", *heads], once))
+    console.print(text_table("closed loop", ["model", "ADE", "FDE", *heads], loop))
     console.print(
         "ma_: both agents learn on their own predictions; the others learn the next velocity alone. The control is "
         "repeat_velocity; constant_velocity_tracked starts its closed loop as the models do. Intervals: 95%, clips "
@@ -113,14 +108,9 @@ def print_table_9(result: dict[str, Any], console: Console) -> None:
     )
 
 
-def _share(value: float, interval: list[float]) -> str:
-    digits = 2 if value < 10.0 else 1
-    return f"{value:.{digits}f} ({interval[0]:.{digits}f}-{interval[1]:.{digits}f})"
-
-
 def save_table_9(result: dict[str, Any], path: Path) -> None:
     """Draw both protocols' errors, as shares of the control's with 95% intervals, by model, as a PNG."""
-    figure, axes = _figure(2)
+    figure, (axes,) = new_figure(9.2, 4.2, 1, 2)
     for axis, protocol, colour in zip(axes, ("reconstruction", "closed_loop"), (GREEN, ORANGE), strict=True):
         left_out = {"constant_velocity"} | ({"constant_velocity_tracked"} if protocol == "reconstruction" else set())
         rows = [(name, errors[protocol]) for name, errors in result["models"].items() if name not in left_out][::-1]
@@ -133,12 +123,12 @@ def save_table_9(result: dict[str, Any], path: Path) -> None:
         axis.set_yticks(places, [name for name, _ in rows])
         axis.set_xlabel("ADE as a share of repeat_velocity's; 95%", fontsize=9)
         _finish(axis, protocol.replace("_", " "), "")
-    _save(figure, path)
+    save_png(figure, path, 110)
 
 
 def save_table_3(table: pl.DataFrame, path: Path) -> None:
     """Draw rewards, critic losses and held-out errors over the number of interactions, as a PNG."""
-    figure, (rewards, losses, errors) = _figure(3)
+    figure, ((rewards, losses, errors),) = new_figure(13.8, 4.2, 1, 3)
     rows = [row for row in table.iter_rows(named=True) if row.get("vehicle_reward") is not None]
     sizes = [_size(row) for row in rows]
     for agent in AGENTS:
@@ -168,12 +158,12 @@ def save_table_3(table: pl.DataFrame, path: Path) -> None:
     _finish(errors, "ADE on held-out clips", "share of the control's")
     for axis in (rewards, losses, errors):
         axis.set_xlabel("interactions learned from", fontsize=9)
-    _save(figure, path)
+    save_png(figure, path, 110)
 
 
 def save_table_5(table: pl.DataFrame, path: Path) -> None:
     """Draw rates with their intervals and held-out errors by weighting, with the paper's values, as a PNG."""
-    figure, (collisions, goals, errors) = _figure(3)
+    figure, ((collisions, goals, errors),) = new_figure(13.8, 4.2, 1, 3)
     rows = list(table.iter_rows(named=True))[::-1]
     places = list(range(len(rows)))
     for axis, name, colour in ((collisions, "collision", ORANGE), (goals, "goal", GREEN)):
@@ -193,7 +183,7 @@ def save_table_5(table: pl.DataFrame, path: Path) -> None:
     for axis, title in ((collisions, "collisions"), (goals, "goals"), (errors, "ADE on held-out clips")):
         axis.set_yticks(places, [row["weights"] for row in rows])
         _finish(axis, title, "")
-    _save(figure, path)
+    save_png(figure, path, 110)
 
 
 def _size(row: Row) -> int:
@@ -208,23 +198,6 @@ def _gaps(values: list[float | None]) -> list[float]:
     return [float("nan") if value is None else value for value in values]
 
 
-def _text(text: str) -> str:
-    """Return `text` so that rich takes no bracket in it for a style."""
-    return text.replace("[", r"\[")
-
-
-def _table(title: str, first: str) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, title=_text(title), title_justify="left", padding=(0, 1, 0, 0))
-    table.add_column(first, no_wrap=True)
-    return table
-
-
-def _figure(columns: int) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(4.6 * columns, 4.2), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure, list(figure.subplots(1, columns))
-
-
 def _finish(axis: Axes, title: str, beside: str) -> None:
     axis.set_title(title, fontsize=10)
     axis.set_ylabel(beside, fontsize=9)
@@ -233,8 +206,3 @@ def _finish(axis: Axes, title: str, beside: str) -> None:
     axis.set_axisbelow(True)
     if axis.get_legend_handles_labels()[0]:
         axis.legend(fontsize=7, frameon=False)
-
-
-def _save(figure: Figure, path: Path) -> None:
-    with written_whole(path) as part:
-        figure.savefig(part, format="png", dpi=110)

@@ -4,11 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from vpsci_ros.report import html
-from vpsci_ros.runs.files import write_json, written_whole
+from vpsci_ros.report.canvas import new_figure, save_png
+from vpsci_ros.runs.files import write_json
 from vpsci_ros.turing.answers import Answers
 from vpsci_ros.turing.clips import CONTROL, GENERATED, RECORDED, SOURCES
 from vpsci_ros.turing.score import MARGIN, PUBLISHED_ICC, score
@@ -39,9 +38,7 @@ def write_result(answers: Answers, folder: Path) -> dict[str, Any]:
 
 def save_figure(answers: Answers, path: Path) -> None:
     """Draw Figure 10: the mean score of each clip, and how the scores of each source are spread."""
-    figure = Figure(figsize=(10.0, 4.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    left, right = figure.subplots(1, 2, width_ratios=(2.0, 1.0))
+    figure, ((left, right),) = new_figure(10.0, 4.0, 1, 2, width_ratios=(2.0, 1.0))
     scenes = np.arange(answers.realism.shape[1])
     for i, source in enumerate(SOURCES):
         mean = answers.realism[..., i].mean(axis=0)
@@ -57,5 +54,4 @@ def save_figure(answers: Answers, path: Path) -> None:
         box.set_alpha(0.5)
     right.set_xticklabels([NAMES[source] for source in SOURCES], fontsize=8)
     right.set_ylim(0.8, 5.2)
-    with written_whole(path) as part:
-        figure.savefig(part, format="png", dpi=130)
+    save_png(figure, path)

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
 from vpsci_ros.data.near_misses import concat_near_misses
 from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.tables import text_table
 from vpsci_ros.safety import CRITICAL_TTC, HORIZON, PEDESTRIAN_RADIUS
 from vpsci_ros.world.observation import STEP
 
@@ -80,27 +79,24 @@ def least_quartiles(table: pl.DataFrame) -> tuple[float, float, float]:
 
 def print_import_summary(result: ImportResult, console: Console | None = None) -> None:
     """Print the table of `vpsci import`: clips, pairs, near misses, steps, quartiles of the least CurvTTC."""
-    names = ("clips", "pairs", "near misses", "steps", "of them critical")
-    cells = [
-        (row.source, (row.clips, row.pairs, row.near_misses, row.steps, row.critical_steps), row.quartiles)
-        for row in result.summaries
+    columns = [
+        (one.source, (one.clips, one.pairs, one.near_misses, one.steps, one.critical_steps), one.quartiles)
+        for one in result.summaries
     ]
-    if len(cells) > 1:
-        sums = tuple(sum(counts) for counts in zip(*(counts for _, counts, _ in cells), strict=True))
-        cells.append(("together", sums, least_quartiles(result.table)))
-    view = Table(box=box.SIMPLE_HEAD, title=f"Near misses: pairs whose CurvTTC falls below {CRITICAL_TTC:g} s")
-    view.add_column("")
-    for source, _, _ in cells:
-        view.add_column(source, justify="right")
-    for i, name in enumerate(names):
-        view.add_row(name, *(f"{counts[i]:,}" for _, counts, _ in cells))
+    if len(columns) > 1:
+        sums = tuple(sum(counts) for counts in zip(*(counts for _, counts, _ in columns), strict=True))
+        columns.append(("together", sums, least_quartiles(result.table)))
+    rows: list[list[str] | None] = []
+    for i, name in enumerate(("clips", "pairs", "near misses", "steps", "of them critical")):
+        rows.append([name, *(f"{counts[i]:,}" for _, counts, _ in columns)])
         if name == "near misses":
-            view.add_row("share of pairs", *(f"{counts[2] / max(counts[1], 1):.1%}" for _, counts, _ in cells))
-    view.add_section()
+            rows.append(["share of pairs", *(f"{counts[2] / max(counts[1], 1):.1%}" for _, counts, _ in columns)])
+    rows.append(None)
     for i, name in enumerate(("first quartile", "median", "third quartile")):
-        view.add_row(f"least CurvTTC, {name} [s]", *(f"{quartiles[i]:.2f}" for *_, quartiles in cells))
+        rows.append([f"least CurvTTC, {name} [s]", *(f"{quartiles[i]:.2f}" for *_, quartiles in columns)])
+    title = f"Near misses: pairs whose CurvTTC falls below {CRITICAL_TTC:g} s"
     console = console or Console()
-    console.print(view)
+    console.print(text_table(title, ("", *(source for source, _, _ in columns)), rows))
     for row in result.summaries:
         for text, count in row.left_out.items():
             console.print(f"{row.source}: left out {count:,} {text}")

@@ -1,0 +1,39 @@
+"""Figures that need no display, and that are written whole."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from vpsci_ros.runs.files import written_whole
+
+
+def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
+    """Return a figure of this size [inch] and its axes, object[rows, columns].
+
+    :param options: of `Figure.subplots`.
+    """
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def save_png(figure: Figure, path: str | Path, dpi: int = 130) -> None:
+    """Write a figure, whole or not at all.
+
+    :raises InvalidInput: the folder of `path` does not exist.
+    """
+    with written_whole(path) as part:
+        figure.savefig(part, format="png", dpi=dpi)
+
+
+def show_all(axis: Axes, points: NDArray[np.float64], margin: float) -> None:
+    """Show all points, float64[n, 2] [m], in a square window with so much [m] around them."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    half, centre = 0.5 * float((high - low).max()) + margin, 0.5 * (low + high)
+    axis.set_xlim(centre[0] - half, centre[0] + half)
+    axis.set_ylim(centre[1] - half, centre[1] + half)
