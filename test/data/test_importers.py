@@ -200,13 +200,13 @@ def test_a_folder_of_the_other_format_is_recognised_by_how_far_pedestrians_come(
     for name, rate in (("dut", RATE), ("citr", CITR_RATE)):
         (tmp_path / name).mkdir()
         write_clip(tmp_path / name, "meeting_01", rate=rate)
-    with pytest.raises(InvalidInput, match=r"belong to 30\.0 frames a second.*expected 23\.976.*--format vci-citr"):
+    with pytest.raises(InvalidInput, match=r"move 0\.8 times as fast.*23\.976 a second here.*--format vci-citr"):
         import_folders([tmp_path / "dut", tmp_path / "citr"], ["vci-dut"])
     with pytest.raises(InvalidInput, match="--format vci-dut for this folder"):
         import_trajectories(tmp_path / "dut", "vci-citr")
     (tmp_path / "other").mkdir()
     write_clip(tmp_path / "other", "meeting_01", rate=10.0)
-    with pytest.raises(InvalidInput, match=r"belong to 10\.0 frames a second.*convert the speeds"):
+    with pytest.raises(InvalidInput, match=r"move 2\.4 times as fast as their speeds say .*or units are others$"):
         import_trajectories(tmp_path / "other", "vci-dut")
 
 
@@ -241,8 +241,8 @@ def test_a_missing_column_is_named_with_the_file(clip_folder: Path) -> None:
         ("nan", 3, "line 12, column x_est: expected a finite number, got 'nan'"),
         ("", 5, "line 12, column vx_est: expected a finite number, got None"),
         ("fast", 6, "line 12, column vy_est: expected a finite number, got 'fast'"),
-        ("1.5", 0, r"line 12, column id: expected a whole number \(below 2\^53\), got '1.5'"),
-        ("11", 1, "line 12: frame 11 of id 3 does not come after its frame before"),
+        ("1.5", 0, r"line 12, column id: expected a whole number \(below 2\^53\), got 1.5"),
+        ("11", 1, "line 3: this frame of this road user comes twice"),
     ],
 )
 def test_a_bad_cell_is_named_with_line_and_column(clip_folder: Path, value: str, column: int, message: str) -> None:
@@ -265,13 +265,13 @@ def test_headings_with_y_down_are_suspected(tmp_path: Path) -> None:
     write_clip(tmp_path, "turned", turn=0.8)
     path = tmp_path / "turned_traj_veh_filtered.csv"
     edit(path, lambda lines: [lines[0], *(line.rsplit(",", 2)[0] + ",-0.8,5.0" for line in lines[1:])])
-    with pytest.raises(InvalidInput, match=r"psi_est: headings differ .* or with y down"):
+    with pytest.raises(InvalidInput, match=r"psi_est: headings differ .* y seems to point down"):
         import_trajectories(tmp_path, "vci-dut")
 
 
 def test_an_empty_and_a_ragged_file_are_refused(clip_folder: Path) -> None:
     edit(pedestrian_file(clip_folder), lambda lines: lines[:1])
-    with pytest.raises(InvalidInput, match=r"ped_filtered\.csv: expected one row a frame and agent, got none"):
+    with pytest.raises(InvalidInput, match=r"ped_filtered\.csv: expected one row a frame and road user, got none"):
         import_trajectories(clip_folder, "vci-dut")
     edit(pedestrian_file(clip_folder), lambda lines: [*lines, "3,10,ped,1,2,3,4,5,6,7"])
     with pytest.raises(InvalidInput, match=r"ped_filtered\.csv: not readable as CSV"):

@@ -84,7 +84,9 @@ def test_damaged_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"D1\.csv: expected"):
         import_trajectories(tmp_path, "hc")
     (tmp_path / "vehicle_tracks_000.csv").write_text("track_id,x\n1,2\n")
-    with pytest.raises(InvalidInput, match=r"vehicle_tracks_000\.csv: expected columns track_id, timestamp_ms"):
+    with pytest.raises(
+        InvalidInput, match=r"vehicle_tracks_000\.csv: expected columns track_id, timestamp_ms, agent_type"
+    ):
         import_trajectories(tmp_path, "taf-bw")
 
 

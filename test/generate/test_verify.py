@@ -10,9 +10,10 @@ import polars as pl
 import pytest
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS
+from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.parquet import read_metadata, write_parquet
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.verify import verify
+from vpsci_ros.generate.verify import job_of, verify
 from vpsci_ros.generate.workers import Serial
 from vpsci_ros.policy.weights import load_weights, save_weights
 
@@ -163,3 +164,15 @@ def test_not_a_number_equals_itself_and_infinity_too() -> None:
     assert first_difference(table, table.with_row_index("row"), 0.1) is None
     other = table.with_columns(value=pl.Series([np.nan, -np.inf, 1.0])).with_row_index("row")
     assert first_difference(table, other, 0.1) == "row 1 (count 0): value is -inf, simulated inf"
+
+
+def test_a_recorded_parameter_is_read_back_or_refused_by_name(copy) -> None:
+    description = json.loads((copy / "dataset.json").read_text())
+    policy = description["configuration"]["vehicle_policy"]
+    policy["noise.start"] = 2.0 * policy["noise.start"]
+    (copy / "dataset.json").write_text(json.dumps(description))
+    assert job_of(Dataset(copy)).policies["vehicle"].config.noise.start == policy["noise.start"]
+    policy["noise_start"] = 0.3
+    (copy / "dataset.json").write_text(json.dumps(description))
+    with pytest.raises(InvalidInput, match=r"dataset\.json, vehicle_policy: unknown parameter 'noise_start'"):
+        job_of(Dataset(copy))

@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table
+from rich.padding import Padding
 
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.evaluation.measure_series import MEASURES, CompareConfig, first_flags
@@ -130,7 +130,7 @@ def _weighted_medians(values: Floats, weights: Floats) -> Floats:
     return np.where(total[:, 0] > 0, middle, np.nan)
 
 
-def _matrix(result: Agreement, title: str, values: Floats, form: str) -> Table:
+def _matrix(result: Agreement, title: str, values: Floats, form: str) -> Padding:
     heads = [f"{name}\nn={conflicts}" for name, conflicts in zip(result.names, result.conflicts, strict=True)]
     rows = [
         (name, *("-" if i == j or np.isnan(value) else form.format(value) for j, value in enumerate(values[i])))
@@ -139,7 +139,7 @@ def _matrix(result: Agreement, title: str, values: Floats, form: str) -> Table:
     return text_table(title, ("", *heads), rows)
 
 
-def _beside_curvttc(result: Agreement) -> Table:
+def _beside_curvttc(result: Agreement) -> Padding:
     heads = ("conflicts", "both", "of its conflicts,\nCurvTTC flags", "of CurvTTC's,\nit flags", "CurvTTC earlier [s]")
     rows = [
         (

@@ -21,6 +21,15 @@ from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.scenario import own_documents
 
+RECORDED = {
+    "world_simulator": (RunConfig, WorldConfig),
+    "safety_monitor": (MonitorConfig,),
+    "vehicle_policy": (PolicyConfig,),
+    "pedestrian_policy": (PolicyConfig,),
+    "dataset": (DatasetConfig, FilterConfig),
+}
+"""Section of the configuration that a dataset records -> what it may hold."""
+
 
 class Unit(NamedTuple):
     """A piece of work: episodes of one scenario, by their numbers in rising order."""
@@ -72,7 +81,7 @@ class Job:
             "configuration": {
                 "world_simulator": {"scenarios": [s.number for s in self.scenarios], **values_of(self.world)},
                 "safety_monitor": asdict(self.monitor),
-                **{f"{agent}_policy": _recorded(policy.config) for agent, policy in self.policies.items()},
+                **{f"{agent}_policy": values_of(policy.config) for agent, policy in self.policies.items()},
                 "dataset": {"keep_rejected": self.keep_rejected, **asdict(self.filters)},
             },
             "weights": {
@@ -133,8 +142,3 @@ def _policy(config: PolicyConfig, where: str) -> Policy:
     weights_from_bytes(data, str(path))
     named = replace(config, weights=path.stem)  # where a file lies is nobody's business
     return Policy(data, path.stem, named)
-
-
-def _recorded(config: PolicyConfig) -> dict[str, Any]:
-    """Return a policy's parameters as datasets name them, with no groups."""
-    return {name.replace(".", "_"): value for name, value in values_of(config).items()}

@@ -20,8 +20,9 @@ from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes
 from vpsci_ros.documents import reason, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.compare import first_difference
-from vpsci_ros.generate.job import Job, Unit, job_from
+from vpsci_ros.generate.job import RECORDED, Job, Unit, job_from
 from vpsci_ros.generate.workers import Workers, computed
+from vpsci_ros.parameters import check_sections
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import cpu_name
 from vpsci_ros.runs.sections import Sections
@@ -105,9 +106,8 @@ def job_of(data: Dataset) -> Job:
     """
     where, description = data.folder / DESCRIPTION, data.description
     try:
-        sections = Sections(dict(description["configuration"]))
-        world = dict(sections.values["world_simulator"]) | {"seed": description["seed"]}
-        sections = sections.changed("world_simulator", world)
+        recorded = check_sections(dict(description["configuration"]), RECORDED, where)
+        sections = Sections(recorded).changed("world_simulator", {"seed": description["seed"]})
         stored = description["weights"]
         weights = {agent: data.folder / entry["file"] for agent, entry in stored.items()}
         scenario_files = description["scenario_files"]

@@ -4,15 +4,17 @@ from collections.abc import Iterable, Sequence
 
 from rich import box
 from rich.markup import escape
+from rich.padding import Padding
 from rich.table import Table
 
 
-def text_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str] | None]) -> Table:
-    """Return a table whose first column names the rows, to the left, and whose others are numbers, to the right.
+def text_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str] | None]) -> Padding:
+    """Return a table, a free line below: its first column names the rows, to the left, the others stand to the right.
 
     :param rows: their cells; None sets what follows apart.
     """
     view = Table(box=box.SIMPLE_HEAD, title=escape(title) or None, title_justify="left", padding=(0, 1, 0, 0))
+    view.show_edge = view.pad_edge = False
     for place, head in enumerate(heads):
         view.add_column(escape(head), justify="right" if place else "left", no_wrap=True)
     for cells in rows:
@@ -20,7 +22,7 @@ def text_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[str] | 
             view.add_section()
         else:
             view.add_row(*map(escape, cells))
-    return view
+    return Padding(view, (0, 0, 1, 0), expand=False)
 
 
 def quartiles_text(quartiles: Iterable[float]) -> str:

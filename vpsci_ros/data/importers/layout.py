@@ -6,7 +6,7 @@ takes a table by it, compares frame rate, units and headings with the motion its
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +30,8 @@ _TICKS = 1e6  # [1/s] resolution of times that are no frame numbers
 class Layout:
     """What the columns of a table of tracks are.
 
-    :ivar columns: of `id`, `frame` or `time`, `class`, `x`, `y`, and where there are `vx`, `vy`, `heading`, `length`,
-        `width`: the name of the column.
+    :ivar columns: of `id`, `frame` or `time`, `class`, `x`, `y`, and where there are `vx`, `vy`, `speed` (of vehicles,
+        along their heading), `heading`, `length`, `width`: the name of the column.
     :ivar vehicles, pedestrians: values of `class` that count as such; others are left out. Without a column `class`
         every track is of the one kind for which this says anything.
     :ivar frame_rate: frames a second, where there is `frame`.
@@ -39,6 +39,8 @@ class Layout:
     :ivar metres: metres in one unit of positions, speeds (a second) and sizes.
     :ivar degrees: headings are in degrees.
     :ivar y_down: y points down or right of x, so it changes its sign, as headings do.
+    :ivar rates: frames a second of the formats for which this one may be mistaken, by their names.
+    :ivar speeds_agree: with positions, so that a wrong frame rate or unit shows; those of online tracking may not.
     """
 
     columns: Mapping[str, str]
@@ -49,6 +51,8 @@ class Layout:
     metres: float = 1.0
     degrees: bool = False
     y_down: bool = False
+    rates: Mapping[str, float] = field(default_factory=dict)
+    speeds_agree: bool = True
 
 
 def read_csv(path: Path) -> pl.DataFrame:
@@ -79,13 +83,14 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
             pedestrians += [_pedestrian(track) for track in resample(walkers, _rate(layout))]
         if len(cars := _canonical(table, layout, layout.vehicles, path)):
             if "heading" in cars.columns:
-                _check_heading(cars, path)
+                _check_heading(cars, layout, path)
             forward, backwards = _forward(cars)
             left_out[BACKWARDS] += backwards
             vehicles += [_vehicle(track) for track in resample(forward, _rate(layout), angle="heading")]
             assumed += ["headings are directions of motion"] if "heading" not in cars.columns else []
             assumed += ["sizes of vehicles are the format's"] if "length" not in cars.columns else []
-        assumed += ["velocities are slopes of positions over 0.4 s"] if "vx" not in layout.columns else []
+        measured = {"vx", "speed"} & set(layout.columns)
+        assumed += [] if measured else ["velocities are slopes of positions over 0.4 s"]
     return Clip(name, vehicles, pedestrians, left_out, tuple(dict.fromkeys(assumed)))
 
 
@@ -116,21 +121,12 @@ def _canonical(table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path:
     names = [name for name in layout.columns if name not in ("id", "class", "frame", "time")]
     if kinds == layout.pedestrians:
         names = [name for name in names if name in ("x", "y", "vx", "vy")]
-    ids = rows[layout.columns["id"]]
-    if ids.null_count():
-        at = line[int(ids.is_null().arg_max() or 0)]
-        raise InvalidInput(f"{path}: line {at}, column {layout.columns['id']}: expected an id, got nothing")
-    found = {"id": _ids(ids)}
-    clock = "frame" if "frame" in layout.columns else "time"
-    ticks = _numbers(rows, line, layout.columns[clock], path)
-    if clock == "time":
+    found = {"id": _ids(rows, line, layout.columns["id"], path)}
+    clock = layout.columns["frame" if "frame" in layout.columns else "time"]
+    ticks = _numbers(rows, line, clock, path)
+    if "time" in layout.columns:
         ticks = (ticks * (layout.time_unit * _TICKS)).round()
-    if (ticks.abs() >= LARGEST).any():
-        at = int((ticks.abs() >= LARGEST).arg_max() or 0)
-        raise InvalidInput(
-            f"{path}: line {line[at]}, column {layout.columns[clock]}: expected a {clock} below 2^53, got {ticks[at]:g}"
-        )
-    found["frame"] = ticks.cast(pl.Int64)
+    found["frame"] = _whole(ticks, line, clock, path)
     for name in names:
         found[name] = _numbers(rows, line, layout.columns[name], path) * (1.0 if name == "heading" else layout.metres)
     if "heading" in found and layout.degrees:
@@ -142,15 +138,32 @@ def _canonical(table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path:
     if twice.height:
         raise InvalidInput(f"{path}: line {twice['line'][0]}: this frame of this road user comes twice; keep one")
     tracks = tracks.drop("line")
-    if "vx" in found:
-        _check_rate(tracks, _rate(layout), path)
+    if "vx" in found and layout.speeds_agree:
+        _check_rate(tracks, layout, path)
     return tracks
 
 
-def _ids(column: pl.Series) -> pl.Series:
-    """Return ids as whole numbers; where they are names, their places in alphabetical order."""
-    numbers = column.cast(pl.Int64, strict=False)
-    return numbers if numbers.null_count() == 0 else column.cast(pl.String).rank("dense").cast(pl.Int64)
+def _ids(rows: pl.DataFrame, line: pl.Series, column: str, path: Path) -> pl.Series:
+    """Return ids as whole numbers; where there are names among them, their places in alphabetical order."""
+    ids = rows[column]
+    if ids.null_count():
+        at = line[int(ids.is_null().arg_max() or 0)]
+        raise InvalidInput(f"{path}: line {at}, column {column}: expected an id, got nothing")
+    numbers = ids.cast(pl.Float64, strict=False)
+    if numbers.null_count():
+        return ids.cast(pl.String).rank("dense").cast(pl.Int64)
+    whole = ids.cast(pl.Int64, strict=False)
+    return _whole(numbers, line, column, path) if whole.null_count() or ids.dtype.is_float() else whole
+
+
+def _whole(numbers: pl.Series, line: pl.Series, column: str, path: Path) -> pl.Series:
+    bad = (numbers != numbers.round()) | (numbers.abs() >= LARGEST)
+    if bad.any():
+        at = int(bad.arg_max() or 0)
+        raise InvalidInput(
+            f"{path}: line {line[at]}, column {column}: expected a whole number (below 2^53), got {numbers[at]:g}"
+        )
+    return numbers.cast(pl.Int64)
 
 
 def _numbers(rows: pl.DataFrame, line: pl.Series, column: str, path: Path) -> pl.Series:
@@ -174,8 +187,9 @@ def steps(tracks: pl.DataFrame, rate: float) -> pl.DataFrame:
     return tracks.with_columns(**ahead, seconds=seconds).drop_nulls()
 
 
-def _check_rate(tracks: pl.DataFrame, rate: float, path: Path) -> None:
+def _check_rate(tracks: pl.DataFrame, layout: Layout, path: Path) -> None:
     """Refuse times or units by which road users come further, or less far, than their speeds say."""
+    rate = _rate(layout)
     speed = (pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt()
     moving = steps(tracks, rate).with_columns(speed=speed).filter(pl.col("speed") > WALKING)
     if moving.is_empty():
@@ -183,23 +197,27 @@ def _check_rate(tracks: pl.DataFrame, rate: float, path: Path) -> None:
     came = (moving["dx"] ** 2 + moving["dy"] ** 2).sqrt() / moving["seconds"]
     ratio = float(np.median((came / moving["speed"]).to_numpy()))
     if abs(ratio - 1.0) > RATE_TOLERANCE:
+        fits = [name for name, own in layout.rates.items() if abs(rate / ratio / own - 1.0) < RATE_TOLERANCE]
+        hint = f"; this looks like {fits[0]}: give --format {fits[0]} for this folder" if fits else ""
         raise InvalidInput(
             f"{path}: by positions and times road users move {ratio:.3g} times as fast as their speeds say (median); "
-            f"frame rate ({rate:g} a second here) or units are others"
+            f"frame rate ({rate:g} a second here) or units are others{hint}"
         )
 
 
-def _check_heading(cars: pl.DataFrame, path: Path) -> None:
+def _check_heading(cars: pl.DataFrame, layout: Layout, path: Path) -> None:
     """Refuse headings that are not radians counter-clockwise from x, by comparing them with the motion."""
-    moved = steps(cars, 1.0)
-    speed = (moved["vx"] ** 2 + moved["vy"] ** 2).sqrt() if "vx" in moved.columns else None
-    moved = moved.filter(((pl.col("dx") ** 2 + pl.col("dy") ** 2).sqrt() > 0.05) if speed is None else speed > MOVING)
+    moved = steps(cars, _rate(layout))
+    way = (moved["dx"] ** 2 + moved["dy"] ** 2).sqrt()
+    if "vx" in moved.columns:
+        moved = moved.with_columns(speed=(pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt())
+    moved = moved.filter((moved["speed"] > MOVING) & (way > 0.0) if "speed" in moved.columns else way > 0.05)
     if moved.is_empty():
         return
     direction = np.arctan2(moved["dy"].to_numpy(), moved["dx"].to_numpy())
     heading = moved["heading"].to_numpy()
-    apart = median_angle(direction - heading)
-    if apart <= ASKEW:
+    apart, as_degrees = median_angle(direction - heading), median_angle(direction - np.radians(heading))
+    if apart <= ASKEW and not (np.abs(heading).max() > 2.0 * np.pi and as_degrees < apart):
         return
     guesses = {
         "they look like degrees": np.radians(heading),
@@ -208,8 +226,8 @@ def _check_heading(cars: pl.DataFrame, path: Path) -> None:
     }
     fits = [guess for guess, angles in guesses.items() if median_angle(direction - angles) < ASKEW]
     raise InvalidInput(
-        f"{path}: headings differ from the direction of motion by {apart:.2f} rad (median); expected radians "
-        f"counter-clockwise from x; {fits[0] if fits else 'they are measured from another axis'}"
+        f"{path}: column {layout.columns['heading']}: headings differ from the direction of motion by {apart:.2f} rad "
+        f"(median); expected radians counter-clockwise from x; {fits[0] if fits else 'they are measured otherwise'}"
     )
 
 
@@ -220,9 +238,12 @@ def median_angle(difference: Floats) -> float:
 
 def _forward(cars: pl.DataFrame) -> tuple[pl.DataFrame, int]:
     """Return the rows in which a car does not drive backwards, and how many the others are."""
-    if not {"vx", "heading"} <= set(cars.columns):
+    if "speed" in cars.columns:
+        along = pl.col("speed")
+    elif {"vx", "heading"} <= set(cars.columns):
+        along = pl.col("vx") * pl.col("heading").cos() + pl.col("vy") * pl.col("heading").sin()
+    else:
         return cars, 0
-    along = pl.col("vx") * pl.col("heading").cos() + pl.col("vy") * pl.col("heading").sin()
     forward = cars.filter(along >= REVERSING)
     return forward, cars.height - forward.height
 
@@ -237,11 +258,13 @@ def _pedestrian(track: Track) -> Track:
 
 
 def _vehicle(track: Track) -> Track:
-    own = track.values
-    vx, vy = _velocity(own)
-    heading = own["heading"] if "heading" in own else _courses(vx, vy)
-    speed = np.maximum(vx * np.cos(heading) + vy * np.sin(heading), 0.0)
-    size = None
+    own, size = track.values, None
+    if "speed" in own:
+        heading, speed = own["heading"], np.maximum(own["speed"], 0.0)
+    else:
+        vx, vy = _velocity(own)
+        heading = own["heading"] if "heading" in own else _courses(vx, vy)
+        speed = np.maximum(vx * np.cos(heading) + vy * np.sin(heading), 0.0)
     if "length" in own and own["length"][0] > 0.0 and own["width"][0] > 0.0:
         size = float(np.median(own["length"])), float(np.median(own["width"]))
     values = {"x": own["x"], "y": own["y"], "heading": heading, "speed": speed}

@@ -7,20 +7,26 @@ out and bridged.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.importers.importer import BACKWARDS, Clip, Importer
-from vpsci_ros.data.importers.layout import REVERSING
-from vpsci_ros.data.importers.tracks import Floats, Track, read_tracks_csv, resample
+from vpsci_ros.data.importers.importer import Clip, Importer
+from vpsci_ros.data.importers.layout import Layout, clip_of, read_csv
+from vpsci_ros.data.importers.tracks import Track, require_columns
 from vpsci_ros.errors import InvalidInput
 
 _PATTERN = "vehicle_tracks_*.csv"
-_VALUES = ("x", "y", "vx", "vy", "psi_rad")
-_FRAME_RATE = 1000.0  # [1/s] of timestamp_ms
-VEHICLES, PEDESTRIANS = ("car", "truck", "bus", "van"), ("pedestrian", "pedestrian/bicycle")
+_LAYOUT = Layout(
+    {"id": "track_id", "time": "timestamp_ms", "class": "agent_type", "heading": "psi_rad"}
+    | {name: name for name in ("x", "y", "vx", "vy")},
+    vehicles=frozenset({"car", "truck", "bus", "van"}),
+    pedestrians=frozenset({"pedestrian", "pedestrian/bicycle"}),
+    time_unit=1e-3,
+    speeds_agree=False,
+)
 _FROZEN = 0.3  # [m/s] a track that says it moves faster than this, and does not move, is frozen
 _FLIP = 0.5  # [rad] a heading that turns by more in 0.1 s
 
@@ -46,53 +52,24 @@ def read_clip(name: str, path: Path) -> Clip:
 
     :raises InvalidInput: a column is missing or holds something else.
     """
-    table, kinds = _read(path)
-    moving = table.filter(~_frozen(table))
-    vehicles, pedestrians = (
-        moving.filter(pl.col("id").is_in([number for number, kind in kinds.items() if kind in of]))
-        for of in (VEHICLES, PEDESTRIANS)
-    )
-    along = pl.col("vx") * pl.col("psi_rad").cos() + pl.col("vy") * pl.col("psi_rad").sin()
-    forward = vehicles.filter(along >= REVERSING)
-    return Clip(
-        name,
-        [
-            Track(piece.number, piece.first, _vehicle(piece.values))
-            for track in resample(forward, _FRAME_RATE, angle="psi_rad")
-            for piece in _without_flips(track)
-        ],
-        [
-            Track(t.number, t.first, {key: t.values[key] for key in ("x", "y", "vx", "vy")})
-            for t in resample(pedestrians.drop("psi_rad"), _FRAME_RATE)
-        ],
-        {BACKWARDS: vehicles.height - forward.height},
-    )
-
-
-def _read(path: Path) -> tuple[pl.DataFrame, dict[int, str]]:
-    """Return id, frame [ms] and `_VALUES` of a file, and the kind of each id in lower case."""
-    table = read_tracks_csv(path, _VALUES, ("track_id", "timestamp_ms"))
-    kinds = pl.read_csv(path, columns=["track_id", "agent_type"], schema_overrides={"agent_type": pl.String})
-    first = kinds.group_by("track_id").agg(pl.col("agent_type").first().str.to_lowercase())
-    return table, dict(first.rows())
+    table = read_csv(path)
+    require_columns(table, _LAYOUT.columns.values(), path)
+    kind = pl.col("agent_type").first().over("track_id").str.to_lowercase()
+    clip = clip_of(name, {path: (table.with_columns(kind).filter(~_frozen(table)), _LAYOUT)})
+    return replace(clip, vehicles=[piece for track in clip.vehicles for piece in _without_flips(track)])
 
 
 def _frozen(table: pl.DataFrame) -> pl.Series:
     """Return which rows repeat the position before, though the agent says that it moves."""
-    still = (pl.col("x").diff().over("id") == 0.0) & (pl.col("y").diff().over("id") == 0.0)
-    moving = (pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt() > _FROZEN
+    x, y, vx, vy = (pl.col(name).cast(pl.Float64, strict=False) for name in ("x", "y", "vx", "vy"))
+    still = (x.diff().over("track_id") == 0.0) & (y.diff().over("track_id") == 0.0)
+    moving = (vx**2 + vy**2).sqrt() > _FROZEN
     return table.select((still & moving).fill_null(False).alias("frozen"))["frozen"]
 
 
 def _without_flips(track: Track) -> Iterator[Track]:
     """Yield the pieces of a track between two steps at which the tracker took the front for the rear."""
-    cuts = np.flatnonzero(np.abs(np.diff(track.values["psi_rad"])) > _FLIP) + 1
+    cuts = np.flatnonzero(np.abs(np.diff(track.values["heading"])) > _FLIP) + 1
     for piece in np.split(np.arange(track.last - track.first + 1), cuts):
         own = slice(int(piece[0]), int(piece[-1]) + 1)
         yield Track(track.number, track.first + own.start, {name: v[own] for name, v in track.values.items()})
-
-
-def _vehicle(values: dict[str, Floats]) -> dict[str, Floats]:
-    heading = values["psi_rad"]
-    along = values["vx"] * np.cos(heading) + values["vy"] * np.sin(heading)
-    return {"x": values["x"], "y": values["y"], "heading": heading, "speed": np.maximum(along, 0.0)}

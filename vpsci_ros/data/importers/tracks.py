@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.documents import reason, shown
+from vpsci_ros.documents import reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
 
@@ -39,30 +39,6 @@ class Track:
         return self.first + len(next(iter(self.values.values()))) - 1
 
 
-def read_tracks_csv(path: Path, columns: tuple[str, ...], keys: tuple[str, str] = ("id", "frame")) -> pl.DataFrame:
-    """Read `id`, `frame` (whole numbers) and `columns` (finite numbers) of one CSV; other columns are left out.
-
-    :param keys: what the file calls id and frame.
-    :raises InvalidInput: unreadable, a missing column, no row, a value that is missing, text or not finite, or frames
-        of an id that do not increase; names file, column, line and what to do.
-    """
-    text = read_text(path)
-    wanted = (*keys, *columns)
-    require_columns(text, wanted, path)
-    if text.is_empty():
-        raise InvalidInput(f"{path}: expected one row a frame and agent, got none; remove the clip or restore the file")
-    numbers = (_numbers(text, name, name not in columns, path) for name in wanted)
-    table = text.select(numbers).rename(dict(zip(keys, ("id", "frame"), strict=True)))
-    step = table.select((pl.col("frame").diff().over("id") <= 0).fill_null(False).alias("back"))["back"]
-    if step.any():
-        row = int(step.arg_max() or 0)
-        raise InvalidInput(
-            f"{path}: line {row + 2}: frame {table['frame'][row]} of id {table['id'][row]} does not come after its "
-            "frame before; expected frames in increasing order, each once per id"
-        )
-    return table
-
-
 def read_text(path: Path) -> pl.DataFrame:
     """Return a CSV file with every value as text.
 
@@ -83,20 +59,6 @@ def require_columns(table: pl.DataFrame, names: Iterable[str], path: Path) -> No
             f"{path}: expected columns {', '.join(names)}; {', '.join(missing)} is missing, the file has "
             f"{', '.join(table.columns)}; take the file as published"
         )
-
-
-def _numbers(text: pl.DataFrame, name: str, whole: bool, path: Path) -> pl.Series:
-    numbers = text[name].str.strip_chars().cast(pl.Float64, strict=False)
-    good = numbers.is_finite() & ((numbers == numbers.round(0)) & (numbers.abs() < LARGEST) if whole else True)
-    bad = ~good.fill_null(False)
-    if bad.any():
-        row = int(bad.arg_max() or 0)
-        kind = "a whole number (below 2^53)" if whole else "a finite number"
-        raise InvalidInput(
-            f"{path}: line {row + 2}, column {name}: expected {kind}, got {shown(text[name][row])}; "
-            "correct the file or remove that agent's rows"
-        )
-    return numbers.cast(pl.Int64) if whole else numbers
 
 
 def resample(table: pl.DataFrame, frame_rate: float, angle: str | None = None) -> Iterator[Track]:

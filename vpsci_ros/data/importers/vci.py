@@ -10,19 +10,17 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-import polars as pl
-
-from vpsci_ros.data.importers.importer import BACKWARDS, Clip, Importer
-from vpsci_ros.data.importers.layout import ASKEW, MOVING, RATE_TOLERANCE, REVERSING, WALKING, median_angle, steps
-from vpsci_ros.data.importers.tracks import read_tracks_csv, resample
+from vpsci_ros.data.importers.importer import Clip, Importer
+from vpsci_ros.data.importers.layout import Layout, clip_of, read_csv
 from vpsci_ros.errors import InvalidInput
 
 _VEHICLE_END = "_traj_veh_filtered.csv"
 _PEDESTRIAN_END = "_traj_ped_filtered.csv"
 _NO_VEHICLE = "_no_vehicle_"
-_VEHICLE = {"x_est": "x", "y_est": "y", "psi_est": "heading", "vel_est": "speed"}
-_PEDESTRIAN = {"x_est": "x", "y_est": "y", "vx_est": "vx", "vy_est": "vy"}
+_TRACK = {"id": "id", "frame": "frame", "x": "x_est", "y": "y_est"}
+_VEHICLE = _TRACK | {"heading": "psi_est", "speed": "vel_est"}
+_PEDESTRIAN = _TRACK | {"vx": "vx_est", "vy": "vy_est"}
+_KIND = frozenset({"label"})  # every track of a file is of one kind
 
 FRAME_RATES = {"vci-dut": 23.976, "vci-citr": 29.97}  # [1/s]
 
@@ -64,53 +62,8 @@ def find_clips(folder: str | Path) -> list[tuple[str, Path, Path]]:
 
 
 def read_clip(name: str, pedestrian_file: Path, vehicle_file: Path, frame_rate: float) -> Clip:
-    """Read one clip and resample its tracks to 0.1 s; see `tracks.resample` for gaps.
-
-    Speeds that the filter puts just below zero on standing vehicles become zero.
-
-    :raises InvalidInput: a file that does not hold what it should, or headings or a frame rate that contradict the
-        motion.
-    """
-    vehicles = read_tracks_csv(vehicle_file, tuple(_VEHICLE)).rename(_VEHICLE)
-    pedestrians = read_tracks_csv(pedestrian_file, tuple(_PEDESTRIAN)).rename(_PEDESTRIAN)
-    _check_frame_rate(pedestrians, frame_rate, pedestrian_file)
-    _check_heading(vehicles, frame_rate, vehicle_file)
-    forward = vehicles.filter(pl.col("speed") >= REVERSING)
-    cars = list(resample(forward, frame_rate, angle="heading"))
-    for track in cars:
-        track.values["speed"] = np.maximum(track.values["speed"], 0.0)
-    return Clip(name, cars, list(resample(pedestrians, frame_rate)), {BACKWARDS: vehicles.height - forward.height})
-
-
-def _check_frame_rate(pedestrians: pl.DataFrame, frame_rate: float, path: Path) -> None:
-    """Refuse a frame rate by which pedestrians come further, or less far, than their speeds say: the other format's."""
-    speed = (pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt()
-    moving = steps(pedestrians, 1.0).with_columns(speed=speed).filter(pl.col("speed") > WALKING)
-    if moving.is_empty():
-        return
-    came = (moving["dx"] ** 2 + moving["dy"] ** 2).sqrt() / moving["seconds"]  # [m] a frame
-    rate = 1.0 / float(np.median(came / moving["speed"]))
-    if abs(rate / frame_rate - 1.0) > RATE_TOLERANCE:
-        fits = next((name for name, own in FRAME_RATES.items() if abs(rate / own - 1.0) < RATE_TOLERANCE), "")
-        hint = f"this looks like {fits}: give --format {fits} for this folder" if fits else "convert the speeds"
-        raise InvalidInput(
-            f"{path}: pedestrians' speeds and positions belong to {rate:.1f} frames a second (median), "
-            f"expected {frame_rate:g}; {hint}"
-        )
-
-
-def _check_heading(vehicles: pl.DataFrame, frame_rate: float, path: Path) -> None:
-    """Refuse headings that are not radians counter-clockwise from x, by comparing them with the motion."""
-    way = (pl.col("dx") ** 2 + pl.col("dy") ** 2).sqrt()
-    following = steps(vehicles, frame_rate).filter(way * frame_rate > MOVING, pl.col("speed") > MOVING)
-    if following.is_empty():
-        return
-    direction, heading = np.arctan2(*following.select("dy", "dx").to_numpy().T), following["heading"].to_numpy()
-    apart, as_degrees = median_angle(direction - heading), median_angle(direction - np.radians(heading))
-    degrees = np.abs(heading).max() > 2.0 * np.pi and as_degrees < apart
-    if apart > ASKEW or degrees:
-        guess = "they look like degrees" if degrees else "they may be measured from another axis, or with y down"
-        raise InvalidInput(
-            f"{path}: column psi_est: headings differ from the direction of motion by {apart:.2f} rad (median), the "
-            f"largest is {np.abs(heading).max():.4g}; expected radians counter-clockwise from x; {guess}: convert them"
-        )
+    """Read one clip; see `layout.clip_of`."""
+    vehicle = Layout(_VEHICLE, _KIND, frozenset(), frame_rate, rates=FRAME_RATES)
+    pedestrian = Layout(_PEDESTRIAN, frozenset(), _KIND, frame_rate, rates=FRAME_RATES)
+    layouts = {pedestrian_file: pedestrian, vehicle_file: vehicle}
+    return clip_of(name, {file: (read_csv(file), layout) for file, layout in layouts.items()})
