@@ -9,11 +9,11 @@ from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
-from vpsci_ros.nodes.config import GraphConfig, PeerConfig, RecorderConfig, ReplayerConfig
+from vpsci_ros.nodes.config import GraphConfig, RecorderConfig, ReplayerConfig
 from vpsci_ros.nodes.topics import SERVICES, TOPICS
 from vpsci_ros.parameters import Parameter, markdown_table, table
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.config import PeerConfig, RunConfig
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.monitor import MonitorConfig

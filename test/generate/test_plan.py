@@ -3,11 +3,11 @@
 import pytest
 
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.generate.plan import Plan
+from vpsci_ros.generate.plan import DatasetPlan
 
 
-def plan(targets: dict[int, int], size: int = 10, give_up: float = 100.0) -> Plan:
-    return Plan(targets, 5, size, give_up)
+def plan(targets: dict[int, int], size: int = 10, give_up: float = 100.0) -> DatasetPlan:
+    return DatasetPlan(targets, 5, size, give_up)
 
 
 def test_units_are_consecutive_blocks_from_the_first_episode_on() -> None:

@@ -1,11 +1,11 @@
 """What a run shows where there is no terminal."""
 
-from vpsci_ros.generate.plan import Plan
+from vpsci_ros.generate.plan import DatasetPlan
 from vpsci_ros.generate.progress import ProgressOfRun
 
 
 def shown(capsys, quiet: bool) -> str:
-    plan = Plan({1: 20, 2: 20}, 0, 10, 100.0)
+    plan = DatasetPlan({1: 20, 2: 20}, 0, 10, 100.0)
     with ProgressOfRun({1: "LocationA_PedCross_S-N", 2: "LocationA_PedCross_N-S"}, quiet=quiet, interval=0.0) as bar:
         plan.scenarios[1].take(plan.scenarios[1].unit(0), 10)
         bar.show(plan)
@@ -22,7 +22,7 @@ def test_a_line_tells_kept_simulated_rate_and_time_left(capsys) -> None:
 
 
 def test_a_unit_that_keeps_more_than_was_wanted_makes_no_rate_negative(capsys) -> None:
-    plan = Plan({1: 20}, 0, 30, 100.0)
+    plan = DatasetPlan({1: 20}, 0, 30, 100.0)
     with ProgressOfRun({1: "LocationA_PedCross_S-N"}, interval=0.0) as bar:
         plan.scenarios[1].take(plan.scenarios[1].unit(0), 27)
         bar.show(plan)
@@ -31,7 +31,7 @@ def test_a_unit_that_keeps_more_than_was_wanted_makes_no_rate_negative(capsys) -
 
 
 def test_a_run_that_is_over_before_a_line_is_due_says_how_it_ended(capsys) -> None:
-    plan = Plan({1: 20}, 0, 30, 100.0)
+    plan = DatasetPlan({1: 20}, 0, 30, 100.0)
     with ProgressOfRun({1: "LocationA_PedCross_S-N"}) as bar:
         bar.show(plan)
         plan.scenarios[1].take(plan.scenarios[1].unit(0), 20)

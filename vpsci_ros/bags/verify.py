@@ -19,13 +19,13 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.recorded import recorded_from_bag
 from vpsci_ros.bags.run_record import BagRun, bag_run
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import pick
+from vpsci_ros.parameters import pick, refuse_unknown, table
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.config import PeerConfig, RunConfig
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import cpu_name
 from vpsci_ros.wire import layout
@@ -36,6 +36,7 @@ from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.safe_stop import ExternalConfig
 from vpsci_ros.world.scenario import scenario_from
 from vpsci_ros.world.state import (
     PEDESTRIAN_ACTION_MISSING,
@@ -112,6 +113,15 @@ def verify_bag(path: str | Path, *, weights: str = "", recover: bool = False) ->
     return result
 
 
+RECORDED: dict[str, tuple[type, ...]] = {
+    "world_simulator": (RunConfig, LockStepConfig, ExternalConfig, WorldConfig),
+    "safety_monitor": (MonitorConfig,),
+    "vehicle_policy": (PolicyConfig,),
+    "pedestrian_policy": (PolicyConfig,),
+}
+"""Node -> what of its parameters, as the bag holds them, may be there; some more decide nothing here."""
+
+
 class _Simulation:
     """The world, monitor and policies that a bag names."""
 
@@ -126,6 +136,9 @@ class _Simulation:
             raise InvalidInput(
                 f"{self._where}: it does not hold the parameters of the nodes, so no recorder of vpsci_ros wrote it"
             )
+        for node, kinds in RECORDED.items():
+            known = {row.name: row for kind in (PeerConfig, *kinds) for row in table(kind)} | {"queue": None}
+            refuse_unknown(run.parameters.get(node, {}), known, f"{self._where}: {node}")
         config = pick(WorldConfig, world, "world_simulator")
         self.cpu = run.software.get("cpu", "")
         external = [agent for agent in AGENTS if getattr(config, f"{agent}_driver") == "external"]

@@ -14,11 +14,11 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.datasheet import datasheet
 from vpsci_ros.generate.job import Job
 from vpsci_ros.generate.journal import Journal
-from vpsci_ros.generate.plan import Plan, ScenarioPlan
+from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
 
 
 def assemble(
-    job: Job, plan: Plan, journal: Journal, folder: Path, formats: Sequence[str], provenance: Mapping[str, Any]
+    job: Job, plan: DatasetPlan, journal: Journal, folder: Path, formats: Sequence[str], provenance: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Write every file of the dataset, dataset.json last, and return its content.
 

@@ -81,7 +81,7 @@ class ScenarioPlan:
         self._kept[place] = kept
 
 
-class Plan:
+class DatasetPlan:
     """All scenarios of a run.
 
     :param targets: kept episodes wanted by scenario.

@@ -2,7 +2,7 @@
 
 import time
 
-from vpsci_ros.generate.plan import Plan, ScenarioPlan
+from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
 from vpsci_ros.runs.progress import LINE_EVERY, Bars
 from vpsci_ros.runs.tables import short_name
 
@@ -22,7 +22,7 @@ class ProgressOfRun(Bars):
         super().__enter__()
         return self
 
-    def show(self, plan: Plan) -> None:
+    def show(self, plan: DatasetPlan) -> None:
         """Bring the display up to date."""
         if self._before is None:  # what an earlier run had done does not count for this one's rate
             self._before = {number: _counted(scenario) for number, scenario in plan.scenarios.items()}

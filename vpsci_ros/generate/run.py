@@ -14,13 +14,13 @@ from vpsci_ros.generate.assemble import assemble
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import Job
 from vpsci_ros.generate.journal import Journal, journal_of
-from vpsci_ros.generate.plan import Plan, ScenarioPlan
+from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
 from vpsci_ros.generate.workers import Processes, Serial, Workers, computed
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
 
 RECORD = "generation.json"
-Report = Callable[[Plan], None]
+Report = Callable[[DatasetPlan], None]
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def generate(
         if journal is None:
             description = read_json(folder / DESCRIPTION)
             return Generated(description, 0, (0.0, 0.0))
-        plan = Plan(targets, first, journal.unit, config.give_up)
+        plan = DatasetPlan(targets, first, journal.unit, config.give_up)
         for scenario in plan.scenarios.values():
             _resume(scenario, journal)
         try:
@@ -115,7 +115,7 @@ def _resume(scenario: ScenarioPlan, journal: Journal) -> None:
             scenario.take(unit, int(block.kept.sum()))
 
 
-def _compute(plan: Plan, journal: Journal, workers: Workers, report: Report | None) -> int:
+def _compute(plan: DatasetPlan, journal: Journal, workers: Workers, report: Report | None) -> int:
     episodes = 0
     try:
         for unit, data in computed(workers, plan.next):

@@ -20,7 +20,7 @@ from rclpy.timer import Timer
 
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.nodes import status as reporting
-from vpsci_ros.nodes.config import LEARNER, SECTIONS, PeerConfig, section_classes
+from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.domain import set_defaults
 from vpsci_ros.nodes.intake import Intake
@@ -29,6 +29,7 @@ from vpsci_ros.nodes.parameter_service import RefusingParameterService
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
 from vpsci_ros.parameters import Parameter, pick, refuse_unknown, table
+from vpsci_ros.runs.config import PeerConfig
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 from vpsci_ros.world.counts import WorldCounts
 

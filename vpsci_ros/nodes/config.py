@@ -9,7 +9,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
 from vpsci_ros.parameters import build, parameter
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.config import PeerConfig, RunConfig
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.monitor import MonitorConfig
@@ -55,16 +55,6 @@ class GraphConfig:
         parts = self.namespace.split("/")
         if self.namespace and (parts[0] or not all(part.isidentifier() for part in parts[1:])):
             raise InvalidInput(f"namespace = {self.namespace!r}: expected names after slashes, such as /left")
-
-
-@dataclass(frozen=True)
-class PeerConfig:
-    """What every node has: the peers it waits for before it publishes."""
-
-    peers: list[str] = parameter([], "nodes of this graph; empty: only those without which this node cannot work")
-    peer_timeout: float = parameter(
-        60.0, "wait so long for peers to appear before giving up", unit="s", low=0.1, high=86400.0
-    )
 
 
 @dataclass(frozen=True)

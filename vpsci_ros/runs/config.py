@@ -1,4 +1,4 @@
-"""Parameters of a run in simulation: which episodes, and how many at once."""
+"""Parameters of a run in simulation: which episodes, how many at once, and which peers its nodes wait for."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -6,6 +6,16 @@ from functools import cached_property
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
+
+
+@dataclass(frozen=True)
+class PeerConfig:
+    """What every node has: the peers it waits for before it publishes."""
+
+    peers: list[str] = parameter([], "nodes of this graph; empty: only those without which this node cannot work")
+    peer_timeout: float = parameter(
+        60.0, "wait so long for peers to appear before giving up", unit="s", low=0.1, high=86400.0
+    )
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ _STILL = 0.02  # [m] a step shorter than this does not turn the vehicle
 
 
 @dataclass(frozen=True)
-class Clip:
+class RatedClip:
     """One thing to be judged.
 
     :ivar name: says nothing of the source.
@@ -66,7 +66,7 @@ def draw_scenes(table: pl.DataFrame, count: int, seed: int) -> Onsets:
     return onsets.take(np.sort(chosen))
 
 
-def make_clips(onsets: Onsets, weights: Weights, seed: int, temperature: float) -> list[Clip]:
+def make_clips(onsets: Onsets, weights: Weights, seed: int, temperature: float) -> list[RatedClip]:
     """Return three clips a scene, named and ordered at random.
 
     :param temperature: of stochastic policies; 0: their deterministic middle.
@@ -82,13 +82,13 @@ def make_clips(onsets: Onsets, weights: Weights, seed: int, temperature: float) 
     rng = np.random.default_rng([seed, 2])
     turn, mirror = rng.uniform(-np.pi, np.pi, len(onsets)), rng.integers(0, 2, len(onsets)) * 2 - 1
     names = [f"c{number:06x}" for number in rng.choice(1 << 24, 3 * len(onsets), replace=False)]
-    clips: list[Clip] = []
+    clips: list[RatedClip] = []
     for scene in range(len(onsets)):
         for source in SOURCES:
             places = np.concatenate([before[scene], after[source][scene]], axis=1)
             smooth = equalised(places, float(history[scene, 0, 2]))
             values = _placed(smooth, float(turn[scene]), int(mirror[scene]))
-            clips.append(Clip(names[len(clips)], scene, source, values))
+            clips.append(RatedClip(names[len(clips)], scene, source, values))
     return [clips[row] for row in rng.permutation(len(clips))]
 
 

@@ -17,7 +17,7 @@ from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
-from vpsci_ros.turing.clips import Clip, draw_scenes, make_clips
+from vpsci_ros.turing.clips import RatedClip, draw_scenes, make_clips
 from vpsci_ros.view.page import SCENE, inlined
 from vpsci_ros.world.observation import STEP
 
@@ -59,7 +59,7 @@ def make_kit(table: Path, weights: str, folder: Path, *, scenes: int, seed: int,
     return key
 
 
-def write_questionnaire(path: Path, kit: str, clips: Sequence[Clip]) -> None:
+def write_questionnaire(path: Path, kit: str, clips: Sequence[RatedClip]) -> None:
     """Write the page for the raters: the clips by their names, and nothing of where they come from."""
     html.write_page(
         path,
