@@ -8,7 +8,7 @@ import browser as real
 import numpy as np
 import pytest
 
-from vpsci_ros.turing.clips import Clip
+from vpsci_ros.turing.clips import RatedClip
 from vpsci_ros.turing.kit import write_questionnaire
 
 
@@ -17,7 +17,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     t = np.arange(5) * 0.1
     motion = [np.column_stack([5.0 * t, 0 * t, 0 * t, 3.0 + k + 0 * t, t]) for k in range(3)]
     path = tmp_path_factory.mktemp("kit") / "questionnaire.html"
-    write_questionnaire(path, "kit 1", [Clip(f"c{k}", 0, "", values) for k, values in enumerate(motion)])
+    write_questionnaire(path, "kit 1", [RatedClip(f"c{k}", 0, "", values) for k, values in enumerate(motion)])
     return path
 
 
