@@ -1,6 +1,8 @@
 """Parameters are declared once, and a file that says anything else is refused with the reason."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from types import ModuleType
 
 import pytest
 import yaml
@@ -10,7 +12,6 @@ from vpsci_ros.parameters import (
     as_ros_parameters,
     build,
     check_sections,
-    markdown_table,
     parameter,
     read_parameter_file,
     table,
@@ -110,8 +111,8 @@ def test_a_missing_file_says_where_the_packages_own_are(tmp_path) -> None:
         loaded(tmp_path / "none.yaml")
 
 
-def test_the_markdown_table_has_a_row_for_each_parameter() -> None:
-    rows = markdown_table(table(Example)).splitlines()[2:]
+def test_the_markdown_table_has_a_row_for_each_parameter(tool: Callable[[str], ModuleType]) -> None:
+    rows = tool("node_tables").markdown_table(table(Example)).splitlines()[2:]
     assert len(rows) == len(table(Example)) == 4
     assert rows[0] == "| `gain` | `1.0` | m | 0 to 2 | a gain |"
 

@@ -2,6 +2,7 @@
 """Write docs/nodes.md and docs/parameters.md from the code; with `--check` only compare them with it."""
 
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from vpsci_ros.cli.parameter_file import ELSEWHERE
@@ -11,7 +12,7 @@ from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
 from vpsci_ros.nodes.config import GraphConfig, RecorderConfig, ReplayerConfig
 from vpsci_ros.nodes.topics import SERVICES, TOPICS
-from vpsci_ros.parameters import Parameter, markdown_table, table
+from vpsci_ros.parameters import Parameter, table
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.runs.config import PeerConfig, RunConfig
 from vpsci_ros.world.config import WorldConfig
@@ -129,6 +130,22 @@ def parameter_page() -> str:
             parts += [f"{same} more are described above, with the same defaults.\n"] if same else []
             parts += [markdown_table(rows), ""]
     return _joined(parts)
+
+
+def markdown_table(rows: Iterable[Parameter]) -> str:
+    """Return rows of parameter tables as GitHub Markdown, for the documentation."""
+    lines = ["| parameter | default | unit | range | what it sets |", "|---|---|---|---|---|"]
+    for row in rows:
+        bounds = "" if row.low is None and row.high is None else f"{_bound(row.low)} to {_bound(row.high)}"
+        bounds = " \\| ".join(row.choices) if row.choices else bounds
+        default = f"`{row.default}`" if row.default != "" else ""
+        running = "" if row.read_only else " (running)"
+        lines.append(f"| `{row.name}` | {default} | {row.unit} | {bounds} | {row.description}{running} |")
+    return "\n".join(lines)
+
+
+def _bound(value: float | None) -> str:
+    return "..." if value is None else f"{value:g}"
 
 
 def _sections_of(config: type) -> list[str]:

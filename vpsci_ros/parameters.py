@@ -10,7 +10,7 @@ unit and range are written down exactly once. Parameter files have the layout of
 import dataclasses
 import difflib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -235,22 +235,6 @@ def as_ros_parameters(sections: Mapping[str, Mapping[str, Any]], *, any_namespac
         prefix + name: {"ros__parameters": nested({key: value for key, value in values.items() if value != []})}
         for name, values in sections.items()
     }
-
-
-def markdown_table(rows: Iterable[Parameter]) -> str:
-    """Return rows of parameter tables as GitHub Markdown, for the documentation."""
-    lines = ["| parameter | default | unit | range | what it sets |", "|---|---|---|---|---|"]
-    for row in rows:
-        bounds = "" if row.low is None and row.high is None else f"{_bound(row.low)} to {_bound(row.high)}"
-        bounds = " \\| ".join(row.choices) if row.choices else bounds
-        default = f"`{row.default}`" if row.default != "" else ""
-        running = "" if row.read_only else " (running)"
-        lines.append(f"| `{row.name}` | {default} | {row.unit} | {bounds} | {row.description}{running} |")
-    return "\n".join(lines)
-
-
-def _bound(value: float | None) -> str:
-    return "..." if value is None else f"{value:g}"
 
 
 def _said(document: Any) -> str:

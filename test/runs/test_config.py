@@ -10,16 +10,12 @@ def test_scenarios_take_turns():
     run = RunConfig(scenarios=[1, 8], episodes=2, first_episode=5)
     assert list(run.queue()) == [(1, 5), (8, 5), (1, 6), (8, 6)]
     assert run.total == 4
-    assert run.asks_for(8, 6)
-    assert not run.asks_for(8, 7)
 
 
 def test_episodes_that_are_named_are_all_there_is():
     run = RunConfig(scenarios=[1, 8], episodes=2, only=[8, 3, 1, 17, 8, 40])
     assert list(run.queue()) == [(8, 3), (1, 17), (8, 40)]
     assert run.total == 3
-    assert run.asks_for(1, 17)
-    assert not run.asks_for(1, 0)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
@@ -77,13 +76,3 @@ class RunConfig:
     def total(self) -> int:
         """How many episodes that are."""
         return len(self.only) // 2 or len(self.scenarios) * self.episodes
-
-    def asks_for(self, scenario: int, episode: int) -> bool:
-        """Return whether this episode is among those to simulate."""
-        if self.only:
-            return (scenario, episode) in self._only
-        return scenario in self.scenarios and 0 <= episode - self.first_episode < self.episodes
-
-    @cached_property
-    def _only(self) -> frozenset[tuple[int, int]]:
-        return frozenset(self.queue())

@@ -12,7 +12,7 @@ from vpsci_ros.episodes import open_source
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC, Yielded
 
-LIMIT = 1000  # episodes of a source on one page, unless more are asked for
+LIMIT = 1000  # episodes of a source on one page, unless more are requested
 
 
 class Shown(NamedTuple):

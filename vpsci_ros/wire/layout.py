@@ -9,7 +9,6 @@ of message needs.
 from __future__ import annotations
 
 import math
-import struct
 from array import array
 from typing import Any, NamedTuple
 
@@ -118,22 +117,6 @@ def motion_of(record: np.void, agent: str) -> PlanarMotion:
 
 
 # ---- what a message says
-
-ARRAYS = ("/markers", "/tf", "/tf_static")  # topics of messages that are sequences
-
-
-def stamp_end(topic: str) -> int:
-    """Return where the stamp of a serialized message of a recorded topic ends [bytes].
-
-    Every recorded type begins with its stamp, after CDR's 4 bytes; in a sequence its length comes first.
-    """
-    return 16 if topic in ARRAYS else 12
-
-
-def stamp_of(topic: str, data: bytes) -> tuple[int, int]:
-    """Return seconds and nanoseconds of the stamp of a serialized message of any recorded topic."""
-    seconds, nanoseconds = struct.unpack_from("<iI", data, stamp_end(topic) - 8)
-    return seconds, nanoseconds
 
 
 def values(field: array[Any] | Array) -> Array:

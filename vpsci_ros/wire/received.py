@@ -4,6 +4,7 @@ A message that the graph's own nodes cannot have sent is refused (`InvalidInput`
 What they could have sent is accepted: a message does not say who sent it.
 """
 
+import struct
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.state import ENDED
 from vpsci_ros.world.tick import Tick
 
+_SEQUENCES = ("/markers", "/tf", "/tf_static")  # topics of messages that are sequences
 FARTHEST = 1e8  # [m], [m/s], [rad]: nothing in a world is beyond
 NEAR = 1000  # ticks: a reader's queue holds as many
 _MOTION = (
@@ -98,19 +100,21 @@ def consumed(number: int, most: int) -> int:
 def stamp(topic: str, data: bytes) -> int:
     """Return the stamp [ns] of a serialized message of any recorded topic.
 
+    Every recorded type begins with its stamp, after CDR's 4 bytes; in a sequence its length comes first.
+
     :raises InvalidInput: the message is too short to have one, or it is none: negative, or of more than a second's
         nanoseconds.
     """
-    least = layout.stamp_end(topic)
-    if len(data) < least:
-        raise InvalidInput(f"{topic}: expected a message of at least {least} bytes with a stamp, got {len(data)}")
-    seconds, nanoseconds = layout.stamp_of(topic, data)
+    end = 16 if topic in _SEQUENCES else 12
+    if len(data) < end:
+        raise InvalidInput(f"{topic}: expected a message of at least {end} bytes with a stamp, got {len(data)}")
+    seconds, nanoseconds = struct.unpack_from("<iI", data, end - 8)
     if seconds < 0 or nanoseconds >= 1_000_000_000:
         raise InvalidInput(
             f"{topic}: expected a stamp from 0 s on, got {seconds} s and {nanoseconds} ns; "
             "does another program publish it?"
         )
-    return seconds * 1_000_000_000 + nanoseconds
+    return int(seconds * 1_000_000_000 + nanoseconds)
 
 
 class TickSequence:

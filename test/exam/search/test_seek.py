@@ -12,8 +12,7 @@ from vpsci_ros.exam.conduct import loop_with
 from vpsci_ros.exam.run import identity_of, prepare
 from vpsci_ros.exam.search.imitation import HOLDING, Imitation, Recent, lessons
 from vpsci_ros.exam.search.margin import LeastMargins, Watched
-from vpsci_ros.exam.search.rehearsal import rehearse
-from vpsci_ros.exam.search.seek import Driven, seek
+from vpsci_ros.exam.search.seek import Driven, rehearse, seek
 from vpsci_ros.resources import params_path
 from vpsci_ros.world import RUNNING
 from vpsci_ros.world.state import EPISODE

@@ -1,6 +1,6 @@
 """The search for the episodes in which a driving system fails, and how often that happens.
 
-`imitation` learns from the driving system's episodes how it drives, `rehearsal` plays thousands of episodes with that
+`imitation` learns from the driving system's episodes how it drives, `seek` rehearses thousands of episodes with that
 stand-in, `risk` turns the margins that come out into probabilities, and `run` has the driving system itself drive where
 a failure is likely. Only what it drives itself counts as a failure.
 """

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Key
-from vpsci_ros.exam.conduct import Exam
-from vpsci_ros.exam.search.imitation import Floats32, Imitation
-from vpsci_ros.exam.search.margin import Watched
+from vpsci_ros.exam.conduct import Exam, loop_with
+from vpsci_ros.exam.search.imitation import Floats32, Imitation, Recent
+from vpsci_ros.exam.search.margin import Floats, LeastMargins, Watched
 from vpsci_ros.exam.search.plan import Plan
-from vpsci_ros.exam.search.rehearsal import rehearse
+from vpsci_ros.world.tick import Actions
 
+_BATCH = 1024  # episodes rehearsed side by side
 Report = Callable[[str, int, int], None]
 """Called with what is done, how much of it, and how much there is."""
 
@@ -21,7 +22,7 @@ Report = Callable[[str, int, int], None]
 class Driven(NamedTuple):
     """What a part came to.
 
-    :ivar episodes: that were driven: those asked for, or those of the same part before the search was stopped.
+    :ivar episodes: that were driven: those requested, or those of the same part before the search was stopped.
     :ivar failed: bool[k].
     :ivar seen, done: what the vehicle saw and did, see `imitation.lessons`.
     """
@@ -63,3 +64,24 @@ def seek(exam: Exam, pool: list[Key], drive: Callable[[str, list[Key]], Driven],
 
 def _tell(report: Report, total: int, done: int) -> None:
     report("rehearsing", done, total)
+
+
+def rehearse(
+    exam: Exam, pedestrian: str, episodes: list[Key], driver: Imitation, watched: Watched, report: Callable[[int], None]
+) -> Floats:
+    """Return the least margin of each episode with the stand-in at the wheel, float64[n].
+
+    :param report: called now and then with how many episodes have ended.
+    """
+    loop = loop_with(exam, pedestrian, "external", episodes, _BATCH)
+    most = exam.world.pedestrians
+    recent, least = Recent(most), LeastMargins(watched)
+    with driver.at_the_wheel():
+        while not loop.world.done:
+            features, rows = recent.features(loop.world.now.state, loop.assessment.curvttc)
+            answer = np.zeros((len(rows), 2))
+            answer[:, 0] = driver.drive(features)
+            step = loop.step(Actions(vehicle=np.repeat(answer, most, axis=0)))
+            least.add(step.tick.state, step.assessment.curvttc)
+            report(len(least.found))
+    return np.array([least.found[key] for key in episodes])
