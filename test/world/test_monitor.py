@@ -18,11 +18,12 @@ def states():
     return [state for state, _ in frames(world)]
 
 
-def test_the_monitor_gives_the_bits_of_curvttc(states):
+@pytest.mark.parametrize("method", ["footprint", "center"])
+def test_the_monitor_gives_the_bits_of_curvttc(states, method):
     for state in states[::7]:
         present = state["status"] != IDLE
-        ttc, distance, critical = assess(state, MonitorConfig())
-        assert np.array_equal(ttc[present], curvttc(*(state[n][present] for n in NAMES)))
+        ttc, distance, critical = assess(state, MonitorConfig(method=method))
+        assert np.array_equal(ttc[present], curvttc(*(state[n][present] for n in NAMES), method=method))
         assert np.isinf(ttc[~present]).all()
         assert np.array_equal(critical, (ttc < 5.0) & (state["status"] == 1))
         apart = np.hypot(state["vehicle_x"] - state["pedestrian_x"], state["vehicle_y"] - state["pedestrian_y"])

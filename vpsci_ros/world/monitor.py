@@ -7,10 +7,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.parameters import parameter
-from vpsci_ros.safety import CRITICAL_TTC, HORIZON, PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, curvttc_pair
+from vpsci_ros.safety import (
+    CRITICAL_TTC,
+    HORIZON,
+    PEDESTRIAN_RADIUS,
+    VEHICLE_LENGTH,
+    VEHICLE_WIDTH,
+    curvttc,
+    curvttc_pair,
+)
 from vpsci_ros.safety.compiled import in_threads
 from vpsci_ros.world.compiled import PER_THREAD, kernel
 from vpsci_ros.world.state import EPISODE, IDLE, RUNNING
+
+_PAIR = (
+    "vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature",
+    "pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -18,6 +31,8 @@ class MonitorConfig:
     """What counts as critical, between the simulated Model 3 and a pedestrian's disc."""
 
     critical_threshold: float = parameter(CRITICAL_TTC, "critical where CurvTTC is below", unit="s", low=0.0, high=60.0)
+    horizon: float = parameter(HORIZON, "look ahead so far", unit="s", low=0.1, high=60.0)
+    method: str = parameter("footprint", "definition of CurvTTC", choices=("footprint", "center"))
 
 
 def assess(
@@ -31,14 +46,19 @@ def assess(
     ttc, distance, critical = np.empty(len(state)), np.empty(len(state)), np.empty(len(state), np.bool_)
 
     def run(part: slice) -> None:
-        _assess(state[part], config.critical_threshold, ttc[part], distance[part], critical[part])
+        _assess(state[part], config.horizon, config.critical_threshold, ttc[part], distance[part], critical[part])
 
     in_threads(run, len(state), PER_THREAD)
+    if config.method == "center":
+        present = state["status"] != IDLE
+        pair = (state[name][present] for name in _PAIR)
+        ttc[present] = curvttc(*pair, horizon=config.horizon, method="center")
+        critical = (ttc < config.critical_threshold) & (state["status"] == RUNNING)
     return ttc, distance, critical
 
 
 @kernel
-def _assess(state, threshold, ttc, distance, critical):  # type: ignore[no-untyped-def]
+def _assess(state, horizon, threshold, ttc, distance, critical):  # type: ignore[no-untyped-def]
     for i in range(state.size):
         slot = state[i]
         dx, dy = slot.vehicle_x - slot.pedestrian_x, slot.vehicle_y - slot.pedestrian_y
@@ -47,7 +67,7 @@ def _assess(state, threshold, ttc, distance, critical):  # type: ignore[no-untyp
         if slot.status != IDLE:
             car = slot.vehicle_x, slot.vehicle_y, slot.vehicle_heading, slot.vehicle_speed, slot.vehicle_curvature
             walker = slot.pedestrian_x, slot.pedestrian_y, slot.pedestrian_vx, slot.pedestrian_vy
-            ttc[i] = curvttc_pair(*car, *walker, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS, HORIZON)
+            ttc[i] = curvttc_pair(*car, *walker, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS, horizon)
         critical[i] = slot.status == RUNNING and ttc[i] < threshold
 
 
