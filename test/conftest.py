@@ -163,6 +163,16 @@ def near_misses():
 
 
 @pytest.fixture(scope="session")
+def near_misses_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file of 40 near misses; not to be changed."""
+    from vpsci_ros.data.near_misses import write_near_misses
+
+    path = tmp_path_factory.mktemp("near_misses") / "near_misses.parquet"
+    write_near_misses(synthetic_near_misses(interactions=40, seed=1).table, path)
+    return path
+
+
+@pytest.fixture(scope="session")
 def networks():
     """Return the function that makes networks whose actors act strongly, with a normalisation that does something."""
     return _networks

@@ -6,17 +6,20 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-from extending.page import Install, files_of, run_graph_with
+from composed import composed
+from extending.page import Install, files_of
 
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.exam.run import prepare, read_exam, run_exam
 from vpsci_ros.generate.job import job_from
+from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.resources import params_dir
+from vpsci_ros.view.pack import packed
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 
@@ -38,26 +41,34 @@ def test_the_pedestrian_of_the_page_stands_within_two_seconds_of_the_hand_over(i
     assert max(speeds) < 0.1
 
 
-def test_it_meets_a_driving_system_in_the_exam_and_the_bag_repeats_to_the_bit(
+def test_it_meets_a_driving_system_in_the_exam_on_a_scenario_of_ones_own(
     install: Install, domain: int, tmp_path: Path
 ) -> None:
     install(FREEZING)
-    settings = ["world_simulator.scenarios=[1]", "world_simulator.episodes=2", "ads_test.baseline=true",
-                "world_simulator.episode_time=4.0", "world_simulator.action_timeout=30.0",
+    (tmp_path / "midblock.yaml").write_text(files_of("Add a scenario")["midblock.yaml"], encoding="utf-8")
+    settings = ["world_simulator.scenarios=[41]", f"world_simulator.scenario_files=[{tmp_path / 'midblock.yaml'}]",
+                "world_simulator.episodes=2", "world_simulator.episode_time=4.0", "world_simulator.action_timeout=30.0",
                 "ads_test.pedestrians=[freezing]"]  # fmt: skip
-    exam = prepare(load(params_dir() / "ads_test.yaml", settings))
-    assert run_exam(exam, tmp_path / "exam", quiet=True) == []
+    assert run_exam(prepare(load(params_dir() / "ads_test.yaml", settings)), tmp_path / "exam", quiet=True) == []
     report = json.loads((tmp_path / "exam" / "report.json").read_text(encoding="utf-8"))
     assert set(report["drivers"]["ads"]) == {"freezing"}
     assert report["exam"]["agents"] == {"freezing": "freezing-pedestrian 1.0"}
     assert "freezing" in (tmp_path / "exam" / "report.html").read_text(encoding="utf-8")
+    sources = read_exam(tmp_path / "exam", 10)
+    assert [(source.key, source.episodes[0].episode.group) for source in sources] == [
+        ("ads-freezing", "midblock"), ("autopilot-freezing", "midblock")
+    ]  # fmt: skip
+    assert all(41 in packed(source)["grounds"] for source in sources)
 
 
 def test_a_graph_with_it_is_verified_from_its_bag(install: Install, domain: int, tmp_path: Path) -> None:
     install(FREEZING)
-    settings = ["pedestrian_policy.agent=freezing", "pedestrian_policy.weights=''", "world_simulator.scenarios=[1]"]
-    result = verify_bag(run_graph_with(settings, tmp_path / "run"))
-    assert result.difference == ""
+    settings = ["pedestrian_policy.agent=freezing", "pedestrian_policy.weights=''", "world_simulator.scenarios=[1]",
+                "world_simulator.episodes=2", "world_simulator.batch=2"]  # fmt: skip
+    with composed(resolve(load(params_dir() / "stage3_generate.yaml", settings), tmp_path)):
+        pass
+    result = verify_bag(tmp_path / "bag")
+    assert (result.difference, result.episodes) == ("", 2)
 
 
 def test_it_walks_in_the_gymnasium_environment_and_generate_refuses_it_by_name(install: Install) -> None:

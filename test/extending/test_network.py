@@ -16,11 +16,11 @@ GATED = files_of("Add a network for Table 9")
 SMALL = ("episodes=2", "imitation.rollouts=2", "imitation.rollout_steps=2", "hidden=16", "heads=2", "key_dimension=8")
 
 
-def test_the_network_of_the_page_is_a_row_of_table_9(install: Install, tmp_path: Path) -> None:
+def test_the_network_of_the_page_is_a_row_of_table_9(install: Install, tmp_path: Path, near_misses_file: Path) -> None:
     install(GATED)
     params = Path(__file__).parents[2] / "params" / "deterministic_stage1.yaml"
     words = ["study", "models", "--params", str(params), "--models", "ma_sst,ma_gru", "--folds", "2", "--quiet"]
-    for value in SMALL:
+    for value in (f"near_misses=[{near_misses_file}]", *SMALL):
         words += ["--set", f"learner.{value}"]
     done = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output

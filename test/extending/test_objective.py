@@ -15,13 +15,15 @@ from vpsci_ros.learning.objectives import find_objective
 from vpsci_ros.policy.weights import load_weights
 
 CLONING = files_of("Add an objective of learning")
-SMALL = ("episodes=40", "hidden=16", "heads=2", "key_dimension=8", "actor_hidden=[8, 8]", "critic_hidden=[8, 8]")
+SMALL = ("episodes=20", "replay.batch_size=64", "hidden=16", "heads=2", "key_dimension=8", "actor_hidden=[8, 8]")
 
 
-def test_the_objective_of_the_page_learns_what_it_is_for(install: Install, tmp_path: Path) -> None:
+def test_the_objective_of_the_page_learns_what_it_is_for(
+    install: Install, tmp_path: Path, near_misses_file: Path
+) -> None:
     install(CLONING)
     words = ["pretrain", "--params", "stage1_pretrain", "-o", str(tmp_path / "out")]
-    for value in ("objective=cloning", *SMALL):
+    for value in (f"near_misses=[{near_misses_file}]", "objective=cloning", *SMALL):
         words += ["--set", f"learner.{value}"]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output

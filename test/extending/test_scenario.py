@@ -1,7 +1,9 @@
-"""A scenario file of one's own runs in generate, nodes, exam and view; what they leave needs the file no more."""
+"""A scenario file of one's own runs in generate, nodes and view; what they leave needs the file no more."""
 
+import shutil
 from pathlib import Path
 
+import polars as pl
 import pytest
 import yaml
 from extending.page import files_of, run_graph_with
@@ -10,11 +12,10 @@ from typer.testing import CliRunner
 from vpsci_ros.bags.plot import save_episode
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.cli.main import app
-from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.run import prepare, read_exam, run_exam
 from vpsci_ros.generate.record import record_episodes
+from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.resources import params_dir
 from vpsci_ros.view.pack import packed
 from vpsci_ros.view.sources import read_source
@@ -33,93 +34,60 @@ STRAIGHT = """<OpenDRIVE><road id="1" length="80" junction="-1">
 MIDBLOCK = files_of("Add a scenario")["midblock.yaml"]
 
 
-@pytest.fixture
-def midblock(tmp_path: Path) -> Path:
-    """The page's file."""
-    path = tmp_path / "midblock.yaml"
-    path.write_text(MIDBLOCK, encoding="utf-8")
-    return path
+PICKED = {
+    "number": 42,
+    "name": "picked",
+    "location": "straight",
+    "opendrive": "straight.xodr",
+    "vehicle": {"lanes": [[1, -1]], "spawn": [10, 18], "goal": 60},
+    "pedestrian": {"crosswalk": 7, "arrival": [2, 5]},
+}
+NUMBERS = [41, 42, 101, 102, 103, 104]
 
 
-def chosen(midblock: Path) -> list[str]:
-    """Return the two settings that choose the scenario."""
-    return ["world_simulator.scenarios=[41]", f"world_simulator.scenario_files=[{midblock}]"]
-
-
-def test_a_dataset_of_it_is_verified_and_recorded_without_the_file(midblock: Path, tmp_path: Path) -> None:
-    folder, bag = tmp_path / "set", tmp_path / "bag"
-    params = str(params_dir() / "stage3_generate.yaml")
-    words = ["generate", "--params", params, "--episodes", "3", "--workers", "1", "-q"]
-    for setting in chosen(midblock):
-        words += ["--set", setting]
-    done = CliRunner().invoke(app, [*words, "-o", str(folder)])
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset and a run of the page's file, a route of a map and the package's further ones; the files are gone."""
+    folder, files = tmp_path_factory.mktemp("made"), tmp_path_factory.mktemp("files")
+    (files / "straight.xodr").write_text(STRAIGHT, encoding="utf-8")
+    (files / "picked.yaml").write_text(yaml.safe_dump(PICKED), encoding="utf-8")
+    (files / "midblock.yaml").write_text(MIDBLOCK, encoding="utf-8")
+    settings = [f"world_simulator.scenarios={NUMBERS}", "world_simulator.episodes=1", "world_simulator.batch=6",
+                f"world_simulator.scenario_files=[{files / 'picked.yaml'}, {files / 'midblock.yaml'}]"]  # fmt: skip
+    words = ["--params", str(params_dir() / "stage3_generate.yaml"), "--episodes", "3", "--workers", "1", "-q"]
+    words += [word for setting in settings for word in ("--set", setting)]
+    done = CliRunner().invoke(app, ["generate", *words, "-o", str(folder / "set")])
     assert done.exit_code == 0, done.output
-    assert list(Dataset(folder).scenarios) == ["midblock"]
-    midblock.unlink()
-    checked = CliRunner().invoke(app, ["dataset", "verify", str(folder), "--workers", "1"])
+    with own_domain():
+        run_graph_with(settings, folder / "run")
+    shutil.rmtree(files)
+    return folder
+
+
+def test_a_dataset_of_them_is_verified_and_recorded_without_the_files(made: Path, tmp_path: Path) -> None:
+    data = Dataset(made / "set")
+    assert {"midblock", "picked"} < set(data.scenarios)
+    checked = CliRunner().invoke(app, ["dataset", "verify", str(made / "set"), "--workers", "1"])
     assert checked.exit_code == 0, checked.output
-    numbers = Dataset(folder).index().get_column("count").to_list()
-    assert record_episodes(folder, [(41, numbers[0])], bag) > 20
-    assert verify_bag(bag, weights="refined").difference == ""
-    save_episode(bag, f"41:{numbers[0]}", tmp_path / "episode.png")
-    for left in (folder, bag):
-        source = read_source(left)
-        assert source.episodes[0].episode.group == "midblock"
-        assert packed(source)["grounds"][41]["lane"][0] == [0.0, 0.0]
+    (number, *_) = data.index().filter(pl.col("scenario") == 41).get_column("count").to_list()
+    assert record_episodes(made / "set", [(41, number)], tmp_path / "bag") > 20
+    assert verify_bag(tmp_path / "bag", weights="refined").difference == ""
+    save_episode(tmp_path / "bag", f"41:{number}", tmp_path / "episode.png")
 
 
-def test_the_graph_of_nodes_runs_it_and_its_bag_is_verified_without_the_file(
-    midblock: Path, domain: int, tmp_path: Path
-) -> None:
-    bag = run_graph_with(chosen(midblock), tmp_path / "run")
-    midblock.unlink()
-    assert verify_bag(bag).difference == ""
+def test_the_graph_of_nodes_runs_them_and_its_bag_is_verified_without_the_files(made: Path) -> None:
+    assert verify_bag(made / "run/bag").difference == ""
 
 
-def test_the_exam_takes_place_there(midblock: Path, domain: int, tmp_path: Path) -> None:
-    settings = [*chosen(midblock), "world_simulator.episodes=1", "world_simulator.episode_time=3.0",
-                "world_simulator.action_timeout=30.0", "ads_test.pedestrians=[walker]"]  # fmt: skip
-    assert run_exam(prepare(load(params_dir() / "ads_test.yaml", settings)), tmp_path / "exam", quiet=True) == []
-    assert "midblock" in (tmp_path / "exam" / "exam.json").read_text(encoding="utf-8")
-    sources = read_exam(tmp_path / "exam", 10)
-    assert [(source.key, source.episodes[0].episode.group) for source in sources] == [
-        ("ads-walker", "midblock"), ("autopilot-walker", "midblock")
-    ]  # fmt: skip
-    assert all(41 in packed(source)["grounds"] for source in sources)
-
-
-def route_of_a_map(folder: Path) -> list[str]:
-    """Write a scenario whose lane and crosswalk are picked from a map, and return the settings that choose it."""
-    (folder / "straight.xodr").write_text(STRAIGHT, encoding="utf-8")
-    document = {
-        "number": 42,
-        "name": "picked",
-        "location": "straight",
-        "opendrive": "straight.xodr",
-        "vehicle": {"lanes": [[1, -1]], "spawn": [10, 18], "goal": 60},
-        "pedestrian": {"crosswalk": 7, "arrival": [2, 5]},
-    }
-    (folder / "picked.yaml").write_text(yaml.safe_dump(document), encoding="utf-8")
-    return ["world_simulator.scenarios=[42]", f"world_simulator.scenario_files=[{folder / 'picked.yaml'}]"]
-
-
-@pytest.mark.parametrize("which", ["the package's further ones", "a route of a map"])
-def test_further_scenarios_and_routes_of_a_map_go_through_generate_graph_and_view(
-    which: str, domain: int, tmp_path: Path
-) -> None:
-    settings = (
-        route_of_a_map(tmp_path) if which == "a route of a map" else ["world_simulator.scenarios=[101,102,103,104]"]
-    )
-    numbers = {42} if which == "a route of a map" else {101, 102, 103, 104}
-    words = [word for setting in settings for word in ("--set", setting)]
-    words += ["--params", str(params_dir() / "stage3_generate.yaml"), "--episodes", "2", "--workers", "1", "-q"]
-    done = CliRunner().invoke(app, ["generate", *words, "-o", f"{tmp_path}/set"])
-    assert done.exit_code == 0, done.output
-    bag = run_graph_with(settings, tmp_path / "run")
-    assert verify_bag(bag).difference == ""
-    for source in (read_source(tmp_path / "set"), read_source(bag)):
-        assert {each.episode.key[0] for each in source.episodes} == numbers
-        assert set(packed(source)["grounds"]) == numbers
+@pytest.mark.parametrize("left", ["set", "run/bag"])
+def test_a_view_of_what_they_leave_draws_them_without_the_files(made: Path, left: str) -> None:
+    source = read_source(made / left)
+    groups = {each.episode.key[0]: each.episode.group for each in source.episodes}
+    assert sorted(groups) == NUMBERS
+    assert (groups[41], groups[42]) == ("midblock", "picked")
+    grounds = packed(source)["grounds"]
+    assert sorted(grounds) == NUMBERS
+    assert grounds[41]["lane"][0] == [0.0, 0.0]
 
 
 @pytest.mark.parametrize(
@@ -131,8 +99,9 @@ def test_further_scenarios_and_routes_of_a_map_go_through_generate_graph_and_vie
     ],
 )
 def test_a_file_that_cannot_be_chosen_is_refused_with_what_to_do(
-    midblock: Path, old: str, new: str, scenarios: list[int], message: str
+    tmp_path: Path, old: str, new: str, scenarios: list[int], message: str
 ) -> None:
+    midblock = tmp_path / "midblock.yaml"
     midblock.write_text(MIDBLOCK.replace(old, new) if old else MIDBLOCK, encoding="utf-8")
     with pytest.raises(InvalidInput, match=message):
         load_scenarios(scenarios, [midblock])

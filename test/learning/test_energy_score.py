@@ -1,6 +1,7 @@
 """The proper score: best for the true distribution, learned in closed loop; stage 2 measures how far it departs."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from vpsci_ros.world.observation import AGENTS
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, layers=1, latent=3, actor_hidden=[8, 8])
 STEPS = 12
 CONFIG = PretrainConfig(
-    imitation=ImitationConfig(rollouts=16, rollout_steps=STEPS, learning_rate=3e-3, dropout=0.0),
+    imitation=ImitationConfig(rollouts=8, rollout_steps=STEPS, learning_rate=3e-3, dropout=0.0),
     energy_score=EnergyScoreConfig(samples=4),
 )
 
@@ -91,26 +92,32 @@ def test_roll_outs_begin_where_the_recording_was_and_then_differ(interactions) -
     assert (sampled.motion[:, 0, -1] - sampled.motion[:, 1, -1]).abs().max() > 0.05
 
 
-def test_learning_brings_roll_outs_nearer_to_what_happened(interactions, monkeypatch) -> None:
+@pytest.mark.parametrize("draws", ["noise of the network", "residuals of recorded people"])
+def test_learning_brings_roll_outs_nearer_to_what_happened(monkeypatch, draws: str) -> None:
     monkeypatch.setattr("vpsci_ros.learning.energy_score.TEXTURE_WEIGHT", 0.0)
+    recorded_people = draws == "residuals of recorded people"
+    interactions = from_table(synthetic_near_misses(40, 1).table, whole_tracks=recorded_people)
     torch.manual_seed(0)
-    networks = Networks(SMALL)
+    networks = Networks(replace(SMALL, latent=0, residuals=True) if recorded_people else SMALL)
     networks.set_statistics(*interactions.samples(), 0.3)
+    with torch.no_grad():
+        for agent in AGENTS:
+            networks.actor[agent].head[-1].weight.mul_(300.0)  # react wildly to what differs
     likeness = Likeness(networks, interactions, CONFIG)
 
     def measured() -> float:
         with torch.no_grad():
-            return float(np.mean([float(likeness.loss(np.random.default_rng(i))[0]) for i in range(5)]))
+            return float(np.mean([float(likeness.loss(np.random.default_rng(i))[0]) for i in range(3)]))
 
     before, optimiser = measured(), torch.optim.Adam(networks.actor.parameters(), 5e-3)
     rng = np.random.default_rng(1)
-    for _ in range(40):
+    for _ in range(30 if recorded_people else 12):
         optimiser.zero_grad()
         likeness.loss(rng)[0].backward()
         optimiser.step()
-    assert measured() < 0.95 * before
-    for agent in AGENTS:
-        assert networks.actor[agent].persistence_logit.grad is not None
+    assert measured() < 0.9 * before
+    if not recorded_people:
+        assert all(networks.actor[agent].persistence_logit.grad is not None for agent in AGENTS)
 
 
 def test_who_does_as_in_stage_1_has_not_departed_and_who_does_not_has(interactions) -> None:

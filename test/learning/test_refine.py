@@ -33,6 +33,8 @@ QUICK = build(
         "refresh.updates": 2,
         "refresh.rollback_margin": 10.0,
         "rehearsal.rollouts": 2,
+        "foresight.rollouts": 4,
+        "foresight.steps": 10,
     },
     "test",
 )
@@ -220,8 +222,8 @@ def test_episodes_without_an_update_in_between_say_nothing_of_convergence(refine
 def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, networks, near_misses, monkeypatch):
     start = networks(gain=1.0).weights({}, {})
     exploring = dict.fromkeys(AGENTS, PolicyConfig(explore=True, seed=3))
-    episodes = [(s, e) for e in range(8) for s in (1, 6)]
-    simulation = SimulationConfig(load_scenarios([1, 6]), episodes, batch=2, seed=3, world=HALVED, policies=exploring)
+    episodes = [(s, e) for e in range(4) for s in (1, 6)]
+    simulation = SimulationConfig(load_scenarios([1, 6]), episodes, batch=1, seed=3, world=HALVED, policies=exploring)
 
     def run(folder, report=None):
         return refine(near_misses, QUICK, start, simulation, out_dir=tmp_path / folder, report=report)
@@ -282,7 +284,7 @@ def test_a_checkpoint_of_another_simulation_is_refused(tmp_path, networks, near_
     def stop(values):
         raise Stopped
 
-    simulation = SimulationConfig(load_scenarios([1]), [(1, e) for e in range(16)], batch=2, seed=3, world=HALVED)
+    simulation = SimulationConfig(load_scenarios([1]), [(1, e) for e in range(8)], batch=1, seed=3, world=HALVED)
     with pytest.raises(Stopped):
         refine(near_misses, QUICK, start, simulation, out_dir=tmp_path, report=stop)
     before = (tmp_path / "refine_checkpoint.safetensors").read_bytes()

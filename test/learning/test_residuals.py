@@ -9,7 +9,7 @@ from vpsci_ros.data.interactions import from_table
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.kinematics.scene import Scene, advance
 from vpsci_ros.learning.config import EnergyScoreConfig, ImitationConfig, PretrainConfig
-from vpsci_ros.learning.energy_score import Likeness, draw_moments
+from vpsci_ros.learning.energy_score import draw_moments
 from vpsci_ros.learning.imitation import Start
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.pretrain import pretrain
@@ -89,28 +89,6 @@ def test_one_clip_alone_has_nobody_to_borrow_from(interactions, networks) -> Non
     start = draw_moments(alone, 2, STEPS, False, np.random.default_rng(0))
     with pytest.raises(InvalidInput, match="two clips or more"):
         Lenders(alone, STEPS).borrowed(networks.actor, start, 2, np.random.default_rng(0))
-
-
-def test_learning_brings_roll_outs_with_borrowed_residuals_nearer_to_what_happened(interactions) -> None:
-    torch.manual_seed(0)
-    networks = Networks(SMALL)
-    networks.set_statistics(*interactions.samples(), 0.3)
-    with torch.no_grad():
-        for agent in AGENTS:
-            networks.actor[agent].head[-1].weight.mul_(300.0)  # react wildly to what differs
-    likeness = Likeness(networks, interactions, CONFIG)
-
-    def measured() -> float:
-        with torch.no_grad():
-            return float(np.mean([float(likeness.loss(np.random.default_rng(i))[0]) for i in range(5)]))
-
-    before, optimiser = measured(), torch.optim.Adam(networks.actor.parameters(), 5e-3)
-    rng = np.random.default_rng(1)
-    for _ in range(30):
-        optimiser.zero_grad()
-        likeness.loss(rng)[0].backward()
-        optimiser.step()
-    assert measured() < 0.9 * before
 
 
 def test_stage_1_keeps_residuals_of_all_near_misses_that_it_learned_from(tmp_path) -> None:

@@ -9,14 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import yaml
+from nodes.stage import PATIENCE
 from rosbags.highlevel import AnyReader
 
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.parameters import as_ros_parameters
 from vpsci_ros.runs.sections import Sections
-
-PATIENCE = 240.0  # [s]
 
 
 class ByHand:

@@ -1,11 +1,14 @@
 """Every test of nodes runs in a ROS domain of its own and on this host only."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from typing import Any
 
 import pytest
 import rclpy
 from domain_coordinator import domain_id
+from nodes.stage import Stage
 from rclpy.context import Context
 
 
@@ -26,3 +29,28 @@ def context(domain: int) -> Iterator[Context]:
     rclpy.init(context=context, domain_id=domain)
     yield context
     context.try_shutdown()
+
+
+@pytest.fixture
+def closed() -> Iterator[Callable[[Any], Any]]:
+    """Return the function that takes what is to be closed after the test, and returns it."""
+    with ExitStack() as stack:
+        yield lambda made: stack.enter_context(closing(made))
+
+
+@pytest.fixture
+def stage(context: Context, closed: Callable[[Any], Any]) -> Callable[..., Stage]:
+    """Return the function that puts nodes under one executor."""
+    return lambda *nodes, **options: closed(Stage(context, *nodes, **options))
+
+
+@pytest.fixture(scope="session")
+def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Untrained weights: what nodes do with them has to be right whatever they are."""
+    from vpsci_ros.learning.networks import Networks
+    from vpsci_ros.policy.config import NetworkConfig
+    from vpsci_ros.policy.weights import save_weights
+
+    path = tmp_path_factory.mktemp("weights") / "initial.safetensors"
+    save_weights(path, Networks(NetworkConfig()).weights({}, {}))
+    return str(path)

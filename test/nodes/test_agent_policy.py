@@ -1,41 +1,31 @@
 """A policy's book-keeping, message by message: two topics that overtake each other are not two ticks lost."""
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
+from nodes.stage import Stage, overrides
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 
 from vpsci_msgs.msg import AgentAction
-from vpsci_ros.learning.networks import Networks
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.agent_policy import VehiclePolicy
 from vpsci_ros.nodes.topics import LOCK_STEP
-from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.world import EPISODE, RUNNING
 
 PERIOD = 0.05
 
 
-class Session:
+class Session(Stage):
     """A vehicle policy that has caught up with a world without history, and a reader of its answers."""
 
-    def __init__(self, context: Context, weights: Path) -> None:
+    def __init__(self, context: Context, weights: str) -> None:
         self.answered: list[int] = []
-        self._reader = rclpy.create_node("reader", context=context)
-        self._reader.create_subscription(AgentAction, "vehicle/action", self._on_action, LOCK_STEP)
-        self.policy = VehiclePolicy(
-            context=context, parameter_overrides=[Parameter("weights", value=str(weights)), Parameter("seed", value=1)]
-        )
-        self._executor = SingleThreadedExecutor(context=context)
-        for node in (self._reader, self.policy):
-            self._executor.add_node(node)
+        self.policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights, seed=1))
+        super().__init__(context, self.policy)
+        self.peer.create_subscription(AgentAction, "vehicle/action", lambda m: self.answered.append(m.tick), LOCK_STEP)
         self.state(0)
         self.safety(0)
         self.spin_until(lambda: self.answered == [0])
@@ -56,37 +46,18 @@ class Session:
     def missed(self) -> int:
         return int(self.policy.figures()["ticks_missed"])
 
-    def spin_until(self, condition: Callable[[], bool]) -> None:
-        for _ in range(10_000):
-            if condition():
-                return
-            self._executor.spin_once(timeout_sec=0.01)
-        raise AssertionError(f"it never came to be: answered {self.answered}")
-
-    def close(self) -> None:
-        self._executor.shutdown()
-        for node in (self._reader, self.policy):
-            node.destroy_node()
-
-    def _on_action(self, message: AgentAction) -> None:
-        self.answered.append(message.tick)
-
 
 @pytest.fixture
-def session(context: Context, tmp_path: Path) -> Iterator[Session]:
-    weights = tmp_path / "initial.safetensors"
-    save_weights(weights, Networks(NetworkConfig()).weights({}, {}))
-    session = Session(context, weights)
-    yield session
-    session.close()
+def session(context: Context, weights: str, closed: Callable[[Any], Any]) -> Session:
+    return closed(Session(context, weights))
 
 
 # The world does not wait for policies at tick 1, so the next state may be here before the monitor's answer to it.
 @pytest.mark.parametrize("order", ["state 1, state 2, safety 1, safety 2", "safety 1, state 1, safety 2, state 2"])
 def test_topics_that_overtake_each_other_are_answered_once_and_no_tick_is_missed(session: Session, order: str) -> None:
-    hand_in = {"state": session.state, "safety": session.safety}
+    send = {"state": session.state, "safety": session.safety}
     for topic, tick in (message.split() for message in order.split(", ")):
-        hand_in[topic](int(tick))
+        send[topic](int(tick))
     session.spin_until(lambda: session.answered == [0, 2])
     assert session.missed() == 0
 

@@ -3,36 +3,27 @@
 import os
 import re
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import rclpy
-from nodes.by_hand import PATIENCE, ByHand, content, diagnostics, wait_for
+from nodes.by_hand import ByHand, content, diagnostics, wait_for
+from nodes.stage import PATIENCE
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
 from vpsci_msgs.msg import WorldState
-from vpsci_ros.learning.networks import Networks
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import NodeProcesses, run_graph
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.topics import RECORDING
 from vpsci_ros.nodes.watch import Watch
-from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.sections import Sections
 
 NODES = ["recorder", "vehicle_policy", "pedestrian_policy", "world_simulator", "safety_monitor"]
-
-
-@pytest.fixture(scope="module")
-def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("weights") / "initial.safetensors"
-    save_weights(path, Networks(NetworkConfig()).weights({}, {}))
-    return str(path)
 
 
 WORLD = {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4}
@@ -62,16 +53,8 @@ def graph_of(weights: str, world: dict[str, Any] | None = None, **graph: Any) ->
 
 
 @pytest.fixture
-def by_hand(domain: int, tmp_path: Path, weights: str) -> Iterator[Callable[..., ByHand]]:
-    made: list[ByHand] = []
-
-    def make(name: str, namespace: str = "", **world: Any) -> ByHand:
-        made.append(ByHand(tmp_path / name, graph_of(weights, world), namespace))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
+def by_hand(domain: int, tmp_path: Path, weights: str, closed: Callable[[Any], Any]) -> Callable[..., ByHand]:
+    return lambda name, namespace="", **world: closed(ByHand(tmp_path / name, graph_of(weights, world), namespace))
 
 
 def test_a_policy_that_is_killed_and_started_again_leaves_the_same_bag(

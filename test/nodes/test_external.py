@@ -1,17 +1,17 @@
 """A driving system of one's own drives in lock-step; what it says wrongly is refused, and the world goes on."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped
 from nav_msgs.msg import Odometry
+from nodes.stage import Stage, overrides
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from vpsci_msgs.msg import EpisodeEvent, VehicleControl, WorldState
@@ -22,48 +22,34 @@ from vpsci_ros.nodes.world_simulator import WorldSimulator
 SETTINGS = {"scenarios": [1], "episodes": 1, "batch": 1, "vehicle_driver": "external", "pedestrian_driver": "autopilot"}
 
 
-class Drive:
+class Drive(Stage):
     """A world, a monitor and a driving system in one process; `run` drives one episode and keeps what was published."""
 
     def __init__(self, context: Context, **settings: object) -> None:
-        overrides = [Parameter(name, value=value) for name, value in (SETTINGS | settings).items()]
-        self.world = WorldSimulator(context=context, parameter_overrides=overrides)
-        self.ads: Node = rclpy.create_node("ads", context=context)
-        self._nodes = [self.world, SafetyMonitor(context=context), self.ads]
-        self._executor = EventsExecutor(context=context)
-        for node in self._nodes:
-            self._executor.add_node(node)
+        self.world = WorldSimulator(context=context, parameter_overrides=overrides(**SETTINGS | settings))
+        super().__init__(context, self.world, SafetyMonitor(context=context), peer="ads", executor=EventsExecutor)
         self.speed: list[float] = []
         self.kinds: Counter[int] = Counter()
-        self.ads.create_subscription(WorldState, "world/state", self._on_state, 1000)
-        self.ads.create_subscription(EpisodeEvent, "episode/event", self._on_event, 1000)
+        self.peer.create_subscription(WorldState, "world/state", self._on_state, 1000)
+        self.peer.create_subscription(EpisodeEvent, "episode/event", self._on_event, 1000)
 
     def answer(self, message_type: type, topic: str, make: Callable[[Odometry], object | None]) -> None:
         """Answer every odometry message by what `make` makes of it."""
-        publisher = self.ads.create_publisher(message_type, topic, 1000)
+        publisher = self.peer.create_publisher(message_type, topic, 1000)
 
         def on_odometry(odometry: Odometry) -> None:
             message = make(odometry)
             if message is not None:
                 publisher.publish(message)
 
-        self.ads.create_subscription(Odometry, "vehicle/odometry", on_odometry, 1000)
+        self.peer.create_subscription(Odometry, "vehicle/odometry", on_odometry, 1000)
 
     @property
     def missing(self) -> int:
         return self.kinds[EpisodeEvent.VEHICLE_ACTION_MISSING]
 
-    def spin(self) -> None:
-        self._executor.spin_once(timeout_sec=0.1)
-
     def run(self) -> None:
-        while not self.world.finished:
-            self.spin()
-
-    def close(self) -> None:
-        self._executor.shutdown()
-        for node in self._nodes:
-            node.destroy_node()
+        self.spin_until(lambda: self.world.finished)
 
     def _on_state(self, message: WorldState) -> None:
         if message.status[0] != WorldState.STATUS_IDLE:
@@ -74,16 +60,8 @@ class Drive:
 
 
 @pytest.fixture
-def drive(context: Context) -> Iterator[Callable[..., Drive]]:
-    made: list[Drive] = []
-
-    def make(**settings: object) -> Drive:
-        made.append(Drive(context, **settings))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
+def drive(context: Context, closed: Callable[[Any], Any]) -> Callable[..., Drive]:
+    return lambda **settings: closed(Drive(context, **settings))
 
 
 def acceleration(odometry: Odometry, along: float) -> AccelStamped:
@@ -190,9 +168,8 @@ def test_an_answer_to_the_last_tick_of_an_episode_is_not_held_against_the_drivin
 
 
 def test_an_external_driver_of_many_episodes_at_once_is_refused(context: Context) -> None:
-    overrides = [Parameter(name, value=value) for name, value in (SETTINGS | {"batch": 2}).items()]
     with pytest.raises(InvalidInput, match="one episode at a time; got batch = 2"):
-        WorldSimulator(context=context, parameter_overrides=overrides)
+        WorldSimulator(context=context, parameter_overrides=overrides(**SETTINGS | {"batch": 2}))
 
 
 # ---- in real time
@@ -273,13 +250,13 @@ def test_a_flood_of_commands_is_counted_and_stops_nothing(
     drive: Callable[..., Drive], settings: dict[str, object]
 ) -> None:
     session = drive(**settings, episode_time=0.5)
-    publisher = session.ads.create_publisher(AccelStamped, "vehicle/cmd_accel", 1000)
+    publisher = session.peer.create_publisher(AccelStamped, "vehicle/cmd_accel", 1000)
 
     def flood(odometry: Odometry) -> None:
         for _ in range(50):
             publisher.publish(acceleration(odometry, -1.0))
 
-    session.ads.create_subscription(Odometry, "vehicle/odometry", flood, 1000)
+    session.peer.create_subscription(Odometry, "vehicle/odometry", flood, 1000)
     session.run()
     assert len(session.speed) == 11
     assert session.world.counts.vehicle_commands_surplus + session.world.counts.vehicle_commands_refused > 200
@@ -292,10 +269,9 @@ def test_a_driving_system_that_ends_in_lock_step_is_waited_for_once(drive: Calla
     session.answer(
         AccelStamped, "vehicle/cmd_accel", lambda odometry: given(odometry, None if next(left, None) is None else -0.1)
     )
-    while len(session.speed) < 7:
-        session.spin()
-    for publisher in list(session.ads.publishers):
-        session.ads.destroy_publisher(publisher)
+    session.spin_until(lambda: len(session.speed) >= 7)
+    for publisher in list(session.peer.publishers):
+        session.peer.destroy_publisher(publisher)
     session.world.set_parameters([Parameter("action_timeout", value=60.0)])  # to wait again would be noticed
     session.run()
     assert session.missing > 20

@@ -18,13 +18,12 @@ from rosbags.highlevel import AnyReader
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.networks import Networks
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.config import NODES
 from vpsci_ros.nodes.graph import NodeProcesses, resolve, run_graph
 from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.config import NetworkConfig, NoiseConfig, PolicyConfig
-from vpsci_ros.policy.weights import load_weights, save_weights
+from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
+from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import params_dir, weights_path
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import sha256
@@ -35,14 +34,6 @@ from vpsci_ros.world.observation import AGENTS
 
 GENERATE = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
 OnceItRecords = Callable[..., None]
-
-
-@pytest.fixture(scope="module")
-def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Untrained weights: what the graph does with them has to be right whatever they are."""
-    path = tmp_path_factory.mktemp("weights") / "initial.safetensors"
-    save_weights(path, Networks(NetworkConfig()).weights({}, {}))
-    return str(path)
 
 
 def sections(weights: str, **world: Any) -> Sections:

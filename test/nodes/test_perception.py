@@ -2,16 +2,16 @@
 
 import json
 import sys
-import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
+from nodes.stage import Stage, overrides
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import PointCloud2
 
 from vpsci_msgs.msg import WorldState
@@ -33,32 +33,19 @@ ERRORS = {"position_noise": 0.2, "velocity_noise": 0.1, "missed": 0.1, "latency"
 POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "vx", "vy")] + [("id", "<u4")])
 
 
-def overridden(values: dict[str, Any]) -> list[Parameter]:
-    return [Parameter(name, value=value) for name, value in values.items()]
-
-
 def run_world(context: Context, world: dict[str, Any], errors: dict[str, Any]) -> tuple[list[Any], list[Any]]:
     """Run an episode with the nodes in this process; return the states and the lists of objects."""
     nodes = ["world_simulator", "safety_monitor", "perception"]
     settings = {"episodes": 1, "batch": 1, "vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"} | world
-    simulator = WorldSimulator(context=context, parameter_overrides=overridden(settings | {"peers": nodes}))
-    perception = Perception(context=context, parameter_overrides=overridden(errors | {"peers": nodes}))
-    made = [simulator, SafetyMonitor(context=context), perception]
+    simulator = WorldSimulator(context=context, parameter_overrides=overrides(**settings, peers=nodes))
+    perception = Perception(context=context, parameter_overrides=overrides(**errors, peers=nodes))
     states: list[Any] = []
     objects: list[Any] = []
     simulator.create_subscription(WorldState, "world/state", states.append, 1000)
     simulator.create_subscription(PointCloud2, "perception/objects", objects.append, 1000)
-    executor = EventsExecutor(context=context)
-    for node in made:
-        executor.add_node(node)
-    try:
-        deadline = time.monotonic() + 40.0
-        while (not simulator.finished or len(objects) < len(states)) and time.monotonic() < deadline:
-            executor.spin_once(timeout_sec=0.1)
-    finally:
-        executor.shutdown()
-        for node in made:
-            node.destroy_node()
+    made = [simulator, SafetyMonitor(context=context), perception]
+    with closing(Stage(context, *made, executor=EventsExecutor)) as here:
+        here.spin_until(lambda: simulator.finished and len(objects) >= len(states))
     return states, objects
 
 

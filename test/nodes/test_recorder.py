@@ -5,15 +5,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from nodes.stage import Stage, overrides
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.parameter import Parameter
 
 from vpsci_msgs.msg import EpisodeEvent
 from vpsci_ros.bags.info import bag_info
@@ -28,17 +26,6 @@ from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.runs.sections import Sections
 
 NODES = ["world_simulator", "safety_monitor", "recorder"]
-
-
-def overrides(**values: Any) -> list[Parameter]:
-    return [Parameter(name, value=value) for name, value in values.items()]
-
-
-def spin(executor: SingleThreadedExecutor, until: Callable[[], bool], seconds: float = 120.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not until():
-        assert time.monotonic() < deadline, "waited in vain"
-        executor.spin_once(timeout_sec=0.05)
 
 
 def test_a_graphs_bag_holds_parameters_episodes_and_counts_over_split_files_and_verifies(
@@ -71,14 +58,10 @@ def test_a_graphs_bag_holds_parameters_episodes_and_counts_over_split_files_and_
 
 
 @pytest.fixture
-def monitor(context: Context):
-    """A peer, and a publisher of events, spun together."""
+def monitor(context: Context, stage: Callable[..., Stage]) -> tuple[Stage, Any]:
+    """A stage with a peer on it, and a publisher of events."""
     node = SafetyMonitor(context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    yield executor, node.create_publisher(EpisodeEvent, "episode/event", LOCK_STEP)
-    executor.shutdown()
-    node.destroy_node()
+    return stage(node), node.create_publisher(EpisodeEvent, "episode/event", LOCK_STEP)
 
 
 def event(tick: int, kind: int, outcome: int = 0) -> EpisodeEvent:
@@ -90,17 +73,14 @@ def event(tick: int, kind: int, outcome: int = 0) -> EpisodeEvent:
 
 
 def test_a_recorder_alone_learns_who_is_there_and_records_what_comes(context: Context, monitor, tmp_path: Path) -> None:
-    executor, events = monitor
-    recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
-    executor.add_node(recorder)
-    spin(executor, lambda: events.get_subscription_count() > 0)
+    here, events = monitor
+    recorder = here.add(Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag"))))
+    here.spin_until(lambda: events.get_subscription_count() > 0)
     for message in (event(3, EpisodeEvent.STARTED), event(90, EpisodeEvent.ENDED, 2)):
         events.publish(message)
     row = recorder._bag.topics["/episode/event"]
-    spin(executor, lambda: row.messages == 2 and "safety_monitor" not in recorder._peer_parameters.missing)
+    here.spin_until(lambda: row.messages == 2 and "safety_monitor" not in recorder._peer_parameters.missing)
     recorder.close()
-    executor.remove_node(recorder)
-    recorder.destroy_node()
     run = bag_run(Bag(tmp_path / "bag"))
     assert run.parameters["safety_monitor"]["method"] == "footprint"
     assert json.loads(run.totals["written"])["/episode/event"] == 2
@@ -117,18 +97,18 @@ def readable(bag: Path) -> list[int]:
 def test_a_killed_recorder_leaves_a_file_that_opens_up_to_its_last_chunk(
     context: Context, monitor, tmp_path: Path
 ) -> None:
-    executor, events = monitor
+    here, events = monitor
     command = [sys.executable, "-m", "vpsci_ros.nodes", "recorder", "--ros-args", "-p", f"bag:={tmp_path / 'bag'}"]
     recorder = subprocess.Popen([*command, "-p", "chunk_size:=1"], env=os.environ, stderr=subprocess.DEVNULL)
     try:
-        spin(executor, lambda: events.get_subscription_count() > 0)
+        here.spin_until(lambda: events.get_subscription_count() > 0)
         tick = 0
         while len(readable(tmp_path / "bag")) < 10:
             assert tick < 10_000
             for _ in range(20):
                 tick += 1
                 events.publish(event(tick, EpisodeEvent.HANDED_OVER))
-            executor.spin_once(timeout_sec=0.05)
+            here.executor.spin_once(timeout_sec=0.05)
     finally:
         recorder.send_signal(signal.SIGKILL)
         recorder.wait()

@@ -10,11 +10,8 @@ from rosbags.highlevel import AnyReader
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.networks import Networks
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import run_graph
-from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 
@@ -69,12 +66,12 @@ def test_a_recorded_vehicle_drives_again_against_another_pedestrian(
     assert counts(recorded)["/markers"] == counts(recorded)["/world/state"]
 
 
-def test_a_recorded_car_drives_against_the_live_pedestrian_policy(domain: int, tmp_path: Path, recorded: Path) -> None:
-    weights = tmp_path / "initial.safetensors"
-    save_weights(weights, Networks(NetworkConfig()).weights({}, {}))
+def test_a_recorded_car_drives_against_the_live_pedestrian_policy(
+    domain: int, tmp_path: Path, recorded: Path, weights: str
+) -> None:
     again = sections(vehicle_driver="replay", pedestrian_driver="policy", recorded_bag=str(recorded))
     again = again.changed("graph", {"nodes": [*NODES, "pedestrian_policy"]})
-    again = again.changed("pedestrian_policy", {"weights": str(weights)})
+    again = again.changed("pedestrian_policy", {"weights": weights})
     second, _ = drives_again(recorded, again, tmp_path / "second")
     assert counts(second)["/pedestrian/action"] > 20
     assert counts(second).get("/vehicle/action", 0) == 0

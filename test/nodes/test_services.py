@@ -1,12 +1,13 @@
 """The world by services and by parameters: paused, stepped, begun again, paced otherwise, all while it runs."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from domain_coordinator import domain_id
+from nodes.stage import Stage, overrides
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
@@ -19,44 +20,20 @@ from vpsci_ros.nodes.world_simulator import WorldSimulator
 RULES = {"vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"}
 
 
-class Session:
+class Session(Stage):
     """A rule-based world and its monitor in one process, and a node that calls and listens."""
 
     def __init__(self, context: Context, **settings: Any) -> None:
         chosen = RULES | {"scenarios": [1], "episodes": 2, "batch": 1} | settings
-        overrides = [Parameter(name, value=value) for name, value in chosen.items()]
-        self.world = WorldSimulator(context=context, parameter_overrides=overrides)
-        self.caller = rclpy.create_node("caller", context=context)
-        self.nodes = [self.world, SafetyMonitor(context=context), self.caller]
-        self.executor = EventsExecutor(context=context)
-        for node in self.nodes:
-            self.executor.add_node(node)
+        self.world = WorldSimulator(context=context, parameter_overrides=overrides(**chosen))
+        super().__init__(context, self.world, SafetyMonitor(context=context), executor=EventsExecutor)
         self.ticks: list[int] = []
         self.begins: list[tuple[int, int]] = []
         self.started: list[int] = []
         self.told: dict[str, list[DiagnosticArray]] = {}
-        self.caller.create_subscription(WorldState, "world/state", self._on_state, 1000)
-        self.caller.create_subscription(EpisodeEvent, "episode/event", self._on_event, 1000)
-        self.caller.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, 1000)
-
-    def spin_until(self, condition: Callable[[], bool]) -> None:
-        for _ in range(100_000):
-            if condition():
-                return
-            self.executor.spin_once(timeout_sec=0.01)
-        raise AssertionError("it never came to be")
-
-    def call(self, kind: type, name: str, **request: Any) -> Any:
-        client = self.caller.create_client(kind, name)
-        self.spin_until(client.service_is_ready)
-        future = client.call_async(kind.Request(**request))
-        self.spin_until(future.done)
-        return future.result()
-
-    def close(self) -> None:
-        self.executor.shutdown()
-        for node in self.nodes:
-            node.destroy_node()
+        self.peer.create_subscription(WorldState, "world/state", self._on_state, 1000)
+        self.peer.create_subscription(EpisodeEvent, "episode/event", self._on_event, 1000)
+        self.peer.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, 1000)
 
     def _on_state(self, message: WorldState) -> None:
         self.ticks.append(message.tick)
@@ -71,16 +48,8 @@ class Session:
 
 
 @pytest.fixture
-def begin(context: Context) -> Iterator[Callable[..., Session]]:
-    made: list[Session] = []
-
-    def make(**settings: Any) -> Session:
-        made.append(Session(context, **settings))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
+def begin(context: Context, closed: Callable[[Any], Any]) -> Callable[..., Session]:
+    return lambda **settings: closed(Session(context, **settings))
 
 
 def test_a_paused_world_waits_for_steps_and_takes_one_tick_for_each(begin: Callable[..., Session]) -> None:

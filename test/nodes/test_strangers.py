@@ -1,18 +1,18 @@
 """What a stranger in the ROS domain sends is refused, counted and shown, and every node goes on with what is right."""
 
 from array import array
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import rclpy
+from nodes.stage import Stage, overrides
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from rclpy.task import Future
@@ -22,7 +22,6 @@ from std_msgs.msg import Header, UInt64
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, WorldState
 from vpsci_msgs.srv import History
 from vpsci_ros.bags.info import bag_info
-from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.agent_policy import VehiclePolicy
@@ -33,62 +32,11 @@ from vpsci_ros.nodes.recorder import Recorder
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.nodes.world_simulator import WorldSimulator
-from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.wire.signature import VARIABLE, new_secret, signature
 from vpsci_ros.world import EPISODE, RUNNING
 from vpsci_ros.world.lockstep import LockStepConfig
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 PERIOD = 0.05
-
-
-class Stage:
-    """Nodes under one executor, and a node `peer` that listens and speaks."""
-
-    def __init__(self, context: Context, *nodes: Any) -> None:
-        self.peer = rclpy.create_node("stranger", context=context)
-        self.executor = SingleThreadedExecutor(context=context)
-        self._nodes = [*nodes, self.peer]
-        for node in self._nodes:
-            self.executor.add_node(node)
-
-    def add(self, node: Any) -> Any:
-        self._nodes.append(node)
-        self.executor.add_node(node)
-        return node
-
-    def spin_until(self, condition: Callable[[], bool]) -> None:
-        for _ in range(20_000):
-            if condition():
-                return
-            self.executor.spin_once(timeout_sec=0.01)
-        raise AssertionError("it never came to be")
-
-    def close(self) -> None:
-        self.executor.shutdown()
-        for node in self._nodes:
-            node.destroy_node()
-
-
-@pytest.fixture
-def stage(context: Context) -> Iterator[Callable[..., Stage]]:
-    made: list[Stage] = []
-
-    def make(*nodes: Any) -> Stage:
-        made.append(Stage(context, *nodes))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
-
-
-@pytest.fixture(scope="module")
-def weights(tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("weights") / "initial.safetensors"
-    save_weights(path, Networks(SMALL).weights({}, {}))
-    return str(path)
 
 
 def state(tick: int, **changed: Any) -> WorldState:
@@ -128,8 +76,7 @@ def test_a_monitor_refuses_bad_states_and_answers_the_next_one(context: Context,
 def test_a_policy_refuses_bad_messages_and_a_tick_of_2_to_the_40_and_answers_the_next_one(
     context: Context, stage: Callable[..., Stage], weights: str
 ) -> None:
-    overrides = [Parameter("weights", value=weights)]
-    policy = VehiclePolicy(context=context, parameter_overrides=overrides)
+    policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
     here, answered = stage(policy), []
     here.peer.create_subscription(AgentAction, "vehicle/action", lambda m: answered.append(m.tick), LOCK_STEP)
     policy.intake.receive("/world/state", state(0))
@@ -148,7 +95,7 @@ def test_a_policy_refuses_bad_messages_and_a_tick_of_2_to_the_40_and_answers_the
 def test_a_policy_keeps_to_the_first_state_of_a_tick(
     context: Context, stage: Callable[..., Stage], weights: str
 ) -> None:
-    policy = VehiclePolicy(context=context, parameter_overrides=[Parameter("weights", value=weights)])
+    policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
     stage(policy)
     for again in (state(3), state(3), state(3, vehicle_x=array("d", [9.0]))):
         policy.intake.receive("/world/state", again)
@@ -161,7 +108,7 @@ def test_a_policy_keeps_to_the_first_state_of_a_tick(
 def test_a_policy_that_believed_in_a_tick_to_come_goes_back_to_the_worlds_where_nothing_else_is_heard(
     context: Context, stage: Callable[..., Stage], weights: str, heard_since: bool, known: int
 ) -> None:
-    policy = VehiclePolicy(context=context, parameter_overrides=[Parameter("weights", value=weights)])
+    policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
     stage(policy)
     policy._known, policy._reply = 500, Future()
     policy._requested_at, policy._received_at = 10.0, 11.0 if heard_since else 9.0
@@ -173,7 +120,7 @@ def test_a_policy_that_believed_in_a_tick_to_come_goes_back_to_the_worlds_where_
 def test_a_recorder_refuses_bytes_that_are_no_message(
     context: Context, stage: Callable[..., Stage], tmp_path: Path
 ) -> None:
-    recorder = Recorder(context=context, parameter_overrides=[Parameter("bag", value=str(tmp_path / "bag"))])
+    recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
     stage(recorder)
     for topic in ("/tf", "/tf_static", "/diagnostics", "/episode/event"):
         recorder._on_message(topic, b"\x00\x01\x00\x00" + b"\xff" * 40)
@@ -184,7 +131,7 @@ def test_a_recorder_refuses_bytes_that_are_no_message(
 def test_a_recorder_refuses_states_and_answers_that_the_other_nodes_refuse(
     context: Context, stage: Callable[..., Stage], tmp_path: Path
 ) -> None:
-    recorder = Recorder(context=context, parameter_overrides=[Parameter("bag", value=str(tmp_path / "bag"))])
+    recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
     stage(recorder)
     recorder._on_parameters("world_simulator", {"batch": 1, "pedestrians": 1})
     header = Header(stamp=convert.stamp(1, PERIOD), frame_id=convert.MAP)
@@ -269,7 +216,7 @@ def test_a_learner_refuses_transitions_that_are_ragged_or_not_numbers_and_learns
     context: Context, stage: Callable[..., Stage], weights: str, tmp_path: Path
 ) -> None:
     chosen = {"stage": "refine", "weights": weights, "output": str(tmp_path)}
-    learner = Learner(context=context, parameter_overrides=[Parameter(k, value=v) for k, v in chosen.items()])
+    learner = Learner(context=context, parameter_overrides=overrides(**chosen))
     stage(learner).peer.create_subscription(UInt64, "replay/consumed", lambda _: None, 1)
     assert learner._refiner is not None
     rows = np.zeros(4, TRANSITION)
@@ -286,7 +233,7 @@ def test_a_learner_refuses_transitions_that_are_ragged_or_not_numbers_and_learns
 def test_a_recorder_leaves_out_ragged_events_and_times_before_0_and_its_bag_is_whole(
     context: Context, stage: Callable[..., Stage], tmp_path: Path
 ) -> None:
-    recorder = Recorder(context=context, parameter_overrides=[Parameter("bag", value=str(tmp_path / "bag"))])
+    recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
     here = stage(recorder)
     clocks = here.peer.create_publisher(Clock, "clock", LOCK_STEP)
     events = here.peer.create_publisher(EpisodeEvent, "episode/event", LOCK_STEP)
@@ -309,8 +256,8 @@ def test_a_second_publisher_of_actions_is_named_and_what_it_says_otherwise_is_co
     context: Context, stage: Callable[..., Stage]
 ) -> None:
     chosen = {"scenarios": [1], "episodes": 1, "batch": 1, "pedestrian_driver": "autopilot", "vehicle_driver": "policy"}
-    world = WorldSimulator(context=context, parameter_overrides=[Parameter(k, value=v) for k, v in chosen.items()])
-    here = stage(world, SafetyMonitor(context=context))
+    world = WorldSimulator(context=context, parameter_overrides=overrides(**chosen))
+    here = stage(world, SafetyMonitor(context=context), peer="stranger")
     own = here.add(rclpy.create_node("vehicle_policy", context=context))
     for node, acceleration in ((own, 0.5), (here.peer, -8.0)):
         answer_every_state(node, acceleration)

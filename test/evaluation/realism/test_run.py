@@ -43,39 +43,41 @@ def noisy(onsets: Onsets) -> np.ndarray:
     return onsets.recorded[:, None] + shift
 
 
-def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(conflicts: Path, tmp_path: Path) -> None:
-    table = synthetic_near_misses(interactions=24, seed=3).table
-    parts = tmp_path / "run"
-    parts.mkdir()
+@pytest.fixture
+def one_repetition(monkeypatch: pytest.MonkeyPatch) -> RealismConfig:
+    monkeypatch.setattr("vpsci_ros.evaluation.realism.same_start.FAMILY_REPETITIONS", 1)
+    return RealismConfig(repetitions=1)
+
+
+def test_a_run_measures_controls_and_models_of_each_source_too_and_goes_on_from_its_parts(
+    conflicts: Path, tmp_path: Path, one_repetition: RealismConfig
+) -> None:
+    place = pl.when(pl.col("interaction") < 8).then(pl.lit("here")).otherwise(pl.lit("there"))
+    table = synthetic_near_misses(interactions=16, seed=3).table.with_columns(source=place)
     told: list[str] = []
 
-    config = RealismConfig(repetitions=2)
-
     def measure() -> dict[str, Any]:
-        return measure_realism(
-            table, {"noisy": noisy}, config, conflicts=conflicts, parts=parts, told=lambda name, *_: told.append(name)
-        )
+        options = {"conflicts": conflicts, "parts": tmp_path, "told": lambda name, *_: told.append(name)}
+        return measure_realism(table, {"noisy": noisy}, one_repetition, **options)["same_start"]
 
-    result = measure()
-    models = result["same_start"]["models"]
+    found = measure()
+    models = found["models"]
     assert list(models) == [*CONTROLS, "noisy"]
     assert told == list(models)
     assert models["recorded"]["energy_score"] == pytest.approx(0.0, abs=1e-12)
     assert models["constant_velocity_tracked"]["of_constant_velocity"] == pytest.approx(1.0)
     assert models["recorded"]["likelihood"] > models["constant_velocity_tracked"]["likelihood"]
     assert models["noisy"]["roll_outs"] == 4
-    (parts / "same_start_noisy.part.json").write_text('{"kept": true}')
-    assert measure()["same_start"]["models"]["noisy"] == {"kept": True}
-
-
-def test_two_sources_are_measured_together_and_each_alone_with_lenders_of_its_own(tmp_path: Path) -> None:
-    table = synthetic_near_misses(interactions=16, seed=3).table
-    two = table.with_columns(source=pl.when(pl.col("interaction") < 8).then(pl.lit("here")).otherwise(pl.lit("there")))
-    found = measure_realism(two, {}, RealismConfig(repetitions=1))["same_start"]
     assert found["interactions"] == sum(found["by_source"][name]["interactions"] for name in ("here", "there"))
-    assert list(found["by_source"]["there"]["models"]) == list(CONTROLS)
+    assert list(found["by_source"]["there"]["models"]) == list(models)
     assert found["not_in_library"] == []
-    onsets = find_onsets(two)
+    (tmp_path / "same_start_noisy.part.json").write_text('{"kept": true}')
+    assert measure()["models"]["noisy"] == {"kept": True}
+
+
+def test_each_source_has_lenders_of_its_own() -> None:
+    place = pl.when(pl.col("interaction") < 8).then(pl.lit("here")).otherwise(pl.lit("there"))
+    onsets = find_onsets(synthetic_near_misses(interactions=16, seed=3).table.with_columns(source=place))
     allowed = lenders(onsets, onsets)
     assert (onsets.source[:, None] == onsets.source[None])[allowed].all()
     assert not np.diag(allowed).any()

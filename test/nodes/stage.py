@@ -1,0 +1,59 @@
+"""Nodes of one process under one executor, spun until something holds."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+PATIENCE = 240.0  # [s]
+
+
+def overrides(**values: Any) -> list[Parameter]:
+    """Return the parameters of a node of which the caller sets some."""
+    return [Parameter(name.replace("__", "."), value=value) for name, value in values.items()]
+
+
+class Stage:
+    """Nodes under one executor, and a node `peer` that listens and speaks."""
+
+    def __init__(
+        self, context: Context, *nodes: Any, peer: str = "peer", executor: type[Executor] = SingleThreadedExecutor
+    ) -> None:
+        self.context = context
+        self.executor = executor(context=context)
+        self._nodes: list[Node] = []
+        for node in nodes:
+            self.add(node)
+        self.peer: Node = self.add(rclpy.create_node(peer, context=context))
+
+    def add(self, node: Any) -> Any:
+        """Have a node spun and, in the end, destroyed."""
+        self._nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def spin_until(self, condition: Callable[[], bool]) -> None:
+        """Spin until a condition holds that messages bring about."""
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < deadline, f"waited {PATIENCE:g} s in vain"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def call(self, kind: Any, name: str, **request: Any) -> Any:
+        """Return what a service replies."""
+        client = self.peer.create_client(kind, name)
+        self.spin_until(client.service_is_ready)
+        future = client.call_async(kind.Request(**request))
+        self.spin_until(future.done)
+        return future.result()
+
+    def close(self) -> None:
+        """End the executor and all nodes."""
+        self.executor.shutdown()
+        for node in self._nodes:
+            node.destroy_node()
