@@ -6,6 +6,7 @@ billions of values), no tags but the plain ones, no key twice (YAML keeps the la
 
 import json
 import reprlib
+import stat
 from collections.abc import Hashable, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,13 @@ import yaml
 
 from vpsci_ros.errors import InvalidInput
 
-Form = type | tuple[type, ...] | Mapping[str, Any]
+Form = type | tuple[type, ...] | Mapping[str, Any] | list[Any]
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the same, in C, where PyYAML was built with it
 _FAULTS = (yaml.YAMLError, ValueError, TypeError, AttributeError, LookupError, OverflowError)  # of its resolvers, too
 _UNNAMED = 'in "<unicode string>", '  # as PyYAML calls what is no file
 _ANY = "*"
 DEEPEST = 50  # levels of a YAML document
+LONGEST = 2**26  # [bytes] of a text that is read as a whole
 _REPR = reprlib.Repr()
 _REPR.maxlevel, _REPR.maxlist, _REPR.maxdict, _REPR.maxstring, _REPR.maxother, _REPR.maxlong = 3, 6, 6, 120, 120, 60
 
@@ -121,11 +123,35 @@ def read_yaml(path: str | Path) -> Any:
     return parse_yaml(read_text(path, "YAML"), str(path))
 
 
+def require_regular(path: str | Path, most: int = 2**40) -> None:
+    """Refuse what a user names as a file where reading it could wait or go on for ever: a pipe, a device, a socket.
+
+    A file that is not there, or a folder, is left to what opens it.
+
+    :param most: size [bytes] beyond which a file is refused, too.
+    :raises InvalidInput: see above.
+    """
+    try:
+        status = Path(path).stat()
+    except OSError:
+        return
+    if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
+        raise InvalidInput(f"{path}: expected a file, found a pipe, a device or a socket; copy its content to a file")
+    if status.st_size > most:
+        raise InvalidInput(f"{path}: {status.st_size / 1e6:,.0f} MB; expected {most / 1e6:,.0f} MB at most")
+
+
+def printable(text: str) -> str:
+    """Return a text from a file without what a terminal obeys: all characters that do not show are escaped."""
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
+
+
 def read_text(path: str | Path, what: str) -> str:
-    """Return the text of a file.
+    """Return the text of a file of at most `LONGEST` bytes.
 
     :raises InvalidInput: it cannot be read, or is not UTF-8.
     """
+    require_regular(path, LONGEST)
     try:
         return Path(path).read_text(encoding="utf-8")
     except OSError as error:
@@ -158,7 +184,8 @@ def read_json(path: str | Path) -> Any:
 def require_form(value: Any, form: Form, where: str) -> None:
     """Refuse a value that lacks what is read of it; more may be there.
 
-    :param form: a type, several, or a mapping of keys to forms in turn, in which "*" stands for every key.
+    :param form: a type, several, or a mapping of keys to forms in turn, in which "*" stands for every key; or a list
+        of the form that every entry has.
     :raises InvalidInput: names the place, what is expected there, and what is there.
     """
     if isinstance(form, Mapping):
@@ -172,6 +199,10 @@ def require_form(value: Any, form: Form, where: str) -> None:
                 raise InvalidInput(f"{where}: {key} is missing; it has {', '.join(map(str, value)) or 'nothing'}")
             else:
                 require_form(value[key], below, f"{where}, {key}")
+    elif isinstance(form, list):
+        require_form(value, list, where)
+        for entry in value:
+            require_form(entry, form[0], where)
     elif not isinstance(value, form) or (isinstance(value, bool) and form is int):
         kinds = form if isinstance(form, tuple) else (form,)
         raise InvalidInput(f"{where}: expected {' or '.join(k.__name__ for k in kinds)}, got {shown(value)}")

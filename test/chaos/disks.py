@@ -7,25 +7,24 @@ command.
 """
 
 import contextlib
+import io
 import json
-import os
 import random
 import resource
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from vpsci_ros.cli.main import main
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.files import FAILURE
 from vpsci_ros.runs.record import RECORD
 
 ROOT = Path(__file__).parents[2]
 PLACES = ("full", "filling", "read-only", "limited")
-LIMIT = 300.0  # [s] for a command
 BAG = "bags/LocationA_PedCross_N-S"
 COMMANDS: dict[str, str] = {
     "import": "import {tracks} --format vci-citr -o {out}.parquet",
@@ -104,22 +103,26 @@ def disk(case: Case, folder: Path) -> Iterator[Path]:
 
 
 def run(case: Case, given: dict[str, str]) -> Ended:
-    """Run the command of a case on its disk, and look at what it left."""
+    """Run the command of a case on its disk, in this process, and look at what it left."""
+    said, status = io.StringIO(), 0
     with tempfile.TemporaryDirectory() as folder, disk(case, Path(folder)) as place:
         words = COMMANDS[case.command].format(out=place / "out", **given).split()
-        command = [sys.executable, "-m", "vpsci_ros.cli", *words]
-        limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (case.size * 1024, case.size * 1024))
-        ended = subprocess.run(
-            command,
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=LIMIT,
-            env=os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
-            preexec_fn=limit if case.place == "limited" else None,
-        )
-        return Ended(ended.returncode, ended.stderr, defects(ended.returncode, ended.stderr, place))
+        before = sys.argv, resource.getrlimit(resource.RLIMIT_FSIZE)
+        sys.argv = ["vpsci", *words]
+        if case.place == "limited":
+            resource.setrlimit(resource.RLIMIT_FSIZE, (case.size * 1024, before[1][1]))
+        try:
+            with contextlib.chdir(ROOT), contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+                main()
+        except SystemExit as ended:
+            status = int(ended.code or 0)
+        except Exception as error:  # noqa: BLE001 - whatever is not in words is a defect
+            status = 1
+            print(f"Traceback (most recent call last): {type(error).__name__}: {error}", file=said)
+        finally:
+            sys.argv = before[0]
+            resource.setrlimit(resource.RLIMIT_FSIZE, before[1])
+        return Ended(status, said.getvalue(), defects(status, said.getvalue(), place))
 
 
 def defects(status: int, said: str, place: Path) -> list[str]:

@@ -92,7 +92,7 @@ def judged(name: str, data: bytes, whole: bytes, path: Path) -> str:
     kind = KINDS[name]
     path.write_bytes(data)
     try:
-        with _time_limit(), warnings.catch_warnings(), np.errstate(all="ignore"):
+        with time_limit(), warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             value = kind.read(path)
     except InvalidInput as error:
@@ -123,12 +123,12 @@ def _undamaged(name: str, whole: bytes, path: Path) -> Any:
 
 
 @contextlib.contextmanager
-def _time_limit() -> Iterator[None]:
+def time_limit(seconds: int = LIMIT) -> Iterator[None]:
     def late(*_: object) -> None:
-        raise TookTooLong(f"more than {LIMIT} s")
+        raise TookTooLong(f"more than {seconds} s")
 
     before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(LIMIT)
+    signal.alarm(seconds)
     try:
         yield
     finally:

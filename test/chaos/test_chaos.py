@@ -1,10 +1,15 @@
 """The short campaigns of every test run, and everything that a long one has ever found."""
 
+import io
+import sqlite3
 from pathlib import Path
 
 import pytest
-from chaos import files, processes, strangers, writes
+from chaos import bombs, files, processes, strangers, writes
+from rich.console import Console
 
+from vpsci_ros.bags.info import bag_info, print_info
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import write_json
 
 CASES = 20
@@ -24,6 +29,36 @@ def test_what_a_campaign_once_found_holds(path: Path, tmp_path: Path) -> None:
     target = files.KINDS[path.parent.name].make(tmp_path)
     whole = target.read_bytes()
     assert files.judged(path.parent.name, path.read_bytes(), whole, target) in ("read", "refused")
+
+
+@pytest.mark.parametrize("name", bombs.BOMBS)
+def test_a_file_that_is_made_to_harm_is_refused_in_words_at_once(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for budget, value in bombs.SMALL.items():
+        monkeypatch.setattr(budget, value)
+    read = bombs.BOMBS[name](tmp_path)
+    with files.time_limit(5), pytest.raises(InvalidInput):
+        read()
+
+
+@pytest.mark.parametrize("compression", ["LZ4", "ZSTD"])
+def test_of_a_bag_with_a_bomb_in_it_the_rest_is_recovered(
+    compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vpsci_ros.bags.mcap_file.LARGEST_CHUNK", 2**20)
+    assert bombs._packed(bombs.CompressionType[compression], True, tmp_path)() == []
+
+
+def test_a_topic_whose_name_a_terminal_obeys_is_printed_escaped(tmp_path: Path) -> None:
+    bombs._sqlite(bombs._BLOB.replace("1000000", "4"), tmp_path)
+    with sqlite3.connect(tmp_path / "bag_0.db3") as connection:
+        connection.execute("UPDATE topics SET name = ?", ("/\x1b[2J\x9bm",))
+    connection.close()
+    text = io.StringIO()
+    print_info(bag_info(tmp_path), Console(file=text, width=200))
+    assert "/\\x1b[2J\\x9bm" in text.getvalue()
+    assert not {"\x1b", "\x9b"} & set(text.getvalue())
 
 
 def test_a_defect_would_be_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

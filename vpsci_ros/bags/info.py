@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.markup import escape
+from rich.markup import escape as without_markup
 from rich.table import Table
 
 from vpsci_ros.bags.episodes import RECORD, BagEpisode, bag_episodes
@@ -16,6 +16,7 @@ from vpsci_ros.bags.odometry import ODOMETRY
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import BagRun, bag_run
 from vpsci_ros.bags.topic_info import TopicInfo
+from vpsci_ros.documents import printable
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
@@ -95,6 +96,11 @@ def what_is_missing(topics: dict[str, TopicInfo], run: BagRun, records: list[str
     if WORLD in has and "world_simulator" not in run.parameters:
         missing.append("the nodes' parameters: no verify")
     return missing
+
+
+def escape(text: str) -> str:
+    """Return a text from a bag as it may be printed: without markup, and without what a terminal obeys."""
+    return without_markup(printable(text))
 
 
 def print_info(info: dict[str, Any], console: Console) -> None:

@@ -13,12 +13,14 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from lz4.frame import LZ4FrameDecompressor
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
-from zstandard import ZstdError
+from zstandard import ZstdError, frame_content_size
 
 from vpsci_ros.bags.topic_info import TopicInfo, by_name
 from vpsci_ros.errors import InvalidInput
@@ -30,7 +32,11 @@ _FOOTER = struct.Struct("<QQI")  # start of the index, start of its offsets, che
 _DATA_END = struct.Struct("<BQI")  # kind, length, checksum of all that comes before; 0: there is none
 _BLOCK = 2**20  # [bytes] read at once for the checksum
 # What the parser raises on bytes that are not what they should be; lengths that are nonsense end in MemoryError.
-_DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, ValueError, OverflowError, MemoryError)
+_DAMAGE = (
+    *(McapError, CRCValidationError, ZstdError, struct.error),
+    *(ValueError, OverflowError, MemoryError, RuntimeError),  # the last one is LZ4's
+)
+LARGEST_CHUNK = 2**28  # [bytes] unpacked; recorders write chunks of less than a megabyte
 
 
 class McapMessage(NamedTuple):
@@ -110,6 +116,9 @@ class McapFile:
                     summary = reader.get_summary()
                     if summary is None or summary.statistics is None or not summary.chunk_indexes:
                         reader = None
+                    for index in summary.chunk_indexes if summary is not None else ():
+                        file.seek(index.chunk_start_offset + _HEAD.size)
+                        _require_modest(Chunk.read(ReadDataStream(file)))
                 yield reader
             except InvalidInput:
                 raise
@@ -162,6 +171,7 @@ class McapFile:
         if not isinstance(record, Chunk):
             return [record]
         try:
+            _require_modest(record)
             return breakup_chunk(record, validate_crc=True)
         except _DAMAGE as error:
             self._report_damage(f"the chunk after message {read} is damaged ({_reason(error)})")
@@ -223,6 +233,22 @@ class McapFile:
                 "complete the bag with `vpsci bag repair`, or read what is whole with --recover"
             )
         self.damage.append(text)
+
+
+def _require_modest(chunk: Chunk) -> None:
+    """Refuse a chunk that unpacks to more than `LARGEST_CHUNK`; what it says of that itself binds nobody.
+
+    :raises McapError: it does.
+    """
+    size = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        size = max(size, frame_content_size(chunk.data))
+    elif chunk.compression == "lz4":
+        size, unpacker, data = 0, LZ4FrameDecompressor(), chunk.data
+        while size <= LARGEST_CHUNK and not unpacker.eof and (data or not unpacker.needs_input):
+            size, data = size + len(unpacker.decompress(data, _BLOCK)), b""
+    if size > LARGEST_CHUNK:
+        raise McapError(f"it unpacks to more than {LARGEST_CHUNK / 1e6:.0f} MB")
 
 
 def _checksum(file: BinaryIO, begin: int, end: int) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 from vpsci_ros.bags.mcap_file import McapFile
 from vpsci_ros.bags.sqlite_file import SqliteFile
 from vpsci_ros.bags.topic_info import TopicInfo, by_name
-from vpsci_ros.documents import read_yaml
+from vpsci_ros.documents import read_yaml, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage
 
@@ -69,6 +69,7 @@ def bag_files(path: str | Path) -> list[Path]:
     :raises InvalidInput: no such folder or file, none in it, or files that are compressed as a whole.
     """
     path = Path(path)
+    require_regular(path)
     if path.is_file() and path.suffix in _STORAGES:
         return [path]
     if not path.is_dir():
@@ -79,6 +80,10 @@ def bag_files(path: str | Path) -> list[Path]:
         if packed := sorted(file.name for file in inside if file.suffix == ".zstd"):
             raise InvalidInput(f"{path}: {packed[0]} is compressed as a whole; unpack it (zstd -d) and try again")
         raise InvalidInput(f"{path}: no .mcap file and no .db3; expected a rosbag2 folder as a recorder writes it")
+    for file in files:
+        require_regular(file)
+        if file.is_dir():
+            raise InvalidInput(f"{file}: expected a file of a bag, found a folder")
     if len(kinds := Counter(file.suffix for file in files)) > 1:
         raise InvalidInput(f"{path}: expected one kind of file, got {' and '.join(kinds)}; this is more than one bag")
     if str(_information(path).get("compression_mode", "")).lower() == "message":

@@ -11,11 +11,15 @@ from typing import Any
 from urllib.parse import quote
 
 from vpsci_ros.bags.topic_info import TopicInfo
+from vpsci_ros.documents import printable
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage
 
 _TOPICS = """SELECT t.name, t.type, COUNT(m.id), COALESCE(MIN(m.timestamp), 0), COALESCE(MAX(m.timestamp), 0),
     t.offered_qos_profiles FROM topics t LEFT JOIN messages m ON m.topic_id = t.id GROUP BY t.id ORDER BY t.name"""
+_VIEWS = """SELECT name FROM sqlite_master WHERE name IN ('topics', 'messages', 'message_definitions')
+    AND (type <> 'table' OR sql LIKE 'CREATE VIRTUAL%' OR sql LIKE '%GENERATED%')"""  # what may take for ever to read
+LARGEST = 2**28  # [bytes] of a message
 _MESSAGES = "SELECT topic_id, timestamp, data FROM messages {} WHERE timestamp BETWEEN ? AND ? ORDER BY {}"
 
 
@@ -70,6 +74,11 @@ class SqliteFile:
     def _rows(self, query: str, values: tuple[int, ...] = (), *, quiet: bool = False) -> Iterator[tuple[Any, ...]]:
         with contextlib.closing(sqlite3.connect(f"file:{quote(str(self.path))}?mode=ro", uri=True)) as connection:
             try:
+                connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST)
+                for (name,) in connection.execute(_VIEWS):
+                    raise InvalidInput(
+                        f"{self.path}: {printable(name)} is no table; expected a bag as recorders write it"
+                    )
                 yield from connection.execute(query, values)
             except sqlite3.Error as error:
                 text = f"{self.path}: not a whole sqlite3 bag file ({error})"

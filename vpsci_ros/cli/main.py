@@ -168,10 +168,12 @@ def main() -> None:
 
 def _end(status: int, text: str) -> None:
     """End the process; what cannot be printed any more, because the disk or the pipe behind it is full, is left out."""
+    from vpsci_ros.documents import printable
+
     for stream in (sys.stdout, sys.stderr):
         try:
             if stream is sys.stderr:
-                print(text, file=stream)
+                print(printable(text), file=stream)
             stream.flush()
         except OSError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -20,7 +20,8 @@ from vpsci_ros.world.state import COLLISION, OUTCOME_NAMES, PARKED_COLLISION
 DESCRIPTION = "dataset.json"
 DATASHEET = "README.md"
 _TOO_SHORT = REASONS.index("too short") - 1  # of the conditions in `failed`
-_COUNTED = {"kept": int, "collisions": int, "least_curvttc": list}
+_LEAST = [(float, int)]
+_COUNTED = {"kept": int, "collisions": int, "least_curvttc": _LEAST}
 FORM: Form = {  # what is read of any dataset's description
     "period": (float, int),
     "unfinished": int,
@@ -39,7 +40,7 @@ FORM: Form = {  # what is read of any dataset's description
             "pedestrian_km": (float, int),
         }
     },
-    "all": {"least_curvttc": list, "with_early_collisions": _COUNTED},
+    "all": {"least_curvttc": _LEAST, "with_early_collisions": _COUNTED},
     "filters": {"least_frames": int},
     "files": {"*": {"sha256": str}},
     "versions": {"vpsci_ros": str},

@@ -16,7 +16,7 @@ from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS, NEXT_PE
 from vpsci_ros.data.dataset_index import DESCRIPTION, FORM, INDEX, REJECTED
 from vpsci_ros.data.episode import Episode, Key, Listed, filled, headings
 from vpsci_ros.data.episode_frames import QUANTITIES
-from vpsci_ros.data.parquet import as_polars, read_parquet
+from vpsci_ros.data.parquet import as_polars, read_parquet, require_few
 from vpsci_ros.documents import read_json, reason, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import curvature_from_yaw_rate
@@ -41,6 +41,8 @@ class Dataset:
         require_form(self.description, FORM, f"{path}: not the description of a dataset")
         self.scenarios: dict[str, dict[str, Any]] = self.description["scenarios"]
         self.period = float(self.description["period"])
+        if not 0.0 < self.period < 1e3:
+            raise InvalidInput(f"{path}: period = {self.period}: expected a time [s] above 0")
 
     def index(self) -> pl.DataFrame:
         """Return a row an episode, rejected ones too, with the columns of `INDEX_COLUMNS`."""
@@ -145,6 +147,7 @@ def file_rows(path: Path) -> Iterator[pl.DataFrame]:
             return
         with pq.ParquetFile(path) as file:
             for group in range(file.num_row_groups):
+                require_few(file.metadata.row_group(group).num_rows, file.metadata.num_columns)
                 part = as_polars(file.read_row_group(group))
                 yield part.select(list(DATASET_COLUMNS))
                 row += part.height

@@ -9,11 +9,14 @@ import polars as pl
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from vpsci_ros.documents import parse_json, reason, require_form
+from vpsci_ros.documents import parse_json, reason, require_form, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import written_whole
 
 METADATA_KEY = b"vpsci_ros"
+
+
+MOST_VALUES = 2**27  # of what is read at once: 1 GiB in memory; compressed, ten times as many fit into 20 MB
 
 
 class Column(NamedTuple):
@@ -57,12 +60,14 @@ def read_parquet(path: str | Path, what: str, columns: Iterable[str] = ()) -> pl
     :raises InvalidInput: no such file, not Parquet, damaged, or a column is missing.
     """
     path = Path(path)
+    require_regular(path)
     if path.is_dir():
         raise InvalidInput(f"{path}: a folder; expected {what} in Parquet (`vpsci import` makes one of recordings)")
     if not path.is_file():
         raise InvalidInput(f"{path}: no such file; expected {what} in Parquet")
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            require_few(file.metadata.num_rows, file.metadata.num_columns)
             table = as_polars(file.read())
     except (pa.ArrowException, pl.exceptions.PolarsError, OSError, ValueError, TypeError) as error:
         raise InvalidInput(f"{path}: expected {what} in Parquet, not readable as such: {reason(error)}") from None
@@ -70,6 +75,15 @@ def read_parquet(path: str | Path, what: str, columns: Iterable[str] = ()) -> pl
         has = ", ".join(table.columns) or "none"
         raise InvalidInput(f"{path}: expected {what}; column {', '.join(missing)} is missing, it has {has}")
     return table.select(list(columns)) if columns else table
+
+
+def require_few(rows: int, columns: int) -> None:
+    """Refuse to read more than `MOST_VALUES` at once.
+
+    :raises ValueError: rows and columns make more.
+    """
+    if rows * columns > MOST_VALUES:
+        raise ValueError(f"{rows:,} rows of {columns} columns; expected {MOST_VALUES:,} values at most")
 
 
 def as_polars(table: pa.Table) -> pl.DataFrame:
@@ -88,6 +102,7 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
 
     :raises InvalidInput: not Parquet, or what is stored is no JSON.
     """
+    require_regular(path)
     try:
         stored = (pq.read_schema(path).metadata or {}).get(METADATA_KEY)
     except (pa.ArrowException, OSError) as error:

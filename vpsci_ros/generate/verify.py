@@ -110,14 +110,16 @@ def job_of(data: Dataset) -> Job:
         sections = Sections(recorded).changed("world_simulator", {"seed": description["seed"]})
         stored = description["weights"]
         weights = {agent: data.folder / entry["file"] for agent, entry in stored.items()}
-        scenario_files = description["scenario_files"]
+        scenario_files = dict(description["scenario_files"])
         own = [
             replace(scenario_from(document, f"{where}, scenario {name}"), sha256=scenario_files[name])
             for name, document in description.get("own_scenarios", {}).items()
         ]
         job = job_from(sections, weights, own)
         digests = {agent: entry["sha256"] for agent, entry in stored.items()}
-    except (KeyError, TypeError, AttributeError) as error:
+    except InvalidInput:
+        raise
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise InvalidInput(
             f"{where}: expected a dataset of `vpsci generate`, got one without {reason(error)}; "
             "a bag is compared otherwise"

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from vpsci_ros.documents import parse_json, reason
+from vpsci_ros.documents import parse_json, reason, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import build, values_of
 from vpsci_ros.policy.config import NetworkConfig
@@ -166,6 +166,7 @@ def load_weights(path: str | Path) -> Weights:
     :raises InvalidInput: no such file, or as `weights_from_bytes`.
     """
     path = Path(path)
+    require_regular(path)
     try:
         data = path.read_bytes()
     except OSError as error:

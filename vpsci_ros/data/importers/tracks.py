@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.documents import reason
+from vpsci_ros.documents import reason, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
 
@@ -44,6 +44,7 @@ def read_text(path: Path) -> pl.DataFrame:
 
     :raises InvalidInput: it cannot be read.
     """
+    require_regular(path)
     try:
         return pl.read_csv(path, infer_schema=False)
     except (pl.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:

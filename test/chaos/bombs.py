@@ -1,0 +1,126 @@
+"""Files that are made to harm who reads them: that never end, unpack to much more than they are, or say what is untrue.
+
+Each maker leaves one in an empty folder and returns a function that reads it as its command does. Every one is to be
+refused in words, at once.
+"""
+
+import json
+import os
+import sqlite3
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from mcap.writer import CompressionType, Writer
+
+from vpsci_ros.bags.info import bag_info
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.importers import import_trajectories
+from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.policy.weights import load_weights
+
+Read = Callable[[], object]
+SMALL = {  # budgets for the test, so that the bombs are small
+    "vpsci_ros.bags.mcap_file.LARGEST_CHUNK": 2**20,
+    "vpsci_ros.bags.sqlite_file.LARGEST": 2**16,
+    "vpsci_ros.data.parquet.MOST_VALUES": 2**16,
+    "vpsci_ros.documents.LONGEST": 2**16,
+}
+
+
+def _pipe(name: str, read: Callable[[Path], object], folder: Path) -> Read:
+    os.mkfifo(folder / name)
+    return partial(read, folder / name)
+
+
+def _device(folder: Path) -> Read:
+    (folder / "bag.mcap").symlink_to("/dev/zero")
+    return partial(bag_info, folder)
+
+
+def _packed(compression: CompressionType, recover: bool, folder: Path) -> Read:
+    with (folder / "bag_0.mcap").open("wb") as file:
+        writer = Writer(file, chunk_size=2**23, compression=compression)
+        writer.start(profile="ros2", library="")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
+        channel = writer.register_channel("/chatter", "cdr", schema)
+        for time in range(4):
+            writer.add_message(channel, time, bytes(2**20), time)
+        writer.finish()
+    bag = Bag(folder, recover=recover)
+
+    def read() -> list[int]:
+        lengths = [len(raw.data) for raw in bag.messages()]
+        assert recover, lengths
+        return lengths
+
+    return read
+
+
+def _sqlite(script: str, folder: Path) -> Read:
+    path = folder / "bag_0.db3"
+    with sqlite3.connect(path) as connection:
+        connection.executescript(
+            "CREATE TABLE topics(id INTEGER, name TEXT, type TEXT, serialization_format TEXT,"
+            " offered_qos_profiles TEXT); INSERT INTO topics VALUES (1, '/chatter', 'std_msgs/msg/String', 'cdr', '');"
+            + script
+        )
+    connection.close()
+    return lambda: list(Bag(path).messages())
+
+
+_VIEW = """CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n)
+    SELECT id, 1 AS topic_id, id AS timestamp, x'00' AS data FROM n;"""
+_BLOB = """CREATE TABLE messages(id INTEGER, topic_id INTEGER, timestamp INTEGER, data BLOB);
+    INSERT INTO messages VALUES (1, 1, 1, zeroblob(1000000));"""
+
+
+def _rows(folder: Path) -> Read:
+    pq.write_table(pa.table({"x": np.zeros(2**20, np.int8)}), folder / "a.parquet")
+    assert (folder / "a.parquet").stat().st_size < 2**16
+    return partial(read_near_misses, folder / "a.parquet")
+
+
+def _long(folder: Path) -> Read:
+    with (folder / "a.yaml").open("wb") as file:
+        file.truncate(2**17)
+    return partial(load, folder / "a.yaml")
+
+
+def _description(change: Callable[[dict], object], folder: Path) -> Read:
+    """A dataset.json of the form that is read, but for one value."""
+    counts = {"kept": 0, "collisions": 0, "least_curvttc": []}
+    all_of_it = {"least_curvttc": [], "with_early_collisions": counts}
+    whole = {"period": 0.05, "unfinished": 0, "scenarios": {}, "all": all_of_it, "filters": {"least_frames": 1}}
+    whole |= {"files": {}, "versions": {"vpsci_ros": "1"}}
+    (folder / DESCRIPTION).write_text(json.dumps(whole), encoding="utf-8")
+    Dataset(folder)
+    change(whole)
+    (folder / DESCRIPTION).write_text(json.dumps(whole), encoding="utf-8")
+    return partial(Dataset, folder)
+
+
+BOMBS: dict[str, Callable[[Path], Read]] = {
+    "a pipe as a bag": partial(_pipe, "bag.mcap", bag_info),
+    "a pipe in a bag": partial(_pipe, "bag.db3", lambda path: bag_info(path.parent)),
+    "a device in a bag": _device,
+    "a pipe as near misses": partial(_pipe, "a.parquet", read_near_misses),
+    "a pipe as weights": partial(_pipe, "a.safetensors", load_weights),
+    "a pipe as parameters": partial(_pipe, "a.yaml", load),
+    "a pipe as a description": partial(_pipe, DESCRIPTION, lambda path: Dataset(path.parent)),
+    "a pipe as tracks": partial(_pipe, "a.csv", lambda path: import_trajectories(path.parent, "described")),
+    "a bag of lz4": partial(_packed, CompressionType.LZ4, False),
+    "a bag of zstd": partial(_packed, CompressionType.ZSTD, False),
+    "a recursive view": partial(_sqlite, _VIEW),
+    "a large blob": partial(_sqlite, _BLOB),
+    "many equal rows": _rows,
+    "a long text": _long,
+    "a period of 0": partial(_description, lambda whole: whole.update(period=0)),
+    "a quartile in words": partial(_description, lambda whole: whole["all"].update(least_curvttc=["2"])),
+}
