@@ -209,9 +209,7 @@ def test_silence_in_real_time_brings_the_vehicle_to_a_safe_stop_which_an_event_t
 def test_a_vehicle_in_a_safe_stop_drives_on_when_commands_come_again(drive: Callable[..., Drive]) -> None:
     session = drive(**FAST, command_silence=0.2)
     session.answer(
-        AccelStamped,
-        "vehicle/cmd_accel",
-        lambda odometry: given(odometry, 2.0 if seconds(odometry) > 1.0 else None),
+        AccelStamped, "vehicle/cmd_accel", lambda odometry: given(odometry, 2.0 if seconds(odometry) > 1.0 else None)
     )
     session.run()
     assert session.kinds[EpisodeEvent.SAFE_STOP] == 1

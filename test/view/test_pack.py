@@ -67,9 +67,7 @@ def test_an_episode_keeps_its_least_time_its_onset_and_its_marks() -> None:
     assert (episode["least"], episode["onset"], row["marks"], episode["marks"]) == (1.25, 20, ["m"], [0])
 
 
-def test_the_ground_of_a_scenario_of_the_package_is_the_pages_and_that_of_ones_own_its_sources() -> (
-    None
-):
+def test_the_ground_of_a_scenario_of_the_package_is_the_pages_and_that_of_ones_own_its_sources() -> None:
     own, paper = load_scenario(103), load_scenario(1)
     sources = [source(motion(), paper), source(motion(), own), source(motion(), 0)]
     assert grounds(sources) == {1: ground(paper)}

@@ -32,22 +32,15 @@ from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
+from vpsci_ros.world.counts import MISSING_ANSWERS
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.safe_stop import ExternalConfig
 from vpsci_ros.world.scenario import scenario_from
-from vpsci_ros.world.state import (
-    PEDESTRIAN_ACTION_MISSING,
-    RUNNING,
-    SAFE_STOP,
-    SAFETY_MISSING,
-    STARTED,
-    VEHICLE_ACTION_MISSING,
-)
+from vpsci_ros.world.state import RUNNING, SAFE_STOP, STARTED
 
-_MISSING = {VEHICLE_ACTION_MISSING: "vehicle", PEDESTRIAN_ACTION_MISSING: "pedestrian", SAFETY_MISSING: "safety"}
 _LATE = 1000  # ticks by which a message may stand later in the file: what the recorder's queue of each topic holds
 Fields = Mapping[str, NDArray[Any] | None]
 Messages = dict[str, list[Any]]  # by topic
@@ -319,9 +312,10 @@ class _Rows:
 
 def _deterministic(events: NDArray[np.void]) -> NDArray[np.void]:
     """Return the events, EVENT[n], that do not depend on how quickly the nodes answered."""
-    return events[~np.isin(events["kind"], (*_MISSING, SAFE_STOP))]
+    return events[~np.isin(events["kind"], (*MISSING_ANSWERS, SAFE_STOP))]
 
 
 def _missing_answers(following: Messages) -> set[str]:
     """Return whose answers the world did without, by the events that it published with the following tick."""
-    return {_MISSING[kind] for rows in following.get(EVENTS, ()) for kind in rows["kind"].tolist() if kind in _MISSING}
+    kinds = {kind for rows in following.get(EVENTS, ()) for kind in rows["kind"].tolist()}
+    return {sender for kind, sender in MISSING_ANSWERS.items() if kind in kinds}

@@ -50,10 +50,7 @@ def with_episode_list(sections: Sections, path: Path) -> Sections:
     if not keys:
         raise InvalidInput(f"{path}: it holds no episode")
     numbers = sorted({scenario for scenario, _ in keys})
-    chosen = sections.changed(
-        "world_simulator",
-        {"seed": stored.get("seed"), "scenarios": numbers, "only": flat(keys)},
-    )
+    chosen = sections.changed("world_simulator", {"seed": stored.get("seed"), "scenarios": numbers, "only": flat(keys)})
     run = chosen.get(RunConfig, "world_simulator")
     hashes = {str(each.number): each.sha256 for each in load_scenarios(run.scenarios, run.scenario_files)}
     mine = {"world": _world(chosen.get(WorldConfig, "world_simulator")), "scenarios": hashes}

@@ -200,12 +200,7 @@ def _conduct(rows: pl.DataFrame, run: Conduct) -> dict[str, Any]:
 
 
 def _as_dict(found: Estimate) -> dict[str, Any]:
-    return {
-        "value": _number(found.value),
-        "low": _number(found.low),
-        "high": _number(found.high),
-        "n": found.n,
-    }
+    return {"value": _number(found.value), "low": _number(found.low), "high": _number(found.high), "n": found.n}
 
 
 def _number(value: float) -> float | None:

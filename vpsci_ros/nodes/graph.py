@@ -67,11 +67,7 @@ class GraphResult:
 
 
 def run_graph(
-    sections: Sections,
-    folder: str | Path,
-    *,
-    quiet: bool = False,
-    stop_when: StopWhen | None = None,
+    sections: Sections, folder: str | Path, *, quiet: bool = False, stop_when: StopWhen | None = None
 ) -> GraphResult:
     """Run a graph to its end and return how it went.
 
@@ -246,11 +242,7 @@ class NodeProcesses:
 
 
 def _follow(
-    processes: NodeProcesses,
-    watch: Watch,
-    graph: GraphConfig,
-    requested: StopRequest,
-    stop_when: StopWhen,
+    processes: NodeProcesses, watch: Watch, graph: GraphConfig, requested: StopRequest, stop_when: StopWhen
 ) -> str:
     """Wait for the end of the run; return what went wrong, or nothing."""
     restarts = graph.restarts

@@ -26,12 +26,7 @@ class Output:
     """
 
     def __init__(
-        self,
-        node: Node,
-        topic: str,
-        expected: list[str],
-        timeout: float,
-        stopping: Callable[[], bool],
+        self, node: Node, topic: str, expected: list[str], timeout: float, stopping: Callable[[], bool]
     ) -> None:
         self.topic = topic
         self.expected = expected

@@ -25,17 +25,12 @@ from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.wire import received
 from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
-from vpsci_ros.world import state as codes
-from vpsci_ros.world.counts import WorldCounts
+from vpsci_ros.world.counts import MISSING_ANSWERS, WorldCounts
 from vpsci_ros.world.lockstep import LockStep, LockStepConfig
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.safe_stop import ExternalConfig, ExternalDriver
+from vpsci_ros.world.state import FINISHED
 
-MISSING = {
-    codes.VEHICLE_ACTION_MISSING: "vehicle",
-    codes.PEDESTRIAN_ACTION_MISSING: "pedestrian",
-    codes.SAFETY_MISSING: "safety",
-}
 STRANGER_PATIENCE = 3.0  # [s] for readers of the state that are only believed to be on their way
 REPEAT_AFTER = 1.0  # [s] without an answer to the first tick
 LOG_PERIOD = 10.0  # [s] of wall time between lines about an episode's end
@@ -273,7 +268,7 @@ class WorldSimulator(GraphNode):
 
     def _count(self, events: NDArray[np.void]) -> None:
         first = events["slot"] % self._config.pedestrians == 0  # an episode counts once
-        ended = events[(events["kind"] == codes.FINISHED) & first]
+        ended = events[(events["kind"] == FINISHED) & first]
         self.counts.episodes_ended += len(ended)
         for outcome in ended["outcome"].tolist():
             self.counts.add(OUTCOME_NAMES[outcome])
@@ -283,7 +278,7 @@ class WorldSimulator(GraphNode):
             event, outcome = ended[0], OUTCOME_NAMES[ended["outcome"][0]]
             name, least = f"{event['scenario']}:{event['episode']}", f"{event['least_curvttc']:.2f} s"
             self.get_logger().info(f"{name} ended: {outcome}, least CurvTTC {least}")
-        for kind, sender in MISSING.items():
+        for kind, sender in MISSING_ANSWERS.items():
             self.counts.add_fault(sender, "missing", int(np.count_nonzero(events["kind"] == kind)))
 
     def _count_unread(self) -> None:

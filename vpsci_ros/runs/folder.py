@@ -35,11 +35,7 @@ class RunFolder:
     """
 
     def __init__(
-        self,
-        folder: Path,
-        sections: Sections,
-        inputs: Iterable[str | Path] = (),
-        facts: dict[str, Any] | None = None,
+        self, folder: Path, sections: Sections, inputs: Iterable[str | Path] = (), facts: dict[str, Any] | None = None
     ) -> None:
         self._folder = folder
         self._begun = time.monotonic()

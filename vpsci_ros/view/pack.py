@@ -124,10 +124,7 @@ def _packed_others(motion: np.ndarray) -> dict[str, Any]:
     if not len(motion):
         return {}
     steps = np.maximum(OTHER_STEPS, np.abs(motion).max(axis=0) / LARGEST)
-    return {
-        "other_steps": steps.tolist(),
-        "others": base64.b64encode(_quantised(motion, steps).tobytes()).decode(),
-    }
+    return {"other_steps": steps.tolist(), "others": base64.b64encode(_quantised(motion, steps).tobytes()).decode()}
 
 
 def _middle(values: np.ndarray) -> np.ndarray:

@@ -3,6 +3,10 @@
 from dataclasses import asdict, dataclass
 from typing import Literal, NamedTuple
 
+from vpsci_ros.world.state import PEDESTRIAN_ACTION_MISSING, SAFETY_MISSING, VEHICLE_ACTION_MISSING
+
+MISSING_ANSWERS = {VEHICLE_ACTION_MISSING: "vehicle", PEDESTRIAN_ACTION_MISSING: "pedestrian", SAFETY_MISSING: "safety"}
+"""Kind of event -> whose answer was missing."""
 Fault = Literal["missing", "refused", "contradicted", "early"]
 
 
@@ -19,9 +23,9 @@ class Faults(NamedTuple):
 class WorldCounts:
     """Numbers of ticks, episodes, answers, commands and outcomes, by the keys that they have in the diagnostics.
 
-    Of answers to a tick, by the safety monitor and by whoever drives an agent: `missing` when the world went on without
+    Of answers to a tick, by the safety monitor and the drivers of the agents: `missing` when the world went on without
     (`action_timeout`); `refused`, of wrong lengths or not finite; `contradicted`, a later one that differs from the
-    first; `early`, to a tick that was still to come. The last two are somebody else's.
+    first; `early`, to a tick that was still to come. The last two are another program's.
     """
 
     tick: int = 0  # the present one

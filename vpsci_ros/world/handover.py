@@ -1,6 +1,6 @@
 """Who drives: the rule-based pair until it is critical, then both policies, and back when the danger is over.
 
-The policies are asked at policy frames only, every `policy_period` since the spawn, and their answers hold in
+The policies act at policy frames only, every `policy_period` since the spawn, and their actions stay in force in
 between. They take both agents at the first policy frame that is critical. Each critical tick sets `hold` to
 `release_time`, each other tick counts it down, and control is given back at the first policy frame that is not
 critical and has no hold left. So neither a flicker of CurvTTC nor a critical tick between two policy frames moves
@@ -20,7 +20,7 @@ from vpsci_ros.world.state import HANDED_BACK, HANDED_OVER, RUNNING
 
 
 def policy_frame(state: NDArray[np.void], config: WorldConfig) -> NDArray[np.bool_]:
-    """Return where the policies are asked: bool[B] for EPISODE[B] records."""
+    """Return where the policies may act: bool[B] for EPISODE[B] records."""
     return (state["status"] == RUNNING) & (state["frame"] % config.policy_ticks == 0)
 
 

@@ -73,11 +73,7 @@ class LockStep:
     """
 
     def __init__(
-        self,
-        config: LockStepConfig,
-        world: WorldConfig,
-        counts: WorldCounts,
-        external: ExternalDriver | None = None,
+        self, config: LockStepConfig, world: WorldConfig, counts: WorldCounts, external: ExternalDriver | None = None
     ) -> None:
         self.config = config
         self.external = external

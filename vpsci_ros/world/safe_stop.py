@@ -153,8 +153,7 @@ class ExternalDriver:
             oldest = max(self._stamp, self._now - round(self.config.command_silence * 1e9))
         if stamp > self._now:
             self.refuse(
-                values,
-                f"it answers a tick that has not been: {stamp} ns is ahead of simulated time, {self._now} ns",
+                values, f"it answers a tick that has not been: {stamp} ns is ahead of simulated time, {self._now} ns"
             )
         if stamp < oldest:
             self.refuse(values, "it answers an earlier tick")

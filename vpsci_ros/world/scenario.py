@@ -31,26 +31,14 @@ from vpsci_ros.world.people import WAITING
 Points: TypeAlias = NDArray[np.float64]
 Interval: TypeAlias = tuple[float, float]
 
-_REQUIRED: dict[str, Any] = {"number": None, "name": None, "location": None, "vehicle": None, "pedestrian": None}
-_OPTIONAL: dict[str, Any] = {"description": "", "crosswalk": [], "parked": []}
-_VEHICLE: dict[str, Any] = {"centreline": None, "spawn": None, "goal": None}
-_VEHICLE_OPTIONAL: dict[str, Any] = {
-    "lane_width": 3.5,
-    "throttle": [0.6, 0.9],
-    "full_throttle_speed": 6.0,
-    "initial_speed": [0.0, 1.0],
-}
-_PEDESTRIAN: dict[str, Any] = {"route": None, "goal": None, "arrival": None}
-_PEDESTRIAN_OPTIONAL: dict[str, Any] = {
-    "speed": [1.0, 4.0],
-    "offset": [-0.8, 0.8],
-    "standing_room": 1.0,
-    "waiting": WAITING,
-}
-
-
-_PARKED: dict[str, Any] = {"x": None, "y": None}
-_PARKED_OPTIONAL: dict[str, Any] = {"heading": 0.0, "length": VEHICLE_LENGTH, "width": VEHICLE_WIDTH}
+_NEEDED: Any = object()  # in place of a default
+_TOP = {"number": _NEEDED, "name": _NEEDED, "location": _NEEDED, "vehicle": _NEEDED, "pedestrian": _NEEDED,
+        "description": "", "crosswalk": [], "parked": []}  # fmt: skip
+_VEHICLE = {"centreline": _NEEDED, "spawn": _NEEDED, "goal": _NEEDED, "lane_width": 3.5, "throttle": [0.6, 0.9],
+            "full_throttle_speed": 6.0, "initial_speed": [0.0, 1.0]}  # fmt: skip
+_PEDESTRIAN = {"route": _NEEDED, "goal": _NEEDED, "arrival": _NEEDED, "speed": [1.0, 4.0], "offset": [-0.8, 0.8],
+               "standing_room": 1.0, "waiting": WAITING}  # fmt: skip
+_PARKED = {"x": _NEEDED, "y": _NEEDED, "heading": 0.0, "length": VEHICLE_LENGTH, "width": VEHICLE_WIDTH}
 MOST_PARKED = 32
 
 
@@ -116,7 +104,7 @@ def _own(folder: FilePath) -> dict[int, FilePath]:
     """Return the scenario files of a folder by their number."""
     found = {}
     for path in folder.glob("*.yaml"):
-        document = _read(path)
+        document = read_yaml(path)
         number = document.get("number") if isinstance(document, dict) else None
         if type(number) is not int:
             raise InvalidInput(f"{path}: expected a scenario with a whole number, got number {number!r}")
@@ -184,7 +172,7 @@ def load_scenario(which: int | str | FilePath) -> Scenario:
     :raises InvalidInput: no such scenario, unreadable YAML, or a key that is missing, unknown or out of range.
     """
     path = _find(which)
-    document = _read(path)
+    document = read_yaml(path)
     digest = hashlib.sha256(path.read_bytes())
     scenario = scenario_from(document, str(path))
     if "opendrive" in document:
@@ -201,10 +189,6 @@ def _of_ones_own(item: str | FilePath | Scenario) -> Scenario:
             f"choose one from {max(own) + 1} to 255"
         )
     return scenario
-
-
-def _read(path: FilePath) -> Any:
-    return read_yaml(path)
 
 
 def _find(which: int | str | FilePath) -> FilePath:
@@ -234,7 +218,7 @@ def scenario_from(document: Any, where: str) -> Scenario:
     """
     if isinstance(document, dict) and "opendrive" in document:
         document = expand(document, where)
-    top = _section(document, _REQUIRED, _OPTIONAL, where)
+    top = _section(document, _TOP, where)
     number = top["number"]
     if type(number) is not int or not 1 <= number <= 255:
         raise InvalidInput(f"{where}: number must be a whole number from 1 to 255, got {shown(number)}")
@@ -242,9 +226,9 @@ def scenario_from(document: Any, where: str) -> Scenario:
         raise InvalidInput(
             f"{where}: name becomes that of files: expected letters, digits, '_', '-' and '.', got {top['name']!r}"
         )
-    vehicle = _vehicle(_section(top["vehicle"], _VEHICLE, _VEHICLE_OPTIONAL, f"{where}, vehicle"), f"{where}, vehicle")
+    vehicle = _vehicle(_section(top["vehicle"], _VEHICLE, f"{where}, vehicle"), f"{where}, vehicle")
     here = f"{where}, pedestrian"
-    pedestrian = _pedestrian(_section(top["pedestrian"], _PEDESTRIAN, _PEDESTRIAN_OPTIONAL, here), vehicle.path, here)
+    pedestrian = _pedestrian(_section(top["pedestrian"], _PEDESTRIAN, here), vehicle.path, here)
     polygon = _points(top["crosswalk"], 3, f"{where}: crosswalk") if top["crosswalk"] else np.zeros((0, 2))
     return Scenario(
         number=number,
@@ -307,7 +291,7 @@ def _parked(values: Any, pedestrian: PedestrianScenario, where: str) -> Points:
     boxes = np.zeros((len(values), 5))
     walk = pedestrian.path.points[: int(pedestrian.goal / pedestrian.path.step) + 1]
     for box, value, here in zip(boxes, values, (f"{where}, parked[{k}]" for k in range(len(values))), strict=True):
-        given = _section(value, _PARKED, _PARKED_OPTIONAL, here)
+        given = _section(value, _PARKED, here)
         box[:2] = [_number(given[name], -1e7, 1e7, f"{here}: {name}", "m") for name in ("x", "y")]
         box[2] = _number(given["heading"], -10.0, 10.0, f"{here}: heading", "rad")
         box[3:] = [_number(given[name], 0.1, 30.0, f"{here}: {name}", "m") for name in ("length", "width")]
@@ -332,14 +316,15 @@ def _crossing(route: Path, lane: Path) -> float | None:
     return None if len(hits) == 0 else float((hits[0, 0] + t[tuple(hits[0])]) * route.step)
 
 
-def _section(values: Any, required: dict[str, Any], optional: dict[str, Any], where: str) -> dict[str, Any]:
+def _section(values: Any, defaults: dict[str, Any], where: str) -> dict[str, Any]:
+    """Return a section of the file with its defaults, `_NEEDED` where a key has to be there."""
+    required = [key for key, default in defaults.items() if default is _NEEDED]
     if not isinstance(values, dict):
         raise InvalidInput(f"{where}: expected a mapping with {', '.join(required)}, got {shown(values)}")
-    refuse_unknown(values, required | optional, where)
-    missing = [key for key in required if key not in values]
-    if missing:
+    refuse_unknown(values, defaults, where)
+    if missing := [key for key in required if key not in values]:
         raise InvalidInput(f"{where}: missing {', '.join(missing)}; see params/scenarios/LocationA_PedCross_S-N.yaml")
-    return optional | values
+    return defaults | values
 
 
 def _number(value: Any, low: float, high: float, where: str, unit: str) -> float:

@@ -152,11 +152,7 @@ def _chosen(where: Path, keys: list[Key]) -> list[Key]:
 
 def _table(tables: Mapping[str, pl.DataFrame], plan: Plan, pool: list[Key]) -> pl.DataFrame:
     margin = pl.DataFrame(
-        {
-            "scenario": [key[0] for key in pool],
-            "episode": [key[1] for key in pool],
-            "margin": plan.margin_before,
-        }
+        {"scenario": [key[0] for key in pool], "episode": [key[1] for key in pool], "margin": plan.margin_before}
     )
     found = pl.concat([table.with_columns(part=pl.lit(name)) for name, table in tables.items()])
     return found.join(margin, on=["scenario", "episode"], how="left", maintain_order="left")
