@@ -7,16 +7,14 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.episodes import BagEpisode, bag_episodes, chosen_episode, read_episodes
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.report.canvas import blank_figure, save_png
 from vpsci_ros.report.trajectories import draw_episode, draw_speed_bars
-from vpsci_ros.runs.files import written_whole
 from vpsci_ros.safety import CRITICAL_TTC, HORIZON
 
 VEHICLE, PEDESTRIAN, TTC, CONTROLLED = "#08519c", "#a50f15", "#333333", "#fee8c8"
@@ -37,8 +35,7 @@ def save_episode(bag: str | Path, episode: str, path: str | Path, *, recover: bo
     drawn = found.filled()
     time = drawn.time
 
-    figure = Figure(figsize=(11.5, 6.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank_figure(11.5, 6.6)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.15, 1.0))
     where = figure.add_subplot(grid[:, 0])
     draw_episode(where, _title(drawn), drawn)
@@ -56,8 +53,7 @@ def save_episode(bag: str | Path, episode: str, path: str | Path, *, recover: bo
         _mark(axis, drawn)
     series[0].legend(fontsize=7, loc="upper right")
     series[1].legend(handles=series[1].get_lines()[:2], fontsize=7, loc="upper right")
-    with written_whole(path) as part:
-        figure.savefig(part, format="png", dpi=120)
+    save_png(figure, path, 120)
     return one
 
 

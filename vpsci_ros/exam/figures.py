@@ -7,15 +7,13 @@ from typing import Any
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.exam.config import added_pedestrians, title_of
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.policy.config import LEARNED
+from vpsci_ros.report.canvas import blank_figure, save_png
 from vpsci_ros.report.trajectories import save_trajectories
-from vpsci_ros.runs.files import written_whole
 from vpsci_ros.safety import HORIZON
 
 # Okabe and Ito's colours, which most people tell apart
@@ -47,8 +45,7 @@ _ENDS = (
 def save_overview(report: Mapping[str, Any], table: pl.DataFrame, path: Path) -> None:
     """Draw shares with intervals, the distribution of the least CurvTTC and how critical episodes ended, as a PNG."""
     names = list(report["drivers"][ADS])
-    figure = Figure(figsize=(11.5, 2.9 + 0.62 * len(names)), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank_figure(11.5, 2.9 + 0.62 * len(names))
     top, bottom = figure.subfigures(
         2, 1, squeeze=False, height_ratios=[0.7 + 0.3 * len(names), 1.9 + 0.25 * len(names)]
     ).flat
@@ -58,8 +55,7 @@ def save_overview(report: Mapping[str, Any], table: pl.DataFrame, path: Path) ->
     left, right = bottom.subplots(1, 2, width_ratios=[1.0, 1.25])
     _draw_least(left, table, names)
     _draw_ends(right, table, names)
-    with written_whole(path) as part:
-        figure.savefig(part, format="png", dpi=130)
+    save_png(figure, path)
 
 
 def save_episode(episodes: Mapping[str, Sequence[Episode]], path: Path) -> Key | None:

@@ -4,13 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import RECORDED, Episode, Listed
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.report.canvas import save_png
+from vpsci_ros.report.canvas import blank_figure, save_png
 from vpsci_ros.report.trajectories import draw_episode, draw_speed_bars
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
@@ -29,8 +27,7 @@ def save_beside(recorded: pl.DataFrame, generated: pl.DataFrame, path: str | Pat
     :raises InvalidInput: a table has no interaction with an onset, or the folder of `path` does not exist.
     """
     rows = -(-EACH // COLUMNS)
-    figure = Figure(figsize=(2.6 * COLUMNS, 2.8 * 2 * rows + 1.2), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank_figure(2.6 * COLUMNS, 2.8 * 2 * rows + 1.2)
     halves = np.asarray(figure.subfigures(2, 1))
     for part, (name, table) in zip(halves, (("recorded", recorded), ("generated", generated)), strict=True):
         part.suptitle(f"{name}, {EACH} at random", fontsize=12)

@@ -12,13 +12,19 @@ from numpy.typing import NDArray
 from vpsci_ros.runs.files import written_whole
 
 
+def blank_figure(width: float, height: float) -> Figure:
+    """Return a figure of this size [inch] without axes."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
 def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, Any]:
     """Return a figure of this size [inch] and its axes, object[rows, columns].
 
     :param options: of `Figure.subplots`.
     """
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = blank_figure(width, height)
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 

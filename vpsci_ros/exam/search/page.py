@@ -5,14 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.search.margin import STANDING
 from vpsci_ros.exam.search.plan import AT_RANDOM, Plan
 from vpsci_ros.report import html
-from vpsci_ros.runs.files import written_whole
+from vpsci_ros.report.canvas import new_figure, save_png
 
 TITLES = {
     "moving_collision": "the vehicle hits the pedestrian while it moves",
@@ -50,9 +48,8 @@ def write_search_page(path: Path, report: Mapping[str, Any], plan: Plan, failure
 def save_search(plan: Plan, failure: str, path: Path) -> None:
     """Draw as a PNG what was rehearsed and driven by margin, and the chance of a failure that was learned from it."""
     unit = "s" if failure.endswith("conflict") else "m"
-    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.0, 1.0])
+    figure, axes = new_figure(9.0, 4.6, rows=2, sharex=True)
+    above, below = axes.flat
     edges = np.linspace(*_SHOWN, 71)
     rehearsed = np.where(plan.driven, plan.margin_before, plan.margin)
     above.hist(np.clip(rehearsed, *_SHOWN), edges, color=_GREY, label="in the pool")
@@ -69,8 +66,7 @@ def save_search(plan: Plan, failure: str, path: Path) -> None:
     below.set_ylim(bottom=-0.02)
     for axis in (above, below):
         axis.spines[["top", "right"]].set_visible(False)
-    with written_whole(path) as part:
-        figure.savefig(part, format="png", dpi=130)
+    save_png(figure, path)
 
 
 def _shares(margin: Any, failed: Any, edges: Any) -> tuple[Any, Any, Any]:
