@@ -9,13 +9,13 @@ import pytest
 from polars.testing import assert_frame_equal
 from synthetic import synthetic_near_misses
 
-from vpsci_ros.data.corpus import load_corpus
 from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import (
     NEAR_MISS_COLUMNS,
     WORKED_OUT,
     check_near_misses,
     concat_near_misses,
+    load_corpus,
     read_near_misses,
     split_by_clip,
     write_near_misses,

@@ -10,8 +10,8 @@ from synthetic import synthetic_near_misses
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.data.reference import around_critical
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation import safety_compare
-from vpsci_ros.evaluation.measure_series import MEASURES, CompareConfig, first_flags
+from vpsci_ros.evaluation import measure_series, safety_compare
+from vpsci_ros.evaluation.measure_series import MEASURES, first_flags
 from vpsci_ros.safety import CONFLICT_TTC
 
 
@@ -54,18 +54,20 @@ def test_the_intervals_hold_the_value_and_come_from_whole_clips(known_flags):
 
 
 def test_curvttc_flags_at_the_first_step_below_two_seconds(near_misses):
-    times, _, _ = first_flags(near_misses, CompareConfig())
+    times, _, _ = first_flags(near_misses)
     rows = around_critical(near_misses)  # times count from where these begin
     for k, part in enumerate(rows.partition_by("interaction", maintain_order=True)):
         below = np.flatnonzero(part["curvttc"].to_numpy() < CONFLICT_TTC)
         assert times[k, 0] == pytest.approx(below[0] * 0.1 if len(below) else np.inf)
 
 
-def test_a_stricter_threshold_flags_fewer(near_misses):
-    loose, strict = (
-        safety_compare.agreement(near_misses, CompareConfig(ttc=ttc, dce=dce, drac=drac, pet=pet)).conflicts
-        for ttc, dce, drac, pet in ((4.0, 4.0, 1.0, 4.0), (1.0, 1.0, 6.0, 0.5))
-    )
+def test_a_stricter_threshold_flags_fewer(near_misses, monkeypatch):
+    counts = []
+    for thresholds in ((4.0, 4.0, 1.0, 4.0), (1.0, 1.0, 6.0, 0.5)):
+        for name, value in zip(("CONFLICT_TTC", "CLOSEST", "BRAKING", "ENCROACHMENT"), thresholds, strict=True):
+            monkeypatch.setattr(measure_series, name, value)
+        counts.append(safety_compare.agreement(near_misses).conflicts)
+    loose, strict = counts
     assert (strict <= loose).all()
     assert (strict < loose)[:6].all()
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Params, Resumable, writes_folder
+from vpsci_ros.cli.options import Params, Quiet, Resumable, Settings, writes_folder
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.resources import RIGHT_TURNS
 
@@ -39,13 +39,10 @@ def generate(
         int | None, typer.Option(min=1, metavar="N", help="Kept episodes wanted in each scenario.")
     ] = None,
     table10: Annotated[bool, typer.Option("--table10", help="As many kept episodes as in Table 10: 198,157.")] = False,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="SECTION.PARAMETER=VALUE", help="Override one parameter; repeatable."),
-    ] = None,
+    settings: Settings = None,
     workers: Count = None,
     ray: Ray = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Stage 3: a dataset by the refined policies; the same command goes on with a run that was stopped."""
     from vpsci_ros.cli.parameter_file import load
@@ -106,7 +103,7 @@ def report(
     beside: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Another dataset to compare with, say of the rule-based pair.")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Draw a dataset's figures and statistics of the paper's section 4, as one HTML page.
 

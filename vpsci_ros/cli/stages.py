@@ -8,10 +8,9 @@ from typing import Any
 import polars as pl
 from rich.console import Console
 
-from vpsci_ros.data.corpus import corpus_files
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
 from vpsci_ros.data.interactions import table_hash
-from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.near_misses import corpus_files, read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.error_table import print_errors
 from vpsci_ros.evaluation.errors import evaluate

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS, NEXT_PEDESTRIAN
+from vpsci_ros.data.dataset_files import DATASET_COLUMNS, FORMATS, INDEX_COLUMNS, NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_index import DESCRIPTION, FORM, INDEX, REJECTED
 from vpsci_ros.data.episode import Episode, Key, Listed, filled, headings
 from vpsci_ros.data.episode_frames import QUANTITIES
@@ -82,7 +82,7 @@ class Dataset:
         for name in (scenario,) if scenario else self.scenarios:
             if name in groups:
                 number = int(self.scenarios[name]["number"])
-                for path, part in self._rejected_parts(name) if rejected else self._parts(name):
+                for path, part in self._parts(name, rejected=rejected):
                     if part.height:
                         yield from self._episodes(part, path, number, listed)
 
@@ -110,29 +110,27 @@ class Dataset:
 
     def holds_rejected(self, name: str) -> bool:
         """Whether the dataset holds the rejected episodes of a scenario (`dataset.keep_rejected`)."""
-        return self._rejected_file(name).is_file()
-
-    def _rejected_file(self, name: str) -> Path:
-        return self.folder / REJECTED / f"{name}.parquet"
-
-    def _rejected_parts(self, name: str) -> Iterator[tuple[Path, pl.DataFrame]]:
-        path = self._rejected_file(name)
-        yield from ((path, part) for part in (file_rows(path) if self.holds_rejected(name) else ()))
+        return self._file(name, rejected=True) is not None
 
     def rows(self, name: str) -> pl.DataFrame:
         """Return all rows of one scenario, by its name."""
         parts = [part for _, part in self._parts(name)]
         return pl.concat(parts) if parts else pl.DataFrame(schema=_SCHEMA)
 
-    def _parts(self, name: str) -> Iterator[tuple[Path, pl.DataFrame]]:
+    def _file(self, name: str, *, rejected: bool) -> Path | None:
+        """Return a scenario's file of kept or of rejected episodes, Parquet or else CSV; None: neither is there."""
         if name not in self.scenarios:
             raise InvalidInput(f"{self.folder}: no scenario {name}; it has {', '.join(self.scenarios)}")
-        parquet, csv = self.folder / f"{name}.parquet", self.folder / f"{name}.csv"
-        path = parquet if parquet.is_file() else csv
-        if not path.is_file():
-            raise InvalidInput(f"{parquet}: no such file, and no {csv.name}; {DESCRIPTION} promises it")
-        for rows in file_rows(path):
-            yield path, rows
+        folder = self.folder / REJECTED if rejected else self.folder
+        return next((path for form in FORMATS if (path := folder / f"{name}.{form}").is_file()), None)
+
+    def _parts(self, name: str, *, rejected: bool = False) -> Iterator[tuple[Path, pl.DataFrame]]:
+        path = self._file(name, rejected=rejected)
+        if path is None and not rejected:
+            raise InvalidInput(
+                f"{self.folder / name}.parquet: no such file, and no {name}.csv; {DESCRIPTION} promises it"
+            )
+        yield from ((path, rows) for rows in file_rows(path)) if path is not None else ()
 
 
 def file_rows(path: Path) -> Iterator[pl.DataFrame]:

@@ -9,7 +9,7 @@ by this table.
 import hashlib
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from vpsci_ros.data.parquet import Column, read_metadata, read_parquet, write_pa
 from vpsci_ros.data.reference import AFTER, with_reference
 from vpsci_ros.documents import require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.resources import near_misses_part
+from vpsci_ros.resources import TO_LEARN_FROM, near_misses_part, near_misses_path
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
 
@@ -309,3 +309,18 @@ def _split(table: pl.DataFrame, held: list[tuple[str, str]]) -> tuple[pl.DataFra
 
 def _hash(seed: int, source: str, clip: str) -> str:
     return hashlib.sha256(f"{seed}/{source}/{clip}".encode()).hexdigest()
+
+
+def corpus_files(names: Sequence[str | Path]) -> list[Path]:
+    """Return the files of the near-miss tables that `names` mean; without a name, of the package's right turns."""
+    return [near_misses_path(name) for name in names or [TO_LEARN_FROM]]
+
+
+def load_corpus(names: Sequence[str | Path]) -> pl.DataFrame:
+    """Return the near misses that a run learns from as one table, interactions numbered through.
+
+    :param names: tables or parts of tables, see `read_near_misses`; none: the training part of the package's right
+        turns.
+    :raises InvalidInput: a file is missing or does not hold a near-miss table.
+    """
+    return concat_near_misses([read_near_misses(name) for name in names or [TO_LEARN_FROM]])

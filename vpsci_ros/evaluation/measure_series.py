@@ -1,7 +1,5 @@
 """Every safety measure along every recorded interaction, and when each first says "conflict"."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
@@ -9,7 +7,6 @@ from numpy.typing import NDArray
 from vpsci_ros.data.importers.tracks import slope
 from vpsci_ros.data.recorded import vehicle_size
 from vpsci_ros.data.reference import around_critical
-from vpsci_ros.parameters import parameter
 from vpsci_ros.safety import (
     CONFLICT_TTC,
     closest_encounter,
@@ -26,24 +23,16 @@ Floats = NDArray[np.float64]
 MEASURES = ("CurvTTC", "center", "TTC 2D", "2nd order", "DRAC", "TTCE", "PET")
 
 
-@dataclass(frozen=True)
-class CompareConfig:
-    """Thresholds at which the measures flag a conflict."""
-
-    ttc: float = parameter(CONFLICT_TTC, "every time to collision, and TTCE, below this", unit="s", low=0.1, high=10.0)
-    dce: float = parameter(2.0, "and the centres then nearer than this", unit="m", low=0.1, high=20.0)
-    drac: float = parameter(3.4, "more than this, which is comfortable braking", unit="m/s2", low=0.1, high=10.0)
-    pet: float = parameter(2.0, "PET below this", unit="s", low=0.1, high=10.0)
-
-    def describe(self) -> str:
-        """Return the thresholds in words."""
-        return (
-            f"TTC < {self.ttc:g} s; DRAC > {self.drac:g} m/s2; TTCE < {self.ttc:g} s with DCE < {self.dce:g} m; "
-            f"PET < {self.pet:g} s"
-        )
+CLOSEST = 2.0  # [m] distance of the centres below which a TTCE is a conflict
+BRAKING = 3.4  # [m/s2] DRAC above which braking is no longer comfortable
+ENCROACHMENT = 2.0  # [s] PET below which it is a conflict
+THRESHOLDS = (
+    f"TTC < {CONFLICT_TTC:g} s; DRAC > {BRAKING:g} m/s2; TTCE < {CONFLICT_TTC:g} s with DCE < {CLOSEST:g} m; "
+    f"PET < {ENCROACHMENT:g} s"
+)
 
 
-def first_flags(table: pl.DataFrame, config: CompareConfig) -> tuple[Floats, NDArray[np.bool_], NDArray[np.int64]]:
+def first_flags(table: pl.DataFrame) -> tuple[Floats, NDArray[np.bool_], NDArray[np.int64]]:
     """Return when each measure first flags each interaction, where PET is defined, and the clip of each interaction.
 
     :param table: a near-miss table. Vehicles have the size of their source, else the default size.
@@ -51,13 +40,13 @@ def first_flags(table: pl.DataFrame, config: CompareConfig) -> tuple[Floats, NDA
         int64[N], clips numbered from 0. PET's time is that of the second agent's arrival.
     """
     parts = around_critical(table).partition_by("interaction", maintain_order=True)
-    found = [_flags(part, config) for part in parts]
+    found = [_flags(part) for part in parts]
     keys = pl.Series([f"{part['source'][0]}/{part['clip'][0]}" for part in parts])
     times, defined = np.stack([times for times, _ in found]), np.array([defined for _, defined in found])
     return times, defined, keys.rank("dense").cast(pl.Int64).to_numpy() - 1
 
 
-def _flags(part: pl.DataFrame, config: CompareConfig) -> tuple[Floats, bool]:
+def _flags(part: pl.DataFrame) -> tuple[Floats, bool]:
     length, width = vehicle_size(part["source"][0])
     column = {name: part[name].to_numpy() for name in part.columns if part[name].dtype == pl.Float64}
     x, y, heading, speed = (column[name] for name in ("veh_x", "veh_y", "veh_heading", "veh_speed"))
@@ -71,14 +60,14 @@ def _flags(part: pl.DataFrame, config: CompareConfig) -> tuple[Floats, bool]:
     ttce, dce = closest_encounter(x, y, speed * np.cos(heading), speed * np.sin(heading), *walker)
     flagged = np.stack(
         [
-            curved < config.ttc,
-            center < config.ttc,
-            straight < config.ttc,
-            second < config.ttc,
-            drac(curved, speed) > config.drac,
-            (ttce < config.ttc) & (ttce > 0.0) & (dce < config.dce),
+            curved < CONFLICT_TTC,
+            center < CONFLICT_TTC,
+            straight < CONFLICT_TTC,
+            second < CONFLICT_TTC,
+            drac(curved, speed) > BRAKING,
+            (ttce < CONFLICT_TTC) & (ttce > 0.0) & (dce < CLOSEST),
         ]
     )
     first = np.where(flagged.any(axis=1), flagged.argmax(axis=1) * STEP, np.inf)
     pet, arrival = post_encroachment_time(x, y, heading, walker[0], walker[1], dt=STEP, length=length, width=width)
-    return np.append(first, arrival if pet < config.pet else np.inf), not np.isnan(pet)
+    return np.append(first, arrival if pet < ENCROACHMENT else np.inf), not np.isnan(pet)

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.padding import Padding
 
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.evaluation.measure_series import MEASURES, CompareConfig, first_flags
+from vpsci_ros.evaluation.measure_series import MEASURES, THRESHOLDS, first_flags
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 from vpsci_ros.runs.tables import text_table
 
@@ -50,14 +50,13 @@ class Agreement:
     lead_interval: Floats
 
 
-def agreement(table: pl.DataFrame, config: CompareConfig | None = None, *, seed: int = 0) -> Agreement:
+def agreement(table: pl.DataFrame, *, seed: int = 0) -> Agreement:
     """Compare the measures on a near-miss table.
 
     :param table: columns of `vpsci_ros.data.near_misses.NEAR_MISS_COLUMNS`.
-    :param config: thresholds; None: the defaults.
     :param seed: of the resampling of clips.
     """
-    times, pet_defined, clip = first_flags(table, config or CompareConfig())
+    times, pet_defined, clip = first_flags(table)
     flagged = np.isfinite(times)
     clips = int(clip.max()) + 1
     per_clip = np.stack([flagged[clip == c].T.astype(float) @ flagged[clip == c] for c in range(clips)])
@@ -88,17 +87,16 @@ def agreement(table: pl.DataFrame, config: CompareConfig | None = None, *, seed:
     )
 
 
-def compare(path: str | Path, config: CompareConfig | None = None, console: Console | None = None) -> None:
+def compare(path: str | Path, console: Console | None = None) -> None:
     """Print the agreement matrix and the lead times of the near misses in the table `path`.
 
     :raises InvalidInput: `path` is not a near-miss table.
     """
-    config = config or CompareConfig()
-    result = agreement(read_near_misses(path), config)
+    result = agreement(read_near_misses(path))
     console = console or Console()
     console.print(
         f"{result.interactions} interactions of {result.clips} clips, selected by CurvTTC < 5 s. "
-        f"A measure flags a conflict at: {config.describe()}."
+        f"A measure flags a conflict at: {THRESHOLDS}."
     )
     console.print(
         _matrix(result, "Part of the column's conflicts that the row's measure flags too", result.share, "{:.2f}")

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import polars as pl
 
-from vpsci_ros.data.corpus import corpus_files, load_corpus
+from vpsci_ros.data.near_misses import corpus_files, load_corpus
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
 from vpsci_ros.parameters import values_of

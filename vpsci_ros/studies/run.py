@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from vpsci_ros.data.corpus import corpus_files
+from vpsci_ros.data.near_misses import corpus_files
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.error_table import print_errors
 from vpsci_ros.learning.inputs import stage_1_inputs, stage_2_inputs, stage_2_parameters
