@@ -126,7 +126,7 @@ def report(
 
     folder_of_report = output or folder / "report"
     with output_folder(folder_of_report), Console(stderr=True, quiet=quiet).status("reading") as status:
-        write_report(folder, folder_of_report, near_misses=near_misses, beside=beside, view=VIEW, tell=status.update)
+        write_report(folder, folder_of_report, near_misses=near_misses, beside=beside, view=VIEW, notify=status.update)
         status.update("gathering episodes")
         inputs = sources_of_report(folder, near_misses, beside)
         shown = [replace(read_source(path), key=key, title=title) for key, title, path in inputs]

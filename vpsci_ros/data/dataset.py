@@ -120,7 +120,7 @@ class DatasetWriter:
             self.discard()
 
     def scenario(self, number: int) -> ScenarioWriter:
-        """Return the share of a scenario, begun when it is first asked for; shares may be written in threads.
+        """Return the share of a scenario, begun when it is first requested; shares may be written in threads.
 
         :raises InvalidInput: the scenario has no name here.
         """

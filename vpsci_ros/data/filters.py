@@ -1,8 +1,8 @@
 """Which simulated episodes make it into the dataset: the four conditions of section 3.3 of the paper.
 
-Every condition is judged for every episode, on the numbers as they are stored, and every rejection has a reason that
+Every condition is checked for every episode, on the numbers as they are stored, and every rejection has a reason that
 is counted. The third condition also drops each collision before the 100th frame, since a collision ends its episode;
-how many is in the counts. An episode with several pedestrians is judged by one of them: it is kept if a pair is.
+how many is in the counts. An episode with several pedestrians is classified by one of them: it is kept if a pair is.
 """
 
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ RECORD = np.dtype(
         ("scenario", np.uint8),
         ("count", np.int64),  # number within the scenario
         ("outcome", np.uint8),  # of `vpsci_ros.world.state`
-        ("failed", np.bool_, len(REASONS) - 1),  # the conditions `REASONS[1:]`, each judged on its own
+        ("failed", np.bool_, len(REASONS) - 1),  # the conditions `REASONS[1:]`, each on its own
         ("reason", np.uint8),  # index into `REASONS` of the first that fails in the paper's order, `KEPT` for none
         ("frames", np.int64),
         ("pedestrians", np.int64),

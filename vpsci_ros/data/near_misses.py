@@ -228,7 +228,7 @@ def _refuse_first(table: pl.DataFrame, bad: pl.Expr, name: str, where: str, expe
 
 
 def concat_near_misses(tables: list[pl.DataFrame]) -> pl.DataFrame:
-    """Return near-miss tables as one, interactions numbered anew from 0 in order.
+    """Return near-miss tables as one, interactions numbered again from 0 in order.
 
     :raises InvalidInput: no table, or the same interaction of the same source twice.
     """

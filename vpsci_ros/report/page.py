@@ -39,18 +39,18 @@ def write_report(
     near_misses: Path | None = None,
     beside: Path | None = None,
     view: str = "",
-    tell: Callable[[str], None] = lambda _: None,
+    notify: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Write the report of a dataset into `output` and return its numbers, those of `report.json`.
 
     :param near_misses: recorded people to compare with, see `read_near_misses`.
     :param beside: another dataset to compare with, say of the rule-based pair.
     :param view: the page beside it in which the episodes play; empty: there is none, and so no link.
-    :param tell: called with what is being done.
+    :param notify: called with what is being done.
     :raises InvalidInput: an input cannot be read or holds nothing.
     """
     data, titles = Dataset(folder), dict(TITLES)
-    tell("reading")
+    notify("reading")
     sources = {GENERATED: generated_encounters(data)}
     if beside is not None:
         sources[BESIDE] = generated_encounters(Dataset(beside))
@@ -67,10 +67,10 @@ def write_report(
         if not table.height:
             raise InvalidInput(f"{titles[name]}: no interaction with CurvTTC of 5 s or less; nothing to report")
     output.mkdir(parents=True, exist_ok=True)
-    tell("resampling")
+    notify("resampling")
     report = _numbers(data, sources)
     report["inputs"] = _inputs(folder, near_misses, beside)
-    tell("drawing")
+    notify("drawing")
     pictures = _draw(data, {name: table for name, table in sources.items() if name in TITLES}, output)
     write_text(output / NUMBERS, json.dumps(report, indent=1) + "\n")
     html.write_page(

@@ -95,7 +95,7 @@ def run_realism(study: RealismStudy, json_path: Path | None, output: Path | None
             dataset=dataset,
             conflicts=study.conflicts,
             parts=output,
-            told=lambda name, done, total: bars.bar("realism", done, total, name),
+            notify=lambda name, done, total: bars.bar("realism", done, total, name),
         )
         result |= {
             "data": {"path": str(study.data), "sha256": table_hash(table)},

@@ -32,7 +32,7 @@ def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, 
 
     :param sizes: interactions to learn from; none: the paper's.
     :raises InvalidInput: a parameter, a size or the near misses are refused, or `folder` holds another study.
-    :raises Stopped: a signal asked for it; what is done is in `folder`.
+    :raises Stopped: a signal stopped it; what is done is in `folder`.
     """
     sizes = sizes or SAMPLE_SIZES
     learner, config, network, corpus, resolved = stage_1_inputs(sections)
@@ -61,7 +61,7 @@ def run_fold_study(
     :param stage_2: sections of its parameter file, whose weights and near misses do not count; None: stage 1 alone.
     :raises InvalidInput: a parameter, the number of folds or the near misses are refused, or `folder` holds another
         study.
-    :raises Stopped: a signal asked for it; what is done is in `folder`.
+    :raises Stopped: a signal stopped it; what is done is in `folder`.
     """
     learner, config, network, corpus, resolved = stage_1_inputs(sections)
     refinement = None
@@ -99,7 +99,7 @@ def run_model_study(
     :param models: names of `MODELS`; none: this package's.
     :raises InvalidInput: a parameter, a model's name, the number of folds or the near misses are refused, or `folder`
         holds another study.
-    :raises Stopped: a signal asked for it; what is done is in `folder`.
+    :raises Stopped: a signal stopped it; what is done is in `folder`.
     """
     models = models or list(MODELS.built_in)
     for name in models:

@@ -29,7 +29,7 @@ _STILL = 0.02  # [m] a step shorter than this does not turn the vehicle
 
 @dataclass(frozen=True)
 class RatedClip:
-    """One thing to be judged.
+    """One clip that raters classify.
 
     :ivar name: says nothing of the source.
     :ivar scene: which clips begin alike.

@@ -29,7 +29,7 @@ def make_kit(table: Path, weights: str, folder: Path, *, scenes: int, seed: int,
     """Write questionnaire.html and key.json into `folder` and return the key.
 
     :param table: near misses of recorded people, or a part of them, see `read_near_misses`.
-    :param weights: of the policies to be judged: a file, or the name of shipped ones.
+    :param weights: of the policies to be rated: a file, or the name of shipped ones.
     :param scenes: each makes three clips; at least 2.
     :raises InvalidInput: table, weights or folder are refused, or there are too few scenes.
     """

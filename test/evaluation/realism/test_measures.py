@@ -6,7 +6,7 @@ import pytest
 from synthetic import synthetic_near_misses
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.realism.features import features, lent
+from vpsci_ros.evaluation.realism.features import features, with_borrowed_noise
 from vpsci_ros.evaluation.realism.likelihood import likelihoods
 from vpsci_ros.evaluation.realism.onsets import HISTORY, STEPS, Onsets, find_onsets
 from vpsci_ros.evaluation.realism.samplers import constant_velocity, residual_sampler
@@ -70,7 +70,7 @@ def test_nobody_is_lent_a_residual_of_the_own_clip(onsets: Onsets) -> None:
 def test_the_classifier_finds_constant_velocity_and_not_a_fresh_half_of_the_recordings(onsets: Onsets) -> None:
     clips = as_clips(onsets)
     recorded = {name: value[:, 0] for name, value in features(onsets.recorded[:, None], onsets).items()}
-    control = features(lent(constant_velocity(onsets), onsets, 0), onsets)
+    control = features(with_borrowed_noise(constant_velocity(onsets), onsets, 0), onsets)
     found = two_sample(recorded, [control], (clips, clips), 0, repetitions=3)
     assert found.auc > 0.9
     assert found.auc_interval[0] <= found.auc <= found.auc_interval[1]

@@ -15,7 +15,7 @@ from vpsci_ros.data.episode_frames import EpisodeBatch
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.elsewhere import elsewhere, reactions
 from vpsci_ros.evaluation.realism.free import AFTER, as_near_misses, described, free
-from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets, lenders
+from vpsci_ros.evaluation.realism.onsets import Onsets, borrowable, find_onsets
 from vpsci_ros.evaluation.realism.run import RealismConfig, measure_realism
 from vpsci_ros.evaluation.realism.same_start import CONTROLS, SameStart
 from vpsci_ros.evaluation.realism.samplers import constant_turn, constant_velocity
@@ -57,7 +57,7 @@ def test_a_run_measures_controls_and_models_of_each_source_too_and_goes_on_from_
     told: list[str] = []
 
     def measure() -> dict[str, Any]:
-        options = {"conflicts": conflicts, "parts": tmp_path, "told": lambda name, *_: told.append(name)}
+        options = {"conflicts": conflicts, "parts": tmp_path, "notify": lambda name, *_: told.append(name)}
         return measure_realism(table, {"noisy": noisy}, one_repetition, **options)["same_start"]
 
     found = measure()
@@ -78,7 +78,7 @@ def test_a_run_measures_controls_and_models_of_each_source_too_and_goes_on_from_
 def test_each_source_has_lenders_of_its_own() -> None:
     place = pl.when(pl.col("interaction") < 8).then(pl.lit("here")).otherwise(pl.lit("there"))
     onsets = find_onsets(synthetic_near_misses(interactions=16, seed=3).table.with_columns(source=place))
-    allowed = lenders(onsets, onsets)
+    allowed = borrowable(onsets, onsets)
     assert (onsets.source[:, None] == onsets.source[None])[allowed].all()
     assert not np.diag(allowed).any()
     foreign = SameStart(onsets.take(np.flatnonzero(onsets.source == "here")), onsets.take(np.array([15])), 0)

@@ -1,11 +1,11 @@
-"""Protocol C: reactions judged from video at 34 signalised intersections, beside those of generated episodes.
+"""Protocol C: reactions classified from video at 34 signalised intersections, beside those of generated episodes.
 
 Singleton et al., "Safety impacts of right turns on pedestrians", UDOT-20.312, 2023, data doi 10.5281/zenodo.15710869
 (CC BY 4.0): each conflict of a pedestrian with a right-turning vehicle has an encroachment time in whole seconds, one
 reaction of the driver and one of the pedestrian. Reactions in near misses and in generated episodes are read off
 speeds by the thresholds below, and their encroachment time is the PET. What a person says of a video and what a
-threshold says of a speed are not the same; so the column to compare with is that of recorded near misses, judged by the
-same thresholds.
+threshold says of a speed are not the same; so the column to compare with is that of recorded near misses, which are
+classified by the same thresholds.
 """
 
 from pathlib import Path
@@ -114,8 +114,8 @@ def _reaction(speed: NDArray[np.float64]) -> str:
     return "speeds up" if most > (1.0 + SPED_UP) * begin + 0.1 else "none"
 
 
-def _shares(judged: pl.DataFrame, limit: int) -> dict[str, Any]:
-    near = judged.filter(pl.col("time") <= limit)
+def _shares(reactions: pl.DataFrame, limit: int) -> dict[str, Any]:
+    near = reactions.filter(pl.col("time") <= limit)
     whole = {"conflicts": near.height}
     if near.is_empty():
         return whole

@@ -1,7 +1,7 @@
 """What the classifier sees of a trajectory: some forty features of positions smoothed over 0.9 s.
 
 Camera noise and gait would tell any simulation from a recording at once. So positions are smoothed by lines over 0.9 s,
-and what that takes away from recordings of *other* clips of the same source is lent to every simulation, in place of
+and what that takes away from recordings of *other* clips of the same source is added to every simulation, in place of
 what it takes away from the simulation itself; recordings keep their own.
 """
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.realism.motion import motion, smoothed, with_onset
-from vpsci_ros.evaluation.realism.onsets import Onsets, lenders
+from vpsci_ros.evaluation.realism.onsets import Onsets, borrowable
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
@@ -17,13 +17,13 @@ _LENDERS = 8  # the nearest in speed, of which one is drawn
 _HARD, _GENTLE = 0.5, 0.15  # [m/s2]
 
 
-def lent(positions: Floats, onsets: Onsets, seed: int, library: Onsets | None = None) -> Floats:
+def with_borrowed_noise(positions: Floats, onsets: Onsets, seed: int, library: Onsets | None = None) -> Floats:
     """Return positions [n, K, 2, 30, 2] smoothed, each with the residual of a recording of another clip.
 
     A residual is what smoothing takes away, along and to the left of the way of the agent. It comes from one of the
     recordings nearest in the agent's mean speed, so that a standing car does not get the shake of a moving one.
 
-    :param onsets: those that the positions follow; library: recorded ones whose residuals are lent; None: the same.
+    :param onsets: those that the positions follow; library: recorded ones whose residuals are borrowed; None: the same.
     """
     library = onsets if library is None else library
     rng = np.random.default_rng(seed)
@@ -32,14 +32,14 @@ def lent(positions: Floats, onsets: Onsets, seed: int, library: Onsets | None = 
     along = _frames(known)
     residual = np.einsum("...ij,...tj->...ti", along, known - smoothed(known))[:, 0]
     pace = _pace(known)[:, 0]
-    allowed = lenders(onsets, library)
+    allowed = borrowable(onsets, library)
     out, own = smoothed(path), _frames(path)
     for agent in range(2):
         gap = np.abs(_pace(path)[:, :, agent, None] - pace[None, None, :, agent])
         order = np.argsort(np.where(allowed[:, None], gap, np.inf), axis=-1)
         choices = min(_LENDERS, int(allowed.sum(axis=1).min()))
-        lender = np.take_along_axis(order, rng.integers(0, choices, (*order.shape[:2], 1)), axis=-1)[..., 0]
-        out[:, :, agent] += np.einsum("...ji,...tj->...ti", own[:, :, agent], residual[lender, agent])
+        donor = np.take_along_axis(order, rng.integers(0, choices, (*order.shape[:2], 1)), axis=-1)[..., 0]
+        out[:, :, agent] += np.einsum("...ji,...tj->...ti", own[:, :, agent], residual[donor, agent])
     return out[..., 1:, :]
 
 

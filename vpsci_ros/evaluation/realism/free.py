@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.evaluation.realism.features import features, lent
+from vpsci_ros.evaluation.realism.features import features, with_borrowed_noise
 from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets
 from vpsci_ros.evaluation.realism.two_sample import REPETITIONS, two_sample
 from vpsci_ros.safety import CRITICAL_TTC
@@ -48,7 +48,9 @@ def free(table: pl.DataFrame, dataset: Dataset, episodes: int, seed: int) -> dic
         begin = [_start_features(own) for own in (here, simulated)]
         tests[f"onset{end}"] = two_sample(begin[0], [_column(begin[1])], clips, seed, paired=False)
         own = {name: value[:, 0] for name, value in features(here.recorded[:, None], here).items()}
-        noisy = [lent(simulated.recorded[:, None], simulated, seed + k, here) for k in range(REPETITIONS)]
+        noisy = [
+            with_borrowed_noise(simulated.recorded[:, None], simulated, seed + k, here) for k in range(REPETITIONS)
+        ]
         made_of = [features(each, simulated) for each in noisy]
         tests[f"after{end}"] = two_sample(own, made_of, clips, seed, paired=False)
     return {

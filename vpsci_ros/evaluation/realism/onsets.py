@@ -61,7 +61,7 @@ class Onsets:
         return Onsets(self.interactions.take(rows), self.number[rows], self.size[rows])
 
 
-def lenders(onsets: Onsets, library: Onsets) -> NDArray[np.bool_]:
+def borrowable(onsets: Onsets, library: Onsets) -> NDArray[np.bool_]:
     """Return who may be borrowed from for whom, bool[n, L]: other clips, of the same source where there are any."""
     strange = onsets.clip[:, None] != library.clip[None, :]
     near = strange & (onsets.source[:, None] == library.source[None, :])

@@ -23,7 +23,7 @@ from vpsci_ros.evaluation.realism.two_sample import REPETITIONS
 from vpsci_ros.runs.files import write_json
 
 Floats = NDArray[np.float64]
-Told = Callable[[str, int, int], None]
+Notify = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -51,15 +51,15 @@ def measure_realism(
     dataset: Dataset | None = None,
     conflicts: Path | None = None,
     parts: Path | None = None,
-    told: Told | None = None,
+    notify: Notify | None = None,
 ) -> dict[str, Any]:
     """Return the layout of `vpsci realism --json`: Protocols A (`same_start`), B (`free`) and C (`elsewhere`).
 
-    :param table: near misses to be scored on; library: those whose residuals the control lends, else `table`'s own.
+    :param table: near misses to be scored on; library: those whose residuals the control borrows, else `table`'s own.
     :param simulators: name -> what answers onsets; the controls are added.
     :param dataset: generated episodes, for B and C; conflicts: `datlong.csv` of the right-turn study, for C.
     :param parts: folder that keeps each measured part, from which a stopped run goes on.
-    :param told: called with what is being measured, how many are done, and of how many.
+    :param notify: called with what is being measured, how many are done, and of how many.
     :raises InvalidInput: no onset with 3 s after it, a simulator with a control's name, see also the parts.
     """
     if taken := sorted(set(simulators) & set(CONTROLS)):
@@ -77,8 +77,8 @@ def measure_realism(
     total = len(wanted) + (dataset is not None) + (conflicts is not None)
     models: dict[str, dict[str, Any]] = {source: {} for source in ("", *alone)}
     for done, (name, simulate) in enumerate(wanted.items()):
-        if told is not None:
-            told(name, done, total)
+        if notify is not None:
+            notify(name, done, total)
         positions = cache(partial(simulate, onsets))
         models[""][name] = _kept(parts, f"same_start_{name}", partial(_measured, whole, positions, slice(None)))
         for source, rows in alone.items():

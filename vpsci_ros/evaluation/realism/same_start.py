@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.evaluation.realism.features import features, lent
+from vpsci_ros.evaluation.realism.features import features, with_borrowed_noise
 from vpsci_ros.evaluation.realism.likelihood import likelihoods
 from vpsci_ros.evaluation.realism.motion import motion, with_onset
 from vpsci_ros.evaluation.realism.onsets import Onsets
@@ -30,7 +30,7 @@ FAMILY_REPETITIONS = 3
 class SameStart:
     """Measures simulators one by one on the same onsets.
 
-    :param onsets: those to be scored on; library: those whose residuals the sampler lends, of other clips. Where it
+    :param onsets: those to be scored on; library: those whose residuals the sampler borrows, of other clips. Where it
         lacks a source that is scored, the noise of measurement comes from the scored clips: it is the camera's.
     :param seed: of the classifier, of what is resampled, and of the resampling of clips.
     :param repetitions: of the classifier's test; of the families of features, `FAMILY_REPETITIONS` at most.
@@ -68,7 +68,7 @@ class SameStart:
     def measure(self, positions: Floats) -> dict[str, Any]:
         """Return the measures of roll-outs, float64[n, K, 2, 30, 2] [m], as JSON values with 95% intervals by clips.
 
-        The recording itself, given as roll-outs, tells what the test by a classifier makes of the lending alone.
+        The recording itself, given as roll-outs, tells what the test by a classifier makes of the borrowed noise alone.
         """
         onsets = self.onsets
         scores, likely = energy_score(positions, onsets.recorded), likelihoods(positions, onsets)
@@ -116,7 +116,7 @@ class SameStart:
         )
         chosen = order[:, np.arange(DRAWS) % positions.shape[1], None, None, None]
         drawn = np.take_along_axis(positions, chosen, axis=1)
-        return features(lent(drawn, self.onsets, seed, self._noise), self.onsets)
+        return features(with_borrowed_noise(drawn, self.onsets, seed, self._noise), self.onsets)
 
     def _of_controls(self, scores: Floats) -> dict[str, Any]:
         out: dict[str, Any] = {}

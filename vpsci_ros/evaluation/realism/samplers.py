@@ -6,11 +6,11 @@ Each answers onsets with positions float64[n, K, 2, 30, 2] [m] in the map frame.
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.evaluation.realism.onsets import STEPS, Onsets, lenders
+from vpsci_ros.evaluation.realism.onsets import STEPS, Onsets, borrowable
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
-NEAREST = 32  # onsets of other clips whose residuals are lent
+NEAREST = 32  # onsets of other clips whose residuals are borrowed
 
 
 def constant_velocity(onsets: Onsets, velocity: Floats | None = None) -> Floats:
@@ -28,7 +28,7 @@ def constant_velocity(onsets: Onsets, velocity: Floats | None = None) -> Floats:
 def constant_turn(onsets: Onsets, library: Onsets, middle: Floats) -> Floats:
     """Return where a vehicle comes with the curvature and the change of speed that others have on average, K = 1.
 
-    Both are means over the 3 s after the library's onsets, of those in `lenders`: one bend, one deceleration for all
+    Both are means over the 3 s after the library's onsets, of those in `borrowable`: one bend, one deceleration for all
     of a source. The pedestrian keeps its velocity.
 
     :param middle: constant velocity, float64[n, 1, 2, 30, 2], whose beginning and pedestrian this has.
@@ -38,7 +38,7 @@ def constant_turn(onsets: Onsets, library: Onsets, middle: Floats) -> Floats:
     places = np.concatenate([begin[:, None, :2], library.recorded[:, 0]], axis=1)
     way = np.linalg.norm(np.diff(places, axis=1), axis=2).sum(axis=1)
     gain = (np.hypot(end[:, 3], end[:, 4]) - np.hypot(begin[:, 3], begin[:, 4])) / (STEPS * STEP)
-    others = lenders(onsets, library).astype(np.float64)
+    others = borrowable(onsets, library).astype(np.float64)
     curvature = (others @ (end[:, 2] - begin[:, 2])) / np.maximum(others @ way, 1e-9)
     mean_gain = (others @ gain) / others.sum(axis=1)
     step = middle[:, 0, 0, 0] - onsets.start[:, :2]
@@ -56,7 +56,7 @@ def residual_sampler(onsets: Onsets, library: Onsets, middle: Floats, library_mi
     """Return a middle trajectory with what other people, at the `NEAREST` most similar onsets, did beside theirs.
 
     A residual is the recording less its own middle trajectory: the vehicle's forward and left of its heading, the
-    pedestrian's in the same frame. Nobody is lent a residual of the own clip, nor of another source where the own one
+    pedestrian's in the same frame. No residual comes from the own clip, nor of another source where the own one
     has others. K is 32, or as many as there are.
 
     :param middle: float64[n, 1, 2, 30, 2]; library_middle: the same of the library's onsets.
@@ -64,7 +64,7 @@ def residual_sampler(onsets: Onsets, library: Onsets, middle: Floats, library_mi
     here, there = _similarity(onsets), _similarity(library)
     deviation = there.std(axis=0) + 1e-9
     apart = np.linalg.norm((here[:, None] - there[None]) / deviation, axis=2)
-    apart[~lenders(onsets, library)] = np.inf
+    apart[~borrowable(onsets, library)] = np.inf
     count = min(NEAREST, int(np.isfinite(apart).sum(axis=1).min()))
     nearest = np.argsort(apart, axis=1)[:, :count]
     turn = _rotation(library.start[:, 2])
