@@ -1,7 +1,9 @@
 """The command, the choice of episodes, and formats whose library is not there."""
 
+import dataclasses
 import sys
 
+import numpy as np
 import polars as pl
 import pytest
 from typer.testing import CliRunner
@@ -9,8 +11,10 @@ from typer.testing import CliRunner
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.episodes import read_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.export import Options, export
+from vpsci_ros.export.carla_csv import rows
 
 
 def test_the_command_writes_a_folder_for_each_format_and_says_where(own_bag, tmp_path):
@@ -61,3 +65,13 @@ def test_carla_csv_is_the_datasets_table_with_y_negated(dataset, tmp_path):
             assert theirs.select(y).equals(ours.select(-pl.col(column) for column in y))
             assert theirs["distance"].to_numpy() == pytest.approx(ours["distance"].to_numpy(), abs=1e-4)
             assert theirs["veh_id"].n_unique() == theirs["ped_id"].n_unique() == counts["kept"]
+
+
+def test_each_pedestrian_of_a_crowd_has_its_own_curvttc_in_carla_csv(dataset):
+    one = next(read_episodes(dataset))
+    names = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled")
+    crowd = dataclasses.replace(one, **{name: np.repeat(getattr(one, name), 2, axis=0) for name in names})
+    crowd.curvttc[1] += 1.0
+    first, second = rows(crowd, 0).partition_by("ped_id", maintain_order=True)
+    assert first["CurvTTC"].to_numpy() == pytest.approx(one.curvttc[0])
+    assert second["CurvTTC"].to_numpy() == pytest.approx(one.curvttc[0] + 1.0)

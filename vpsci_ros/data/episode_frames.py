@@ -65,10 +65,6 @@ class EpisodeBatch:
         """Return how many pedestrians each of m episodes has, int64[m]."""
         return np.diff(np.append(self.first, len(self)))
 
-    def rows(self, first: int, pedestrians: int) -> Floats32:
-        """Return the frames of an episode, float32[rows, 10], one pedestrian after the other, from its entry on."""
-        return self.values[first : first + pedestrians, : self.frames[first]].reshape(-1, len(QUANTITIES))
-
 
 class EpisodeFrames:
     """Collector of `batch` parallel episodes.

@@ -35,14 +35,14 @@ def rows(episode: Episode, first_agent: int) -> pl.DataFrame:
     """
     vehicle, *pedestrians = movers(episode)
     parts = []
-    for number, walker in enumerate(pedestrians, first_agent + 1):
+    for number, (walker, curvttc) in enumerate(zip(pedestrians, episode.curvttc, strict=True), first_agent + 1):
         table = {
             "count": np.full(len(episode), episode.number),
             "frame": np.arange(len(episode)),
             "veh_id": np.full(len(episode), first_agent),
             "ped_id": np.full(len(episode), number),
             "distance": np.hypot(vehicle.x - walker.x, vehicle.y - walker.y),
-            "CurvTTC": episode.curvttc.min(axis=0),
+            "CurvTTC": curvttc,
         }
         for end, each in (("av", vehicle), ("ped", walker)):
             table |= {f"position_x_{end}": each.x, f"position_y_{end}": -each.y}

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.documents import read_json, require_form
+from vpsci_ros.documents import Form, read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.turing.clips import SOURCES
-from vpsci_ros.turing.kit import sources_of
 
+_KEY = {"kit": str, "clips": {"*": {"scene": int, "source": str}}}
 _RANGES = {"realism": (1, 5), "confidence": (1, 4)}
 
 
@@ -42,10 +42,9 @@ def read_answers(key_path: Path, paths: Sequence[Path]) -> Answers:
 
     :raises InvalidInput: a file is missing, not of this kit, incomplete, out of range, or a rater answered twice.
     """
-    key = _json(key_path, "the key of a Turing test")
-    rows = sources_of(key)
-    place = {name: (scene, SOURCES.index(source)) for name, scene, source in rows.rows()}
-    scenes = rows["scene"].n_unique()
+    key = _json(key_path, "the key of a Turing test", _KEY)
+    place = {name: (of["scene"], SOURCES.index(of["source"])) for name, of in key["clips"].items()}
+    scenes = len({scene for scene, _ in place.values()})
     clips = np.empty((scenes, len(SOURCES)), object)
     for name, at in place.items():
         clips[at] = name
@@ -53,17 +52,14 @@ def read_answers(key_path: Path, paths: Sequence[Path]) -> Answers:
     out = {name: np.full(shape, np.nan) for name in ("realism", "real", "confidence", "seconds")}
     raters: list[str] = []
     for row, path in enumerate(paths):
-        document = _json(path, "a rater's answers")
-        if document.get("kit") != key.get("kit"):
-            raise InvalidInput(f"{path}: answers to the kit {document.get('kit')}, expected {key.get('kit')}")
+        document = _json(path, "a rater's answers", {"kit": str, "answers": list})
+        if document["kit"] != key["kit"]:
+            raise InvalidInput(f"{path}: answers to the kit {document['kit']}, expected {key['kit']}")
         rater = str(document.get("rater", "")).strip() or path.stem
         if rater in raters:
             raise InvalidInput(f"{path}: rater {rater} is there twice; give each rater's file once")
         raters.append(rater)
-        answers = document.get("answers")
-        if not isinstance(answers, list):
-            raise InvalidInput(f"{path}: expected a list of answers, got {type(answers).__name__}")
-        for answer in answers:
+        for answer in document["answers"]:
             _take(answer, place, row, out, path)
         missing = int(np.isnan(out["realism"][row]).sum())
         if missing:
@@ -94,7 +90,7 @@ def _take(answer: Any, place: dict[str, tuple[int, int]], row: int, out: dict[st
     out["seconds"][at] = seconds
 
 
-def _json(path: Path, what: str) -> dict[str, Any]:
+def _json(path: Path, what: str, form: Form) -> dict[str, Any]:
     document = read_json(path)
-    require_form(document, dict, f"{path}: expected {what}")
+    require_form(document, form, f"{path}: expected {what}")
     return dict(document)

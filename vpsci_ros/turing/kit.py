@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import polars as pl
-
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.onsets import Onsets
@@ -78,15 +76,3 @@ def _scenes(onsets: Onsets, held_out: Sequence[str]) -> list[dict[str, Any]]:
         {"interaction": int(number), "recording": str(clip), "held_out": str(clip) in held_out}
         for number, clip in zip(onsets.number, onsets.clip, strict=True)
     ]
-
-
-def sources_of(key: dict[str, Any]) -> pl.DataFrame:
-    """Return name, scene and source of every clip of a key.
-
-    :raises InvalidInput: it is none.
-    """
-    try:
-        rows = [(name, int(of["scene"]), str(of["source"])) for name, of in key["clips"].items()]
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InvalidInput(f"the key of a Turing test: expected clips with scene and source, {error!r}") from None
-    return pl.DataFrame(rows, schema={"clip": pl.String, "scene": pl.Int64, "source": pl.String}, orient="row")
