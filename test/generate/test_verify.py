@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+import pyarrow.parquet as pq
 import pytest
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS
@@ -99,6 +100,14 @@ def test_rows_that_are_missing_or_too_many_are_named(copy) -> None:
     kept, rejected = sorted(verify(copy, serial).findings, key=lambda finding: finding.file)
     assert kept.what.startswith("missing row (count ")
     assert rejected.what.endswith("should not be there")
+
+
+def test_a_file_without_rows_is_compared_like_any_other(copy) -> None:
+    path = copy / "rejected" / f"{NAME}.parquet"
+    count = int(pl.read_parquet(path)["count"][0])
+    pq.ParquetWriter(path, pq.read_schema(path)).close()
+    findings = {finding.file: finding.what for finding in verify(copy, serial).findings}
+    assert findings == {f"rejected/{NAME}.parquet": f"missing row (count {count}, frame 0)"}
 
 
 def test_damaged_bytes_are_named_with_the_file(copy) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.dataset_files import episode_rows
+from vpsci_ros.data.dataset_files import DATASET_COLUMNS, episode_rows
 from vpsci_ros.data.dataset_index import DESCRIPTION, FORM_OF_GENERATED, INDEX, REJECTED, index_table
 from vpsci_ros.data.dataset_reader import Dataset, file_rows
 from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes
@@ -191,7 +191,7 @@ class _Check:
             if (group := next(self._groups, None)) is None:
                 break
             self._left.append(group)
-        rows = pl.concat(self._left) if self._left else pl.DataFrame(schema={"row": pl.Int64, "count": pl.Int64})
+        rows = pl.concat(self._left)
         beyond = rows["count"] > last if last is not None else pl.Series([], dtype=pl.Boolean)
         end = beyond.arg_max() or 0 if beyond.any() else rows.height
         self._left = [rows[end:]]
@@ -226,6 +226,7 @@ def _simulated(pool: Workers, scenario: int, numbers: np.ndarray) -> Iterator[Ep
 
 
 def _numbered(groups: Iterator[pl.DataFrame]) -> Iterator[pl.DataFrame]:
+    yield pl.DataFrame(schema={"row": pl.Int64, **{name: column.dtype for name, column in DATASET_COLUMNS.items()}})
     row = 0
     for group in groups:
         yield group.with_row_index("row", offset=row).with_columns(pl.col("row").cast(pl.Int64))
