@@ -17,6 +17,7 @@ from vpsci_ros.errors import InvalidInput  # noqa: E402
 from vpsci_ros.policy.config import NetworkConfig  # noqa: E402
 from vpsci_ros.policy.shapes import weight_shapes  # noqa: E402
 from vpsci_ros.policy.weights import Weights  # noqa: E402
+from vpsci_ros.world import WorldConfig  # noqa: E402
 
 WALKER = {"pedestrian": "social_force"}
 
@@ -159,7 +160,7 @@ def test_standing_still_is_truncated_after_thirty_seconds():
 
 
 def test_the_observation_previews_the_lane_in_the_vehicles_frame():
-    env = RightTurnEnv(scenarios=[3], **WALKER)
+    env = RightTurnEnv(scenarios=[3], config=WorldConfig(spawn="human"), **WALKER)
     observation, _ = env.reset(seed=2)
     preview = observation[6:16].reshape(-1, 2)
     assert preview[:, 0] == pytest.approx(driving.PREVIEW, rel=0.1)  # straight ahead at the spawn ...

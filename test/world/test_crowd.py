@@ -111,6 +111,7 @@ def test_a_group_walks_in_the_same_direction_at_a_similar_speed_and_near():
 
 def test_opposite_ones_come_from_the_other_side_and_arrive_where_the_first_ones_begin():
     config = WorldConfig(
+        spawn="human",
         pedestrians=2,
         crowd=CrowdConfig(group=0.0, opposite=1.0, follower=0.0),
         vehicle_driver="external",
@@ -132,7 +133,7 @@ def test_opposite_ones_come_from_the_other_side_and_arrive_where_the_first_ones_
 
 
 def test_a_follower_waits_until_the_first_one_has_passed_and_sets_off_after_its_delay():
-    config = WorldConfig(pedestrians=2, crowd=CrowdConfig(group=0.0, opposite=0.0, follower=1.0))
+    config = WorldConfig(spawn="human", pedestrians=2, crowd=CrowdConfig(group=0.0, opposite=0.0, follower=1.0))
     seen = {}
     for state, _ in frames(World(config, SCENARIOS, PAIRS, 16, 1), lambda state: (None, None)):
         rows = state.reshape(-1, 2)

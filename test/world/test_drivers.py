@@ -1,6 +1,7 @@
 """Whoever drives: an external system, a recording, constant velocity, social forces."""
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,7 +45,7 @@ def test_an_external_acceleration_goes_through_equations_18_to_20_where_lane_fol
 
 
 def test_an_external_acceleration_along_the_vehicle_alone_keeps_it_on_its_lane_through_the_turn():
-    world, path = world_of(EXTERNAL, scenario=1), SCENARIOS[0].vehicle.path
+    world, path = world_of(replace(EXTERNAL, spawn="human"), scenario=1), SCENARIOS[0].vehicle.path
     turned = world.state["vehicle_heading"][0]
     worst = 0.0
     while world.state["status"][0] == RUNNING:

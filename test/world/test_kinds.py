@@ -59,7 +59,7 @@ def test_a_child_waits_at_the_kerb_and_then_runs():
 
 @pytest.mark.parametrize(("delay", "moved_after"), [(0.0, 0), (0.5, 5), (np.inf, None)])
 def test_a_policy_moves_a_pedestrian_only_when_it_reacts(delay, moved_after):
-    world = World(WorldConfig(), SCENARIOS, [(1, 0)], 1, 1)
+    world = World(WorldConfig(spawn="human"), SCENARIOS, [(1, 0)], 1, 1)
     world.state["reaction_delay"] = delay
     stop = Actions(vehicle=np.zeros((1, 2)), pedestrian=np.array([[0.0, 3.0]]))
     held = []

@@ -54,7 +54,9 @@ def test_whoever_waits_on_the_refuge_stands_between_the_carriageways():
 
 def test_the_share_of_people_who_wait_is_the_scenarios():
     for number, share in ((101, 0.06), (103, 0.5)):
-        state = World(WorldConfig(), load_scenarios([number]), [(number, e) for e in range(2000)], 2000, 1).state
+        state = World(
+            WorldConfig(spawn="human"), load_scenarios([number]), [(number, e) for e in range(2000)], 2000, 1
+        ).state
         deviation = np.sqrt(share * (1.0 - share) / 2000)
         assert (state["start_delay"] > 0.0).mean() == pytest.approx(share, abs=4.0 * deviation)
 

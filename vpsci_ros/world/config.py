@@ -8,7 +8,7 @@ from vpsci_ros.world.crowd import MOST, CrowdConfig
 from vpsci_ros.world.kinds import KindMixture
 
 VEHICLE_DRIVERS = ("policy", "autopilot", "external", "replay")
-SPAWNS = ("human", "right_turns", "paper")
+SPAWNS = ("right_turns", "human", "paper")
 PEDESTRIAN_DRIVERS = ("policy", "autopilot", "external", "replay", "constant_velocity", "social_force")
 
 
@@ -27,7 +27,7 @@ class WorldConfig:
         3.0, "the policies give the agents back after this time without a critical tick", unit="s", low=0.0, high=60.0
     )
     spawn: str = parameter(
-        "human",
+        "right_turns",
         "how both approach each other; right_turns, human: as people recorded in right turns, on a campus, with human "
         "jerk; paper: section 3.2's walking speeds of 1-4 m/s and throttle of 0.6-0.9",
         choices=SPAWNS,

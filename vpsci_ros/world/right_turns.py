@@ -32,7 +32,10 @@ NEAR_ENOUGH = 0.4  # [s] by which CurvTTC may differ from the recorded one
 EDGE, GRAZING = 0.7, 0.2  # share of the draws at an edge of what would touch; part of it that is an edge
 MOST_LATE = 0.7  # as a share of CurvTTC: how long a walker comes to the side after the front has passed
 SAME, ATTEMPTS = 8, 48  # draws of the place for one recorded onset; in all
-_FIRST_BLOCK = 16
+_FIRST_BLOCK = 16  # of the stream; those before it are the other spawns'
+# mean over a second of a wave's acceleration about its greatest, as a share of that
+_CAR_MEAN = people.CAR_PERIOD / math.pi * math.sin(math.pi / people.CAR_PERIOD)
+_WALK_MEAN = people.WALK_PERIOD / math.pi * math.sin(math.pi / people.WALK_PERIOD)
 _BACK, _STEP = 40.0, 2.0  # [m] how far, in which steps, the car's place is looked for
 _HALF_LENGTH = 0.5 * VEHICLE_LENGTH + PEDESTRIAN_RADIUS
 _HALF_WIDTH = 0.5 * VEHICLE_WIDTH + PEDESTRIAN_RADIUS
@@ -58,7 +61,8 @@ def spawn_right_turn(episode, row, tables, seed):  # type: ignore[no-untyped-def
         place, more = draw(episode, seed, STREAM_SPAWN, block + 2), draw(episode, seed, STREAM_SPAWN, block + 3)
         episode.lateral_comfort = comfort
         drives = onset + ttc
-        if _place(episode, row, tables, place, more, onset, speed, walks, ttc):
+        anyway = attempt == ATTEMPTS - 1
+        if _place(episode, row, tables, place, more, onset, speed, walks, ttc, anyway):
             break
     if episode.kind == CHILD:
         place_walker(episode, row, tables, drives, seed)
@@ -72,7 +76,10 @@ def _smoothed(values, column, deviation):  # type: ignore[no-untyped-def]
 
 @kernel
 def _draw_people(episode, row, first, second, onset):  # type: ignore[no-untyped-def]
-    """Draw how fast both are at the onset; return the car's speed, the walker's [m/s], and CurvTTC [s]."""
+    """Draw how fast both are at the onset; return the car's speed, the walker's [m/s], and CurvTTC [s].
+
+    The driver is behind its own speed by `SPEED_TIME`, so the record's is ahead by as much.
+    """
     one = people.RIGHT_TURNS[int(unit(first[0]) * people.RIGHT_TURNS.shape[0])]
     a, b = normal_pair(unit(first[1]), unit(first[2]))
     c, d = normal_pair(unit(first[3]), unit(second[0]))
@@ -80,9 +87,9 @@ def _draw_people(episode, row, first, second, onset):  # type: ignore[no-untyped
     speed = max(0.6, _smoothed(one, people.CAR, a))
     ttc = min(CRITICAL_TTC - 0.05, max(1.0, _smoothed(one, people.TTC, e)))
     acceleration = _smoothed(one, people.BRAKES, b)
-    # half a second before the onset the speed changes most
-    episode.approach_acceleration = acceleration / 0.9745
-    episode.cruise_throttle = (speed - 0.5 * acceleration) / row.full_throttle_speed
+    # half a second before the onset speeds change most
+    episode.approach_acceleration = acceleration / _CAR_MEAN
+    episode.cruise_throttle = max(people.LEAST_CAR, speed - 0.5 * acceleration) / row.full_throttle_speed
     phase = (SPEED_TIME - (onset - 0.5)) / people.CAR_PERIOD
     episode.approach_phase = phase - math.floor(phase)
     walks, change = one[people.WALK], 0.0
@@ -99,16 +106,19 @@ def _draw_people(episode, row, first, second, onset):  # type: ignore[no-untyped
             episode.start_delay = max(0.05, onset - walks / SET_OFF[episode.kind])
         else:
             change = _smoothed(one, people.HURRIES, d)
-            episode.walking_speed = walks - 0.5 * change
-    episode.walking_acceleration = change / 0.9003
+            episode.walking_speed = max(people.LEAST_WALK, walks - 0.5 * change)
+    episode.walking_acceleration = change / _WALK_MEAN
     phase = -(onset - 0.5) / people.WALK_PERIOD
     episode.walking_phase = phase - math.floor(phase)
     return speed, walks, ttc
 
 
 @kernel
-def _place(episode, row, tables, place, more, onset, speed, walks, ttc):  # type: ignore[no-untyped-def]
-    """Put both where they are at the spawn; return whether they come to the onset, and not before."""
+def _place(episode, row, tables, place, more, onset, speed, walks, ttc, anyway):  # type: ignore[no-untyped-def]
+    """Put both where they are at the spawn; return whether they come to the onset, and not before.
+
+    :param anyway: put them there whatever becomes of it.
+    """
     oblique, _ = normal_pair(unit(place[0]), unit(place[1]))
     offset = row.lowest_offset + unit(place[2]) * (row.highest_offset - row.lowest_offset)
     cross(episode, row, tables, offset, people.SLOPE + people.SLOPE_SPREAD * min(2.0, max(-2.0, oblique)))
@@ -120,14 +130,7 @@ def _place(episode, row, tables, place, more, onset, speed, walks, ttc):  # type
     _, _, along_x, along_y = line_at(tables.lane, episode.table, row.lane_count, row.lane_step, episode.meeting_s)
     sign = 1.0 if along_x * uy - along_y * ux > 0.0 else -1.0
 
-    share = unit(more[1])
-    if unit(more[0]) < EDGE:  # they would only just touch, for until now they would not have
-        share = (1.0 if share > 0.5 else 0.0) + (0.5 - share) * GRAZING
-    beside, reaches = (2.0 * share - 1.0) * _HALF_WIDTH, ttc
-    if unit(place[3]) > FRONT and walks > 0.0:  # the walker comes to the car's side
-        late = (1.0 - abs(1.0 - 2.0 * share)) if unit(more[0]) >= EDGE else 1.0 - GRAZING * unit(more[2])
-        late *= min(2.0 * _HALF_LENGTH / speed, MOST_LATE * ttc)
-        beside, reaches = -_HALF_WIDTH - walks * late, ttc - late
+    beside, reaches = _touch(place, more, speed, walks, ttc)
     way = speed * reaches + _HALF_LENGTH
     s, beyond, across = episode.meeting_s - 0.3 * way, 1.0, 0.0
     while beyond > 0.0 and s > episode.meeting_s - _BACK:
@@ -136,10 +139,27 @@ def _place(episode, row, tables, place, more, onset, speed, walks, ttc):  # type
         front_x, front_y = _ahead(episode, way)
         beyond = sign * ((front_x - x) * uy - (front_y - y) * ux)
         across = (front_x - x) * ux + (front_y - y) * uy
-    if beyond > 0.0:
+    if beyond > 0.0 and not anyway:
         return False
     walked = row.conflict + (across + beside - walks * reaches) / length
-    return _trace_back(episode, row, tables, onset, s, walked, length, ttc)
+    return _trace_back(episode, row, tables, onset, s, walked, length, ttc, anyway)
+
+
+@kernel
+def _touch(place, more, speed, walks, ttc):  # type: ignore[no-untyped-def]
+    """Draw where the two would touch.
+
+    Return how far beyond the middle of the car's path the walker is [m] when the car's front comes to its line,
+    and in what time that is [s]: CurvTTC, or earlier where the walker comes to the car's side.
+    """
+    share, edge = unit(more[1]), unit(more[0]) < EDGE
+    if edge:  # they would only just touch, for until now they would not have
+        share = (1.0 if share > 0.5 else 0.0) + (0.5 - share) * GRAZING
+    if unit(place[3]) < FRONT or walks == 0.0:
+        return (2.0 * share - 1.0) * _HALF_WIDTH, ttc
+    late = 1.0 - GRAZING * unit(more[2]) if edge else 1.0 - abs(1.0 - 2.0 * share)
+    late *= min(2.0 * _HALF_LENGTH / speed, MOST_LATE * ttc)
+    return -_HALF_WIDTH - walks * late, ttc - late
 
 
 @kernel
@@ -160,7 +180,7 @@ def _curvttc(episode):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _trace_back(episode, row, tables, onset, s, walked, length, ttc):  # type: ignore[no-untyped-def]
+def _trace_back(episode, row, tables, onset, s, walked, length, ttc, anyway):  # type: ignore[no-untyped-def]
     """Trace both back from the onset to the spawn; return whether it is critical then as meant, and not before."""
     cruise = episode.cruise_throttle * row.full_throttle_speed
     left, step, comfort = onset, 0, episode.lateral_comfort
@@ -174,13 +194,12 @@ def _trace_back(episode, row, tables, onset, s, walked, length, ttc):  # type: i
             put_walker(episode, row, tables, walked, left)
             now = _curvttc(episode)
             right = now >= CRITICAL_TTC if step else abs(now - ttc) < NEAR_ENOUGH and now < CRITICAL_TTC
-        if left <= 0.0 or not right:
+        if left <= 0.0 or not (right or anyway):
             break
         period = min(TRACE, left)
         s -= speed * period
         walked -= walker_speed(episode, left - period) * period / length
         left -= period
         step += 1
-    if right:
-        episode.lateral_comfort = comfort
+    episode.lateral_comfort = comfort
     return right
