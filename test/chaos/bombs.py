@@ -23,6 +23,8 @@ from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.parquet import read_parquet
+from vpsci_ros.documents import read_text
 from vpsci_ros.policy.weights import load_weights
 
 Read = Callable[[], object]
@@ -84,13 +86,12 @@ _BLOB = """CREATE TABLE messages(id INTEGER, topic_id INTEGER, timestamp INTEGER
 def _rows(folder: Path) -> Read:
     pq.write_table(pa.table({"x": np.zeros(2**20, np.int8)}), folder / "a.parquet")
     assert (folder / "a.parquet").stat().st_size < 2**16
-    return partial(read_near_misses, folder / "a.parquet")
+    return partial(read_parquet, folder / "a.parquet", "numbers")
 
 
 def _long(folder: Path) -> Read:
-    with (folder / "a.yaml").open("wb") as file:
-        file.truncate(2**17)
-    return partial(load, folder / "a.yaml")
+    (folder / "a.yaml").write_bytes(b" " * 2**17)
+    return partial(read_text, folder / "a.yaml", "YAML")
 
 
 def _description(change: Callable[[dict], object], folder: Path) -> Read:

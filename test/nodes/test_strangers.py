@@ -11,7 +11,7 @@ import rclpy
 from nodes.stage import Stage, overrides
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
-from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
@@ -22,16 +22,21 @@ from std_msgs.msg import Header, UInt64
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, WorldState
 from vpsci_msgs.srv import History
 from vpsci_ros.bags.info import bag_info
+from vpsci_ros.documents import dump_yaml
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.agent_policy import VehiclePolicy
 from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.config import section_classes
+from vpsci_ros.nodes.history import sealed
 from vpsci_ros.nodes.intake import second_publishers
 from vpsci_ros.nodes.learner import Learner
+from vpsci_ros.nodes.peer_parameters import VARIABLE as RESOLVED
 from vpsci_ros.nodes.recorder import Recorder
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.nodes.world_simulator import WorldSimulator
+from vpsci_ros.parameters import as_ros_parameters, table
 from vpsci_ros.wire.signature import VARIABLE, new_secret, signature
 from vpsci_ros.world import EPISODE, RUNNING
 from vpsci_ros.world.lockstep import LockStepConfig
@@ -113,8 +118,84 @@ def test_a_policy_that_believed_in_a_tick_to_come_goes_back_to_the_worlds_where_
     policy._known, policy._reply = 500, Future()
     policy._requested_at, policy._received_at = 10.0, 11.0 if heard_since else 9.0
     policy._reply.set_result(History.Response(running=True, tick=3))
-    policy._on_history(policy._reply)
+    policy._on_history(policy._known, policy._reply)
     assert policy._known == known
+
+
+def _ragged(reply: History.Response) -> None:
+    reply.states = reply.states[:-1]
+
+
+def _of_another_tick(reply: History.Response) -> None:
+    reply.tick = 900
+
+
+def _of_another_state(reply: History.Response) -> None:
+    reply.states[0].vehicle_x = array("d", [9.0])
+
+
+def _without_frames(reply: History.Response) -> None:
+    reply.states, reply.safeties = [], []
+
+
+@pytest.mark.parametrize("forge", [None, _ragged, _of_another_tick, _of_another_state, _without_frames])
+def test_a_policy_of_a_run_believes_the_history_that_its_own_world_has_signed(
+    context: Context, stage: Callable[..., Stage], weights: str, monkeypatch: pytest.MonkeyPatch, forge: Any
+) -> None:
+    monkeypatch.setenv(VARIABLE, new_secret())
+    policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
+    stage(policy)
+    reply = sealed(-1, History.Response(running=True, tick=4, states=[state(2)], safeties=[safety(2)]))
+    if forge is not None:
+        forge(reply)
+    policy._reply = Future()
+    policy._reply.set_result(reply)
+    policy._on_history(-1, policy._reply)
+    assert (policy._caught_up, policy._known) == ((True, 2) if forge is None else (False, -1))
+    assert refused(policy) == ({} if forge is None else {"/world/history": 1})
+
+
+def test_a_policy_refuses_a_history_of_unequal_lengths_without_a_secret_too(
+    context: Context, stage: Callable[..., Stage], weights: str
+) -> None:
+    policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
+    stage(policy)
+    policy._reply = Future()
+    policy._reply.set_result(History.Response(running=True, tick=4, states=[state(2)]))
+    policy._on_history(-1, policy._reply)
+    assert refused(policy) == {"/world/history": 1}
+
+
+@pytest.mark.parametrize(
+    "values", [{}, {"scenarios": [99999]}, {"batch": "many"}, {"scenario_files": ["none.yaml"]}, {"batch": 2}]
+)
+def test_a_recorder_takes_parameters_of_its_run_and_refuses_replies_that_are_none(
+    context: Context, stage: Callable[..., Stage], tmp_path: Path, values: dict[str, Any]
+) -> None:
+    recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
+    stage(recorder)
+    names = [row.name for kind in section_classes("world_simulator", {}) for row in table(kind)]
+    given = [Parameter(name, value=values.get(name)).get_parameter_value() for name in names]
+    future = Future()
+    future.set_result(GetParameters.Response(values=given if values else given[1:]))
+    recorder._peer_parameters._on_reply("world_simulator", names, future)
+    taken = values == {"batch": 2}
+    assert ("world_simulator" not in recorder._peer_parameters.missing) == taken
+    assert refused(recorder) == ({} if taken else {"/world_simulator/get_parameters": 1})
+    recorder.close()
+
+
+def test_a_recorder_that_a_graph_started_requests_no_parameters_from_anybody(
+    context: Context, stage: Callable[..., Stage], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sections = {"world_simulator": {"batch": 3, "pedestrians": 2, "scenarios": [1]}}
+    (tmp_path / "params.yaml").write_text(dump_yaml(as_ros_parameters(sections)))
+    monkeypatch.setenv(RESOLVED, str(tmp_path / "params.yaml"))
+    recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
+    here = stage(recorder)
+    here.spin_until(lambda: "world_simulator" not in recorder._peer_parameters.missing)
+    assert recorder._rows == 6
+    recorder.close()
 
 
 def test_a_recorder_refuses_bytes_that_are_no_message(

@@ -11,6 +11,7 @@ from vpsci_msgs.msg import PolicyWeights, SafetyState
 from vpsci_msgs.srv import History
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.history import frames_of
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.output import Output
 from vpsci_ros.nodes.serialized import safety_state, shown, time_of, warm_up
@@ -183,7 +184,7 @@ class AgentPolicy(GraphNode):
                 self._history.remove_pending_request(self._reply)
             self._requested_at = now
             self._reply = self._history.call_async(History.Request(after_tick=self._known))
-            self._reply.add_done_callback(self._on_history)
+            self._reply.add_done_callback(partial(self._on_history, self._known))
         elif self._first_received_at is not None and now - self._first_received_at > self._service_patience():
             self._caught_up = True  # a world that keeps no history
             self._answer()
@@ -192,16 +193,19 @@ class AgentPolicy(GraphNode):
         writers = self.get_publishers_info_by_topic(self.full_name("/world/state"))
         return OWN_PATIENCE if any(each.node_name == "world_simulator" for each in writers) else FOREIGN_PATIENCE
 
-    def _on_history(self, reply: Any) -> None:
+    def _on_history(self, after_tick: int, reply: Any) -> None:
         response = reply.result()
         if reply is not self._reply:
             return  # an earlier one, given up
         self._reply = None
+        frames = self.intake.read("/world/history", frames_of, after_tick, response)
+        if frames is None:
+            return  # another request follows
         if response.running and response.tick < self._known and self._received_at < self._requested_at:
             self._known = response.tick - 1  # nothing came since the request: what was known came from another program
         self._received_at = time.perf_counter()
         self._caught_up = True
-        for state, safety in zip(response.states, response.safeties, strict=True):
+        for state, safety in frames:
             world = self.intake.read("/world/history", shown, state, "/world/history")
             if world is None:
                 continue

@@ -21,7 +21,7 @@ from vpsci_ros.data.near_misses import corpus_files
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.learning.config import LearnerConfig, RefineConfig
-from vpsci_ros.nodes import failures
+from vpsci_ros.nodes import failures, peer_parameters
 from vpsci_ros.nodes.config import GraphConfig, section_classes
 from vpsci_ros.nodes.shared_memory import remove_left_behind
 from vpsci_ros.nodes.status import PIPE, NodeStatus, StatusPipe
@@ -182,6 +182,7 @@ class NodeProcesses:
         self.leader = "world_simulator" if "world_simulator" in nodes else "learner"
         self.logs = logs
         self._nodes = nodes
+        self._parameters = parameters.absolute()
         self._arguments = ["--ros-args", "--params-file", str(parameters)]
         self._arguments += ["-r", f"__ns:={namespace}"] if namespace else []
         self.running: dict[str, ChildProcess] = {}
@@ -205,6 +206,7 @@ class NodeProcesses:
         # Idle threads of torch must not keep the nodes from a core.
         environment = {"OMP_WAIT_POLICY": "PASSIVE"} | dict(os.environ)
         environment |= {signature.VARIABLE: self._secret, PIPE: str(pipe.write_end)}
+        environment |= {peer_parameters.VARIABLE: str(self._parameters)}
         log, inherited = self.logs / f"{node}.log", [pipe.write_end]
         self.running[node] = ChildProcess(command, log, environment, holds_signals=True, inherited=inherited)
         pipe.started()

@@ -7,15 +7,19 @@ the bit.
 
 import math
 from collections import deque
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 
 from vpsci_msgs.msg import SafetyState, WorldState
+from vpsci_msgs.srv import History
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes import convert
-from vpsci_ros.wire.layout import MAP
+from vpsci_ros.wire.layout import MAP, sequences
+from vpsci_ros.wire.signature import is_signed, require_signature, signature
 from vpsci_ros.world import EPISODE, RUNNING, WorldConfig
 from vpsci_ros.world.tick import Assessment, Tick
 
@@ -83,3 +87,47 @@ class FrameHistory:
         header = Header(stamp=message.header.stamp, frame_id=MAP)
         distance = np.zeros(self._rows)  # no policy reads it
         return message, convert.safety_message(header, frame.tick, curvttc, distance, critical)
+
+
+def sealed(after_tick: int, response: History.Response) -> History.Response:
+    """Return a reply whose last frame, an empty one, holds its signature, where the run has a secret."""
+    if is_signed():
+        seal = Header(frame_id=signature(after_tick, _content(response.running, response.tick, _pairs(response))))
+        response.states = [*response.states, WorldState(header=seal)]
+        response.safeties = [*response.safeties, SafetyState()]
+    return response
+
+
+def frames_of(after_tick: int, response: History.Response) -> list[tuple[WorldState, SafetyState]]:
+    """Return the frames of a reply.
+
+    :raises InvalidInput: states and answers to them differ in number, or the world of this run did not sign it.
+    """
+    if len(response.states) != len(response.safeties):
+        raise InvalidInput(
+            f"/world/history: expected as many states as answers of the monitor, got {len(response.states)} and "
+            f"{len(response.safeties)}; does another program offer it?"
+        )
+    pairs = _pairs(response)
+    if not is_signed():
+        return pairs
+    frames, seal = pairs[:-1], pairs[-1][0].header.frame_id if pairs else ""
+    require_signature(seal, after_tick, _content(response.running, response.tick, frames), "/world/history")
+    return frames
+
+
+def _pairs(response: History.Response) -> list[tuple[WorldState, SafetyState]]:
+    return list(zip(response.states, response.safeties, strict=True))
+
+
+def _content(running: bool, tick: int, frames: list[tuple[WorldState, SafetyState]]) -> bytes:
+    """Return what a signature is made of: all that a policy reads of a reply, with the length of each part."""
+    parts = [part for pair in frames for message in pair for part in _parts(message)]
+    return b"/world/history %d %d " % (running, tick) + b"".join(b"%d " % len(part) + part for part in parts)
+
+
+def _parts(message: Any) -> Iterator[bytes]:
+    stamp = message.header.stamp
+    yield b"%d %d %d" % (message.tick, stamp.sec, stamp.nanosec)
+    for name in sequences(type(message).__name__):
+        yield memoryview(getattr(message, name)).tobytes()

@@ -1,6 +1,10 @@
-"""Requests of the parameters of the graph's nodes, through the services that every ROS 2 node has."""
+"""The parameters of the graph's nodes: what the graph resolved, or what the nodes reply that were started by hand.
+
+Any program may offer a service of a node's name, so where a graph started this process, its own file is read instead.
+"""
 
 import itertools
+import os
 import time
 from collections.abc import Callable
 from functools import partial
@@ -9,10 +13,12 @@ from typing import Any
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
-from vpsci_ros.parameters import table
+from vpsci_ros.parameters import pick, read_parameter_file, table
 
+VARIABLE = "VPSCI_RUN_PARAMETERS"  # of the environment: the file of resolved parameters with which a graph was started
 PERIOD = 0.1  # [s] between looks at which services are there
 PATIENCE = 1.0  # [s] for a reply before the next request: one that is sent before both directions are matched is lost
 
@@ -23,11 +29,12 @@ class PeerParameters:
     A node replies with nothing where it lacks a parameter, so the requests to a learner alternate between the stages.
 
     :param names: nodes in the namespace of `node`; those without a section of `SECTIONS` get no request.
-    :param received: called with a node's name and its parameters, once each.
+    :param received: called with a node's name and its parameters, once each; may refuse them by `InvalidInput`.
     """
 
     def __init__(self, node: GraphNode, names: list[str], received: Callable[[str, dict[str, Any]], None]) -> None:
-        self._received = received
+        self._received, self._intake = received, node.intake
+        self._resolved = read_parameter_file(os.environ[VARIABLE]) if VARIABLE in os.environ else {}
         known = [name for name in names if name in SECTIONS or name == "learner"]
         self._clients = {name: node.create_client(GetParameters, f"{name}/get_parameters") for name in known}
         self._requested_at = dict.fromkeys(known, 0.0)
@@ -41,19 +48,44 @@ class PeerParameters:
 
     def _request(self) -> None:
         now = time.monotonic()
-        for name, requested_at in self._requested_at.items():
-            if now - requested_at > PATIENCE and self._clients[name].service_is_ready():
+        for name, requested_at in list(self._requested_at.items()):
+            if name in self._resolved:
+                values = self._resolved[name]
+                self._take(name, {row.name: values.get(row.name, row.default) for row in _rows(name, values)})
+            elif now - requested_at > PATIENCE and self._clients[name].service_is_ready():
                 self._requested_at[name] = now
-                values = {"stage": next(self._stages)} if name == "learner" else {}
-                names = [row.name for kind in section_classes(name, values) for row in table(kind)]
+                names = [row.name for row in _rows(name, {"stage": next(self._stages)})]
                 future = self._clients[name].call_async(GetParameters.Request(names=names))
                 future.add_done_callback(partial(self._on_reply, name, names))
 
     def _on_reply(self, name: str, names: list[str], future: Any) -> None:
+        if name not in self._requested_at:
+            return
         answer = future.result().values
-        if not answer and name in self._requested_at:
+        if not answer:
             self._requested_at[name] = 0.0  # a learner of the other stage
-        elif self._requested_at.pop(name, None) is not None:
-            values = [parameter_value_to_python(value) for value in answer]
-            plain = [list(value) if hasattr(value, "tolist") or isinstance(value, tuple) else value for value in values]
-            self._received(name, {key: value for key, value in zip(names, plain, strict=True) if value is not None})
+        else:
+            self._intake.read(f"/{name}/get_parameters", self._take_reply, name, names, answer)
+
+    def _take_reply(self, name: str, names: list[str], answer: Any) -> None:
+        """Take in the values of a reply.
+
+        :raises InvalidInput: they are not values of these parameters.
+        """
+        if len(answer) != len(names):
+            raise InvalidInput(f"/{name}/get_parameters: expected {len(names)} values, got {len(answer)}")
+        values = [parameter_value_to_python(value) for value in answer]
+        plain = [list(value) if hasattr(value, "tolist") or isinstance(value, tuple) else value for value in values]
+        found = {key: value for key, value in zip(names, plain, strict=True) if value is not None}
+        for kind in section_classes(name, found):
+            pick(kind, {row.name: found[row.name] for row in table(kind) if row.name in found}, name)
+        self._take(name, found)
+
+    def _take(self, name: str, values: dict[str, Any]) -> None:
+        self._received(name, values)
+        del self._requested_at[name]
+
+
+def _rows(name: str, values: dict[str, Any]) -> list[Any]:
+    """Return the parameters that a node has; a learner's depend on its stage."""
+    return [row for kind in section_classes(name, values if name == "learner" else {}) for row in table(kind)]

@@ -132,10 +132,11 @@ class Recorder(GraphNode):
         self._ended.clear()
 
     def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
+        scenarios = scenario_records(load_scenarios(values.get("scenarios", ()), values.get("scenario_files", ())))
         self._bag.describe(NODE, node_record(node, values))
         if node == "world_simulator":
             self._rows = int(values.get("batch", 0)) * int(values.get("pedestrians", 1))
-        for record in scenario_records(load_scenarios(values.get("scenarios", ()), values.get("scenario_files", ()))):
+        for record in scenarios:
             self._bag.describe(SCENARIO, record)
 
     def figures(self) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.history import FrameHistory
+from vpsci_ros.nodes.history import FrameHistory, sealed
 from vpsci_ros.nodes.respondents import Respondents
 from vpsci_ros.nodes.world_outputs import WorldOutputs
 from vpsci_ros.runs.config import RunConfig
@@ -168,7 +168,7 @@ class WorldSimulator(GraphNode):
     def _on_history(self, request: History.Request, response: History.Response) -> History.Response:
         response.running = self._lock_step.running
         if not response.running:
-            return response
+            return sealed(request.after_tick, response)
         now, assessment = self._loop.world.now, self._lock_step.assessment
         response.tick = now.number
         response.states, response.safeties = self._history.since(request.after_tick, now.state)
@@ -178,7 +178,7 @@ class WorldSimulator(GraphNode):
             safety = assessment.curvttc, assessment.distance, assessment.critical
             response.states = [*response.states, state]
             response.safeties = [*response.safeties, convert.safety_message(header, now.number, *safety)]
-        return response
+        return sealed(request.after_tick, response)
 
     # ---- the loop
 
