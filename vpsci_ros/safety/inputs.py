@@ -43,9 +43,12 @@ def broadcast(names: Sequence[str], values: Sequence[FloatLike]) -> tuple[tuple[
 
 
 def flattened(array: Floats, shape: tuple[int, ...]) -> Floats:
-    """Return `array` broadcast to `shape` as contiguous float64[size], without a copy where it already is."""
+    """Return `array` broadcast to `shape` as contiguous float64[size], without a copy where it already is.
+
+    One that is read-only, as columns of tables are, is copied: kernels are compiled for each kind of their arguments.
+    """
     wide = array if array.shape == shape else np.broadcast_to(array, shape)
-    return np.ascontiguousarray(wide).reshape(-1)
+    return np.require(wide, requirements=["C", "W"]).reshape(-1)
 
 
 def common_shape(names: Sequence[str], arrays: Sequence[Floats]) -> tuple[int, ...]:
