@@ -1,15 +1,15 @@
 """The commands about generated datasets: `vpsci generate`, `vpsci report`, and `vpsci dataset` info, verify, bag."""
 
 import os
-import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Params, Quiet, Resumable, Settings, writes_folder
+from vpsci_ros.cli.options import Params, Quiet, Resumable, Settings, stoppable, writes_folder
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.resources import RIGHT_TURNS
 
@@ -66,20 +66,10 @@ def generate(
         raise InvalidInput(f"scenario {unknown[0]} is not one of Table 10; say how many are wanted by --episodes N")
     targets = {s.number: wanted or TABLE_10[s.number].kept for s in job.scenarios}
     first = sections.get(RunConfig, "world_simulator").first_episode
-    try:
-        with ProgressOfRun({s.number: s.name for s in job.scenarios}, quiet=quiet) as progress:
-            done = run(
-                job,
-                targets,
-                output,
-                values,
-                lambda: _workers(ray, workers)(job, values.parallel),
-                first=first,
-                report=progress.show,
-            )
-    except KeyboardInterrupt:
-        print(f"stopped; what is done is in {output}: the same command goes on there", file=sys.stderr)
-        raise typer.Exit(130) from None
+    names = {s.number: s.name for s in job.scenarios}
+    with stoppable(output), ProgressOfRun(names, quiet=quiet) as progress:
+        start = partial(_workers(ray, workers), job, values.parallel)
+        done = run(job, targets, output, values, start, first=first, report=progress.show)
     kept = sum(row["kept"] for row in done.description["scenarios"].values())
     print(f"{kept:,} episodes kept; written: {output}, described in README.md and dataset.json")
     if done.computed:

@@ -1,14 +1,20 @@
 """The commands about learning: `vpsci pretrain`, `refine`, `average`, `evaluate`, and the studies."""
 
-import contextlib
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import NearMisses, Params, Quiet, Resumable, Settings, read_sections, writes_folder
+from vpsci_ros.cli.options import (
+    NearMisses,
+    Params,
+    Quiet,
+    Resumable,
+    Settings,
+    read_sections,
+    stoppable,
+    writes_folder,
+)
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import TO_MEASURE_ON
 
@@ -34,7 +40,7 @@ def pretrain(
     """
     from vpsci_ros.cli.stages import run_pretraining
 
-    with _stoppable(output):
+    with stoppable(output):
         run_pretraining(read_sections(params, settings, near_misses), output, quiet=quiet)
 
 
@@ -56,7 +62,7 @@ def refine(
     """
     from vpsci_ros.cli.stages import run_refinement
 
-    with _stoppable(output):
+    with stoppable(output):
         run_refinement(read_sections(params, settings, near_misses), output, quiet=quiet)
 
 
@@ -137,7 +143,7 @@ def samples(
     chosen = _parts(sizes)
     if not all(part.isdigit() for part in chosen):
         raise InvalidInput(f"--sizes {sizes}: expected whole numbers with commas, say 50,100")
-    with _stoppable(output):
+    with stoppable(output):
         run_sample_study(read_sections(params, settings, near_misses), output, [*map(int, chosen)], quiet=quiet)
 
 
@@ -169,7 +175,7 @@ def folds(
     """
     from vpsci_ros.studies.run import run_fold_study
 
-    with _stoppable(output):
+    with stoppable(output):
         stage_2 = None if refine_with is None else read_sections(refine_with, None, None)
         run_fold_study(read_sections(params, settings, near_misses), output, count, stage_2=stage_2, quiet=quiet)
 
@@ -203,7 +209,7 @@ def models(
     """
     from vpsci_ros.studies.run import run_model_study
 
-    with _stoppable(output):
+    with stoppable(output):
         run_model_study(read_sections(params, settings, near_misses), output, _parts(chosen), count, quiet=quiet)
 
 
@@ -240,7 +246,7 @@ def weights(
     """
     from vpsci_ros.studies.run import run_weight_study
 
-    with _stoppable(output):
+    with stoppable(output):
         run_weight_study(
             read_sections(params, settings, near_misses),
             output,
@@ -254,15 +260,3 @@ def weights(
 def _parts(text: str | None) -> list[str]:
     """Return what stands between the commas; nothing where nothing was given."""
     return [part.strip() for part in text.split(",")] if text else []
-
-
-@contextlib.contextmanager
-def _stoppable(folder: Path) -> Iterator[None]:
-    """Say after Ctrl-C or SIGTERM where what is done is, and how to go on."""
-    from vpsci_ros.errors import Stopped
-
-    try:
-        yield
-    except (KeyboardInterrupt, Stopped):
-        print(f"stopped; what is done is in {folder}: the same command goes on there", file=sys.stderr)
-        raise typer.Exit(130) from None

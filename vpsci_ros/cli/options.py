@@ -2,7 +2,8 @@
 
 import contextlib
 import functools
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
 
@@ -53,6 +54,18 @@ def writes_folder(command: Callable[P, None]) -> Callable[P, None]:
             raise status
 
     return held
+
+
+@contextlib.contextmanager
+def stoppable(folder: Path) -> Iterator[None]:
+    """Say after Ctrl-C or SIGTERM where what is done is, and how to go on."""
+    from vpsci_ros.errors import Stopped
+
+    try:
+        yield
+    except (KeyboardInterrupt, Stopped):
+        print(f"stopped; what is done is in {folder}: the same command goes on there", file=sys.stderr)
+        raise typer.Exit(130) from None
 
 
 def read_sections(params: Path, settings: list[str] | None, near_misses: list[Path] | None = None) -> "Sections":
