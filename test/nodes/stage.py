@@ -4,11 +4,18 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import rclpy
+from numpy.typing import NDArray
 from rclpy.context import Context
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from std_msgs.msg import Header
+
+from vpsci_msgs.msg import AgentAction
+from vpsci_ros.nodes import convert
+from vpsci_ros.wire import layout
 
 PATIENCE = 240.0  # [s]
 
@@ -16,6 +23,12 @@ PATIENCE = 240.0  # [s]
 def overrides(**values: Any) -> list[Parameter]:
     """Return the parameters of a node of which the caller sets some."""
     return [Parameter(name.replace("__", "."), value=value) for name, value in values.items()]
+
+
+def action_message(header: Header, tick: int, action: NDArray[np.floating[Any]], policy_version: int) -> AgentAction:
+    """Return accelerations [m/s2], [B, 2] as (longitudinal, lateral), as a message."""
+    message = AgentAction(header=header, tick=tick, policy_version=policy_version)
+    return convert.filled(message, layout.action_fields(action))
 
 
 class Stage:

@@ -5,6 +5,7 @@ from array import array
 
 import numpy as np
 import pytest
+from nodes.stage import action_message
 from rclpy.serialization import deserialize_message, serialize_message
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, SafetyState, WorldState
@@ -29,11 +30,6 @@ def random_records(dtype: np.dtype, count: int, seed: int = 1) -> np.ndarray:
 
 def over_the_wire(message):
     return deserialize_message(serialize_message(message), type(message))
-
-
-def action_message(header: convert.Header, tick: int, action: np.ndarray, version: int) -> AgentAction:
-    message = AgentAction(header=header, tick=tick, policy_version=version)
-    return convert.filled(message, layout.action_fields(action))
 
 
 def test_a_world_state_comes_back_bit_for_bit() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from nodes.stage import action_message
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
@@ -52,7 +53,7 @@ class Forger:
 
     def _on_state(self, message: WorldState) -> None:
         action = np.full((len(message.status), 2), -3.0)
-        self._actions.publish(convert.action_message(message.header, message.tick, action, 1))
+        self._actions.publish(action_message(message.header, message.tick, action, 1))
 
     @staticmethod
     def _header() -> convert.Header:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from nodes.test_convert import action_message
+from nodes.stage import action_message
 from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header

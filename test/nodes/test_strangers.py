@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
-from nodes.stage import Stage, overrides
+from nodes.stage import Stage, action_message, overrides
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
@@ -224,7 +224,7 @@ def test_a_recorder_refuses_states_and_answers_that_the_other_nodes_refuse(
             convert.world_state_message(np.zeros(2, EPISODE), bad[0][0], 1, PERIOD),
         ],
         "/safety/state": [safety(1), safety(1, curvttc=np.full(1, np.nan)), safety(1, distance=np.zeros(2))],
-        "/vehicle/action": [convert.action_message(header, 1, pairs, 1) for pairs in (good, *bad)],
+        "/vehicle/action": [action_message(header, 1, pairs, 1) for pairs in (good, *bad)],
     }
     for topic, messages in sent.items():
         for message in messages:
@@ -352,7 +352,7 @@ def answer_every_state(node: Any, acceleration: float) -> None:
     sender = node.create_publisher(AgentAction, "vehicle/action", LOCK_STEP)
 
     def answer(message: WorldState) -> None:
-        sender.publish(convert.action_message(message.header, message.tick, np.full((1, 2), acceleration), 1))
+        sender.publish(action_message(message.header, message.tick, np.full((1, 2), acceleration), 1))
 
     node.create_subscription(WorldState, "world/state", answer, LOCK_STEP)
 
