@@ -3,16 +3,22 @@
 Numba keeps compiled code on disk and looks only at the file in which a function stands, so it would go on using a
 kernel after an edit to a function that the kernel calls from another file. Here every state of the sources has its
 own folder, and folders of earlier states of the same installation are removed.
+
+What numba keeps there are pickles, which can run anything where they are loaded: the folder is the user's own, with
+mode 0700, and one that others can write to is not used. Files that a crash or a full disk has cut are removed, since
+numba ends in an error of theirs instead of compiling again.
 """
 
 import hashlib
 import os
+import pickle
 import shutil
 import sys
 from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _ROOMS = ("safety", "world")
+ROOM = 2**25  # [bytes] that compiled code may take
 
 
 def choose_cache_folder() -> None:
@@ -24,6 +30,13 @@ def choose_cache_folder() -> None:
     folder = installation / _digest()
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if root.stat().st_uid != os.getuid():
+            return  # somebody else's, who could have this process run anything
+        root.chmod(0o700)
+        _remove_cut_files(folder)
+        free = shutil.disk_usage(folder).free
+        if free < ROOM:
+            print(f"note: {folder}: {free / 1e6:.0f} MB are free for compiled code; free some space", file=sys.stderr)
         for other in installation.iterdir():
             if other != folder:
                 shutil.rmtree(other, ignore_errors=True)
@@ -34,11 +47,21 @@ def choose_cache_folder() -> None:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
 
 
+def _remove_cut_files(folder: Path) -> None:
+    """Remove each file of numba's that does not end as a pickle does; it is compiled and written again."""
+    for path in folder.rglob("*.nb[ic]"):
+        with path.open("rb") as file:
+            file.seek(max(0, file.seek(0, os.SEEK_END) - 1))
+            whole = file.read() == pickle.STOP
+        if not whole:
+            path.unlink(missing_ok=True)
+
+
 def _digest() -> str:
     """Return a hash of every source file that a kernel's code can come from: rooms below the kernels, and kernels."""
     digest = hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*.py")):
         text = path.read_bytes()
-        if path.parent.name in _ROOMS or b"njit" in text:
+        if path.parent.name in _ROOMS or (b"njit" in text and path != Path(__file__).resolve()):
             digest.update(str(path.relative_to(_PACKAGE)).encode() + hashlib.sha256(text).digest())
     return digest.hexdigest()[:16]
