@@ -1,7 +1,8 @@
 #!/usr/bin/env python
-"""Campaigns of faults, from a seed: damaged files, graphs whose processes are killed, and graphs among strangers.
+"""Campaigns of faults, from a seed: damaged files and disks, graphs whose processes are killed, or among strangers.
 
     python test/chaos/campaign.py files [--cases 1000] [--seed 0] [--kinds scenario,bag] [-o DIR]
+    python test/chaos/campaign.py disks [--cases 64] [--seed 0] [-o DIR]        (as root, or after unshare -rm)
     python test/chaos/campaign.py processes [--cases 100] [--seed 0] [-o DIR]
     python test/chaos/campaign.py strangers [--cases 100] [--seed 0] [-o DIR]
 
@@ -28,7 +29,7 @@ from rich.progress import track
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from chaos import files, processes, strangers
+from chaos import disks, files, processes, strangers
 
 from vpsci_ros.runs.provenance import software_versions
 
@@ -69,6 +70,17 @@ def damaged_files(cases: range, kinds: list[str], tally: Tally, console: Console
 
     for name in kinds:
         files.campaign(name, track(cases, name.ljust(16), console=console, transient=True), report)
+
+
+def refused_writes(cases: range, tally: Tally, console: Console) -> None:
+    """Count how commands ended by the disk that they wrote to."""
+    with tempfile.TemporaryDirectory() as folder:
+        given = disks.inputs(Path(folder))
+        for seed in track(cases, "disks".ljust(16), console=console, transient=True):
+            case = disks.case(seed)
+            ended = disks.run(case, given)
+            verdict = "defect" if ended.defects else "told" if ended.status else "complete"
+            tally.add([f"{case.place} disk"], verdict, [f"case {seed} ({case}): {text}" for text in ended.defects])
 
 
 def disturbed_processes(cases: range, tally: Tally, console: Console) -> None:
@@ -117,7 +129,7 @@ def page(title: str, tally: Tally, seconds: float) -> str:
 def main() -> None:
     """Run a campaign, print its counts, and leave them where asked to."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("campaign", choices=("files", "processes", "strangers"))
+    parser.add_argument("campaign", choices=("files", "disks", "processes", "strangers"))
     parser.add_argument("--cases", type=int, help="so many (of each kind of file); default: 1000 files, 100 runs")
     parser.add_argument("--seed", type=int, default=0, help="number of the first case")
     parser.add_argument("--kinds", default=",".join(files.KINDS), help="of files, with commas; default: all")
@@ -135,11 +147,16 @@ def main() -> None:
         if given.campaign == "files":
             damaged_files(cases, given.kinds.split(","), tally, console)
         else:
-            graphs = {"processes": disturbed_processes, "strangers": among_strangers}
-            graphs[given.campaign](cases, tally, console)
+            others = {"disks": refused_writes, "processes": disturbed_processes, "strangers": among_strangers}
+            others[given.campaign](cases, tally, console)
     except KeyboardInterrupt:
         console.print("cut off: what is counted is what was done")
-    titles = {"files": "Damaged files", "processes": "Disturbed graphs", "strangers": "Graphs among strangers"}
+    titles = {
+        "files": "Damaged files",
+        "disks": "Refused writes",
+        "processes": "Disturbed graphs",
+        "strangers": "Graphs among strangers",
+    }
     text = page(titles[given.campaign], tally, time.monotonic() - begun)
     print(text)
     if given.output is not None:

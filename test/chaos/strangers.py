@@ -1,7 +1,7 @@
-"""Graphs in whose ROS domain a stranger publishes at random and calls services, and what must hold afterwards.
+"""Graphs in whose ROS domain a stranger publishes at random, calls services and offers some, and what must hold.
 
-docs/promises.md says what a stranger can and cannot do. A run among strangers ends with 0 only if its bag holds all
-that an undisturbed one holds (and whatever else was said); otherwise it tells why. Nobody ends but as told to, prints a
+docs/promises.md says what a stranger can and cannot do. A run among strangers ends with 0 only if its bag holds what
+an undisturbed one holds, no more and no less; otherwise it tells why. Nobody ends but as told to, prints a
 traceback, hangs or stays alive: whatever the stranger says, no node is to die of it. It falls silent after a while.
 
 The world is begun again by whoever calls its service, so that a run which was reset may hold other episodes.
@@ -37,7 +37,7 @@ from vpsci_ros.wire.layout import WORLD
 
 SETTINGS = (f"world_simulator.action_timeout={processes.PATIENT}", "graph.pause_timeout=10.0")
 NAMES = ("stranger", "stranger", "graph_watch", *processes.NODES)
-TOPIC_WAYS = ("fields", "fields", "fields", "blank", "again", "bytes")
+TOPIC_WAYS = ("fields", "fields", "fields", "blank", "again", "first", "bytes")
 RESET = "/world/reset"
 _SET = {"set_parameters": SetParameters, "set_parameters_atomically": SetParametersAtomically}
 _ASK = {"get_parameters": GetParameters, "describe_parameters": DescribeParameters, "list_parameters": ListParameters}
@@ -88,7 +88,7 @@ def _act(rng: random.Random) -> Act:
         return Act(rng.choice(read), rng.choice(TOPIC_WAYS), share, burst)
     service = rng.choice([name for name, row in SERVICES.items() if row.server == "world_simulator"])
     node = f"/{rng.choice(processes.NODES)}/{rng.choice([*_SET, *_SET, *_ASK])}"
-    return Act(rng.choice((service, node, node)), "call", share, min(burst, 5))
+    return Act(rng.choice((service, node, node)), rng.choice(("call", "offer")), share, min(burst, 5))
 
 
 def run(folder: Path, among: Stranger) -> processes.Run:
@@ -111,10 +111,12 @@ def defects(case: processes.Run, among: Stranger, undisturbed: dict[str, str]) -
     bag = case.folder / "bag"
     if not (bag / "metadata.yaml").is_file():
         return [*found, "its bag was not completed"]
-    held = {(f"{topic} {at}", digest) for topic, at, digest in processes.digests(Bag(bag))}
-    lost = set(undisturbed.items()) - held
-    if case.status == 0 and lost and all(act.target != RESET for act in among.acts):
-        found.append(f"status 0, but its bag lacks {len(lost)} of {len(undisturbed)} messages: {min(lost)[0]}")
+    messages = list(processes.digests(Bag(bag)))
+    end = max((at for _, at, _ in messages), default=0)
+    held = Counter((f"{topic} {at}", digest) for topic, at, digest in messages if at < end or topic == WORLD)
+    lost, more = Counter(undisturbed.items()) - held, held - Counter(undisturbed.items())
+    if case.status == 0 and (lost or more) and all(act.target != RESET for act in among.acts):
+        found.append(f"status 0, but its bag lacks {lost.total()} messages and holds {more.total()} others")
     return found
 
 
@@ -149,6 +151,7 @@ class _There:
     def __init__(self, node: Node, among: Stranger) -> None:
         self._acts = among.acts
         self._heard: dict[str, bytes] = {}
+        self._first: dict[str, bytes] = {}
         self.ticks = 0
         self._done = 0
         self._said: Counter[str] = Counter()
@@ -162,11 +165,25 @@ class _There:
         self._clients = {}
         for target in {act.target for act in among.acts} - topics:
             kind = SERVICES[target].type if target in SERVICES else PARAMETERS[target.rpartition("/")[2]]
-            self._clients[target] = kind, node.create_client(kind, target)
+            if any(act.way == "offer" for act in among.acts if act.target == target):
+                node.create_service(kind, target, partial(self._reply, kind, random.Random(f"offer/{among.seed}")))
+            else:
+                self._clients[target] = kind, node.create_client(kind, target)
+
+    def _reply(self, kind: Any, rng: random.Random, request: Any, response: Any) -> Any:
+        """Answer in the place of a node: with nothing, in other lengths, or with values that it cannot have."""
+        if kind is GetParameters:
+            count = rng.choice((0, len(request.names), len(request.names), 3))
+            response.values = [_parameter(rng).value for _ in range(count)]
+        elif response.get_fields_and_field_types():
+            for _ in range(rng.choice((0, 1, 3))):
+                change(response, rng)
+        return response
 
     def _hear(self, topic: str, data: bytes) -> None:
         if len(data) < LARGE:  # or what it makes of its own messages would grow and grow
             self._heard[topic] = data
+            self._first.setdefault(topic, data)
         self.ticks += topic == WORLD
 
     def act(self, rng: random.Random) -> None:
@@ -183,13 +200,16 @@ class _There:
                 with contextlib.suppress(RuntimeError):  # the middleware sends no more for the time being
                     self._writers[act.target].publish(self._message(act, rng))
                 continue
+            if act.target not in self._clients:
+                continue  # it offers this one
             kind, client = self._clients[act.target]
             if client.service_is_ready():
                 client.remove_pending_request(client.call_async(_request(kind, rng)))
 
     def _message(self, act: Act, rng: random.Random) -> Any:
         kind = TOPICS[act.target].type
-        heard = self._heard.get(act.target) if act.way != "blank" else None
+        known = self._first if act.way == "first" else self._heard
+        heard = known.get(act.target) if act.way != "blank" else None
         if act.way == "bytes":
             return mutate.mutated(heard or serialize_message(kind()), rng, text=False)
         message = kind()

@@ -11,6 +11,7 @@ from rich.console import Console
 from vpsci_ros.bags.info import bag_info, print_info
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import write_json
+from vpsci_ros.wire.layout import WORLD
 
 CASES = 20
 CORPUS = sorted(path for path in files.CORPUS.rglob("*") if path.is_file())
@@ -104,7 +105,8 @@ CALLS = strangers.Stranger(
     (
         strangers.Act("/safety_monitor/set_parameters", "call", 1.0, 5),
         strangers.Act("/world_simulator/set_parameters_atomically", "call", 0.2, 5),
-        strangers.Act("/world/history", "call", 0.2, 1),
+        strangers.Act("/world/history", "offer", 0.2, 1),
+        strangers.Act("/world_simulator/get_parameters", "offer", 0.2, 1),
     ),
     early=True,
     seed=2,
@@ -128,6 +130,21 @@ def test_a_node_that_a_stranger_ended_would_be_noticed(tmp_path: Path) -> None:
         "safety_monitor ended with 1",
         "its bag was not completed",
     ]
+
+
+@pytest.mark.parametrize(("held", "lost", "more"), [("ab", 0, 0), ("a", 1, 0), ("abb", 0, 1), ("abc", 0, 1)])
+def test_a_bag_that_holds_more_or_less_than_the_undisturbed_one_would_be_noticed(
+    held: str, lost: int, more: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_json(tmp_path / "run.json", {"error": "", "results": {"exit_status": {}}, "inputs_sha256": {}})
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "metadata.yaml").touch()
+    monkeypatch.setattr(strangers, "Bag", lambda _: None)
+    monkeypatch.setattr(processes, "digests", lambda _: [(WORLD, ord(letter), letter) for letter in held])
+    whole = {f"{WORLD} {ord(letter)}": letter for letter in "ab"}
+    found = strangers.defects(processes.Run(0, "", 1.0, [], tmp_path), SPEAKS, whole)
+    text = f"status 0, but its bag lacks {lost} messages and holds {more} others"
+    assert found == ([text] if lost or more else [])
 
 
 @pytest.mark.parametrize("name", writes.WRITERS)
