@@ -1,4 +1,4 @@
-"""The node tells of the pedestrians what its core does, a list a tick; the exam's ADS then lives by that."""
+"""The node publishes the pedestrians as its core perceives them, a list a tick; the exam's ADS then lives by that."""
 
 import json
 import sys
@@ -111,7 +111,7 @@ def examined(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("perception")
     script = folder / "listening.py"
     script.write_text(LISTENING)
-    world = {"scenarios": [104], "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0}
+    world = {"scenarios": [104], "spawn": "human", "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0}
     asked = {"pedestrians": ["walker"], "perception": True, "baseline": False}
     chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", asked)
     exam = prepare(
@@ -132,15 +132,15 @@ def test_the_exams_ads_is_told_of_objects_and_never_the_truth(examined: Path) ->
     assert topics["/pedestrian/odometry"].messages == 0
 
 
-def test_the_report_says_what_the_ads_was_told_and_by_group_who_was_hidden(examined: Path) -> None:
+def test_the_report_says_what_was_published_to_the_ads_and_by_group_who_was_hidden(examined: Path) -> None:
     report, table = json.loads((examined / "report.json").read_text()), pl.read_parquet(examined / "episodes.parquet")
     sight = report["sight"]
     assert sight["perception"]["reach"] == 8.0
     rows = table.filter((pl.col("driver") == "ads") & pl.col("critical") & (pl.col("pedestrian") == "walker"))
     assert rows.height >= 1
-    assert sight["pedestrians"]["walker"]["told_share"]["value"] == pytest.approx(rows["told_share"].mean())
-    assert 0.0 < rows["told_share"].mean() < 0.8
-    assert rows["told_after"].max() > 0.1
+    assert sight["pedestrians"]["walker"]["published_share"]["value"] == pytest.approx(rows["published_share"].mean())
+    assert 0.0 < rows["published_share"].mean() < 0.8
+    assert rows["published_after"].max() > 0.1
     page = (examined / "report.html").read_text()
     assert "What the ADS could see" in page
     assert "<code>reach 8.0</code>" in page
