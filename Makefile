@@ -26,10 +26,10 @@ demo: setup  ## run all three stages, small; leaves bags, tables and a page that
 test: setup  ## run the tests
 	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
 
-check: setup  ## what a change has to pass: ruff, mypy, tests
+check: setup  ## what a change has to pass: ruff, mypy, tests, each once
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
-	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal --ignore test/test_code_style.py $(PYTEST_ARGS)
 
 docs: setup  ## build the documentation site into out/site; a warning fails it
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

@@ -28,7 +28,7 @@ DT, FRAMES = 0.05, 180
 VEHICLE_YIELDS, PEDESTRIAN_YIELDS = "LocationA_PedCross_S-N", "LocationA_PedCross_N-S"
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 GRAPHS = {"chaos", "examples", "extending", "nodes"}  # rooms whose tests start nodes
-COMPILING = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "perception", "recorder"]
+COMPILING = ["world_simulator", "safety_monitor", "vehicle_policy", "perception", "recorder"]  # each kernel once
 SimulatedTick = tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]]
 
 
@@ -47,7 +47,7 @@ def pytest_runtestloop(session: pytest.Session) -> None:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (cache / "graph.compiled").exists():
             world = {"scenarios": [104], "episodes": 1, "episode_time": 2.0, "batch": 1, "pedestrians": 3}
-            world |= {"action_timeout": 600.0}
+            world |= {"action_timeout": 600.0, "pedestrian_driver": "autopilot"}
             settings = [f"graph.nodes=[{', '.join(COMPILING)}]", "graph.progress_timeout=1200.0"]
             settings += [f"world_simulator.{name}={value}" for name, value in world.items()]
             command = [sys.executable, "-m", "vpsci_ros.cli", "graph", "-q", "-o", f"{folder}/run"]

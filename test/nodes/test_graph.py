@@ -20,11 +20,12 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.config import NODES
-from vpsci_ros.nodes.graph import NodeProcesses, resolve, run_graph
+from vpsci_ros.nodes.domain import own_domain
+from vpsci_ros.nodes.graph import GraphResult, NodeProcesses, resolve, run_graph
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
 from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.resources import params_dir, weights_path
+from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.sections import Sections
@@ -67,13 +68,18 @@ def recorded_ticks(bag: Path) -> dict[int, dict[str, Any]]:
     return ticks
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, weights: str) -> GraphResult:
+    """A run to its end; not to be changed."""
+    with own_domain():
+        return run_graph(sections(weights), tmp_path_factory.mktemp("whole") / "run", quiet=True)
+
+
 def test_separate_processes_and_one_process_make_the_same_episodes_bit_for_bit(
-    domain: int, tmp_path: Path, weights: str
+    whole: GraphResult, weights: str
 ) -> None:
-    chosen = sections(weights)
-    result = run_graph(chosen, tmp_path / "run", quiet=True)
-    assert result.error == ""
-    recorded = recorded_ticks(result.bag)
+    assert whole.error == ""
+    chosen, recorded = sections(weights), recorded_ticks(whole.bag)
 
     run = chosen.get(RunConfig, "world_simulator")
     config = WorldConfig()
@@ -99,17 +105,15 @@ def test_separate_processes_and_one_process_make_the_same_episodes_bit_for_bit(
     assert controlled > 0, "the policies never acted, so nothing was compared"
 
 
-def test_a_run_tells_what_it_did_and_with_what(domain: int, tmp_path: Path) -> None:
-    result = run_graph(sections("refined", episodes=1, batch=1, scenarios=[3]), tmp_path / "run", quiet=True)
-    record = json.loads((tmp_path / "run" / "run.json").read_text())
+def test_a_run_tells_what_it_did_and_with_what(whole: GraphResult, weights: str) -> None:
+    record = json.loads((whole.folder / "run.json").read_text())
     assert record["error"] == ""
-    assert record["results"]["nodes"]["world_simulator"]["counts"]["episodes_ended"] == 1
-    assert record["inputs_sha256"] == {"refined": sha256(weights_path("refined"))}
+    assert record["results"]["nodes"]["world_simulator"]["counts"]["episodes_ended"] == 6
+    assert record["inputs_sha256"] == {weights: sha256(weights)}
     assert set(record["results"]["exit_status"].values()) == {0}
-    with AnyReader([result.bag]) as reader:
+    with AnyReader([whole.bag]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
     assert counts["/world/state"] == counts["/safety/state"] == counts["/clock"]
-    assert counts["/world/state"] - 2 <= counts["/vehicle/odometry"] == counts["/pedestrian/odometry"]
 
 
 @pytest.fixture
@@ -127,7 +131,7 @@ def once_it_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> OnceItRe
     return lambda act, size=20_000: threading.Thread(target=wait, args=(act, size), daemon=True).start()
 
 
-@pytest.mark.parametrize("victim", GENERATE)
+@pytest.mark.parametrize("victim", [node for node in GENERATE if node != "pedestrian_policy"])  # the same executable
 def test_killing_any_process_ends_the_run_with_its_name_and_a_bag_that_opens(
     domain: int, tmp_path: Path, weights: str, victim: str, once_it_records: OnceItRecords
 ) -> None:

@@ -53,7 +53,7 @@ def begin(context: Context, closed: Callable[[Any], Any]) -> Callable[..., Sessi
 
 
 def test_a_paused_world_waits_for_steps_and_takes_one_tick_for_each(begin: Callable[..., Session]) -> None:
-    session = begin(action_timeout=0.2)
+    session = begin(action_timeout=0.2, episodes=1, episode_time=3.0)
     assert session.call(SetBool, "world/pause", data=True).success
     session.spin_until(lambda: session.ticks == [0])
     for step in (1, 2, 3):

@@ -100,17 +100,20 @@ def test_a_graph_in_a_namespace_records_its_transforms_and_nothing_of_its_names_
     assert counts is not None
     assert counts.tick > 10
     frames: dict[str, set[str]] = {"/tf": set(), "/tf_static": set()}
-    odometry = transforms = 0
+    odometry = dict.fromkeys(("/vehicle/odometry", "/pedestrian/odometry"), 0)
+    transforms = 0
     with AnyReader([result.bag]) as reader:
         for connection, _, data in reader.messages():
             if connection.topic in frames:
                 found = reader.deserialize(data, connection.msgtype).transforms
                 frames[connection.topic] |= {each.child_frame_id for each in found}
             transforms += connection.topic == "/tf"
-            odometry += connection.topic == "/vehicle/odometry"
+            if connection.topic in odometry:
+                odometry[connection.topic] += 1
     assert frames["/tf"] == {"left/vehicle/base_link", "left/pedestrian/base_link"}
     assert frames["/tf_static"] == {"left/vehicle/rear_axle"}
-    assert transforms == odometry > 10
+    assert set(odometry.values()) == {transforms}
+    assert transforms > 10
     log = (result.folder / "log/world_simulator.log").read_text()
     assert "ready: 1 episodes of scenarios [3], 1 at once" in log
     assert "3:0 ended: " in log

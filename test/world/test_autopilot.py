@@ -72,13 +72,15 @@ def test_the_walker_stands_once_it_has_arrived_and_the_vehicle_drives_on():
     near = [
         dataclasses.replace(s, vehicle=dataclasses.replace(s.vehicle, goal=s.vehicle.path.length)) for s in SCENARIOS
     ]
-    config = dataclasses.replace(ALONE, episode_time=30.0)
+    config, stood = dataclasses.replace(ALONE, episode_time=30.0), 0
     for frames in episodes(World(config, near, [(s, 0) for s in range(1, 9)], 8, 3)).values():
         arrived = np.flatnonzero(frames["pedestrian_goal"])
         if len(arrived) and len(frames) > arrived[0] + 60:
             speed = np.hypot(frames["pedestrian_vx"], frames["pedestrian_vy"])[arrived[0] + 60 :]
             assert speed.max() < 1e-9
             assert (frames["vehicle_speed"][arrived[0] + 1 :] > 0).any()
+            stood += 1
+    assert stood > 0
 
 
 def test_the_autopilot_drives_within_comfort_when_nobody_is_in_its_way(alone):

@@ -46,9 +46,9 @@ def test_the_last_frame_is_shown_for_exactly_one_tick(history):
 
 
 def test_fresh_episodes_enter_at_policy_ticks_only(history):
-    for tick, (_, events) in enumerate(history):
-        if (events["kind"] == STARTED).any():
-            assert (tick + 1) % 2 == 0
+    entered = [tick for tick, (_, events) in enumerate(history) if (events["kind"] == STARTED).any()]
+    assert len(entered) > 10
+    assert all((tick + 1) % 2 == 0 for tick in entered)
 
 
 def test_an_idle_slot_is_all_zeros(history):
@@ -62,7 +62,8 @@ def test_slots_take_episodes_in_the_order_of_the_queue(history):
     assert list(zip(first["scenario"].tolist(), first["episode"].tolist(), strict=True)) == PAIRS[:10]
 
 
-def test_outcomes_are_what_they_say():
+def test_all_three_ends_occur_and_are_what_they_say():
+    found = set()
     for key, rows in run(PAIRS, config=WorldConfig()).items():
         last, before = rows[-1], rows[:-1]
         free = clearance(
@@ -81,10 +82,7 @@ def test_outcomes_are_what_they_say():
             assert last["outcome"] == TIMEOUT
             assert last["frame"] == WorldConfig().episode_ticks
         assert np.array_equal(rows["frame"], np.arange(len(rows)))
-
-
-def test_all_three_ends_occur():
-    found = {int(rows["outcome"][-1]) for rows in run(PAIRS, config=WorldConfig()).values()}
+        found.add(int(last["outcome"]))
     assert found == {COLLISION, GOAL, TIMEOUT}
 
 
