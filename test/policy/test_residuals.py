@@ -1,5 +1,7 @@
 """Residuals of recorded people: both agents borrow one sequence of one of the most similar onsets, in any batch."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -135,6 +137,20 @@ def test_a_vehicle_that_leaves_steering_to_the_lane_remembers_that_it_did(weight
     assert (action[:, 0] != 0.0).all()
     assert (action[:, 1] == 0.0).all()
     assert own._actor._action.tobytes() == action.tobytes()
+
+
+def test_a_policy_at_work_takes_up_the_residuals_of_other_weights(weights: Weights) -> None:
+    own = PolicyAgent("pedestrian", 3, False)
+    state, every = state_of(np.arange(8)), np.ones(8, bool)
+    tick, actions = Tick(0, state, every), []
+    others = {f"residuals.{name}": value for name, value in bank()._replace(steps=-bank().steps)._asdict().items()}
+    for version, loaded in enumerate((weights, weights, replace(weights, tensors=weights.tensors | others)), start=1):
+        own.load(loaded, version)
+        actions.append(own.act(tick, tick.assessed(np.full(8, 2.0), np.full(8, 2.0), every)))
+    first, again, opposite = (np.sign(np.round(action[:, 0])) for action in actions)
+    assert (first == again).all()
+    assert (first == -opposite).all()
+    assert np.abs(first).sum() > 4
 
 
 @pytest.mark.parametrize("agent", AGENTS)

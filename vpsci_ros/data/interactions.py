@@ -60,22 +60,14 @@ class Interactions:
         seen = {agent: self.observation[agent][self.present] for agent in AGENTS}
         return seen, {agent: self.next_velocity[agent][self.acted] for agent in AGENTS}
 
-    def moments(self) -> NDArray[np.float64]:
-        """Return what makes moments similar, float64[N, T, 7], the arguments of `policy.residuals.features_of`.
-
-        Acceleration and yaw rate are those of the 0.4 s before, as they are known at the step.
-        """
-        forward, left, walk_forward, walk_left = (
-            part
-            for vector in (self.motion[..., 5:7] - self.motion[..., 0:2], self.motion[..., 7:9])
-            for part in np.moveaxis(_to_heading_frame(vector, self.motion[..., 2]), -1, 0)
-        )
+    def trends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the vehicle's acceleration [m/s2] and yaw rate [rad/s] by the 0.4 s before, float64[N, T] each."""
+        trends = np.zeros((2, *self.motion.shape[:2]))
         speed = np.hypot(self.motion[..., 3], self.motion[..., 4])
-        slopes = np.zeros((2, *speed.shape))
-        for out, values in zip(slopes, (speed, self.motion[..., 2]), strict=True):
+        for out, values in zip(trends, (speed, self.motion[..., 2]), strict=True):
             for row, value, length in zip(out, values, self.length, strict=True):
                 row[:length] = trailing_slope(value[:length])
-        return np.stack([speed, *slopes, forward, left, walk_forward, walk_left], axis=-1)
+        return trends[0], trends[1]
 
     def moving(self, motion: NDArray[np.float64]) -> "Interactions":
         """Return the same interactions with another `motion`, and observations, actions and velocities by it."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.policy.draws import draw_innovation, draw_latent
-from vpsci_ros.policy.residuals import Borrower
+from vpsci_ros.policy.residuals import Borrower, moments_of
 from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import AGENTS
@@ -76,7 +76,7 @@ class PredictionStart(NamedTuple):
     """Where predictions of N interactions of one source begin.
 
     :ivar observed: int64[N], steps that are observed before.
-    :ivar moments: float64[N, 7], see `Interactions.moments`.
+    :ivar moments: float64[N, 7], see `residuals.moments_of`.
     :ivar people: the source, whose own residuals are borrowed.
     """
 
@@ -87,7 +87,8 @@ class PredictionStart(NamedTuple):
     @classmethod
     def of(cls, interactions: Interactions, people: str, observed: int) -> "PredictionStart":
         """Return the start of closed loops at the first critical steps, after up to `observed` steps."""
-        moments = interactions.moments()[np.arange(len(interactions)), interactions.first]
+        moments = moments_of(interactions.observation["vehicle"], *interactions.trends())
+        moments = moments[np.arange(len(interactions)), interactions.first]
         return cls(np.minimum(interactions.first, observed), moments, people)
 
 

@@ -20,7 +20,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.kinematics.rollout import Actions, Seen
 from vpsci_ros.learning.imitation import OBSERVED, RecordedSteps, Start, recorded
 from vpsci_ros.policy.actor import Actors, previous
-from vpsci_ros.policy.residuals import NEAREST, SLOWEST, Borrower, Residuals, describe, people_of
+from vpsci_ros.policy.residuals import NEAREST, SLOWEST, Borrower, Residuals, describe, moments_of, people_of
 from vpsci_ros.world.observation import AGENTS, STEP
 
 EVERY = 3  # steps from one moment of a track that lends in training to the next
@@ -43,7 +43,8 @@ class Lenders:
         self.people = list(dict.fromkeys(own_people))
         self._source = np.array([self.people.index(name) for name in own_people])
         shape = interactions.motion.shape[:2]
-        features, side = describe(interactions.moments().reshape(-1, 7))
+        moments = moments_of(interactions.observation["vehicle"], *interactions.trends())
+        features, side = describe(moments.reshape(-1, moments.shape[-1]))
         self._side = side.reshape(shape)
         latest = interactions.length - 1 - steps
         self._onsets = np.flatnonzero(interactions.first <= latest)
@@ -166,7 +167,7 @@ class Borrowing:
             self._acceleration = (own[:, 0] - self._speed) / STEP
         self._speed = own[:, 0]
         yaw_rate = own[:, 0] * seen.scene.curvature.detach().double().numpy()
-        moment = np.column_stack([own[:, 0], self._acceleration, yaw_rate, -own[:, 2:4], own[:, 0:2] - own[:, 4:6]])
+        moment = moments_of(own, self._acceleration, yaw_rate)
         self._key[:, 4] = seen.step
         every = np.ones(len(own), np.bool_)
         added = (b.step(moment, self._key, every & (seen.step == 0), every) for b in self._borrowers)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
 from vpsci_ros.policy.draws import draw_innovation, draw_latent
 from vpsci_ros.policy.exploration import exploration_noise
-from vpsci_ros.policy.residuals import Borrower, Residuals
+from vpsci_ros.policy.residuals import Borrower, Residuals, moments_of, same
 from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import ActorWeights, Weights
 from vpsci_ros.world import EPISODE, RUNNING, World, observation
@@ -63,7 +63,9 @@ class PolicyAgent:
         The first call takes seconds where the kernels are not compiled yet, so that no step has to.
         """
         first = self._weights is None
-        self._weights, self._residuals = weights.actor(AGENTS[self._index]), weights.residuals()
+        self._weights, residuals = weights.actor(AGENTS[self._index]), weights.residuals()
+        if not same(residuals, self._residuals):
+            self._residuals, self._borrower = residuals, None  # others' from the next step on
         self._source = weights.people(self._people)
         self.version = version
         if first:
@@ -91,8 +93,9 @@ class PolicyAgent:
             self._actor = StreamingActor(self._weights, len(state))
             self._step = np.zeros(len(state), np.int64)
             self._latent = np.zeros((len(state), self._weights.network.latent), np.float32)
-            if self._residuals is not None:
-                self._borrower = Borrower(self._residuals, self._index, len(state), self._source)
+            self._borrower = None
+        if self._residuals is not None and self._borrower is None:
+            self._borrower = Borrower(self._residuals, self._index, len(state), self._source)
         if not active.any():
             return np.zeros((len(state), 2), np.float32)
         reset = active & (state["controlled"] == 0)
@@ -139,10 +142,8 @@ class PolicyAgent:
         """
         if self._borrower is None:
             return None
-        moment = np.empty((len(state), 7))
-        moment[:, 0], moment[:, 1] = seen[:, 0], state["vehicle_acceleration"]
-        moment[:, 2] = state["vehicle_curvature"] * state["vehicle_speed"]
-        moment[:, 3:5], moment[:, 5:7] = -seen[:, 2:4], seen[:, 0:2] - seen[:, 4:6]
+        yaw_rate = state["vehicle_curvature"] * state["vehicle_speed"]
+        moment = moments_of(seen, state["vehicle_acceleration"], yaw_rate)
         key = np.empty((len(state), 5), np.uint64)
         for column, name in enumerate(("scenario", "episode", "pedestrian", "frame"), start=1):
             key[:, column] = state[name]

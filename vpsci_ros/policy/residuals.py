@@ -22,7 +22,7 @@ from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_RESIDUAL, philox, unit
 from vpsci_ros.world.observation import AGENTS
 
-NEAREST = 16  # onsets of which one is drawn
+NEAREST = 32  # onsets of which one is drawn
 FEATURES = 8
 COLUMNS = 2 * len(AGENTS)  # of a step: the vehicle's [m/s2] and [1/m], then the pedestrian's forward and left [m/s2]
 SLOWEST = 1.0  # [m/s] below it, a steering residual is of a vehicle at this speed
@@ -79,6 +79,13 @@ def residuals_of(tensors: Mapping[str, NDArray[Any]], where: str) -> Residuals:
     return own
 
 
+def same(first: Residuals | None, second: Residuals | None) -> bool:
+    """Return whether both are the same residuals, or none."""
+    if first is None or second is None:
+        return first is second
+    return all(map(np.array_equal, first, second))
+
+
 def people_of(source: str) -> str:
     """Return whose residuals those of a source are, of near misses or "source/clip": the name up to a hyphen.
 
@@ -100,6 +107,19 @@ def features_of(speed, acceleration, yaw_rate, forward, left, walk_forward, walk
     out[4], out[5] = walk_forward, walk_left * side
     out[6], out[7] = acceleration, yaw_rate * side
     return side
+
+
+def moments_of(
+    observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: NDArray[Any]
+) -> NDArray[np.float64]:
+    """Return the arguments of `features_of`, float64[..., 7].
+
+    :param observed: float[..., 6], what the vehicle observes, equation (6).
+    :param acceleration, yaw_rate: float[...], of the vehicle [m/s2, rad/s].
+    """
+    parts = observed[..., :1], acceleration[..., None], yaw_rate[..., None]
+    seen = np.asarray(observed, np.float64)
+    return np.concatenate([*parts, -seen[..., 2:4], seen[..., 0:2] - seen[..., 4:6]], axis=-1, dtype=np.float64)
 
 
 def describe(moments: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
