@@ -14,10 +14,12 @@ from vpsci_ros.data.near_misses import (
     NEAR_MISS_COLUMNS,
     WORKED_OUT,
     check_near_misses,
+    clips_of,
     concat_near_misses,
     load_corpus,
     read_near_misses,
     split_by_clip,
+    split_by_name,
     write_near_misses,
 )
 from vpsci_ros.data.parquet import read_metadata
@@ -167,6 +169,16 @@ def test_one_clip_cannot_be_split(table: pl.DataFrame) -> None:
         split_by_clip(table.filter(pl.col("interaction") == 0), 0.5, seed=0)
     with pytest.raises(InvalidInput, match="held_out_fraction = 1"):
         split_by_clip(table, 1.0, seed=0)
+
+
+def test_clips_held_out_by_name_are_those_whose_names_begin_so(table: pl.DataFrame) -> None:
+    names = clips_of(table)
+    training, held_out = split_by_name(table, [names[0][:-1] + "1", names[-1]])
+    assert clips_of(held_out) == [name for name in names if name in (names[0][:-1] + "1", names[-1])]
+    assert sorted(clips_of(training) + clips_of(held_out)) == names
+    assert split_by_name(table, ["elsewhere/"])[1].is_empty()
+    with pytest.raises(InvalidInput, match="held_out_clips = .*: all 6 clips begin so"):
+        split_by_name(table, [""])
 
 
 def test_the_right_turns_of_the_package_are_real_near_misses_of_two_corners_and_two_parts() -> None:

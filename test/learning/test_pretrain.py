@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 from synthetic import synthetic_near_misses
 
+from vpsci_ros.data.near_misses import clips_of, split_by_clip
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.learning.config import (
     DdpgConfig,
@@ -83,6 +84,12 @@ def test_weights_and_log_say_how_they_came_about(tmp_path, near_misses):
     assert [bool(row["closed_loop_ade"]) for row in rows] == [False, False, True, False, False, True]
     assert weights.facts["held_out"]["errors"]["closed_loop_ade"] == pytest.approx(float(rows[-1]["closed_loop_ade"]))
     assert reports[-1]["control_closed_loop_ade"] > 0.0
+
+
+def test_clips_are_held_out_by_name(tmp_path, near_misses):
+    clips = clips_of(split_by_clip(near_misses, 0.3, seed=8)[1])
+    config = replace(SHORT, episodes=1, held_out_clips=clips)
+    assert pretrain(near_misses, config, SMALL, seed=1, out_dir=tmp_path).facts["data"]["held_out_clips"] == clips
 
 
 def test_a_short_run_improves_both_held_out_errors(tmp_path, monkeypatch):

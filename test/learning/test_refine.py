@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vpsci_ros.data.near_misses import split_by_clip
+from vpsci_ros.data.near_misses import clips_of, split_by_clip
 from vpsci_ros.errors import InvalidInput, Stopped, VpsciError
 from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning.config import ForesightConfig, ImitationConfig, PretrainConfig, RefineConfig
@@ -163,11 +163,11 @@ def test_what_is_kept_lies_as_far_on_the_way_back_to_stage_1_as_asked_and_its_er
 
 def test_clips_that_stage_1_held_out_stay_held_out(networks, near_misses):
     _, held_out = split_by_clip(near_misses, 0.4, seed=11)
-    clips = sorted({f"{s}/{c}" for s, c in held_out.select("source", "clip").unique().rows()})
+    clips = clips_of(held_out)
     weights = networks().weights({}, {"data": {"held_out_clips": clips}})
     refiner = Refiner(QUICK, weights, near_misses, seed=4)
     assert set(refiner._held_out.interactions.clip) <= set(clips)
-    assert refiner.current().facts["data"]["held_out_clips"] == sorted(set(refiner._held_out.interactions.clip))
+    assert refiner.current().facts["data"]["held_out_clips"] == clips
     other = Refiner(QUICK, networks().weights({}, {}), near_misses, seed=4)
     assert set(other._held_out.interactions.clip) != set(refiner._held_out.interactions.clip)
 

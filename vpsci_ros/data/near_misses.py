@@ -279,6 +279,23 @@ def split_by_clip(table: pl.DataFrame, held_out_fraction: float, seed: int) -> t
     return _split(table, held)
 
 
+def clips_of(table: pl.DataFrame) -> list[str]:
+    """Return the clips of a near-miss table, as "source/clip", sorted."""
+    return sorted("/".join(row) for row in table.select("source", "clip").unique().rows())
+
+
+def split_by_name(table: pl.DataFrame, clips: Sequence[str]) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """Split interactions into (training, held out): those of clips whose "source/clip" begins with one of `clips`.
+
+    :raises InvalidInput: every clip is held out.
+    """
+    own = [(str(source), str(clip)) for source, clip in table.select("source", "clip").unique().rows()]
+    held = [(source, clip) for source, clip in own if f"{source}/{clip}".startswith(tuple(clips))]
+    if len(held) == len(own):
+        raise InvalidInput(f"held_out_clips = {list(clips)}: all {len(own)} clips begin so; leave some to learn from")
+    return _split(table, held)
+
+
 def folds_by_clip(table: pl.DataFrame, folds: int, seed: int) -> list[tuple[pl.DataFrame, pl.DataFrame]]:
     """Return (training, held out) of each fold: every clip is held out exactly once, and folds are of like size.
 
@@ -301,7 +318,7 @@ def folds_by_clip(table: pl.DataFrame, folds: int, seed: int) -> list[tuple[pl.D
 
 
 def _split(table: pl.DataFrame, held: list[tuple[str, str]]) -> tuple[pl.DataFrame, pl.DataFrame]:
-    keys, on = pl.DataFrame(held, schema=["source", "clip"], orient="row"), ["source", "clip"]
+    keys, on = pl.DataFrame(held, schema={"source": pl.String, "clip": pl.String}, orient="row"), ["source", "clip"]
     return table.join(keys, on=on, how="anti", maintain_order="left"), table.join(
         keys, on=on, how="semi", maintain_order="left"
     )

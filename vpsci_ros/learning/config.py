@@ -127,6 +127,11 @@ class PretrainConfig:
     held_out_fraction: float = parameter(
         0.2, "share of near misses, by whole clips, kept out of training", low=0.0, high=0.9
     )
+    held_out_clips: list[str] = parameter(
+        [],
+        "clips kept out of training, as source/clip or how that begins, e.g. cqut-pvi/dev/; where the near misses hold "
+        "none of them, the share is",
+    )
     evaluate_every: int = parameter(100, "iterations from one held-out error to the next", low=1, high=1_000_000)
     checkpoint_every: int = parameter(500, "iterations from one checkpoint to the next", low=1, high=1_000_000)
     replay: ReplayConfig = ReplayConfig()

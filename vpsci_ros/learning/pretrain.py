@@ -12,7 +12,7 @@ import polars as pl
 import torch
 
 from vpsci_ros.data.interactions import from_table, table_hash
-from vpsci_ros.data.near_misses import split_by_clip
+from vpsci_ros.data.near_misses import clips_of, split_by_clip, split_by_name
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
@@ -53,8 +53,8 @@ def pretrain(
     iteration leaves the last one as it is. The log is written again at every held-out error and checkpoint, and however
     the run ends.
 
-    :param near_misses: near-miss table; `config.held_out_fraction` of it, by whole clips, is kept for the held-out
-        error.
+    :param near_misses: near-miss table; of it `config.held_out_clips`, or else `held_out_fraction` by whole clips, is
+        kept for the held-out error.
     :param report: called after every iteration with `episode`, `episodes`, `seconds`, the losses and rewards of the
         iteration by name, and, where they were measured, the held-out errors [m] and, named `control_...`, those of
         the last velocity repeated.
@@ -107,12 +107,14 @@ class _Run:
 
     def __init__(self, config: PretrainConfig, table: pl.DataFrame, seed: int, network: NetworkConfig) -> None:
         self._config, self._seed = config, seed
-        training, self.held_out = table, None
+        self.held_out: HeldOut | None = None
         self._facts: dict[str, Any] = {"stage": "pretrained", "seed": seed, "data": {"sha256": table_hash(table)}}
-        if config.held_out_fraction > 0:
+        training, held_out = split_by_name(table, config.held_out_clips)
+        if held_out.is_empty() and config.held_out_fraction > 0:
             training, held_out = split_by_clip(table, config.held_out_fraction, seed)
+        if held_out.height:
             self.held_out = HeldOut(held_out)
-            self._facts["data"]["held_out_clips"] = sorted(set(self.held_out.interactions.clip))
+            self._facts["data"]["held_out_clips"] = clips_of(held_out)
         self.rng = np.random.default_rng(seed)
         interactions = from_table(training, find_objective(config.objective).whole_tracks)
         histories = recorded_histories(interactions)

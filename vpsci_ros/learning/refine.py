@@ -23,6 +23,7 @@ import torch
 from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import from_table, table_hash
+from vpsci_ros.data.near_misses import clips_of
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.held_out import HeldOut, split_as_before
 from vpsci_ros.learning.assembly import HistoryAssembler
@@ -88,7 +89,7 @@ class Refiner:
         self.stage_1_errors = self._held_out.errors(weights)
         self.errors = dict(self.stage_1_errors)
         self._facts: dict[str, Any] = {"stage": "refined", "seed": seed, "data": {"sha256": table_hash(near_misses)}}
-        self._facts["data"]["held_out_clips"] = sorted(set(self._held_out.interactions.clip))
+        self._facts["data"]["held_out_clips"] = clips_of(held_out)
         self._facts["data"]["people"] = weights.facts.get("data", {}).get("people", [])
         objective = find_objective(config.objective)
         start = Training(

@@ -81,7 +81,7 @@ def cross_validate(
     """
     parts, together = held_out_folds(near_misses, folds, seed)
     out_dir = Path(out_dir)
-    config = replace(config, held_out_fraction=0.0)
+    config = replace(config, held_out_clips=[], held_out_fraction=0.0)
     identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses), "folds": folds}
     measured: list[dict[str, Measured]] = []
     shares = []

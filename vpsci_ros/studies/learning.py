@@ -77,7 +77,7 @@ def sample_size_study(
         if not 2 <= size <= len(order):
             raise InvalidInput(f"sizes: expected 2 to {len(order)} interactions, as the near misses hold, got {size}")
     replay = replace(config.replay, capacity=max(config.replay.capacity, near_misses.height))
-    config = replace(config, held_out_fraction=0.0, replay=replay)
+    config = replace(config, held_out_clips=[], held_out_fraction=0.0, replay=replay)
     deviation = _deviation(from_table(near_misses), config.rewards.least_speed_deviation)
     held_out = HeldOut(kept_out) if kept_out.height else None
     out_dir = Path(out_dir)

@@ -48,7 +48,7 @@ def compare_models(
     """
     parts, together = held_out_folds(near_misses, folds, seed)
     out_dir = Path(out_dir)
-    config = replace(config, held_out_fraction=0.0)
+    config = replace(config, held_out_clips=[], held_out_fraction=0.0)
     identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses), "folds": folds}
     measured: dict[str, list[Measured]] = {name: [] for name in models}
     for number, (training, held_out) in enumerate(parts, 1):
