@@ -10,6 +10,7 @@ from rclpy.node import Node
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.nodes.topics import TOPICS
 
+READ_BY_OTHERS = {"/perception/objects"}  # by a driving system, too: its readers are known by name, not by number
 STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
 
 
@@ -47,13 +48,17 @@ class Output:
     @property
     def matched(self) -> bool:
         """Whether every expected reader is there."""
+        if self.topic in READ_BY_OTHERS and self.expected:
+            known = self._node.get_subscriptions_info_by_topic(self.full_name)
+            if not {info.node_name for info in known}.issuperset(self.expected):
+                return False
         return self._publisher.get_subscription_count() >= len(self.expected)
 
     @property
     def complete(self) -> bool:
         """Whether, besides, every other reader is there that is known of."""
         known = self._node.count_subscribers(self.full_name)
-        return self._publisher.get_subscription_count() >= max(known, len(self.expected))
+        return self.matched and self._publisher.get_subscription_count() >= known
 
     def found(self) -> bool:
         """Return whether every expected reader is there, for a node that calls this again and again rather than wait.
