@@ -30,6 +30,7 @@ EXECUTABLES = [
 # What the `vpsci` command itself needs.
 REQUIRED = [
     "jinja2>=3.1,<4",
+    "lz4>=4.3,<5",
     "matplotlib>=3.8,<4",
     "mcap>=1.2,<2",
     "numba>=0.60,<1",

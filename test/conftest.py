@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
 from pathlib import Path
 from types import ModuleType
 
@@ -127,6 +126,7 @@ def own_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag of the episodes 1:0, 6:4 and 1:2, one after the other, by the rule-based pair; not to be changed."""
     from vpsci_ros.bags.run_record import node_record
     from vpsci_ros.bags.simulated import write_ticks
+    from vpsci_ros.parameters import values_of
     from vpsci_ros.world import World, WorldConfig, load_scenarios
     from vpsci_ros.world.loop import Loop
 
@@ -135,7 +135,7 @@ def own_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     queue = [(1, 0), (6, 4), (1, 2)]
     world = World(config, load_scenarios([1, 6]), queue, 1, 3)
     run = {"seed": 3, "scenarios": [1, 6], "batch": 1, "queue": queue}
-    nodes = [node_record("world_simulator", asdict(config) | run), node_record("safety_monitor", {})]
+    nodes = [node_record("world_simulator", values_of(config) | run), node_record("safety_monitor", {})]
     bag = tmp_path_factory.mktemp("own") / "bag"
     write_ticks(Loop(world), config, bag, {}, nodes)
     return bag

@@ -102,6 +102,7 @@ def test_through_the_graph_it_answers_every_tick_and_stops_for_whom_the_autopilo
     tmp_path: Path, option: str, nodes: list[str], several: int
 ) -> None:
     world = {"scenarios": [1], "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0, "pedestrians": several}
+    world["spawn"] = "human"
     graph = {"batch": 1, "vehicle_driver": "external", "pedestrian_driver": "autopilot"}
     exam = load(params_dir() / "ads_test.yaml").changed("world_simulator", world)
     hit = [each.outcome for each in autopilot_run(prepare(exam, "external"), "walker").episodes]

@@ -22,7 +22,7 @@ def test_the_objective_of_the_page_learns_what_it_is_for(
     install: Install, tmp_path: Path, near_misses_file: Path
 ) -> None:
     install(CLONING)
-    words = ["pretrain", "--params", "stage1_pretrain", "-o", str(tmp_path / "out")]
+    words = ["pretrain", "--params", "deterministic_stage1", "-o", str(tmp_path / "out")]
     for value in (f"near_misses=[{near_misses_file}]", "objective=cloning", *SMALL):
         words += ["--set", f"learner.{value}"]
     done = CliRunner().invoke(app, words)

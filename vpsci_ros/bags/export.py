@@ -105,7 +105,7 @@ def report(folder: str | Path, console: Console) -> None:
     summary = summarise(folder)
     print_summary(summary, console)
     print_rejections(folder, console)
-    if summary["kept"].any():
+    if (summary["kept"] > 0).any():
         save_trajectories(typical_episodes(folder), Path(folder) / PICTURE)
     else:
         console.print("no episode was kept, so there is no picture")

@@ -21,7 +21,7 @@ from vpsci_ros.world.tick import Actions
 
 def exam_with(*settings):
     given = ("world_simulator.scenarios=[1,8]", "ads_test.search.pedestrian=walker", "world_simulator.seed=3",
-             "world_simulator.episode_time=8.0")  # fmt: skip
+             "world_simulator.episode_time=8.0", "world_simulator.spawn=human")  # fmt: skip
     return prepare(read_sections(params_path("ads_test"), [*given, *settings]))
 
 
