@@ -28,7 +28,6 @@ PLACES = ("full", "filling", "read-only", "limited")
 BAG = "bags/LocationA_PedCross_N-S"
 COMMANDS: dict[str, str] = {
     "import": "import {tracks} --format vci-citr -o {out}.parquet",
-    "average": "average {weights} {weights} -o {out}.safetensors",
     "bag export": f"bag export {BAG} -o {{out}} --episodes 0-9",
     "bag plot": f"bag plot {BAG} 2:14 -o {{out}}.png",
     "dataset bag": "dataset bag {dataset} -o {out} --episode 1:0",

@@ -1,4 +1,4 @@
-"""The commands about learning: `vpsci pretrain`, `refine`, `average`, `evaluate`, and the studies."""
+"""The commands about learning: `vpsci pretrain`, `refine`, `evaluate`, and the studies."""
 
 from pathlib import Path
 from typing import Annotated
@@ -64,23 +64,6 @@ def refine(
 
     with stoppable(output):
         run_refinement(read_sections(params, settings, near_misses), output, quiet=quiet)
-
-
-def average(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="Weights of the same stage, network and data.")
-    ],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="Weights file to write.")],
-) -> None:
-    """Take the mean of several trainings that began from the same weights; it often does better than each of them.
-
-    How the shipped refined.safetensors was made: see docs/training.md.
-    """
-    from vpsci_ros.policy.average import average as mean
-    from vpsci_ros.policy.weights import load_weights, save_weights
-
-    save_weights(output, mean([load_weights(file) for file in files]))
-    print(f"written: {output}, the mean of {len(files)} trainings")
 
 
 def evaluate(

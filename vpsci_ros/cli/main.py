@@ -12,7 +12,7 @@ from vpsci_ros.cli.bag import bag_app
 from vpsci_ros.cli.dataset import dataset_app, generate, report
 from vpsci_ros.cli.exam import ads_test
 from vpsci_ros.cli.export import export
-from vpsci_ros.cli.learning import average, evaluate, pretrain, refine, study_app
+from vpsci_ros.cli.learning import evaluate, pretrain, refine, study_app
 from vpsci_ros.cli.options import Output, Params, Quiet, Settings, read_sections, writes_folder
 from vpsci_ros.cli.realism import realism
 from vpsci_ros.cli.view import turing_app, view
@@ -33,7 +33,7 @@ app.add_typer(world_app, name="world")
 app.add_typer(dataset_app, name="dataset")
 app.add_typer(study_app, name="study")
 app.add_typer(turing_app, name="turing")
-for command in (pretrain, refine, average, evaluate, realism, generate, report, ads_test, view, export):
+for command in (pretrain, refine, evaluate, realism, generate, report, ads_test, view, export):
     app.command()(command)
 
 

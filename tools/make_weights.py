@@ -1,0 +1,85 @@
+#!/usr/bin/env python
+"""Make the shipped stochastic weights: stage 1 from recorded near misses, and stage 2 after it.
+
+    tools/make_weights.py [--data ../shared/data] [-o out/weights] [--install]
+
+Learns from the right turns that the package ships and, where DATA holds vci_dut/ and vci_citr/, from the campus too;
+without them the weights know right turns alone, and what is printed says so. Clips on which choices are made are held
+out (`held_out_clips` in params/stage1_pretrain.yaml). A run that is stopped goes on with the same command.
+`--install` puts both files beside the package's others.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from vpsci_ros.errors import VpsciError
+from vpsci_ros.resources import weights_path
+
+ROOT = Path(__file__).parents[1]
+CAMPUS = {"vci_dut": "vci-dut", "vci_citr": "vci-citr"}  # folder -> format
+STAGES = {"pretrain": ("stage1_pretrain", "pretrained"), "refine": ("stage2_online", "refined")}
+
+
+def main() -> int:
+    """Make the weights; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=ROOT / ".." / "shared" / "data", help="folder of recordings")
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/weights"))
+    parser.add_argument("--install", action="store_true", help="copy the weights into the package")
+    given = parser.parse_args()
+    given.output.mkdir(parents=True, exist_ok=True)
+    try:
+        near_misses = ["right_turns", *campus(given.data, given.output)]
+        print(f"learning from {' and '.join(near_misses)}", flush=True)
+        made = {}
+        for command, (params, name) in STAGES.items():
+            start = [f"learner.weights={made['pretrained']}"] if made else []
+            folder = given.output / command
+            made[name] = folder / f"{name}.safetensors"
+            learn(command, params, folder, near_misses, start)
+        if given.install:
+            for name, weights in made.items():
+                print(f"installed: {shutil.copy(weights, weights_path(name))}")
+    except VpsciError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def campus(data: Path, folder: Path) -> list[str]:
+    """Import the campus recordings in `data`; return the table's path, or nothing where there are none."""
+    missing = [name for name in CAMPUS if not (data / name).is_dir()]
+    if missing:
+        print(f"{data}: no {' and no '.join(missing)}; learning from right turns alone")
+        return []
+    table = folder / "campus.parquet"
+    if not table.exists():
+        formats = [word for form in CAMPUS.values() for word in ("--format", form)]
+        vpsci("import", *(str(data / name) for name in CAMPUS), *formats, "-o", str(table))
+    return [str(table)]
+
+
+def learn(command: str, params: str, folder: Path, near_misses: list[str], settings: list[str]) -> None:
+    """Run `vpsci pretrain` or `vpsci refine` into `folder`."""
+    tables = [word for table in near_misses for word in ("--near-misses", table)]
+    chosen = [word for setting in settings for word in ("--set", setting)]
+    vpsci(command, "--params", str(ROOT / "params" / f"{params}.yaml"), "-o", str(folder), *tables, *chosen)
+
+
+def vpsci(*words: str) -> None:
+    """Run a command of the package, in one thread, so that no sum depends on the number of cores.
+
+    :raises VpsciError: it failed; it has said why.
+    """
+    command = [sys.executable, "-m", "vpsci_ros.cli", *words]
+    status = subprocess.run(command, check=False, env=os.environ | {"OMP_NUM_THREADS": "1"}).returncode
+    if status:
+        raise VpsciError(f"vpsci {words[0]} ended with {status}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
