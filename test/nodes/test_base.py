@@ -177,12 +177,17 @@ def test_a_node_that_ends_waits_until_the_recorder_has_what_it_said(context: Con
         node.destroy_node()
 
 
-def test_a_reader_that_never_comes_is_named(context: Context) -> None:
+def test_the_reader_that_never_comes_is_named_and_not_the_one_that_is_there(context: Context) -> None:
     overrides = [override("peers", ["world_simulator", "recorder"]), override("peer_timeout", 0.2)]
     node = GraphNode("safety_monitor", context=context, parameter_overrides=overrides)
     output = node.output("/safety/state")
     with pytest.raises(VpsciError, match="waited 0.2 s for world_simulator and recorder to subscribe to /safety/state"):
         output.publish(output._publisher.msg_type())
+    reader = rclpy.create_node("recorder", context=context)
+    reader.create_subscription(output._publisher.msg_type, "safety/state", print, 10)
+    with pytest.raises(VpsciError, match="waited 0.2 s for world_simulator to subscribe to /safety/state"):
+        output.publish(output._publisher.msg_type())
+    reader.destroy_node()
     node.destroy_node()
 
 

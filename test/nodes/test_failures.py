@@ -107,7 +107,13 @@ def test_a_second_publisher_fails_the_run_and_is_named(second: str, restarted: l
     [(31.0, 0.0, "the world was paused for 30 s"), (29.0, 59.0, ""), (0.0, 61.0, "no progress for 60 s")],
 )
 def test_a_run_in_which_nothing_happens_ends_after_its_patience(paused: float, idle: float, said: str) -> None:
-    assert stands_still(paused, idle, GraphConfig(pause_timeout=30.0), "log")[: len(said) or None] == said
+    assert stands_still(paused, idle, GraphConfig(pause_timeout=30.0), "log", {})[: len(said) or None] == said
+
+
+def test_a_run_in_which_nothing_happens_says_what_is_missing_of_whom() -> None:
+    waiting = {"world_simulator": NodeStatus(awaited=["pedestrian_policy"]), "recorder": NodeStatus()}
+    said = "no progress for 60 s; world_simulator waits for pedestrian_policy; the nodes' logs are in log"
+    assert stands_still(0.0, 61.0, GraphConfig(), "log", waiting) == said
 
 
 def test_a_status_that_travels_through_the_pipe_is_the_same_and_its_odd_figures_are_no_numbers() -> None:
@@ -171,3 +177,4 @@ def test_a_system_that_never_spoke_is_said_to_have_never_come() -> None:
     for counts in (WorldCounts(tick=1), WorldCounts(vehicle_commands_early=1), WorldCounts(vehicle_commands_refused=1)):
         assert never_came(counts, 61.0, 60.0) == ""
     assert never_came(WorldCounts(), 59.0, 60.0) == ""
+    assert never_came(WorldCounts(), 61.0, 60.0, ["safety_monitor"]) == "", "the world waits for another node"

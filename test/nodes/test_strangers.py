@@ -1,5 +1,6 @@
 """What a stranger in the ROS domain sends is refused, counted and shown, and every node goes on with what is right."""
 
+import time
 from array import array
 from collections.abc import Callable
 from pathlib import Path
@@ -346,6 +347,26 @@ def test_a_second_publisher_of_actions_is_named_and_what_it_says_otherwise_is_co
     world.intake.look()
     assert "/stranger on /vehicle/action" in world.status().second_publishers
     assert world.counts.vehicle_answers_contradicted > 0
+
+
+def test_a_policy_that_gives_no_answer_is_named_at_once_and_one_started_again_is_not_called_another_graph(
+    context: Context, stage: Callable[..., Stage], capfd: pytest.CaptureFixture[str]
+) -> None:
+    chosen = {"scenarios": [1], "pedestrian_driver": "autopilot", "vehicle_driver": "policy", "action_timeout": 60.0}
+    world = WorldSimulator(context=context, parameter_overrides=overrides(**chosen, spawn="paper"))
+    here = stage(world, SafetyMonitor(context=context))
+    silent = here.add(rclpy.create_node("vehicle_policy", context=context))
+    silent.create_publisher(AgentAction, "vehicle/action", LOCK_STEP)
+    silent.create_subscription(WorldState, "world/state", lambda _: None, LOCK_STEP)
+    here.spin_until(lambda: world.state == "running")
+    begun = time.monotonic()
+    here.spin_until(lambda: time.monotonic() - begun > 1.5)
+    assert "no answer to tick 0 from vehicle_policy for 1." in capfd.readouterr().err
+    assert world.status().awaited == ["vehicle_policy"]
+    again = here.add(rclpy.create_node("vehicle_policy", context=context))
+    again.create_publisher(AgentAction, "vehicle/action", LOCK_STEP)
+    here.spin_until(lambda: bool(world.status().second_publishers))
+    assert "/vehicle_policy; one that was killed is not known to be gone for 20 s, or" in capfd.readouterr().err
 
 
 def answer_every_state(node: Any, acceleration: float) -> None:

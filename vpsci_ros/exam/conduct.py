@@ -6,6 +6,7 @@ process. What a run came to is read from its bag.
 
 import contextlib
 import dataclasses
+import os
 import shutil
 import sys
 import time
@@ -22,7 +23,7 @@ from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.data.gathered import Tick, gathered
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.errors import VpsciError
+from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.measures import RunResult
 from vpsci_ros.exam.process import command_of, failure, running
@@ -30,7 +31,7 @@ from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_
 from vpsci_ros.exam.report import BASELINE, Conduct
 from vpsci_ros.exam.sight import Sight, Watcher
 from vpsci_ros.nodes.config import GraphConfig
-from vpsci_ros.nodes.failures import Silence, flood, never_came
+from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
@@ -147,7 +148,9 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
         (folder / part).mkdir(parents=True, exist_ok=True)
     if _conduct(exam, folder, name).failure:
         if not quiet:
-            print(f"{which}: {title_of(name)}, {len(exam.episodes)} episodes", file=sys.stderr)
+            where = f"; the ADS is expected in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
+            external = where if exam.config.ads == EXTERNAL else ""
+            print(f"{which}: {title_of(name)}, {len(exam.episodes)} episodes{external}", file=sys.stderr)
         shutil.rmtree(folder / "runs" / name, ignore_errors=True)
         _run(exam, name, folder, quiet)
     return _read(exam, name, bag_of(folder, name), _conduct(exam, folder, name))
@@ -192,7 +195,8 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     from vpsci_ros.nodes.graph import run_graph
 
     silent = Silence(exam.config.silent_ticks)
-    patience = exam.sections.get(GraphConfig, "graph").progress_timeout
+    graph = exam.sections.get(GraphConfig, "graph")
+    patience, restarted = graph.progress_timeout, ["pedestrian_policy"] if graph.restarts else []
     reasons: list[str] = []
     begun = time.monotonic()
     with contextlib.ExitStack() as stack:
@@ -202,11 +206,13 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
             ads = stack.enter_context(running(command_of(exam.config.ads, exam.latency), log))
 
         def failed(statuses: Mapping[str, NodeStatus], idle: float) -> str:
-            reason, counts = "", _counts(statuses)
-            if counts is not None:
+            counts, second = _counts(statuses), second_publishers(statuses, restarted)
+            reason = f"another graph, or the ADS, publishes beside its nodes: {', '.join(second)}" if second else ""
+            if counts is not None and not reason:
                 late = time.monotonic() - begun > patience
                 reason = flood(counts, exam.config.surplus_limit, late=late)
-                reason = reason or (never_came(counts, idle, patience) if ads else "") or silent(counts)
+                awaited = statuses["world_simulator"].awaited
+                reason = reason or (never_came(counts, idle, patience, awaited) if ads else "") or silent(counts)
             if reason and ads and not failure(ads):
                 time.sleep(DYING)  # a system that falls silent may be about to end with other words
             reasons.append((failure(ads) if ads else "") or reason)
@@ -218,7 +224,9 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
         print(f"what is done is in {folder}: the same command goes on there", file=sys.stderr)
         raise KeyboardInterrupt
     if result.error and not any(reasons) and not (counts and counts.tick):
-        raise VpsciError(f"{title_of(name)}: {result.error}; does the ADS publish /vehicle/cmd_accel or cmd_control?")
+        world = result.nodes.get("world_simulator", NodeStatus())
+        asks = "; does the ADS publish /vehicle/cmd_accel or /vehicle/cmd_control?" if ADS in world.awaited else ""
+        raise VpsciError(f"the run with {title_of(name)}: {result.error}{asks}")
 
 
 def _graph(exam: Exam, name: str, folder: Path) -> Sections:
@@ -280,7 +288,12 @@ def _read(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
     for raw in recording.messages([EVENTS]):
         for event in layout.events(decode(raw, bag)):
             unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
-    found, sight = episodes_in_bag(bag, exam, name, recover=bool(conduct.failure))
+    try:
+        found, sight = episodes_in_bag(bag, exam, name, recover=bool(conduct.failure))
+    except InvalidInput:
+        if not conduct.failure:
+            raise
+        return RunResult([], conduct)  # whose failure says why, such as another graph's states among its own
     own = [episode for episode in found if unanswered[episode.key] < silent_ticks]
     if len(own) < len(found) and not conduct.failure:
         left = f"{len(found) - len(own)} episodes were left to the autopilot for {silent_ticks} ticks or more"
@@ -307,7 +320,9 @@ def episodes_in_bag(
         for tick in read_bag(bag, recover=recover):
             for number, row in enumerate(tick.state):
                 if row["status"] != IDLE:
-                    begin = begun[int(row["scenario"]), int(row["episode"]), number]
+                    key = int(row["scenario"]), int(row["episode"])
+                    if (begin := begun.get((*key, number))) is None:
+                        raise InvalidInput(f"{bag}: episode {key[0]}:{key[1]} is another graph's, not of this exam")
                     row["kind"], row["pedestrians"] = begin["kind"], begin["pedestrians"]
             yield tick.state, tick.curvttc, tick.distance
 

@@ -82,7 +82,7 @@ class GraphNode(Node, metaclass=_Destroying):
         peer_config = self.config(PeerConfig)
         self.peers = peer_config.peers or list(self.essential_peers)
         self.peer_timeout = peer_config.peer_timeout
-        self._all_found = False
+        self._missing_peers: list[str] | None = None  # of the peers, once looked for
         self.finished = False
         self.stop = StopRequest()
         namespace = self.get_namespace().strip("/")
@@ -140,6 +140,11 @@ class GraphNode(Node, metaclass=_Destroying):
         """What the node does, in a word or two."""
         return "running"
 
+    @property
+    def awaited(self) -> list[str]:
+        """What the node waits for: its peers until all were there."""
+        return self._missing_peers or []
+
     def figures(self) -> dict[str, Any]:
         """Return rates, progress and versions to be shown, by name; called about once a second."""
         return {}
@@ -148,6 +153,7 @@ class GraphNode(Node, metaclass=_Destroying):
         """Return the node's report."""
         return NodeStatus(
             state=self.state,
+            awaited=self.awaited,
             figures=self.figures(),
             published={output.topic: output.published for output in self._offered if output.published},
             refused=dict(self.intake.refused),
@@ -171,16 +177,15 @@ class GraphNode(Node, metaclass=_Destroying):
         reporting.send(status)
 
     def _report_and_look_for_peers(self) -> None:
-        if not self._all_found:
+        if self._missing_peers != []:
             self._look_for_peers(self.intake.presence(self.peers))
         self.report()
 
     def _look_for_peers(self, present: dict[str, bool]) -> None:
         """Log which peers are missing, and once that none is; a peer that ends later is not waited for."""
-        self._all_found = all(present.values())
-        if not self._all_found:
-            absent = [name for name, here in present.items() if not here]
-            self.get_logger().info(f"waiting for {', '.join(absent)}", throttle_duration_sec=5.0)
+        self._missing_peers = [name for name, here in present.items() if not here]
+        if self._missing_peers:
+            self.get_logger().info(f"waiting for {', '.join(self._missing_peers)}", throttle_duration_sec=5.0)
         elif present:
             self.get_logger().info(f"found {', '.join(present)}")
 

@@ -1,12 +1,19 @@
 """What the middleware reads from the environment: the domain, discovery, and the settings of Fast DDS."""
 
 import contextlib
+import itertools
 import os
+import socket
 from collections.abc import Iterator
 
 from domain_coordinator import domain_id
+from domain_coordinator.impl import PORT_BASE
 
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import params_dir
+
+VARIABLE = "ROS_DOMAIN_ID"
+LAST = 232  # domain that has ports
 
 
 def set_defaults() -> None:
@@ -20,14 +27,40 @@ def set_defaults() -> None:
 
 @contextlib.contextmanager
 def own_domain() -> Iterator[None]:
-    """Run in a ROS domain that no other graph on this machine uses, unless the environment names one."""
-    if "ROS_DOMAIN_ID" in os.environ:
-        yield
-        return
+    """Run in a ROS domain that no other graph on this machine uses, and not in that of the environment.
+
+    A port reserves it until the block is left or the process ends, however it does.
+    """
+    before = os.environ.get(VARIABLE)
+    numbers = itertools.cycle(number for number in range(1, 101) if str(number) != before)
     reserved = contextlib.ExitStack()  # closed without the error: domain_id takes an OSError for one of its own
-    os.environ["ROS_DOMAIN_ID"] = str(reserved.enter_context(domain_id()))
+    os.environ[VARIABLE] = str(reserved.enter_context(domain_id(lambda: next(numbers))))
     try:
         yield
     finally:
-        del os.environ["ROS_DOMAIN_ID"]
+        os.environ.pop(VARIABLE)
+        os.environ |= {} if before is None else {VARIABLE: before}
         reserved.close()
+
+
+@contextlib.contextmanager
+def only_graph(namespace: str) -> Iterator[None]:
+    """Be the only graph of this machine in the environment's domain and this namespace, and keep others' domains apart.
+
+    :raises InvalidInput: another one runs there, or ROS_DOMAIN_ID is no number of a domain.
+    """
+    given = os.environ.get(VARIABLE) or "0"
+    if not given.isdecimal() or int(given) > LAST:
+        raise InvalidInput(f"{VARIABLE} = {given!r}: expected a number from 0 to {LAST}")
+    domain = int(given)
+    with socket.socket(socket.AF_UNIX) as graph, socket.socket() as port:
+        try:
+            graph.bind(f"\0vpsci_ros/{domain}/{namespace.strip('/')}")  # no file: it ends with the process (Linux)
+        except OSError:
+            where = f"ROS domain {domain}" + (f", namespace {namespace}" if namespace else "")
+            raise InvalidInput(
+                f"another graph runs in {where}; wait for it, or give this one another {VARIABLE} or graph.namespace"
+            ) from None
+        with contextlib.suppress(OSError):  # reserved before, by `own_domain` or by a graph of another namespace
+            port.bind(("", PORT_BASE + domain))
+        yield

@@ -1,7 +1,7 @@
 """Why a run of a graph is no success: every reason that there is, as a sentence, from what its nodes report.
 
-While it runs: `ended`, `stands_still`, and of a driving system under test `Silence`, `flood`, `never_came`. At its end:
-`incomplete`. An empty answer is none.
+While it runs: `ended`, `stands_still`, and of an exam `Silence`, `flood`, `never_came`, `second_publishers`. At its
+end: `incomplete`. An empty answer is none.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -13,6 +13,7 @@ from vpsci_ros.runs.processes import ChildProcess
 from vpsci_ros.world.counts import WorldCounts
 
 RESPONDENTS = {"safety_monitor": "safety", "vehicle_policy": "vehicle", "pedestrian_policy": "pedestrian"}
+ADS = "an external driving system"  # among what the world waits for
 OPEN_TO_ALL = ("/markers", "/tf", "/tf_static", "/vehicle/cmd_accel", "/vehicle/cmd_control")  # to publish on
 LEAST_FLOOD = 2000  # commands; fewer are no flood, however few the ticks
 
@@ -36,8 +37,15 @@ def ended(node: str, process: ChildProcess) -> str:
     return f"{node} {process.end}" + (f": {said}" if said else "") + f" (log: {process.log})"
 
 
-def stands_still(paused: float, idle: float, graph: GraphConfig, logs: object) -> str:
-    """Say that nothing has happened for too long.
+def waiting(statuses: Mapping[str, NodeStatus]) -> str:
+    """Say which nodes wait, and for what."""
+    return "; ".join(f"{node} waits for {', '.join(each.awaited)}" for node, each in statuses.items() if each.awaited)
+
+
+def stands_still(
+    paused: float, idle: float, graph: GraphConfig, logs: object, statuses: Mapping[str, NodeStatus]
+) -> str:
+    """Say that nothing has happened for too long, and what is missing.
 
     :param paused: for how long the world has been paused by a service call [s].
     :param idle: for how long no node has reported any progress [s].
@@ -49,7 +57,8 @@ def stands_still(paused: float, idle: float, graph: GraphConfig, logs: object) -
             "world/pause, and no call resumed it"
         )
     if idle > graph.progress_timeout:
-        return f"no progress for {graph.progress_timeout:g} s; the nodes' logs are in {logs}"
+        missing = [f"no progress for {graph.progress_timeout:g} s", waiting(statuses), f"the nodes' logs are in {logs}"]
+        return "; ".join(part for part in missing if part)
     return ""
 
 
@@ -92,13 +101,24 @@ def flood(counts: WorldCounts, limit: int, *, late: bool) -> str:
     return ""
 
 
-def never_came(counts: WorldCounts, idle: float, patience: float) -> str:
-    """Say that a driving system has not published any command for the first tick within `patience` [s]."""
+def never_came(counts: WorldCounts, idle: float, patience: float, awaited: Collection[str] = ()) -> str:
+    """Say that a driving system has not published any command for the first tick within `patience` [s].
+
+    :param awaited: what the world waits for; where nodes are among it, it is not up to the driving system.
+    """
+    if RESPONDENTS.keys() & awaited or "recorder" in awaited:
+        return ""
     published = counts.vehicle_commands or counts.vehicle_commands_refused or counts.vehicle_commands_early
     if counts.tick or published or idle <= patience:
         return ""
     topics = "/vehicle/cmd_accel or /vehicle/cmd_control"
     return f"the ADS never published {topics}, in {patience:g} s (graph.progress_timeout)"
+
+
+def second_publishers(statuses: Mapping[str, NodeStatus], restarted: Collection[str] = ()) -> list[str]:
+    """Return who published beside the graph's nodes where none may, as "/NODE on /TOPIC"."""
+    second = {each for status in statuses.values() for each in status.second_publishers}
+    return sorted(each for each in second if not _is_excused(each, restarted))
 
 
 # ---- at its end
@@ -131,8 +151,7 @@ def incomplete(
             found.append(f"{faults.contradicted} answers contradict those of {node}: another program answered, too")
         if faults.early:
             found.append(f"{faults.early} answers for {node} came before their tick: another program published, too")
-    second = sorted({each for status in statuses.values() for each in status.second_publishers})
-    found += [f"a second publisher: {each}" for each in second if not _is_excused(each, restarted)]
+    found += [f"a second publisher: {each}" for each in second_publishers(statuses, restarted)]
     return found + (list(_not_recorded(statuses, recorded, restarted)) if recorded else [])
 
 

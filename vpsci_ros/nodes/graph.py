@@ -23,6 +23,7 @@ from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.learning.config import LearnerConfig, RefineConfig
 from vpsci_ros.nodes import failures, peer_parameters
 from vpsci_ros.nodes.config import GraphConfig, section_classes
+from vpsci_ros.nodes.domain import only_graph
 from vpsci_ros.nodes.shared_memory import remove_left_behind
 from vpsci_ros.nodes.status import PIPE, NodeStatus, StatusPipe
 from vpsci_ros.nodes.watch import Watch
@@ -78,21 +79,23 @@ def run_graph(
     :param folder: output folder, empty or new: bag/, learner/, log/, params.yaml (resolved), run.json.
     :param stop_when: called about ten times a second with the nodes' latest reports and for how long nothing has
         happened [s]; an answer ends the run, and is its `error`.
-    :raises InvalidInput: a parameter is refused, there are no such weights, or the folder is not empty; nothing has
-        been started then.
+    :raises InvalidInput: a parameter is refused, there are no such weights, another graph runs in this ROS domain, or
+        the folder is not empty; nothing has been started then.
     """
     resolved = resolve(sections, Path(folder))
     weights = sorted({values["weights"] for values in resolved.values.values() if values.get("weights")})
     hashes = {name: sha256(weights_path(name)) for name in weights}
-    claim = Claim(folder)
-    folder = require_empty_folder(folder)
-    result = GraphResult(folder)
+    chosen = resolved.get(GraphConfig, "graph")
     begun = time.monotonic()
-    with contextlib.closing(claim), stop_requested_by_signals() as requested:  # nothing cuts the record short
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(only_graph(chosen.namespace))
+        claim = stack.enter_context(contextlib.closing(Claim(folder)))
+        folder = require_empty_folder(folder)
+        result = GraphResult(folder)
+        requested = stack.enter_context(stop_requested_by_signals())  # nothing cuts the record short
         keep_room(folder)
         with _collecting_errors(result):
             parameters = folder / "params.yaml"
-            chosen = resolved.get(GraphConfig, "graph")
             layout = as_ros_parameters(resolved.values, any_namespace=bool(chosen.namespace))
             parameters.write_text(dump_yaml(layout), encoding="utf-8")
             processes = NodeProcesses(chosen.nodes, parameters, folder / "log", chosen.namespace)
@@ -262,10 +265,10 @@ def _follow(
             if status in ENDED_FOR_GOOD or not node.endswith("_policy") or restarts == 0:
                 return processes.explain(node)
             restarts -= 1
-            watch.pause_for(node)
+            watch.pause_for(node, processes.explain(node))
             processes.start(node)
-        reason = stop_when(statuses, watch.idle_time())
-        reason = reason or failures.stands_still(watch.paused_time(), watch.idle_time(), graph, processes.logs)
+        paused, idle = watch.paused_time(), watch.idle_time()
+        reason = stop_when(statuses, idle) or failures.stands_still(paused, idle, graph, processes.logs, statuses)
         if reason:
             return reason
 

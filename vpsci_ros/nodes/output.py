@@ -54,6 +54,11 @@ class Output:
                 return False
         return self._publisher.get_subscription_count() >= len(self.expected)
 
+    def missing(self) -> list[str]:
+        """Return the expected readers that are not known of, or all of them if one is known of but not matched."""
+        known = {info.node_name for info in self._node.get_subscriptions_info_by_topic(self.full_name)}
+        return [name for name in self.expected if name not in known] or self.expected
+
     @property
     def complete(self) -> bool:
         """Whether, besides, every other reader is there that is known of."""
@@ -104,13 +109,13 @@ class Output:
             if now - begun > self._timeout:
                 raise self._no_reader()
             if now - last_notice > 5.0:
-                self._node.get_logger().info(f"waiting for {' and '.join(self.expected)} on {self.full_name}")
+                self._node.get_logger().info(f"waiting for {' and '.join(self.missing())} on {self.full_name}")
                 last_notice = now
             time.sleep(0.005)
         self._ready = True
 
     def _no_reader(self) -> VpsciError:
         return VpsciError(
-            f"{self._node.get_name()}: waited {self._timeout:g} s for {' and '.join(self.expected)} to subscribe"
+            f"{self._node.get_name()}: waited {self._timeout:g} s for {' and '.join(self.missing())} to subscribe"
             f" to {self.full_name}; start them, or name only running nodes in the parameter 'peers'"
         )

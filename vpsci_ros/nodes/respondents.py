@@ -14,11 +14,12 @@ from std_msgs.msg import Header
 from vpsci_msgs.msg import AgentAction, SafetyState, VehicleControl
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.failures import ADS
 from vpsci_ros.nodes.serialized import action, safety_state
 from vpsci_ros.nodes.topics import COMMANDS
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.layout import MAP, WORLD
-from vpsci_ros.world.lockstep import LockStep
+from vpsci_ros.world.lockstep import SAFETY, LockStep
 from vpsci_ros.world.safe_stop import ExternalDriver
 
 
@@ -32,11 +33,13 @@ class Respondents:
         self._node = node
         self._lock_step = lock_step
         self._answered = answered
+        self._names = {SAFETY: "safety_monitor"} | ({"vehicle": ADS} if lock_step.external else {})
         self._inputs = {"safety_monitor": self._listen("/safety/state", self._take_safety)}
         for names, agents in (("{}_policy", lock_step.policies), ("an external {}", lock_step.walkers)):
             for agent in agents:
                 take = partial(self._take_action, agent)
-                self._inputs[names.format(agent)] = self._listen(f"/{agent}/action", take)
+                self._names[agent] = names.format(agent)
+                self._inputs[self._names[agent]] = self._listen(f"/{agent}/action", take)
         self._commands = []
         if lock_step.external:
             self._commands = [
@@ -52,7 +55,11 @@ class Respondents:
     def absent(self) -> set[str]:
         """Return the nodes whose answers the world needs and that do not publish yet."""
         absent = {name for name, given in self._inputs.items() if not given.get_publisher_count()}
-        return absent | ({"an external driving system"} if self._commands and not self.commanded() else set())
+        return absent | ({ADS} if self._commands and not self.commanded() else set())
+
+    def unanswered(self) -> set[str]:
+        """Return the nodes that have not answered the present tick yet."""
+        return {self._names[sender] for sender in self._lock_step.unanswered}
 
     def not_subscribed(self) -> set[str]:
         """Return the nodes that answer but are not yet known to subscribe to what they answer."""

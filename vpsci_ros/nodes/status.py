@@ -22,6 +22,7 @@ class NodeStatus:
     """A node's report.
 
     :ivar state: "waiting", "running", "paused" or the like.
+    :ivar awaited: what it waits for, names of nodes or a few words.
     :ivar figures: rates, progress and versions by name, for people to read.
     :ivar published: topic of the table -> messages that the node published there.
     :ivar refused: topic -> messages that it refused.
@@ -31,6 +32,7 @@ class NodeStatus:
     """
 
     state: str = "running"
+    awaited: list[str] = field(default_factory=list)
     figures: dict[str, Any] = field(default_factory=dict)
     published: dict[str, int] = field(default_factory=dict)
     refused: dict[str, int] = field(default_factory=dict)

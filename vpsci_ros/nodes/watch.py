@@ -43,9 +43,10 @@ class Watch:
     def __exit__(self, *_: object) -> None:
         self._open.close()
 
-    def pause_for(self, policy: str) -> None:
-        """Have the world stand still until another process of this policy is there; the graph has restarts."""
-        assert self._standstill is not None
+    def pause_for(self, policy: str, ended: str) -> None:
+        """Have the world stand still until another process of this policy is there, since one has `ended`."""
+        assert self._standstill is not None, "the graph has restarts"
+        self._bars.notice(f"{ended}; it is started again, and the world stands still until it is there")
         self._standstill.begin(policy)
 
     def idle_time(self) -> float:

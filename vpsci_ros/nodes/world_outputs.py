@@ -62,7 +62,7 @@ class WorldOutputs:
 
     def absent(self) -> set[str]:
         """Return the nodes that are expected to read something and do not yet."""
-        return {name for output in self.all if not output.matched for name in output.expected}
+        return {name for output in self.all if not output.matched for name in output.missing()}
 
     def unread(self) -> set[str]:
         """Return readers that are only believed to be on their way."""

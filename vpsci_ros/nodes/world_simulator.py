@@ -33,6 +33,7 @@ from vpsci_ros.world.state import FINISHED
 
 STRANGER_PATIENCE = 3.0  # [s] for readers of the state that are only believed to be on their way
 REPEAT_AFTER = 1.0  # [s] without an answer to the first tick
+LATE = 1.0  # [s] after which an answer that is missing is reported
 LOG_PERIOD = 10.0  # [s] of wall time between lines about an episode's end
 
 
@@ -76,6 +77,7 @@ class WorldSimulator(GraphNode):
         self._repeated_at = 0.0  # [s] of the wall clock, when the first tick was published once more
         self._log_at = 0.0  # [s] of the wall clock, when an episode's end is worth a line again
         self._all_here_since: float | None = None
+        self._awaited: set[str] = set()
         self._reported_tick = 0
         self._consumed = 0
         self._outputs = WorldOutputs(
@@ -108,6 +110,11 @@ class WorldSimulator(GraphNode):
         """Whether it moves."""
         begun = self._lock_step.tick is not None
         return "paused" if self._lock_step.paused else "running" if begun else "waiting"
+
+    @property
+    def awaited(self) -> list[str]:
+        """Whom the first tick, or the present one, waits for."""
+        return sorted(self._awaited)
 
     # ---- pace
 
@@ -192,7 +199,16 @@ class WorldSimulator(GraphNode):
         now = time.monotonic()
         if self._first_tick_unanswered and now - max(self._repeated_at, self._tick_started) > REPEAT_AFTER:
             self._repeat_first_tick(now)
+        self._look_for_late_answers(now)
         self._go_on(now)
+
+    def _look_for_late_answers(self, now: float) -> None:
+        patience = min(LATE, self._lock_step.config.action_timeout)
+        waits = self._lock_step.running and not self._lock_step.paused and not self._lock_step.behind
+        self._awaited = self._respondents.unanswered() if waits and now - self._tick_started > patience else set()
+        if self._awaited:
+            text = f"no answer to tick {self._loop.world.now.number} from {', '.join(self.awaited)}"
+            self.get_logger().warning(f"{text} for {now - self._tick_started:.1f} s", throttle_duration_sec=5.0)
 
     @property
     def _first_tick_unanswered(self) -> bool:
@@ -224,8 +240,9 @@ class WorldSimulator(GraphNode):
             self._all_here_since = self._all_here_since or now
             if now - self._all_here_since < STRANGER_PATIENCE:
                 absent = self._respondents.not_subscribed() | self._outputs.unread()
+        self._awaited = absent
         if absent:
-            self.get_logger().info(f"waiting for {', '.join(sorted(absent))}", throttle_duration_sec=5.0)
+            self.get_logger().info(f"waiting for {', '.join(self.awaited)}", throttle_duration_sec=5.0)
             return
         self._begun_at = self._reported_at = now
         run = self._run

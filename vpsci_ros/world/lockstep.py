@@ -195,14 +195,13 @@ class LockStep:
         if not self.running or not self._due or (self.paused and not self._step) or self.behind:
             return False
         overdue = now is not None and now - self._since > self.config.action_timeout
-        return overdue or self.complete
+        return overdue or not self.unanswered
 
     @property
-    def complete(self) -> bool:
-        """Whether everybody has answered."""
-        if self.external and self._running and not self.external.answered:
-            return False
-        return self._wanted <= self._answered
+    def unanswered(self) -> set[str]:
+        """Who has not answered the tick yet: "safety", "vehicle", "pedestrian"."""
+        external = self.external and self._running and not self.external.answered
+        return (self._wanted - self._answered) | ({"vehicle"} if external else set())
 
     @property
     def behind(self) -> bool:

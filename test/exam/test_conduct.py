@@ -1,0 +1,69 @@
+"""What ends the run of an exam, with the graph of nodes left out: what its nodes report is given."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.exam import conduct
+from vpsci_ros.exam.run import prepare
+from vpsci_ros.nodes.graph import GraphResult
+from vpsci_ros.nodes.status import NodeStatus
+from vpsci_ros.resources import params_dir
+from vpsci_ros.world.counts import WorldCounts
+
+BEGINS = NodeStatus(counts=WorldCounts(tick=3, vehicle_commands=3))
+
+
+@pytest.fixture
+def exam() -> conduct.Exam:
+    """An exam on the episodes 1:0 and 1:2 and no other."""
+    world = {"scenarios": [1], "only": [1, 0, 1, 2], "spawn": "paper"}
+    return prepare(load(params_dir() / "ads_test.yaml").changed("world_simulator", world), "sleep 100")
+
+
+@pytest.fixture
+def ended(exam: conduct.Exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
+    """Return the function that says why a run ends in which nodes report this, after so long without progress."""
+
+    def run(idle: float, error: str, **statuses: NodeStatus) -> str:
+        found = []
+
+        def graph(_: Any, folder: Path, *, stop_when: Callable[..., str], **__: Any) -> GraphResult:
+            found.append(stop_when(statuses, idle))
+            return GraphResult(folder, error=found[0] or error, nodes=statuses)
+
+        monkeypatch.setattr("vpsci_ros.nodes.graph.run_graph", graph)
+        monkeypatch.setattr(conduct, "DYING", 0.0)
+        (tmp_path / "logs").mkdir()
+        conduct._run(exam, "walker", tmp_path, quiet=True)
+        return found[0]
+
+    return run
+
+
+def test_an_exam_that_hears_another_graph_ends_at_once_and_names_it(ended: Callable[..., str]) -> None:
+    heard = NodeStatus(second_publishers=["/world_simulator on /world/state", "/rviz on /markers"])
+    assert ended(0.0, "", world_simulator=BEGINS, recorder=heard) == (
+        "another graph, or the ADS, publishes beside its nodes: /world_simulator on /world/state"
+    )
+
+
+def test_an_exam_whose_nodes_miss_each_other_does_not_blame_the_ads(ended: Callable[..., str]) -> None:
+    waits = NodeStatus(awaited=["recorder"], counts=WorldCounts())
+    with pytest.raises(VpsciError) as caught:
+        ended(61.0, "no progress", world_simulator=waits)
+    assert str(caught.value) == "the run with walker, does not react: no progress"
+
+
+def test_an_exam_that_misses_the_ads_alone_says_so(ended: Callable[..., str]) -> None:
+    waits = NodeStatus(awaited=["an external driving system"], counts=WorldCounts())
+    assert ended(61.0, "no progress", world_simulator=waits).startswith("the ADS never published /vehicle/cmd_accel")
+
+
+def test_a_bag_with_another_graphs_episodes_is_refused_in_words(exam: conduct.Exam, own_bag: Path) -> None:
+    with pytest.raises(InvalidInput, match="episode 6:4 is another graph's, not of this exam"):
+        conduct.episodes_in_bag(own_bag, exam, "walker", recover=False)
