@@ -1,10 +1,12 @@
 """How critical episodes end under policies, who slows down, and how near they come: the figures of the model card.
 
     python benchmarks/outcomes.py [--episodes 250] [--seed 20261125] [--weights refined pretrained]
-                                       [--near-misses near_misses.parquet] [--release-time 2.0]
+                                       [--near-misses near_misses.parquet] [--world spawn=paper episode_time=10 ...]
 
-Without exploration; the unit is the episode that becomes critical; 95% Wilson intervals. Controls: the unrefined
-weights, and no acceleration at all. With near misses, also who slows down in these, between the first critical step and
+Without exploration; the unit is the episode that becomes critical; 95% Wilson intervals. An episode goes on
+alike whatever its limit, so the shares after 10 s are those of a limit of 10 s. `--world` sets parameters of
+`WorldConfig`; the paper's scenes: spawn=paper episode_time=10 pedestrian_gain=0.5. Controls: the unrefined weights, and
+no acceleration at all. With near misses, also who slows down in these, between the first critical step and
 the last of those that stay critical for a second, how far pedestrians leave their line meanwhile, and how near people
 came who met so late: where an encounter begins bounds how far it can be kept off, and simulated ones begin later
 (`ONSETS`). Half a minute.
@@ -16,23 +18,26 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from vpsci_ros.data.interactions import Interactions, from_table
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.evaluation.protocols import eligible
 from vpsci_ros.learning.measured import NoAcceleration, measure_outcomes, rates_with_intervals
+from vpsci_ros.parameters import build
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.resources import weights_path
-from vpsci_ros.world import World, WorldConfig, load_scenarios
+from vpsci_ros.world import COLLISION, GOAL, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.observation import AGENTS
-from vpsci_ros.world.state import RUNNING
+from vpsci_ros.world.state import ENDED, RUNNING
 
 SLOWER = 0.8  # of the speed at the hand-over
 STANDING = 0.3  # [m/s] below this a pedestrian has no direction
+TIMES = (7.5, 10.0, 12.5, 15.0, 20.0, 30.0)  # [s] after the spawn
 ONSETS = (0.0, 1.5, 2.5, 3.5, 4.5, 5.0)  # [s] classes of CurvTTC at the first critical moment
 
 
@@ -41,7 +46,8 @@ class Watched(NamedTuple):
 
     vehicle_slower, pedestrian_slower, again bool[N]: slower under the policies by a fifth; handed over more than once.
     onset float64[N]: CurvTTC [s] at the first critical moment. aside float64[N]: how far [m] the pedestrian leaves the
-    line that it walks on then, up to the last critical moment; NaN where it stands.
+    line that it walks on then, up to the last critical moment; NaN where it stands. seconds, outcome: when it ended
+    [s], and how.
     """
 
     vehicle_slower: NDArray[np.bool_]
@@ -49,6 +55,8 @@ class Watched(NamedTuple):
     again: NDArray[np.bool_]
     onset: NDArray[np.float64]
     aside: NDArray[np.float64]
+    seconds: NDArray[np.float64]
+    outcome: NDArray[np.int64]
 
 
 def watched(weights: Weights | None, config: WorldConfig, episodes: list[tuple[int, int]], seed: int) -> Watched:
@@ -58,23 +66,35 @@ def watched(weights: Weights | None, config: WorldConfig, episodes: list[tuple[i
     if weights is not None:
         agents = dict(policies(weights, world))
     seen: dict[tuple[int, int], list[tuple[float, ...]]] = defaultdict(list)
+    ended: dict[tuple[int, int], tuple[float, int]] = {}
     for step in Loop(world, agents=agents):
         for row, curvttc, critical in zip(
             step.tick.state, step.assessment.curvttc, step.assessment.critical, strict=True
         ):
             key = int(row["scenario"]), int(row["episode"])
+            if row["status"] == ENDED:
+                ended[key] = row["frame"] * config.tick, int(row["outcome"])
             if row["status"] == RUNNING and (critical or key in seen):
                 motion = [row[f"pedestrian_{part}"] for part in ("x", "y", "vx", "vy")]
                 walking = np.hypot(*motion[2:])
                 seen[key].append((row["vehicle_speed"], walking, row["controlled"], curvttc, critical, *motion))
     rows = []
-    for a in map(np.array, seen.values()):
+    for key, a in zip(seen, map(np.array, seen.values()), strict=True):
         speeds, held, critical = a[:, :2], a[:, 2] > 0, np.flatnonzero(a[:, 4] > 0)
         if held.any():  # else the danger was over before the policies' next tick
             slower = speeds[held].min(axis=0) < SLOWER * speeds[held][0]
             again = np.count_nonzero(np.diff(held.astype(int)) == 1) > 1
-            rows.append((*slower, again, a[0, 3], sideways(a[: critical[-1] + 1, 5:])))
+            rows.append((*slower, again, a[0, 3], sideways(a[: critical[-1] + 1, 5:]), *ended[key]))
     return Watched(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def by_time(seen: Watched, limit: float) -> str:
+    """Return the shares that have collided, and have reached both goals, by several times up to `limit` [s]."""
+    parts = []
+    for seconds in sorted({*(t for t in TIMES if t < limit), limit}):
+        shares = [np.mean((seen.outcome == kind) & (seen.seconds <= seconds + 1e-6)) for kind in (COLLISION, GOAL)]
+        parts.append("{:g} s {:.1f}%, {:.1f}%".format(seconds, *(100.0 * share for share in shares)))
+    return "; ".join(parts)
 
 
 def sideways(walk: NDArray[np.float64]) -> float:
@@ -116,7 +136,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=250, help="in each scenario")
     parser.add_argument("--seed", type=int, default=20261125, help="of the world; another one than training had")
     parser.add_argument("--weights", nargs="+", default=["refined", "pretrained"], help="files or shipped names")
-    parser.add_argument("--release-time", type=float, default=WorldConfig().release_time, help="of the world [s]")
+    parser.add_argument("--world", nargs="+", default=[], metavar="NAME=VALUE", help="parameters of the world")
     parser.add_argument("--near-misses", type=Path, help="near-miss table")
     arguments = parser.parse_args()
     near_misses = from_table(read_near_misses(arguments.near_misses)) if arguments.near_misses else None
@@ -130,7 +150,8 @@ def main() -> None:
         onset, least = near_misses.curvttc[rows, near_misses.first], near_misses.curvttc.min(axis=1)
         print(f"  CurvTTC quartiles of {len(rows)}: at first {_quartiles(onset)}, least {_quartiles(least)}")
     episodes = [(scenario, number) for number in range(arguments.episodes) for scenario in range(1, 9)]
-    world, scenarios = WorldConfig(release_time=arguments.release_time), load_scenarios(range(1, 9))
+    settings = {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in arguments.world)}
+    world, scenarios = build(WorldConfig, settings, "--world"), load_scenarios(range(1, 9))
     for name in [*arguments.weights, "no acceleration"]:
         weights = None if name == "no acceleration" else load_weights(weights_path(name))
         outcomes = measure_outcomes(weights, SimulationConfig(scenarios, episodes, 512, arguments.seed, world))
@@ -140,11 +161,12 @@ def main() -> None:
             shares = [100.0 * row[f"{rate}_{part}"] for part in ("rate", "low", "high")]
             print("  {} {:.1f}% [{:.1f}, {:.1f}]".format(rate, *shares))
         seen = watched(weights, world, episodes, arguments.seed)
+        print(f"  collided and at both goals by time: {by_time(seen, world.episode_time)}")
         print(f"  CurvTTC quartiles: at first {_quartiles(seen.onset)}, least {_quartiles(outcomes.least_curvttc)}")
         if near_misses is not None:
             told = ", ".join(f"{q:.2f} s" for q in recorded_distances(near_misses, seen.onset))
             print(f"  least of recorded ones with such a first: {told}")
-        vehicle, pedestrian, again = (column.mean() for column in seen[:3])
+        vehicle, pedestrian, again = (float(column.mean()) for column in seen[:3])
         print(f"  slower by a fifth: vehicle {vehicle:.0%}, pedestrian {pedestrian:.0%} of {len(seen.onset)}")
         print(f"  aside of its line: {_spread(seen.aside)}")
         print(f"  handed over again after they were given back: {again:.0%}")

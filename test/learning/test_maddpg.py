@@ -8,6 +8,7 @@ from vpsci_ros.data.interactions import from_table
 from vpsci_ros.learning.config import UpdatesConfig
 from vpsci_ros.learning.maddpg import Maddpg, Scored, importance
 from vpsci_ros.learning.replay import History, collate, recorded_histories
+from vpsci_ros.policy.actor import previous
 from vpsci_ros.world.observation import AGENTS
 
 
@@ -19,15 +20,23 @@ def batch(near_misses):
 def test_importance_is_that_of_equation_5_about_a_mean_of_one():
     error = torch.tensor([[1.0, -2.0, 7.0]])
     present = torch.tensor([[True, True, False]])
-    omega = importance(error, present, 4.0)
+    omega = importance(error, present, 4.0, limit=10.0)
     expected = np.exp(np.array([1.0, 2.0]) / 4.0)
     np.testing.assert_allclose(omega[0, :2], expected / expected.mean(), rtol=1e-6)
     assert omega[0, 2] == 0.0
 
 
-def test_importance_stays_finite_whatever_the_error():
-    omega = importance(torch.tensor([[1e30, 0.0]]), torch.tensor([[True, True]]), 1.0)
+@pytest.mark.parametrize("limit", [0.0, 10.0])
+def test_importance_stays_finite_whatever_the_error(limit):
+    omega = importance(torch.tensor([[1e30, 0.0]]), torch.tensor([[True, True]]), 1.0, limit)
     assert torch.isfinite(omega).all()
+
+
+@pytest.mark.parametrize(("limit", "expected"), [(0.0, np.exp(3.0) / (1.0 + np.exp(3.0)) * 2.0), (1.5, 1.5)])
+def test_importance_is_bounded_where_a_limit_is_given(limit, expected):
+    """Of errors 30 and 0 at a temperature of 10, about a mean of one."""
+    omega = importance(torch.tensor([[30.0, 0.0]]), torch.tensor([[True, True]]), 10.0, limit)
+    assert float(omega[0, 0]) == pytest.approx(expected)
 
 
 def scored(batch, reward):
@@ -37,7 +46,7 @@ def scored(batch, reward):
 
 def test_targets_are_the_bellman_equation_with_nothing_after_the_end(networks, batch):
     made = networks()
-    maddpg = Maddpg(made, UpdatesConfig(discount=0.9, critic_learning_rate=1e-3), 1e-3, value_unit=10.0)
+    maddpg = Maddpg(made, UpdatesConfig(discount=0.9, critic_learning_rate=1e-3, value_unit=10.0), 1e-3)
     targets = maddpg._targets(batch, scored(batch, 20.0))["vehicle"]
     recorded = {a: batch.observation[a][:1] for a in AGENTS}
     before = {a: torch.cat([torch.zeros(1, 1, 2), batch.action[a][:1]], dim=1) for a in AGENTS}
@@ -63,9 +72,16 @@ def test_critics_learn_a_return_that_can_be_known(networks, batch):
     assert last.actor_loss == {}
 
 
-def test_actors_move_to_where_the_critic_sees_more_value(networks, batch):
-    maddpg = Maddpg(networks(gain=1.0), UpdatesConfig(gradient_clip=100.0, critic_learning_rate=0.0), 1e-3)
-    values = [-maddpg.update(batch, scored(batch, 0.0), maddpg.act(batch)).actor_loss["pedestrian"] for _ in range(30)]
+def test_an_actor_moves_to_where_its_critic_sees_more_value_whatever_the_other_does(networks, batch):
+    made = networks(gain=1.0)
+    maddpg = Maddpg(made, UpdatesConfig(gradient_clip=100.0, critic_learning_rate=0.0), 1e-3)
+    critic, other = made.critic["pedestrian"], maddpg.act(batch, gradient=False)["vehicle"]
+    seen = batch.observation["pedestrian"][:, :-1], previous(batch.action["pedestrian"]), batch.curvttc[:, :-1]
+    encoded, values = critic.encode(*seen), []
+    for _ in range(30):
+        own = maddpg.act(batch, gradient=False)["pedestrian"]
+        values.append(float(critic.value(encoded, own, other)[batch.present].mean().detach()))
+        maddpg.update(batch, scored(batch, 0.0), maddpg.act(batch))
     assert values[-1] > values[0]
 
 
@@ -135,16 +151,15 @@ def by_algorithm_1(networks, histories, scored, agent, other, config):
             next_q = torch.cat([next_q[:-1], torch.zeros(1)])
         y = scored.reward[agent][k, :steps] + config.discount * next_q
         delta.append(y - q)
-        mine = networks.actor[agent](*seen[agent])[0, :-1]
-        value.append(critic.value(critic.encode(*seen[agent])[0, :-1], mine, others))
+        mine, theirs = (networks.actor[a](*seen[a])[0, :-1] for a in (agent, other))
+        value.append(critic.value(critic.encode(*seen[agent])[0, :-1], mine, theirs.detach()))
     delta = torch.cat(delta)
     omega = torch.exp(delta.detach().abs() / TEMPERATURE)
     return delta.detach(), (omega / omega.mean() * delta**2).mean(), -torch.cat(value).mean()
 
 
-def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equation_5(networks, monkeypatch):
+def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equation_5(networks):
     """What is scored past the end of the shorter history is nothing but noise; all four actions at a step differ."""
-    monkeypatch.setattr("vpsci_ros.learning.maddpg.IMPORTANCE_TEMPERATURE", TEMPERATURE)
     made, slow = networks(gain=20.0), networks(seed=1, gain=20.0)
     made.target_actor.load_state_dict(slow.actor.state_dict())
     made.target_critic.load_state_dict(slow.critic.state_dict())
@@ -152,7 +167,9 @@ def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equatio
     torch.manual_seed(2)
     scored = Scored({a: torch.randn(2, 6, 2) for a in AGENTS}, {a: torch.randn(2, 6) for a in AGENTS})
     # steps of zero: gradients stay to be seen
-    config = UpdatesConfig(critic_learning_rate=0.0, discount=0.9, gradient_clip=1e9)
+    config = UpdatesConfig(
+        critic_learning_rate=0.0, discount=0.9, gradient_clip=1e9, importance_temperature=TEMPERATURE
+    )
     known, expected = {}, {}
     for agent, other in (AGENTS, AGENTS[::-1]):
         delta, loss, objective = by_algorithm_1(made, histories, scored, agent, other, config)

@@ -10,8 +10,10 @@ from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning.config import ForesightConfig, ImitationConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.online import Outcomes, refine
 from vpsci_ros.learning.refine import Refiner
+from vpsci_ros.learning.replay import collate
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.parameters import build, values_of
+from vpsci_ros.policy.actor import previous
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import load_weights, resolved, weights_from_bytes
@@ -103,6 +105,41 @@ def test_actors_that_follow_the_critics_rest_while_these_warm_up(networks, near_
     refiner.add(experience())
     assert "gradient_norm" not in refiner.update()
     assert refiner.update()["gradient_norm"] > 0.0
+
+
+def mean_value(learner):
+    """Return the vehicle's mean Q over its real histories, times the unit of values."""
+    networks = learner._networks
+    batch = collate(learner._buffer.histories)
+    seen = batch.observation["vehicle"][:, :-1], previous(batch.action["vehicle"]), batch.curvttc[:, :-1]
+    critic = networks.target_critic["vehicle"]
+    q = critic.value(critic.encode(*seen), batch.action["vehicle"], batch.action["pedestrian"])
+    return float(q[batch.present].mean().detach()) * learner._maddpg.config.value_unit
+
+
+@pytest.mark.parametrize(("unit", "scaling", "factor"), [(5.0, 100.0, 1.0), (5.0, 20.0, 0.2), (80.0, 100.0, 1.0)])
+def test_values_of_stage_1_mean_the_same_return_in_stage_2(networks, near_misses, unit, scaling, factor):
+    """Stage 1 has rewards of 100 R_v in units of 5; stage 2 has w_3 = 0.25 times `scaling`, in units of `unit`."""
+    stage_1 = build(PretrainConfig, {"objective": "ddpg", "updates.value_unit": 5.0}, "test")
+    start = networks().weights(resolved(stage_1), {})
+    values = {"objective": "ddpg", "updates.value_unit": unit, "rewards.speed_scaling": scaling}
+    values |= {"rewards.weights": [0.5, 0.25, 0.25]}
+    learner = Refiner(changed(QUICK, values), start, near_misses, seed=4)
+    unconverted = Refiner(changed(QUICK, values | {"objective": "closed_loop"}), start, near_misses, seed=4)
+    in_stage_1 = mean_value(unconverted) / unit * 5.0
+    assert abs(in_stage_1) > 0.01
+    assert mean_value(learner) == pytest.approx(0.25 * factor * in_stage_1, rel=1e-4)
+
+
+def test_one_update_is_due_for_every_history_where_no_steps_are_counted(networks, near_misses):
+    config = changed(QUICK, {"objective": "ddpg", "updates.steps_per_update": 0})
+    learner = Refiner(config, networks(gain=1.0).weights({}, {}), near_misses, seed=4)
+    learner.add(experience(histories=6)[:-1])  # the last one is not whole
+    updates = 0
+    while learner.due:
+        learner.update()
+        updates += 1
+    assert updates == 5
 
 
 def test_a_refresh_carries_other_weights_and_a_new_version(refiner):

@@ -128,6 +128,45 @@ def test_a_missing_answer_ends_the_history():
     assert len(observe(4, 1, 2, Actions(action, action))) == 0
 
 
+def driven_by_the_autopilot(frame, status=RUNNING, outcome=0, goals=(0, 0)):
+    state = one_slot(frame, 0, 0)
+    state["status"], state["outcome"] = status, outcome
+    state["vehicle_goal"], state["pedestrian_goal"] = goals
+    tick = Tick(number=frame, state=state, policy_frame=np.ones(1, bool))
+    return Step(tick, tick.assessed(np.full(1, np.inf), np.zeros(1), np.zeros(1, bool)), Actions(), NO_EVENTS)
+
+
+@pytest.mark.parametrize(
+    ("credited", "after", "expected"),
+    [
+        (False, [driven_by_the_autopilot(8, ENDED, GOAL, (1, 1))], (2, 0, 0, 0)),
+        (True, [driven_by_the_autopilot(8, ENDED, GOAL, (1, 1))], (8, 1, 1, 1)),
+        (True, [driven_by_the_autopilot(6, goals=(0, 1)), driven_by_the_autopilot(8, ENDED, 0, (0, 1))], (8, 0, 1, 0)),
+    ],
+)
+def test_goals_after_the_hand_back_are_those_of_the_last_transition_where_they_are_credited(credited, after, expected):
+    """Expected are the frame in which the history is whole, both agents' goals, and whether nothing follows."""
+    builder, action = TransitionBuilder(load_scenarios([1]), credited), np.ones((1, 2))
+    builder.observe(acting(0, 0, 0, Actions(action, action)))
+    found = []
+    for step in [driven_by_the_autopilot(2), driven_by_the_autopilot(4), *after]:
+        found += [(step.tick.number, whole[-1]) for whole in builder.observe(step).histories]
+    ((frame, last),) = found
+    assert (frame, last["vehicle_goal"], last["pedestrian_goal"], last["terminal"]) == expected
+    assert (last["last"], last["next_curvttc"]) == (1, np.inf)
+
+
+def test_a_history_that_waits_for_its_outcome_ends_where_the_policies_take_over_again():
+    builder, action = TransitionBuilder(load_scenarios([1]), credit_outcome=True), np.ones((1, 2))
+    again, ended = acting(6, 0, 0, Actions(action, action)), driven_by_the_autopilot(8, ENDED, GOAL, (1, 1))
+    assert not builder.observe(acting(0, 0, 0, Actions(action, action))).histories
+    assert not builder.observe(driven_by_the_autopilot(2)).histories
+    (first,) = builder.observe(again).histories
+    (second,) = builder.observe(ended).histories
+    assert [(h["vehicle_goal"].tolist(), h["terminal"].tolist()) for h in (first, second)] == [([0], [0]), ([1], [1])]
+    assert [h["number"].tolist() for h in (first, second)] == [[0], [1]]
+
+
 def history(episode, steps, first_number=0):
     rows = np.zeros(steps, TRANSITION)
     rows["number"] = first_number + np.arange(steps)

@@ -1,4 +1,4 @@
-"""Both agents as a PettingZoo parallel environment, as the paper has them: equations (6)-(13) and (18)-(26)."""
+"""Both agents as a PettingZoo parallel environment: equations (6)-(13) and (18)-(26) of the paper."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -34,6 +34,8 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
     :param scenarios: numbers, names or files; episodes take them in turn.
     :param lane_following: keep the vehicle's lane for it, since (6) tells it nothing of the road.
     :param render_mode: "rgb_array" or None.
+    :param pedestrian_gain: share of the pedestrian's acceleration that becomes motion: all of it, as under the shipped
+        policies; 0.5 in (21)-(24).
     :raises InvalidInput: an unknown scenario or render mode.
     """
 
@@ -49,12 +51,13 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
         scenarios: Iterable[int | str | Path] = range(1, 9),
         lane_following: bool = True,
         render_mode: str | None = None,
+        pedestrian_gain: float = 1.0,
     ) -> None:
         check_render_mode(render_mode)
         self.render_mode = render_mode
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
-        config = WorldConfig(lane_following=lane_following)
+        config = WorldConfig(lane_following=lane_following, pedestrian_gain=pedestrian_gain)
         self._simulation = Simulation(
             scenarios, 1, vehicle="policy", pedestrian="policy", config=config, always_critical=True
         )

@@ -54,6 +54,21 @@ class UpdatesConfig:
     discount: float = parameter(0.99, "discount factor", low=0.0, high=1.0)
     target_update_rate: float = parameter(0.01, "soft update rate of the target networks", low=0.0, high=1.0)
     gradient_clip: float = parameter(1.0, "gradients are scaled down to this norm", low=1e-6, high=1e9)
+    value_unit: float = parameter(
+        1.0,
+        "rewards are divided by this before the critics learn them, so that values are of order one",
+        low=1e-3,
+        high=1e6,
+    )
+    importance_temperature: float = parameter(
+        10.0, "tau of (5), in units of the reward; the paper gives none", low=1e-3, high=1e9
+    )
+    importance_limit: float = parameter(
+        10.0,
+        "upper bound of (5), relative to the batch's mean: its exponential would let one sample rule a batch; 0: none",
+        low=0.0,
+        high=1e9,
+    )
 
 
 # ---- stage 1
@@ -164,11 +179,17 @@ class OnlineUpdatesConfig(UpdatesConfig):
     critic_learning_rate: float = parameter(1e-4, "step size of the critics", low=0.0, high=1.0)
     value_unit: float = parameter(
         10.0,
-        "rewards are divided by this before the critics learn them, so that values are of order one",
+        "rewards are divided by this before the critics learn them, so that values are of order one; objective ddpg "
+        "converts the values of stage 1",
         low=1e-3,
         high=1e6,
     )
-    steps_per_update: int = parameter(64, "new simulated steps that pay for one update", low=1, high=1_000_000)
+    steps_per_update: int = parameter(
+        64,
+        "new simulated steps that pay for one update; 0: one update for each history, as Algorithm 1",
+        low=0,
+        high=1_000_000,
+    )
     warm_up_steps: int = parameter(1000, "simulated steps before the first update", low=1, high=10_000_000)
 
 
@@ -293,7 +314,7 @@ class RefreshConfig:
         0.1,
         "a refresh whose held-out closed-loop ADE exceeds stage 1's by this share is rolled back",
         low=0.0,
-        high=10.0,
+        high=1e9,
     )
     held_out_fraction: float = parameter(
         0.2, "share of near misses, by whole clips, for the held-out check; take that of stage 1", low=0.0, high=0.9

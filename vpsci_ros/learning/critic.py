@@ -25,6 +25,14 @@ class Critic(nn.Module):
             nn.Linear(second, 1),
         )
 
+    @torch.no_grad()
+    def scale_values(self, factor: float) -> None:
+        """Make Q so many times what it is, for every history and action."""
+        last = self.head[-1]
+        assert isinstance(last, nn.Linear)
+        last.weight.mul_(factor)
+        last.bias.mul_(factor)
+
     def encode(self, observation: Tensor, action_before: Tensor, curvttc: Tensor) -> Tensor:
         """Return the state branch, float32[B, T, critic_state], of histories as in `SSTEncoder.forward`."""
         return torch.relu(self.state(self.encoder(observation, action_before, curvttc)))

@@ -2,7 +2,9 @@
 
 Recorded actions reproduce the recorded speeds, so their reward (14)-(15) is zero everywhere and teaches nothing about
 other actions. The practical replay buffer of stage 1 therefore holds the recorded histories, and what is scored against
-the observed next speeds at every step is the acting policy's action with exploration around it.
+the observed next speeds at every step is the acting policy's action with exploration around it: the framework that the
+paper's authors released does the same, whose policy explores from a recorded state before `reward_cal(next_state,
+expert_state)` (https://github.com/Qpu523/MA-SST-DDPG-framework, Core_Code.py).
 
 In stage 2 sampling (17) and the speed reward alone let the actors forget people faster than the critics can teach them,
 so every update also rehearses a few real near misses in closed loop, and adds that gradient to the policy's.
@@ -59,4 +61,4 @@ def _require_deterministic(training: Training) -> None:
         )
 
 
-OBJECTIVE = Objective(pretrain=_pretrain, refine=_refine)
+OBJECTIVE = Objective(pretrain=_pretrain, refine=_refine, follows_critics=True)

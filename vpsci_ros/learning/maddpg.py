@@ -13,8 +13,6 @@ from vpsci_ros.learning.replay import Batch
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.world.observation import AGENTS
 
-LARGEST_IMPORTANCE = 10.0  # of (5), relative to the batch's mean: the exponential would let one sample rule a batch
-IMPORTANCE_TEMPERATURE = 10.0  # tau of (5), in units of the error; the paper gives none
 Tensors = dict[str, Tensor]
 
 
@@ -47,12 +45,18 @@ class UpdateResult:
     rested: bool = False
 
 
-def importance(error: Tensor, present: Tensor, temperature: float) -> Tensor:
-    """Return omega of (5), exp(|delta| / tau), divided by its mean over `present` and bounded; zero elsewhere."""
-    exponent = (error.abs() / temperature).clamp(max=20.0)
+def importance(error: Tensor, present: Tensor, temperature: float, limit: float) -> Tensor:
+    """Return omega of (5), exp(|delta| / tau), divided by its mean over `present`; zero elsewhere.
+
+    The mean is one factor for the whole loss, to which Adam's steps are indifferent.
+
+    :param limit: upper bound of what is returned; 0: none.
+    """
+    exponent = error.abs() / temperature
+    exponent = exponent.clamp(max=20.0) if limit else exponent
     omega = torch.exp(exponent - exponent[present].max()) * present
     omega = omega / (omega.sum() / present.sum())
-    return omega.clamp(max=LARGEST_IMPORTANCE)
+    return omega.clamp(max=limit) if limit else omega
 
 
 class Maddpg:
@@ -63,7 +67,6 @@ class Maddpg:
     (https://arxiv.org/abs/1706.02275), which Algorithm 1 abbreviates.
 
     :param head_factor: the actors' heads take steps of `actor_learning_rate` times this.
-    :param value_unit: rewards are divided by this before the critics see them, so that values are of order one.
     """
 
     def __init__(
@@ -71,10 +74,9 @@ class Maddpg:
         networks: Networks,
         config: UpdatesConfig,
         actor_learning_rate: float,
-        value_unit: float = 1.0,
         head_factor: float = 1.0,
     ) -> None:
-        self.networks, self.config, self._unit = networks, config, value_unit
+        self.networks, self.config, self._unit = networks, config, config.value_unit
         self.critic_optimiser = torch.optim.Adam(networks.critic.parameters(), config.critic_learning_rate)
         heads = [p for agent in AGENTS for p in networks.actor[agent].head.parameters()]
         encoders = [p for agent in AGENTS for p in networks.actor[agent].encoder.parameters()]
@@ -110,7 +112,8 @@ class Maddpg:
             encoded[agent] = critic.encode(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
             value = critic.value(encoded[agent], scored.action[agent], scored.action[other])
             delta = (targets[agent] - value) * batch.present
-            omega = importance(delta.detach() * self._unit, batch.present, IMPORTANCE_TEMPERATURE)
+            error_now, config = delta.detach() * self._unit, self.config
+            omega = importance(error_now, batch.present, config.importance_temperature, config.importance_limit)
             losses.append((omega * delta**2).sum() / count)
             critic_loss[agent] = float((delta.detach() ** 2).sum() / count) * self._unit**2
             error += delta.detach().abs() * (self._unit / len(AGENTS))
@@ -121,7 +124,7 @@ class Maddpg:
         actor_loss: dict[str, float] = {}
         norm: dict[str, float] = {}
         if actions is not None:
-            actor_loss, norm = self._improve_actors(batch, scored, actions, encoded, rehearsal)
+            actor_loss, norm = self._improve_actors(batch, actions, encoded, rehearsal)
         self.networks.follow(self.config.target_update_rate)
         return UpdateResult(critic_loss, actor_loss, norm, error.double().numpy())
 
@@ -142,9 +145,12 @@ class Maddpg:
         return targets
 
     def _improve_actors(
-        self, batch: Batch, scored: Scored, actions: Tensors, encoded: Tensors, rehearsal: Tensor | None
+        self, batch: Batch, actions: Tensors, encoded: Tensors, rehearsal: Tensor | None
     ) -> tuple[dict[str, float], dict[str, float]]:
-        """Follow the gradient of Q(H, mu(H), A_other), the critics held fixed.
+        """Follow the gradient of Q(H, mu(H), mu_other(H_other)), the critics held fixed.
+
+        Both agents' actions are what their actors do now, as in the framework that the paper's authors released; Lowe
+        et al. take the other's from the buffer, though its actor may have left that long ago.
 
         `encoded` are the histories as the critics encoded them before their step of this update; to encode them again
         would turn the gradient by less than 4 degrees and cost a quarter of the update.
@@ -153,7 +159,7 @@ class Maddpg:
         loss: dict[str, float] = {}
         norm: dict[str, float] = {}
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
-            value = self.networks.critic[agent].value(encoded[agent].detach(), actions[agent], scored.action[other])
+            value = self.networks.critic[agent].value(encoded[agent].detach(), actions[agent], actions[other].detach())
             objective = -(value * batch.present).sum() / batch.present.sum()
             parameters = list(self.networks.actor[agent].parameters())
             for parameter, gradient in zip(parameters, torch.autograd.grad(objective, parameters), strict=True):

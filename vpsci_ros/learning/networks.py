@@ -66,6 +66,12 @@ class Networks(nn.Module):
             self.speed_mean[agent], deviation = _moments(speeds[agent])
             self.speed_deviation[agent] = deviation.clamp(min=least_speed_deviation)
 
+    def scale_values(self, factor: float) -> None:
+        """Make the values of all critics, the targets among them, so many times what they are."""
+        for critics in (self.critic, self.target_critic):
+            for agent in AGENTS:
+                critics[agent].scale_values(factor)
+
     @torch.no_grad()
     def follow(self, rate: float) -> None:
         """Move the targets by `rate` towards the networks: theta' <- rate theta + (1 - rate) theta' (Algorithm 1)."""

@@ -84,6 +84,8 @@ class Objective:
     :ivar acting: the networks that act, are measured and are kept: "actor", or "target_actor" for the actors' running
         average.
     :ivar whole_tracks: learns from whole joint tracks instead of the rows around the critical ones.
+    :ivar follows_critics: the actors follow the critics, so stage 2 converts the values that stage 1 has learned;
+        elsewhere critics only say which experience is drawn (17), and go on as they are.
     :ivar known_world: what this objective takes for granted in stage 2, by the names of `WorldConfig`.
     """
 
@@ -91,6 +93,7 @@ class Objective:
     refine: Callable[[Training, "RefineConfig"], StageObjective]
     acting: str = "actor"
     whole_tracks: bool = False
+    follows_critics: bool = False
     known_world: Mapping[str, float | bool] = field(default_factory=dict)
 
 

@@ -44,6 +44,17 @@ RETURN_SMOOTHING = 0.02  # share of the newest episode in the running mean retur
 WEIGHTS, CHECKPOINT = "refined.safetensors", "refine_checkpoint.safetensors"
 
 
+def value_factor(before: PretrainConfig | RefineConfig, now: RefineConfig, speed_weight: float) -> float:
+    """Return what the values that were learned `before` have to be multiplied by, so that they mean the same return.
+
+    Stage 1 knows the speed reward alone, with weight 1; in stage 2 it enters R of (27) by w_3, `speed_weight`.
+    """
+    unit = before.updates.value_unit / now.updates.value_unit
+    if isinstance(before, RefineConfig):
+        return unit
+    return unit * speed_weight * now.rewards.speed_scaling / before.rewards.speed_scaling
+
+
 class Refiner:
     """The learner of stage 2, fed with transitions by the `/replay` topic or in process.
 
@@ -74,7 +85,6 @@ class Refiner:
             self._networks,
             config.updates,
             config.actors.learning_rate,
-            config.updates.value_unit,
             config.actors.head_factor,
         )
         self._real = from_table(training, find_objective(config.objective).whole_tracks)
@@ -92,13 +102,19 @@ class Refiner:
         self._facts["data"]["held_out_clips"] = clips_of(held_out)
         self._facts["data"]["people"] = weights.facts.get("data", {}).get("people", [])
         objective = find_objective(config.objective)
+        where = "the weights' configuration of stage 1"
+        stage_1 = build(PretrainConfig, weights.configuration.get("PretrainConfig", {}), where)
+        if objective.follows_critics:
+            refined = weights.configuration.get("RefineConfig")
+            before = (
+                stage_1 if refined is None else build(RefineConfig, refined, "the weights' configuration of stage 2")
+            )
+            self._networks.scale_values(value_factor(before, config, self.reward_weights.values[2]))
         start = Training(
             self._maddpg,
             self._rewards,
             self._real,
-            build(
-                PretrainConfig, weights.configuration.get("PretrainConfig", {}), "the weights' configuration of stage 1"
-            ),
+            stage_1,
             lambda: self.reward_weights.values,
             lambda: self._buffer.simulated,
         )
@@ -115,6 +131,11 @@ class Refiner:
         self.episode_returns: list[dict[str, float]] = []
         """The reward (27) of every episode so far, by agent, and its number: the raw material of Figure 6."""
 
+    @property
+    def _price(self) -> int:
+        """Steps, or else histories, that pay for one update."""
+        return max(1, self._config.updates.steps_per_update)
+
     # ---- experience in
 
     def add(self, transitions: NDArray[np.void]) -> None:
@@ -127,7 +148,7 @@ class Refiner:
     def take(self, finished: Sequence[NDArray[np.void]], transitions: int) -> None:
         """Take whole histories in, TRANSITION[T] each, as so many new transitions completed them."""
         self.received += transitions
-        self._credit += transitions
+        self._credit += transitions if self._config.updates.steps_per_update else len(finished)
         for history in self._rewards.histories(finished):
             components = self._rewards.components(history)
             self.reward_weights.episode(np.mean([components[agent] for agent in AGENTS], axis=0))
@@ -144,10 +165,7 @@ class Refiner:
     @property
     def due(self) -> bool:
         """Whether there is enough new experience for another update."""
-        return (
-            self.received >= self._config.updates.warm_up_steps
-            and self._credit >= self._config.updates.steps_per_update
-        )
+        return self.received >= self._config.updates.warm_up_steps and self._credit >= self._price
 
     @property
     def finished(self) -> bool:
@@ -164,7 +182,7 @@ class Refiner:
 
         :raises DivergedError: a loss is not a number; the batch is kept in `out_dir`.
         """
-        self._credit -= self._config.updates.steps_per_update
+        self._credit -= self._price
         histories = self._buffer.draw(self._config.replay.batch_size, self._rng)
         batch = collate(histories)
         self._slow_down()

@@ -81,10 +81,15 @@ class TransitionBuilder:
     history: what the rule-based pair does in their place is not the policies' experience.
 
     :param scenarios: of the world: where its lanes go is part of a transition.
+    :param credit_outcome: where control was given back, the last transition is complete only when the policies take
+        over again or the episode ends, and says which goals were reached by then, and how it ended: what the rule-based
+        pair finishes, the policies have brought about. False: it is complete at once, and goals reached later are
+        nobody's.
     :ivar count: transitions completed so far.
     """
 
-    def __init__(self, scenarios: Sequence[Scenario]) -> None:
+    def __init__(self, scenarios: Sequence[Scenario], credit_outcome: bool = False) -> None:
+        self._credit_outcome = credit_outcome
         self._lanes = {scenario.number: _lane_headings(scenario) for scenario in scenarios}
         self.count = 0
         self._resize(0)
@@ -93,10 +98,11 @@ class TransitionBuilder:
         self._steps = np.zeros((slots, STEPS), TRANSITION)  # of the history under way in each slot
         self._begun = np.zeros(slots, np.int64)  # how many of them have begun
         self._open = np.zeros(slots, np.bool_)  # the last of them has no next state yet
+        self._waiting = np.zeros(slots, np.bool_)  # control was given back, and the outcome is to come
 
     def clear(self) -> None:
         """Forget what was begun: other episodes begin. Numbers go on."""
-        self._open[:], self._begun[:] = False, 0
+        self._open[:], self._waiting[:], self._begun[:] = False, False, 0
 
     def observe(self, step: Step, vehicle_version: int = 0, pedestrian_version: int = 0) -> Completed:
         """Take one tick in and return what it completes.
@@ -109,11 +115,14 @@ class TransitionBuilder:
             self._resize(len(state))
         both = actions.vehicle is not None and actions.pedestrian is not None
         acts = assessment.acting & both
-        due = self._open & (policy_frame | (state["status"] == ENDED))
-        if not (due.any() or acts.any()):
+        ended = state["status"] == ENDED
+        due = self._open & (policy_frame | ended)
+        known = self._waiting & (ended | acts)
+        if not (due.any() or acts.any() or known.any()):
             return Completed(np.zeros(0, TRANSITION), [])
         seen = dict(zip(AGENTS, observe(state), strict=True))
-        completed = self._complete(state, assessment.curvttc, seen, due, acts)
+        self._close(state, assessment.curvttc, seen, due, acts)
+        completed = self._complete(state, known | due & ~self._waiting)
         if acts.any():
             slots = np.flatnonzero(acts)
             rows = self._begin(state[slots], assessment.curvttc[slots])
@@ -141,15 +150,15 @@ class TransitionBuilder:
         self._steps[slots, place] = rows
         self._begun[slots], self._open[slots] = place + 1, True
 
-    def _complete(
+    def _close(
         self,
         state: NDArray[np.void],
         curvttc: NDArray[np.float64],
         seen: dict[str, NDArray[np.float32]],
         due: NDArray[np.bool_],
         acts: NDArray[np.bool_],
-    ) -> Completed:
-        """Complete the open transitions of the slots `due`, bool[B].
+    ) -> None:
+        """Give the open transitions of the slots `due`, bool[B], their next state; some then wait for the outcome.
 
         :param state, curvttc, seen: EPISODE[B], float64[B] [s] and agent -> float32[B, 6], as they are now.
         :param acts: bool[B]: where the policies go on.
@@ -157,15 +166,25 @@ class TransitionBuilder:
         slots = np.flatnonzero(due)
         rows, now = self._steps[slots, self._begun[slots] - 1], state[slots]
         self._open[slots] = False
-        rows["number"] = self.count + np.arange(len(rows), dtype=np.uint64)
-        self.count += len(rows)
-        ended = now["status"] == ENDED
-        rows["collision"] = ended & (now["outcome"] == COLLISION)
-        rows["terminal"] = ended & np.isin(now["outcome"], (COLLISION, GOAL, PARKED_COLLISION))
-        rows["last"] = last = ended | ~acts[slots] | (now["controlled"] == 0)
+        going_on = acts[slots] & (now["status"] != ENDED)
+        rows["last"] = last = ~going_on | (now["controlled"] == 0)
         rows["next_curvttc"] = np.where(last, curvttc[slots], 0.0)
         for agent in AGENTS:
             rows[f"next_{agent}_observation"] = np.where(last[:, None], seen[agent][slots], 0.0)
+        self._steps[slots, self._begun[slots] - 1] = rows
+        self._waiting[slots] = self._credit_outcome & ~acts[slots] & (now["status"] != ENDED)
+
+    def _complete(self, state: NDArray[np.void], known: NDArray[np.bool_]) -> Completed:
+        """Complete the closed transitions of the slots `known`, bool[B], by what is the case now, EPISODE[B]."""
+        slots = np.flatnonzero(known)
+        rows, now = self._steps[slots, self._begun[slots] - 1], state[slots]
+        self._waiting[slots] = False
+        rows["number"] = self.count + np.arange(len(rows), dtype=np.uint64)
+        self.count += len(rows)
+        ended, last = now["status"] == ENDED, rows["last"] == 1
+        rows["collision"] = ended & (now["outcome"] == COLLISION)
+        rows["terminal"] = ended & np.isin(now["outcome"], (COLLISION, GOAL, PARKED_COLLISION))
+        for agent in AGENTS:
             rows[f"{agent}_goal"] = (now[f"{agent}_goal"] != 0) & (rows[f"{agent}_goal"] == 0)
         self._steps[slots, self._begun[slots] - 1] = rows
         whole = slots[last & (self._steps["step"][slots, 0] == 0)]

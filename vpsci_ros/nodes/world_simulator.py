@@ -71,7 +71,7 @@ class WorldSimulator(GraphNode):
                 f"{self._config.pedestrians}"
             )
         self._lock_step = LockStep(config, self._config, self.counts, external)
-        self._builder = TransitionBuilder(scenarios) if config.publish_transitions else None
+        self._builder = TransitionBuilder(scenarios, config.credit_outcome) if config.publish_transitions else None
         self._history = FrameHistory(self._config, self._run.batch)
         self._begun_at = self._tick_started = self._reported_at = time.monotonic()
         self._repeated_at = 0.0  # [s] of the wall clock, when the first tick was published once more

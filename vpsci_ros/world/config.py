@@ -40,7 +40,8 @@ class WorldConfig:
     )
     pedestrian_gain: float = parameter(
         1.0,
-        "share of the policy's acceleration of the pedestrian that becomes motion; 0.5 in (21)-(24)",
+        "share of the policy's acceleration of the pedestrian that becomes motion; 0.5 in (21)-(24), and always of an "
+        "external pedestrian's",
         low=0.0,
         high=1.0,
     )
