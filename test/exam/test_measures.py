@@ -9,7 +9,7 @@ import pytest
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.exam.measures import RunResult, episode_table, time_lost
+from vpsci_ros.exam.measures import RunResult, episode_table, time_lost, worst_first
 from vpsci_ros.exam.report import Conduct, definitions, make_report, value_of
 from vpsci_ros.exam.scores import MEASURES, difference, estimate
 from vpsci_ros.world import load_scenarios
@@ -56,6 +56,14 @@ def test_a_contact_counts_as_moving_only_where_the_vehicle_moves():
         assert found["impact_speed"] == pytest.approx(speed)
         assert found["least_curvttc"] == 0.0
         assert math.isnan(found["time_lost"])
+
+
+def test_the_worst_are_contacts_of_a_moving_vehicle_by_speed_and_last_whoever_walked_into_a_standing_one():
+    speeds = {0: 0.0, 1: 2.0, 2: 6.0}  # at the contact, by episode
+    found = [drive(np.full(30, speed), outcome="collision", episode=number) for number, speed in speeds.items()]
+    found += [drive(np.full(30, 4.0), curvttc=ttc, episode=number) for number, ttc in ((3, 0.8), (4, 0.3))]
+    table = episode_table(RunResult(found), [], CONFIG, driver="ads", pedestrian="learned")
+    assert worst_first(table)["episode"].to_list() == [2, 1, 4, 3, 0]
 
 
 def test_the_least_curvttc_is_capped_at_its_horizon_and_missing_answers_are_not_looked_at():

@@ -6,7 +6,7 @@ from scipy import stats
 from turing.raters import simulated
 
 from vpsci_ros.turing.agreement import d_prime, icc_2k, mean_d_prime
-from vpsci_ros.turing.crossed import over_both, over_raters, over_scenes, p_value, tost
+from vpsci_ros.turing.crossed import over_both, over_raters, over_scenes, p_value, share_of, tost
 from vpsci_ros.turing.score import cohens_d, conclusion, correct, knowing_raters, not_concluded, score
 
 SHROUT_FLEISS = np.array([[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float)
@@ -68,6 +68,27 @@ def test_intervals_cover_the_truth_as_often_as_they_promise() -> None:
     assert inside["raters"] / runs == pytest.approx(0.95, abs=0.03)
     assert inside["scenes"] / runs == pytest.approx(0.95, abs=0.03)
     assert 0.93 <= inside["both"] / runs <= 0.99
+
+
+def test_intervals_of_shares_stay_within_0_and_1_and_cover_the_truth_as_often() -> None:
+    rng, inside = np.random.default_rng(31), 0
+    for _ in range(600):  # 9 of 10 clips of each scene are recognised on average, by the few raters of a first try
+        skill = np.clip(rng.normal(0.9, 0.05, (4, 1)), 0.0, 1.0)
+        table = 0.5 * rng.binomial(2, skill, (4, 6))
+        found = share_of(over_both(table), 4)
+        assert 0.0 <= found.low <= table.mean() <= found.high <= 1.0
+        inside += found.low <= 0.9 <= found.high
+    assert inside / 600 >= 0.93
+    for skill in (0.0, 4.0):
+        result = score(simulated(rng, 3, 4, skill=skill))
+        for mean in [*result["judged_real"].values(), *(each["accuracy"] for each in result["recognised"].values())]:
+            for of in (mean, mean["by_rater"], mean["by_scene"]):
+                assert 0.0 <= of["low"] <= of["value"] <= of["high"] <= 1.0
+
+
+def test_where_all_agree_the_interval_is_wilsons_of_as_many_judgements() -> None:
+    found = share_of(over_raters(np.ones((9, 4))), 9)
+    assert (found.low, found.high) == (pytest.approx(1.0 / (1.0 + stats.t.ppf(0.975, 8) ** 2 / 9.0)), 1.0)
 
 
 def test_an_interval_over_raters_alone_misses_the_truth_where_scenes_differ() -> None:

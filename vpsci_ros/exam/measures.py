@@ -63,6 +63,19 @@ class RunResult(NamedTuple):
     sight: Mapping[Key, Sight] = {}
 
 
+def worst_first(table: pl.DataFrame, *then: str) -> pl.DataFrame:
+    """Return episodes by how bad they are.
+
+    Contacts of a moving vehicle, the fastest first, then those without a contact by least CurvTTC, and last those in
+    which the pedestrian walked into a standing vehicle.
+
+    :param then: columns that decide between equals, the least first.
+    """
+    moving, standing = pl.col("moving_collision"), pl.col("collision") & ~pl.col("moving_collision")
+    speed = pl.when(moving).then(-pl.col("impact_speed")).otherwise(0.0)
+    return table.sort([~moving, speed, standing, "least_curvttc", *then, "scenario", "episode"])
+
+
 def episode_table(
     run: RunResult, alone: Sequence[Episode], config: ExamConfig, *, driver: str, pedestrian: str
 ) -> pl.DataFrame:

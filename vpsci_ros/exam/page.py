@@ -9,6 +9,7 @@ import polars as pl
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.config import ALONE, TITLES, added_pedestrians, title_of
 from vpsci_ros.exam.figures import save_episode, save_overview
+from vpsci_ros.exam.measures import worst_first
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.scores import DIFFERENCES
 from vpsci_ros.exam.view import MARKS
@@ -75,8 +76,6 @@ def _summary(report: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def worst(table: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return rows of the worst episodes of the ADS: contacts first, the fastest first, then by least CurvTTC."""
+    """Return rows of the worst episodes of the ADS, the worst first."""
     rows = table.filter((pl.col("driver") == ADS) & pl.col("critical") & (pl.col("pedestrian") != ALONE))
-    rows = rows.with_columns(pl.col("impact_speed").fill_nan(-1.0))
-    keys = ["collision", "impact_speed", "least_curvttc", "scenario", "episode"]
-    return rows.sort(keys, descending=[True, True, False, False, False]).head(WORST).to_dicts()
+    return worst_first(rows).head(WORST).with_columns(pl.col("impact_speed").fill_nan(-1.0)).to_dicts()

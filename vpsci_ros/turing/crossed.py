@@ -84,6 +84,27 @@ def tost(mean: Mean, margin: float) -> float:
     return float(max(above, below))
 
 
+def share_of(mean: Mean, units: int) -> Mean:
+    """Return a mean of values from 0 to 1 with an interval that stays there.
+
+    Wilson's, for as many independent judgements as have this standard error, and t instead of the normal quantile:
+    with p the mean, n = p (1 - p) / error^2. See Korn and Graubard, "Confidence intervals for proportions with small
+    expected number of positive counts estimated from survey data" (Survey Methodology 24, 1998).
+
+    :param units: raters or scenes: so many judgements count where all agree on 0 or 1, and there is no error.
+    """
+    if not math.isfinite(mean.error):
+        return mean
+    variance = mean.value * (1.0 - mean.value)
+    if mean.error == 0.0 and variance > 0.0:
+        return mean
+    squared = float(stats.t.ppf(0.5 + LEVEL / 2.0, mean.freedom)) ** 2
+    squared *= mean.error**2 / variance if variance > 0.0 else 1.0 / units  # z^2 / n
+    centre = (mean.value + squared / 2.0) / (1.0 + squared)
+    half = math.sqrt(squared * variance + squared**2 / 4.0) / (1.0 + squared)
+    return mean._replace(low=max(0.0, centre - half), high=min(1.0, centre + half))
+
+
 def _of_units(values: Floats) -> Mean:
     if len(values) < 2:
         return Mean(float(values.mean()), math.nan, math.nan, math.nan, math.nan)

@@ -11,7 +11,7 @@ from vpsci_ros.evaluation.statistics import share
 from vpsci_ros.turing.agreement import icc_2k, mean_d_prime
 from vpsci_ros.turing.answers import Answers
 from vpsci_ros.turing.clips import CONTROL, GENERATED, RECORDED, SOURCES
-from vpsci_ros.turing.crossed import Mean, over_both, over_raters, over_scenes, p_value, tost
+from vpsci_ros.turing.crossed import Mean, over_both, over_raters, over_scenes, p_value, share_of, tost
 
 MARGIN = 0.5  # on the scale of 5 points, the paper's
 ALPHA = 0.05
@@ -53,7 +53,7 @@ def score(answers: Answers) -> dict[str, Any]:
         "scenes": scenes,
         "clips": 3 * scenes,
         "recognised": {source: _recognised(answers, source) for source in (GENERATED, CONTROL)},
-        "judged_real": {source: _means(answers.real[..., i].astype(float)) for i, source in enumerate(SOURCES)},
+        "judged_real": {source: _shares(answers.real[..., i].astype(float)) for i, source in enumerate(SOURCES)},
         "realism": {source: _means(answers.realism[..., i]) for i, source in enumerate(SOURCES)},
         "table_11": [_pair(answers, first, second) for first, second in PAIRS],
         "icc_2k": _icc(flat) if raters > 1 else [None, None, None],
@@ -77,7 +77,7 @@ def correct(answers: Answers, source: str) -> NDArray[np.float64]:
 def _recognised(answers: Answers, source: str) -> dict[str, Any]:
     right = correct(answers, source)
     return {
-        "accuracy": _means(right),
+        "accuracy": _shares(right),
         "p": _number(p_value(over_both(right), 0.5)),
         "d_prime": _as_dict(mean_d_prime(answers.real[..., 0], answers.real[..., SOURCES.index(source)])),
     }
@@ -161,7 +161,7 @@ def not_concluded(answers: Answers) -> list[str]:
             else:
                 text += f" About {math.ceil(raters * (width / MARGIN) ** 2)} raters or more would be needed."
             out.append(text)
-    accuracy = over_both(correct(answers, GENERATED))
+    accuracy = share_of(over_both(correct(answers, GENERATED)), min(raters, scenes))
     if raters > 1 and accuracy.low <= 0.5 <= accuracy.high:
         out.append(f"Whether raters tell generated from recorded clips at all: their accuracy of {accuracy.value:.2f} "
                    f"[{accuracy.low:.2f}, {accuracy.high:.2f}] includes chance, and does not prove it.")  # fmt: skip
@@ -180,6 +180,14 @@ def _means(table: NDArray[np.float64]) -> dict[str, Any]:
     """Return a mean with its intervals for other raters, other scenes, and both."""
     both = over_both(table)
     return _as_dict(both) | {"by_rater": _as_dict(over_raters(table)), "by_scene": _as_dict(over_scenes(table))}
+
+
+def _shares(table: NDArray[np.float64]) -> dict[str, Any]:
+    """Return the same of shares, from 0 to 1."""
+    raters, scenes = table.shape
+    by_rater, by_scene = share_of(over_raters(table), raters), share_of(over_scenes(table), scenes)
+    both = share_of(over_both(table), min(raters, scenes))
+    return _as_dict(both) | {"by_rater": _as_dict(by_rater), "by_scene": _as_dict(by_scene)}
 
 
 def _as_dict(mean: Mean) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.exam.conduct import Exam, bag_of, run_with
 from vpsci_ros.exam.config import EXTERNAL
 from vpsci_ros.exam.episode_list import flat, write_episode_list
-from vpsci_ros.exam.measures import COLUMNS, episode_table
+from vpsci_ros.exam.measures import COLUMNS, episode_table, worst_first
 from vpsci_ros.exam.report import ADS
 from vpsci_ros.exam.run import EPISODES, identity_of, run_exam, take_folder
 from vpsci_ros.exam.search.imitation import lessons
@@ -37,7 +37,7 @@ from vpsci_ros.runs.files import write_json, write_text
 from vpsci_ros.runs.progress import Bars
 
 IDENTITY, FAILURES = "search.json", "failures.json"
-_LISTED = ("scenario", "episode", "outcome", "impact_speed", "least_curvttc")
+_LISTED = ("scenario", "episode", "outcome", "moving_collision", "impact_speed", "least_curvttc")
 _SAME = ("outcome", "duration", "driven", "impact_speed", "least_curvttc", "hardest_braking")
 _MORE = {
     "part": Column(
@@ -89,7 +89,7 @@ def run_search(exam: Exam, folder: Path, *, quiet: bool = False) -> list[str]:
     count = plan.count()
     table = _table(tables, plan, pool)
     write_parquet(table, folder / EPISODES, COLUMNS | _MORE, content="episodes of a search", search=identity)
-    failures = worst_first(table.filter(pl.col(search.failure)))
+    failures = worst_first(table.filter(pl.col(search.failure)), "margin")
     rows = [{name: _plain(row[name]) for name in _LISTED} for row in failures.to_dicts()]
     write_episode_list(folder / FAILURES, rows, exam.run, exam.world, exam.scenarios)
     report = {
@@ -106,12 +106,6 @@ def run_search(exam: Exam, folder: Path, *, quiet: bool = False) -> list[str]:
     write_search_page(folder / "report.html", report, plan, rows)
     _print(report, folder)
     return []
-
-
-def worst_first(table: pl.DataFrame) -> pl.DataFrame:
-    """Return episodes with the fastest impact first, those without one by their least CurvTTC."""
-    keys = [pl.col("impact_speed").fill_nan(-1.0), pl.col("least_curvttc"), pl.col("scenario"), pl.col("episode")]
-    return table.sort(keys, descending=[True, False, False, False])
 
 
 def plain(count: Count, driven: int) -> dict[str, float]:
