@@ -19,11 +19,24 @@ from vpsci_ros.export.carla_csv import rows
 
 def test_the_command_writes_a_folder_for_each_format_and_says_where(own_bag, tmp_path):
     command = ["export", str(own_bag), "--to", "carla-csv,scenarionet", "-o", str(tmp_path / "out")]
+    said = [f"written: {tmp_path}/out/carla-csv, 2 files", f"written: {tmp_path}/out/scenarionet, 5 files"]
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 0, result.output
-    assert result.output.splitlines() == [
-        f"written: {tmp_path}/out/carla-csv, 2 files", f"written: {tmp_path}/out/scenarionet, 5 files"
-    ]  # fmt: skip
+    assert result.output.splitlines() == said
+
+
+def test_the_same_export_again_writes_what_was_damaged_and_another_one_is_refused(own_bag, tmp_path):
+    out = tmp_path / "out"
+    assert export(own_bag, ["carla-csv"], out) == {"carla-csv": 2}
+    files = {path: path.read_bytes() for path in (out / "carla-csv").iterdir()}
+    when = (out / "run.json").stat().st_mtime_ns
+    assert export(own_bag, ["carla-csv"], out) == {"carla-csv": 2}
+    assert (out / "run.json").stat().st_mtime_ns == when, "nothing was to be done"
+    next(iter(files)).write_bytes(b"")
+    assert export(own_bag, ["carla-csv"], out) == {"carla-csv": 2}
+    assert {path: path.read_bytes() for path in (out / "carla-csv").iterdir()} == files
+    with pytest.raises(InvalidInput, match="choose another output folder"):
+        export(own_bag, ["carla-csv"], out, episodes="4")
 
 
 def test_a_missing_library_is_named_with_the_command_that_installs_it(own_bag, tmp_path, monkeypatch):

@@ -4,6 +4,7 @@ import dataclasses
 import errno
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -55,6 +56,19 @@ def test_the_last_episode_of_each_scenario_is_the_last_kept_one_wanted(made) -> 
         assert (rows["reason"] == "kept").sum() == TARGETS[scenario]
         assert rows.sort("count")["reason"][-1] == "kept"
         assert rows["count"].sort().to_list() == list(range(len(rows)))
+
+
+@pytest.mark.parametrize("damage", ["emptied", "changed in one byte", "gone"])
+def test_a_finished_dataset_that_lost_something_is_not_said_to_be_there(make, made, tmp_path, damage: str) -> None:
+    folder = shutil.copytree(made, tmp_path / "d")
+    make(folder)  # is whole, so that nothing is to be done
+    victim = next(folder.glob("Location*.parquet"))
+    data = victim.read_bytes()
+    victim.write_bytes(b"" if damage == "emptied" else bytes([data[0] ^ 1]) + data[1:])
+    if damage == "gone":
+        victim.unlink()
+    with pytest.raises(InvalidInput, match=f"the dataset was finished, and {victim.name} is missing or changed since"):
+        make(folder)
 
 
 def test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes(job, make, made, tmp_path) -> None:

@@ -53,6 +53,15 @@ def test_every_scene_is_shown_once_by_every_source(kit: Path) -> None:
     assert found == sorted((scene, source) for scene in range(4) for source in SOURCES)
 
 
+def test_the_same_kit_again_is_made_whole_and_another_one_refused(kit: Path, table: Path) -> None:
+    page = (kit / PAGE).read_bytes()
+    (kit / PAGE).write_bytes(b"")
+    make_kit(table, "refined", kit, scenes=4, seed=2, temperature=0.0)
+    assert (kit / PAGE).read_bytes() == page
+    with pytest.raises(InvalidInput, match="choose another output folder"):
+        make_kit(table, "refined", kit, scenes=4, seed=3, temperature=0.0)
+
+
 def test_the_page_says_nothing_of_sources(kit: Path) -> None:
     page = (kit / PAGE).read_text(encoding="utf-8")
     assert not [

@@ -19,7 +19,7 @@ def export(
             "--to", metavar="FORMAT,...", help="openscenario, commonroad, osi, scenarionet, carla-csv, or an added one."
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same command.")],
     episodes: Annotated[
         str, typer.Option(metavar="NUMBER,...", help="Only episodes of these numbers or names; default: all.")
     ] = "",

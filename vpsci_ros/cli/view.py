@@ -51,7 +51,7 @@ def view(
 @turing_app.command()
 @writes_folder
 def make(
-    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same command.")],
     near_misses: Annotated[
         Path, typer.Argument(metavar="TABLE", help="Near misses: right_turns, a Parquet file, or a part of one.")
     ] = Path(TO_MEASURE_ON),

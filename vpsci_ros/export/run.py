@@ -1,15 +1,18 @@
 """The door of the exporters: a source and names of formats in, a folder of files for each format out."""
 
 import importlib
+import shutil
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.episodes import open_source
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import require_empty_folder
+from vpsci_ros.resources import near_misses_part
+from vpsci_ros.runs.folder import RunFolder
 from vpsci_ros.runs.plugins import PluginGroup
+from vpsci_ros.runs.sections import Sections
 
 VEHICLES = ("controllable", "trajectory")
 
@@ -79,7 +82,7 @@ def export(
     :param source: see `vpsci_ros.episodes.read_episodes`.
     :param episodes: only those whose number, name or label is in this list with commas; empty: all.
     :raises InvalidInput: an unknown format or option, a missing library, a source that is none, no such episode, or
-        `folder` is not empty.
+        `folder` holds anything else than what the same command wrote.
     """
     if options.vehicle not in VEHICLES:
         raise InvalidInput(f"vehicle {options.vehicle!r}: expected {' or '.join(VEHICLES)}")
@@ -90,9 +93,15 @@ def export(
     chosen = [text.strip() for text in episodes.split(",") if text.strip()]
     if not found.chosen(chosen):
         raise InvalidInput(f"{source}: holds no episode, so there is nothing to export")
-    folder = require_empty_folder(folder)
-    counts = {}
-    for name, write in writers.items():
-        (folder / name).mkdir()
-        counts[name] = write(found.read(chosen), folder / name, options)
-    return counts
+    folder, (root, _) = Path(folder), near_misses_part(source)
+    inputs = [root] if root.is_file() else sorted(path for path in root.rglob("*") if path.is_file())
+    given = {"source": str(source), "formats": list(formats), "episodes": chosen} | asdict(options)
+    run = RunFolder(folder, Sections({"export": given}), inputs)
+    if run.done:
+        return run.results
+    with run:
+        for name, write in writers.items():
+            shutil.rmtree(folder / name, ignore_errors=True)  # what the same command left there, stopped or damaged
+            (folder / name).mkdir()
+            run.results[name] = write(found.read(chosen), folder / name, options)
+    return run.results

@@ -8,14 +8,15 @@ from typing import Any
 
 from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.data.episode_block import block_from_bytes
-from vpsci_ros.documents import read_json
-from vpsci_ros.errors import VpsciError
+from vpsci_ros.documents import read_json, require_form
+from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.assemble import assemble
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import Job
 from vpsci_ros.generate.journal import Journal, journal_of
 from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
 from vpsci_ros.generate.workers import Processes, Serial, Workers, computed
+from vpsci_ros.runs.files import changed_files
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
 
@@ -61,7 +62,8 @@ def generate(
     :param folder: must be new or empty, or hold the same run, unfinished or complete.
     :param workers: called when there is something to compute.
     :param report: called after each unit.
-    :raises InvalidInput: `folder` holds another run or anything else, or another process works in it.
+    :raises InvalidInput: `folder` holds another run or anything else, or this one, damaged since it was finished; or
+        another process works in it.
     :raises VpsciError: a scenario keeps next to nothing, workers die again and again, or the disk is full.
     """
     run = {
@@ -75,6 +77,7 @@ def generate(
     with journal_of(folder, run | versions, _unit(config, targets)) as journal:
         if journal is None:
             description = read_json(folder / DESCRIPTION)
+            _require_whole(folder, description)
             return Generated(description, 0, (0.0, 0.0))
         plan = DatasetPlan(targets, first, journal.unit, config.give_up)
         for scenario in plan.scenarios.values():
@@ -97,6 +100,19 @@ def generate(
             ) from error
         journal.remove()
     return Generated(description, computed, seconds)
+
+
+def _require_whole(folder: Path, description: Mapping[str, Any]) -> None:
+    """Refuse a finished dataset that lost something since.
+
+    :raises InvalidInput: a file is missing, or its content is not what dataset.json says.
+    """
+    require_form(description, {"files": {"*": {"sha256": str}}}, str(folder / DESCRIPTION))
+    if lost := changed_files(folder, {name: entry["sha256"] for name, entry in description["files"].items()}):
+        raise InvalidInput(
+            f"{folder}: the dataset was finished, and {', '.join(lost)} {'are' if len(lost) > 1 else 'is'} missing or "
+            "changed since; `vpsci dataset verify` says what; delete the folder to generate it again"
+        )
 
 
 def _unit(config: DatasetConfig, targets: Mapping[int, int]) -> int:

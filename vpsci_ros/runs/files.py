@@ -5,7 +5,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,11 @@ def sha256(path: str | Path) -> str:
         while block := file.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()
+
+
+def changed_files(folder: Path, hashes: Mapping[str, str]) -> list[str]:
+    """Return which files of a folder are missing, or not those of which these are the SHA-256 by name."""
+    return [name for name, own in hashes.items() if not (folder / name).is_file() or sha256(folder / name) != own]
 
 
 @contextlib.contextmanager

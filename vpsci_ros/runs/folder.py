@@ -14,7 +14,7 @@ from typing import Any
 from vpsci_ros.documents import dump_yaml, parse_yaml, read_yaml, reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import as_ros_parameters, flat
-from vpsci_ros.runs.files import FAILURE, ROOM_FILE, require_empty_folder, sha256, write_text
+from vpsci_ros.runs.files import FAILURE, ROOM_FILE, changed_files, require_empty_folder, sha256, write_text
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.record import RECORD, read_record, write_record
 from vpsci_ros.runs.sections import Sections
@@ -41,7 +41,7 @@ class RunFolder:
         self._begun = time.monotonic()
         self._facts = facts or {}
         self.results: dict[str, Any] = {}
-        """What the run came to, JSON values; goes into the record."""
+        """What the run came to, or had come to where it is done; JSON values that go into the record."""
         parameters = folder / PARAMETERS
         text = dump_yaml(as_ros_parameters(sections.values))
         if parameters.exists():
@@ -73,8 +73,10 @@ class RunFolder:
         record = read_record(self._folder / RECORD)
         if record is None or record["error"] or record["inputs_sha256"] != self._inputs:
             return False
-        left = record.get("outputs_sha256", {})
-        return all((self._folder / name).is_file() and sha256(self._folder / name) == left[name] for name in left)
+        if changed_files(self._folder, record.get("outputs_sha256", {})):
+            return False
+        self.results = record["results"]
+        return True
 
     def _outputs(self) -> Iterable[Path]:
         for path in self._folder.rglob("*"):

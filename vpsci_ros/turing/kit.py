@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.onsets import Onsets
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.report import html
 from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
+from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.turing.clips import RatedClip, draw_scenes, make_clips
@@ -29,7 +31,8 @@ def make_kit(table: Path, weights: str, folder: Path, *, scenes: int, seed: int,
     :param table: near misses of recorded people, or a part of them, see `read_near_misses`.
     :param weights: of the policies to be rated: a file, or the name of shipped ones.
     :param scenes: each makes three clips; at least 2.
-    :raises InvalidInput: table, weights or folder are refused, or there are too few scenes.
+    :raises InvalidInput: table or weights are refused, the folder holds anything but the same kit, or there are too few
+        scenes.
     """
     if scenes < 2:
         raise InvalidInput(f"scenes = {scenes}: expected at least 2, since intervals rest on how scenes differ")
@@ -38,10 +41,8 @@ def make_kit(table: Path, weights: str, folder: Path, *, scenes: int, seed: int,
     loaded = load_weights(path)
     onsets = draw_scenes(rows, scenes, seed)
     clips = make_clips(onsets, loaded, seed, temperature)
-    require_empty_folder(folder)
     shown = [{"name": clip.name, "values": clip.values.round(3).tolist()} for clip in clips]
     kit = hashlib.sha256(json.dumps(shown).encode()).hexdigest()[:16]
-    write_questionnaire(folder / PAGE, kit, clips)
     key = {
         "kit": kit,
         "seed": seed,
@@ -53,6 +54,11 @@ def make_kit(table: Path, weights: str, folder: Path, *, scenes: int, seed: int,
         "clips": {clip.name: {"scene": clip.scene, "source": clip.source} for clip in clips},
         "software": software_versions(),
     }
+    if (folder / KEY).is_file():
+        require_same(folder / KEY, read_json(folder / KEY), key, "holds a kit")  # whose files are written once more
+    else:
+        require_empty_folder(folder)
+    write_questionnaire(folder / PAGE, kit, clips)
     write_json(folder / KEY, key)
     return key
 
