@@ -29,7 +29,7 @@ def run(*arguments: object) -> str:
 def test_generate_then_info_then_verify(params, tmp_path) -> None:
     out = tmp_path / "out"
     command = ("generate", "--params", params, "-o", out, "--scenarios", "6", "--episodes", "3", "--workers", "1")
-    assert re.search(r"3 episodes kept; written: .* times the paper's 244", run(*command), re.DOTALL)
+    assert re.search(r"3 episodes kept; written: .* kept an hour; the paper's .* kept 244", run(*command), re.DOTALL)
     assert "simulated" not in run(*command).replace("simulated_", "")  # complete already
     assert re.search(r"B N-S +3 +24,702 ", run("dataset", "info", out))
     assert "rows the same to the bit, hashes right" in run("dataset", "verify", out, "--workers", "1")

@@ -131,15 +131,16 @@ def test_values_of_stage_1_mean_the_same_return_in_stage_2(networks, near_misses
     assert mean_value(learner) == pytest.approx(0.25 * factor * in_stage_1, rel=1e-4)
 
 
-def test_one_update_is_due_for_every_history_where_no_steps_are_counted(networks, near_misses):
+def test_one_update_is_due_for_every_episode_where_no_steps_are_counted(networks, near_misses):
     config = changed(QUICK, {"objective": "ddpg", "updates.steps_per_update": 0})
     learner = Refiner(config, networks(gain=1.0).weights({}, {}), near_misses, seed=4)
     learner.add(experience(histories=6)[:-1])  # the last one is not whole
+    learner.add(experience(histories=3, first_number=59, first_episode=4))  # another one of number 4, and 5 and 6
     updates = 0
     while learner.due:
         learner.update()
         updates += 1
-    assert updates == 5
+    assert updates == 7
 
 
 def test_a_refresh_carries_other_weights_and_a_new_version(refiner):

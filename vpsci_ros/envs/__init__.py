@@ -2,7 +2,7 @@
 
 `gymnasium.make("vpsci_ros/RightTurn-v0")` after `import vpsci_ros.envs`: the environment's user drives the vehicle
 through one of the scenarios, and the learned pedestrian (or a reference one) answers. `gymnasium.make_vec` gives the
-batched form, `parallel.parallel_env` both agents as in the paper. All are thin: the world, the monitor and the policy
+batched form, `parallel.parallel_env` both agents. All are thin: the world, the monitor and the policy
 are the ones that the nodes run. Needs the extra `rl` (gymnasium, pettingzoo).
 """
 

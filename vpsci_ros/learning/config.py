@@ -186,7 +186,7 @@ class OnlineUpdatesConfig(UpdatesConfig):
     )
     steps_per_update: int = parameter(
         64,
-        "new simulated steps that pay for one update; 0: one update for each history, as Algorithm 1",
+        "new simulated steps that pay for one update; 0: one update for each episode, as Algorithm 1",
         low=0,
         high=1_000_000,
     )

@@ -122,6 +122,8 @@ class Refiner:
         self._accepted = self._actor_state()
         self._credit, self._norm, self._calm, self._tested = 0.0, math.inf, 0, 0
         self._drawn, self._drawn_real = 0.0, 0.0
+        self._known: list[list[int]] = []
+        """Scenario and number of the episodes that have paid for an update; where steps pay, none."""
         self._refreshed = False
         self.updates, self.version, self.refreshes, self.rollbacks, self.episodes = 0, 1, 0, 0, 0
         self.received = 0
@@ -133,8 +135,17 @@ class Refiner:
 
     @property
     def _price(self) -> int:
-        """Steps, or else histories, that pay for one update."""
+        """Steps, or else episodes, that pay for one update."""
         return max(1, self._config.updates.steps_per_update)
+
+    def _new_episodes(self, finished: Sequence[NDArray[np.void]]) -> int:
+        """Return how many episodes have histories among `finished` and had none before."""
+        before = len(self._known)
+        for history in finished:
+            key = [int(history["scenario"][0]), int(history["episode"][0])]
+            if key not in self._known:
+                self._known.append(key)
+        return len(self._known) - before
 
     # ---- experience in
 
@@ -148,7 +159,7 @@ class Refiner:
     def take(self, finished: Sequence[NDArray[np.void]], transitions: int) -> None:
         """Take whole histories in, TRANSITION[T] each, as so many new transitions completed them."""
         self.received += transitions
-        self._credit += transitions if self._config.updates.steps_per_update else len(finished)
+        self._credit += transitions if self._config.updates.steps_per_update else self._new_episodes(finished)
         for history in self._rewards.histories(finished):
             components = self._rewards.components(history)
             self.reward_weights.episode(np.mean([components[agent] for agent in AGENTS], axis=0))
@@ -311,7 +322,7 @@ class Refiner:
             "_norm",
             "_calm",
         ]
-        names += ["_last", "_returns", "_refreshed", "episode_returns", "_tested", "_drawn", "_drawn_real"]
+        names += ["_last", "_returns", "_refreshed", "episode_returns", "_tested", "_drawn", "_drawn_real", "_known"]
         return {
             **self._identity(),
             "networks": dict(self._networks.state_dict()),

@@ -3,7 +3,7 @@
 All see the same observations, actions and risk, have the same heads, and learn from the same near misses in the same
 number of updates. They differ in the layers of the encoder, and in what they learn: agents rolled out together on their
 own predictions through the kinematics (`imitation`; the paper's multi-agent rows), or the next velocity alone from
-recorded histories (its supervised rows). The single-agent rows and the map-based predictors of Table 9 are not here.
+recorded histories (its supervised rows). The single-agent rows and the trajectory predictors of Table 9 are not here.
 """
 
 from collections.abc import Callable
