@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -44,3 +45,11 @@ def cpu_time(browser: Any) -> float:
     """Return the processor time of all processes of the browser [s], which does not mind what else the machine does."""
     rows = browser.new_browser_cdp_session().send("SystemInfo.getProcessInfo")["processInfo"]
     return sum(row["cpuTime"] for row in rows)
+
+
+def wait_until(page: Any, expression: str) -> None:
+    """Wait until JavaScript holds on a page; Playwright's own way needs `eval`, which pages forbid."""
+    deadline = time.monotonic() + 10.0
+    while not page.evaluate(expression):
+        assert time.monotonic() < deadline, f"waited 10 s for {expression}"
+        page.wait_for_timeout(20)

@@ -57,6 +57,11 @@ def test_the_page_needs_nothing_from_elsewhere(page):
     assert all(source.startswith("data:image/png;base64,") for source in sources)
 
 
+def test_the_page_may_run_no_script_and_send_nothing(page):
+    (policy,) = re.findall('Content-Security-Policy content="([^"]*)"', page[0])
+    assert policy.startswith("default-src 'none'; script-src 'none'; ")
+
+
 def test_a_number_opens_the_episodes_that_it_counts(page):
     link = 'href="view.html#a=ads-learned&amp;b=autopilot-learned&amp;mark=collision">'
     assert f"{link}2</a> of 12 episodes end in a contact" in re.sub(r"\s+", " ", page[0])

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from vpsci_ros.nodes.config import GraphConfig
-from vpsci_ros.nodes.failures import RecordedCounts, Silence, flood, incomplete, never_came, stands_still
+from vpsci_ros.nodes.failures import RecordedCounts, Silence, flood, hangs, incomplete, never_came, stands_still
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.world.counts import WorldCounts
 
@@ -114,6 +114,13 @@ def test_a_run_in_which_nothing_happens_says_what_is_missing_of_whom() -> None:
     waiting = {"world_simulator": NodeStatus(awaited=["pedestrian_policy"]), "recorder": NodeStatus()}
     said = "no progress for 60 s; world_simulator waits for pedestrian_policy; the nodes' logs are in log"
     assert stands_still(0.0, 61.0, GraphConfig(), "log", waiting) == said
+
+
+def test_a_node_that_hangs_ends_the_run_that_has_failed_by_it_and_an_agent_that_is_no_node_does_not() -> None:
+    said = "20 answers of vehicle_policy are missing: the run has failed (log: log/vehicle_policy.log)"
+    assert hangs(NODES, with_counts(vehicle_answers_missing=20), "log") == said
+    assert hangs(NODES, with_counts(vehicle_answers_missing=19), "log") == ""
+    assert hangs(NODES, with_counts(pedestrian_answers_missing=20), "log") == ""
 
 
 def test_a_status_that_travels_through_the_pipe_is_the_same_and_its_odd_figures_are_no_numbers() -> None:

@@ -19,6 +19,7 @@ class Processes:
 
     leader = "world_simulator"
     logs = "log"
+    running = ("world_simulator", "vehicle_policy")
 
     def __init__(self, *ends: dict[str, int]) -> None:
         self._ends = list(ends)
@@ -39,7 +40,7 @@ class Processes:
 
 def watch(paused: float = 0.0, idle: float = 0.0) -> Any:
     return SimpleNamespace(
-        take=lambda _: None, pause_for=lambda _: None, paused_time=lambda: paused, idle_time=lambda: idle
+        take=lambda _: None, pause_for=lambda *_: None, paused_time=lambda: paused, idle_time=lambda: idle
     )
 
 

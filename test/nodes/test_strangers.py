@@ -4,7 +4,7 @@ import time
 from array import array
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -154,6 +154,34 @@ def test_a_policy_of_a_run_believes_the_history_that_its_own_world_has_signed(
     policy._on_history(-1, policy._reply)
     assert (policy._caught_up, policy._known) == ((True, 2) if forge is None else (False, -1))
     assert refused(policy) == ({} if forge is None else {"/world/history": 1})
+
+
+def test_a_policy_that_is_started_again_refuses_an_older_reply_that_its_world_has_signed(
+    context: Context, stage: Callable[..., Stage], weights: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Service:
+        requests: ClassVar[list[int]] = []
+
+        service_is_ready = staticmethod(lambda: True)
+        remove_pending_request = staticmethod(lambda _: None)
+
+        def call_async(self, request: History.Request) -> Future:
+            self.requests.append(request.after_tick)
+            return Future()
+
+    monkeypatch.setenv(VARIABLE, new_secret())
+    service, frames = Service(), {"running": True, "tick": 4, "states": [state(2)], "safeties": [safety(2)]}
+    for reply_to, taken in ((0, True), (0, False), (-1, True)):  # the first and, to the process after it, the same
+        policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
+        stage(policy)
+        monkeypatch.setattr(policy, "_history", service)
+        policy._catch_up()
+        reply = sealed(service.requests[reply_to], History.Response(**frames))
+        policy._reply = Future()
+        policy._reply.set_result(reply)
+        policy._on_history(service.requests[-1], policy._reply)
+        assert (policy._caught_up, refused(policy)) == ((True, {}) if taken else (False, {"/world/history": 1}))
+    assert all(request < 0 for request in service.requests)
 
 
 def test_a_policy_refuses_a_history_of_unequal_lengths_without_a_secret_too(

@@ -60,7 +60,7 @@ def test_it_plays_pauses_and_stops_at_the_end(browser: Any, path: Path) -> None:
         before = drawn(page, "a")
         page.select_option("#rate", "0.1")
         page.click("#play")
-        page.wait_for_function("page.clock > 4.02")
+        real.wait_until(page, "page.clock > 4.02")
         assert drawn(page, "a") != before
         page.evaluate("document.activeElement.blur()")
         page.keyboard.press("Space")
@@ -68,13 +68,13 @@ def test_it_plays_pauses_and_stops_at_the_end(browser: Any, path: Path) -> None:
         assert not page.evaluate("page.playing")
         page.evaluate("page.setRate(4)")
         page.keyboard.press("Space")
-        page.wait_for_function(f"!page.playing && page.clock === page.duration && page.duration > {at}")
+        real.wait_until(page, f"!page.playing && page.clock === page.duration && page.duration > {at}")
         assert page.text_content("#play").endswith("play")
 
 
 def test_it_plays_by_itself_unless_less_motion_is_wanted(browser: Any, path: Path) -> None:
     with real.opened(browser, path) as page:
-        page.wait_for_function("page.clock > 0.05")
+        real.wait_until(page, "page.clock > 0.05")
     with real.opened(browser, path, reduced_motion="reduce") as page:
         assert page.evaluate("[page.playing, page.clock]") == [False, 0]
 

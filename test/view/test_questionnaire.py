@@ -71,7 +71,7 @@ def test_nothing_can_be_answered_before_the_clip_was_seen_and_nothing_left_out(b
         page.click("#next")
         assert page.text_content("#progress") == "clip 1 of 3", "confidence and realism are missing"
         page.keyboard.press("a")
-        page.wait_for_function("questionnaire.shown === 2")
+        real.wait_until(page, "questionnaire.shown === 2")
 
 
 def test_raters_see_the_clips_in_orders_of_their_own(browser: Any, path: Path) -> None:

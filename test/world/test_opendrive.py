@@ -121,6 +121,13 @@ def test_a_file_that_is_no_map_is_refused(tmp_path, content, message):
         OpenDriveMap(path)
 
 
+def test_a_pipe_and_a_device_are_refused_as_maps_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "map.xodr")
+    for path in (tmp_path / "map.xodr", "/dev/zero"):
+        with pytest.raises(InvalidInput, match="expected a file, found a pipe, a device or a socket"):
+            OpenDriveMap(path)
+
+
 def test_what_the_map_does_not_have_is_refused(tmp_path):
     poly3 = PIECE.format(s=0, x=0, y=0, hdg=0, length=9, kind='<poly3 a="0" b="0" c="0" d="0"/>')
     found = OpenDriveMap(write(tmp_path, straight(), road(poly3, 9, 2)))

@@ -88,6 +88,8 @@ class BagWriter:
     ) -> None:
         self._claim = Claim(folder)
         self.folder = require_empty_folder(folder)
+        if self._claim.made:
+            self.folder.chmod(0o700)  # positions of people
         self.topics = {topic.name: topic for topic in topics}
         self.files: list[BagFile] = []
         self._chunk_size = chunk_size

@@ -1,5 +1,6 @@
 """A learned policy as a node: answers WorldState and SafetyState of a policy tick with one agent's accelerations."""
 
+import secrets
 import time
 from functools import partial
 from typing import Any
@@ -183,8 +184,9 @@ class AgentPolicy(GraphNode):
             if self._reply is not None:
                 self._history.remove_pending_request(self._reply)
             self._requested_at = now
-            self._reply = self._history.call_async(History.Request(after_tick=self._known))
-            self._reply.add_done_callback(partial(self._on_history, self._known))
+            after = self._known if self._known >= 0 else -1 - secrets.randbits(62)  # no older reply is signed for this
+            self._reply = self._history.call_async(History.Request(after_tick=after))
+            self._reply.add_done_callback(partial(self._on_history, after))
         elif self._first_received_at is not None and now - self._first_received_at > self._service_patience():
             self._caught_up = True  # a world that keeps no history
             self._answer()

@@ -1,7 +1,7 @@
 """Why a run of a graph is no success: every reason that there is, as a sentence, from what its nodes report.
 
-While it runs: `ended`, `stands_still`, and of an exam `Silence`, `flood`, `never_came`, `second_publishers`. At its
-end: `incomplete`. An empty answer is none.
+While it runs: `ended`, `stands_still`, `hangs`, and of an exam `Silence`, `flood`, `never_came`, `second_publishers`.
+At its end: `incomplete`. An empty answer is none.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -15,6 +15,7 @@ from vpsci_ros.world.counts import WorldCounts
 RESPONDENTS = {"safety_monitor": "safety", "vehicle_policy": "vehicle", "pedestrian_policy": "pedestrian"}
 ADS = "an external driving system"  # among what the world waits for
 OPEN_TO_ALL = ("/markers", "/tf", "/tf_static", "/vehicle/cmd_accel", "/vehicle/cmd_control")  # to publish on
+HANGS = 20  # answers of a node that are missing: a run that lacks any fails, and this one lacks more and more
 LEAST_FLOOD = 2000  # commands; fewer are no flood, however few the ticks
 
 
@@ -59,6 +60,15 @@ def stands_still(
     if idle > graph.progress_timeout:
         missing = [f"no progress for {graph.progress_timeout:g} s", waiting(statuses), f"the nodes' logs are in {logs}"]
         return "; ".join(part for part in missing if part)
+    return ""
+
+
+def hangs(nodes: Collection[str], statuses: Mapping[str, NodeStatus], logs: object) -> str:
+    """Say that a node of the graph gives no answers, so that the run cannot end well any more."""
+    world = statuses.get("world_simulator", NodeStatus()).counts or WorldCounts()
+    for node, sender in RESPONDENTS.items():
+        if node in nodes and (missing := world.faults(sender).missing) >= HANGS:
+            return f"{missing} answers of {node} are missing: the run has failed (log: {logs}/{node}.log)"
     return ""
 
 

@@ -194,7 +194,7 @@ class NodeProcesses:
         self._secret = signature.new_secret()
 
     def __enter__(self) -> "NodeProcesses":
-        self.logs.mkdir()
+        self.logs.mkdir(mode=0o700)
         for node in self._nodes:
             self.start(node)
         return self
@@ -269,7 +269,7 @@ def _follow(
             processes.start(node)
         paused, idle = watch.paused_time(), watch.idle_time()
         reason = stop_when(statuses, idle) or failures.stands_still(paused, idle, graph, processes.logs, statuses)
-        if reason:
+        if reason := reason or failures.hangs(processes.running, statuses, processes.logs):
             return reason
 
 

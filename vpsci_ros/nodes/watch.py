@@ -4,6 +4,7 @@ import contextlib
 import time
 from typing import Any
 
+from vpsci_ros.nodes import failures
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.standstill import Standstill
 from vpsci_ros.nodes.status import NodeStatus
@@ -81,6 +82,6 @@ class Watch:
         parts = [] if rate is None else [f"{rate:g} ticks/s"]
         learned = {name: learner.number(name) for name in SHOWN}
         parts += [f"{name.replace('_', ' ')} {value:g}" for name, value in learned.items() if value is not None]
-        note = ", ".join(parts)
+        note = ", ".join(part for part in (*parts, failures.waiting(statuses)) if part)
         self._bars.bar("episodes", done, total, note)
         self._bars.line(f"{done} of {total or '?'}; {note}")

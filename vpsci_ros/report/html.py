@@ -5,6 +5,8 @@ A template lies in `templates/` of the room whose page it is, and extends `base.
 """
 
 import base64
+import hashlib
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from vpsci_ros.runs.files import write_text
 
+_CHARSET = "<meta charset=utf-8>"
 _SHARED = Path(__file__).resolve().parent / "templates"
 
 
@@ -27,4 +30,13 @@ def write_page(path: Path, template: Path, **values: Any) -> None:
     )
     environment.filters["base64"] = lambda picture: base64.b64encode(picture.read_bytes()).decode()
     page = environment.get_template(template.name).render(values)
-    write_text(path, page)
+    policy = f'<meta http-equiv=Content-Security-Policy content="{_policy(page)}">'
+    write_text(path, page.replace(_CHARSET, f"{_CHARSET}\n{policy}", 1))
+
+
+def _policy(page: str) -> str:
+    """Return what a browser lets a page do: run its own scripts, by their hashes, and show its style and pictures."""
+    digests = (hashlib.sha256(text.encode()).digest() for text in re.findall("<script>(.*?)</script>", page, re.DOTALL))
+    scripts = " ".join(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests) or "'none'"
+    own = f"script-src {scripts}; style-src 'unsafe-inline'; img-src data:"
+    return f"default-src 'none'; {own}; base-uri 'none'; form-action 'none'"

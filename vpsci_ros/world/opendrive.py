@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.documents import reason, require_form, shown
+from vpsci_ros.documents import reason, require_form, require_regular, shown
 from vpsci_ros.errors import InvalidInput
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -32,6 +32,7 @@ class OpenDriveMap:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        require_regular(self.path)
         try:
             root = ET.parse(self.path).getroot()
         except OSError as error:
