@@ -24,7 +24,7 @@ class Session(Stage):
     def __init__(self, context: Context, weights: str) -> None:
         self.answered: list[int] = []
         self.policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights, seed=1))
-        super().__init__(context, self.policy)
+        super().__init__(context, self.policy, peer="world_simulator")
         self.peer.create_subscription(AgentAction, "vehicle/action", lambda m: self.answered.append(m.tick), LOCK_STEP)
         self.state(0)
         self.safety(0)

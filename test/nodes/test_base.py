@@ -114,30 +114,32 @@ def test_nodes_started_one_by_one_take_seed_and_noise_from_the_section_for_every
         context.try_shutdown()
 
 
-def test_the_first_message_waits_for_the_expected_readers(context: Context) -> None:
+def test_the_first_message_waits_for_the_expected_readers_and_not_for_others_in_their_place(context: Context) -> None:
     node = GraphNode("safety_monitor", context=context, parameter_overrides=[override("peers", ["world_simulator"])])
     output = node.output("/safety/state")
+    kind = output._publisher.msg_type
     assert output.expected == ["world_simulator"]
-    assert not output.matched
     received = threading.Event()
-    reader = rclpy.create_node("reader", context=context)
+    driving_system, reader = (rclpy.create_node(name, context=context) for name in ("ads", "world_simulator"))
+    driving_system.create_subscription(kind, "safety/state", print, 10)
     executor = rclpy.executors.SingleThreadedExecutor(context=context)
     executor.add_node(reader)
+    while not node.get_subscriptions_info_by_topic(output.full_name) or not output.has_readers:
+        executor.spin_once(timeout_sec=0.02)
+    assert not output.matched, "one reader, but another one"
 
-    def publish() -> None:
-        output.publish(output._publisher.msg_type())
-
-    publisher = threading.Thread(target=publish)
+    publisher = threading.Thread(target=lambda: output.publish(kind()))
     publisher.start()
-    reader.create_subscription(output._publisher.msg_type, "safety/state", lambda _: received.set(), 10)
+    reader.create_subscription(kind, "safety/state", lambda _: received.set(), 10)
     while not received.is_set() and rclpy.ok(context=context):
         executor.spin_once(timeout_sec=0.1)
     publisher.join(10.0)
     assert received.is_set()
+    assert output.matched
     assert not publisher.is_alive()
     executor.shutdown()
-    reader.destroy_node()
-    node.destroy_node()
+    for made in (driving_system, reader, node):
+        made.destroy_node()
 
 
 READER = """

@@ -68,7 +68,7 @@ BAD_STATES = [state(1, vehicle_x=array("d")), state(1, vehicle_x=array("d", [np.
 
 def test_a_monitor_refuses_bad_states_and_answers_the_next_one(context: Context, stage: Callable[..., Stage]) -> None:
     monitor = SafetyMonitor(context=context)
-    here, answered = stage(monitor), []
+    here, answered = stage(monitor, peer="world_simulator"), []
     here.peer.create_subscription(SafetyState, "safety/state", lambda m: answered.append(m.tick), LOCK_STEP)
     here.peer.create_subscription(WorldState, "world/state", lambda _: None, LOCK_STEP)
     sender = here.peer.create_publisher(WorldState, "world/state", LOCK_STEP)
@@ -83,7 +83,7 @@ def test_a_policy_refuses_bad_messages_and_a_tick_of_2_to_the_40_and_answers_the
     context: Context, stage: Callable[..., Stage], weights: str
 ) -> None:
     policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
-    here, answered = stage(policy), []
+    here, answered = stage(policy, peer="world_simulator"), []
     here.peer.create_subscription(AgentAction, "vehicle/action", lambda m: answered.append(m.tick), LOCK_STEP)
     policy.intake.receive("/world/state", state(0))
     policy.intake.receive("/safety/state", safety(0))
@@ -327,7 +327,7 @@ def test_a_learner_refuses_transitions_that_are_ragged_or_not_numbers_and_learns
 ) -> None:
     chosen = {"stage": "refine", "weights": weights, "output": str(tmp_path)}
     learner = Learner(context=context, parameter_overrides=overrides(**chosen))
-    stage(learner).peer.create_subscription(UInt64, "replay/consumed", lambda _: None, 1)
+    stage(learner, peer="world_simulator").peer.create_subscription(UInt64, "replay/consumed", lambda _: None, 1)
     assert learner._refiner is not None
     rows = np.zeros(4, TRANSITION)
     rows["number"], rows["step"], rows["scenario"] = np.arange(4), np.arange(4), 1

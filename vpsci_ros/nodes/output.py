@@ -10,7 +10,6 @@ from rclpy.node import Node
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.nodes.topics import TOPICS
 
-READ_BY_OTHERS = {"/perception/objects"}  # by a driving system, too: its readers are known by name, not by number
 STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
 
 
@@ -20,7 +19,7 @@ class Output:
     It also waits a moment for other readers that the middleware has announced already.
 
     :param topic: of the table.
-    :param expected: nodes that are to read it.
+    :param expected: names of the nodes that are to read it.
     :param timeout: how long to wait for them [s].
     :param stopping: returns whether the node is to stop, and waits no more.
     :ivar published: number of messages.
@@ -47,12 +46,11 @@ class Output:
 
     @property
     def matched(self) -> bool:
-        """Whether every expected reader is there."""
-        if self.topic in READ_BY_OTHERS and self.expected:
-            known = self._node.get_subscriptions_info_by_topic(self.full_name)
-            if not {info.node_name for info in known}.issuperset(self.expected):
-                return False
-        return self._publisher.get_subscription_count() >= len(self.expected)
+        """Whether every expected reader is there, by its name: a driving system, say, reads some topics, too."""
+        if self._publisher.get_subscription_count() < len(self.expected):
+            return False
+        names = {info.node_name for info in self._node.get_subscriptions_info_by_topic(self.full_name)}
+        return names.issuperset(self.expected)
 
     def missing(self) -> list[str]:
         """Return the expected readers that are not known of, or all of them if one is known of but not matched."""
