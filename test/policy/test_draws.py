@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
-from vpsci_ros.policy.draws import draw_innovation, draw_latent
+from vpsci_ros.policy.draws import draw_innovation, draw_latent, keys
 from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import Weights, weights_from_bytes, weights_to_bytes
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
@@ -57,18 +57,15 @@ def trajectories(
 
 
 def innovations(scenario: int, episodes: NDArray[np.int64], frame: int, agent: int) -> NDArray[np.float32]:
-    seed, scenarios, frames = (np.full(len(episodes), value) for value in (1, scenario, frame))
-    return draw_innovation(
-        seed, scenarios, episodes, np.zeros_like(frames), frames, agent, np.ones(len(episodes), bool)
-    )
+    key = keys(len(episodes), 1, scenario, episodes, frame=frame)
+    return draw_innovation(key, agent, np.ones(len(episodes), bool))
 
 
 def test_innovations_are_the_normals_of_their_stream_and_0_where_nobody_acts() -> None:
     episodes = np.arange(50)
     stream = STREAM_INNOVATION[1] + (7 << 8)
     assert np.array_equal(innovations(3, episodes, 7, 1), normals(1, 3, episodes, stream, 2).astype(np.float32))
-    ones, nobody = np.ones(2, np.int64), np.zeros(2, bool)
-    assert not draw_innovation(ones, ones, ones, ones, ones, 0, nobody).any()
+    assert not draw_innovation(keys(2, 1, 1, 1, 1, 1), 0, np.zeros(2, bool)).any()
 
 
 def test_numbers_are_standard_normal_and_of_each_agent_and_frame_their_own() -> None:

@@ -9,6 +9,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
+from vpsci_ros.policy.draws import keys
 from vpsci_ros.policy.residuals import FEATURES, NEAREST, Borrower, Residuals, describe
 from vpsci_ros.policy.weights import Weights, load_weights, save_weights, weights_from_bytes, weights_to_bytes
 from vpsci_ros.world import EPISODE, RUNNING
@@ -36,17 +37,13 @@ def bank(count: int = 40, sources: int = 1) -> Residuals:
     )
 
 
-def keys(count: int) -> np.ndarray:
-    own = np.zeros((count, 5), np.uint64)
-    own[:, 0], own[:, 2] = 7, np.arange(count)
-    return own
-
-
 def borrowed(count: int, agent: int = 0, steps: int = 1, moment: np.ndarray = MOMENT, people: int = 0) -> np.ndarray:
     """What `count` slots borrow at the same moment, float32[steps, count, 2]."""
     borrower = Borrower(bank(sources=people + 1), agent, count, people)
     every, moments = np.ones(count, bool), np.repeat(moment, count, axis=0)
-    return np.stack([borrower.step(moments, keys(count), every & (k == 0), every) for k in range(steps)])
+    return np.stack(
+        [borrower.step(moments, keys(count, 7, 0, np.arange(count)), every & (k == 0), every) for k in range(steps)]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -98,8 +95,7 @@ def test_a_sequence_is_undivided_and_another_one_follows_it() -> None:
     borrower, every = Borrower(bank(), 0, 200), np.ones(200, bool)
     moments, along = np.repeat(MOMENT, 200, axis=0), []
     for frame in range(2 * LENGTH):
-        key = keys(200)
-        key[:, 4] = frame
+        key = keys(200, 7, 0, np.arange(200), frame=frame)
         along.append(borrower.step(moments, key, every & (frame == 0), every)[:, 0])
     first, second = np.array(along[:LENGTH]), np.array(along[LENGTH:])
     assert (first == first[0]).all()

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import Interactions
-from vpsci_ros.policy.draws import draw_innovation, draw_latent
+from vpsci_ros.policy.draws import draw_innovation, draw_latent, keys
 from vpsci_ros.policy.residuals import Borrower, moments_of
 from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import Weights
@@ -115,6 +115,7 @@ class PolicyPredictor:
         self._steps = 0
         self._taken = np.zeros(count, np.int64)
         rows = np.arange(count)
+        self._key = keys(count, self._seed, 0, rows)
         self._borrowers = self._borrow(count)
         self._latents = [draw_latent(self._seed, 0, rows, agent, self._latent_size) for agent in range(len(AGENTS))]
 
@@ -153,19 +154,17 @@ class PolicyPredictor:
         predicted = active & (self._taken >= self._start.observed)
         moment = np.where((self._taken == self._start.observed)[:, None], self._start.moments, 0.0)
         moment[:, 0] = np.where(self._taken == self._start.observed, moment[:, 0], vehicle[:, 0])
-        key = np.zeros((len(active), 5), np.uint64)
-        key[:, 0], key[:, 2] = self._seed, np.arange(len(active))
         begun = predicted & (self._taken == self._start.observed)
         self._taken += active
-        first, second = (b.step(moment, key, begun, predicted) * self._temperature for b in self._borrowers)
+        first, second = (b.step(moment, self._key, begun, predicted) * self._temperature for b in self._borrowers)
         return first, second
 
     def _draws(self, agent: int) -> Draws | None:
         if self._latent_size == 0:
             return None
-        rows = np.arange(len(self._begun))
-        seed, scenario, frame = (np.full(len(rows), value) for value in (self._seed, 0, self._steps))
-        innovation = draw_innovation(seed, scenario, rows, np.zeros_like(rows), frame, agent, np.ones(len(rows), bool))
+        key = self._key.copy()
+        key[:, 4] = self._steps
+        innovation = draw_innovation(key, agent, np.ones(len(key), bool))
         return Draws(self._latents[agent], innovation, self._temperature)
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:

@@ -20,6 +20,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.kinematics.rollout import Actions, Seen
 from vpsci_ros.learning.imitation import OBSERVED, RecordedSteps, Start, recorded
 from vpsci_ros.policy.actor import Actors, previous
+from vpsci_ros.policy.draws import keys
 from vpsci_ros.policy.residuals import NEAREST, SLOWEST, Borrower, Residuals, describe, moments_of, people_of
 from vpsci_ros.world.observation import AGENTS, STEP
 
@@ -157,8 +158,7 @@ class Borrowing:
         self._borrowers = [Borrower(residuals, agent, count) for agent in range(len(AGENTS))]
         self._speed: Floats | None = None
         self._acceleration: Floats = acceleration.detach().double().numpy()
-        self._key = np.zeros((count, 5), np.uint64)
-        self._key[:, 0] = torch.randint(2**62, (count,)).numpy()
+        self._key = keys(count, torch.randint(2**62, (count,)).numpy(), 0, 0)
 
     def __call__(self, seen: Seen) -> Actions:
         """Return what is added to this step."""

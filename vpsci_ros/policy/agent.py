@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
-from vpsci_ros.policy.draws import draw_innovation, draw_latent
+from vpsci_ros.policy.draws import Keys, draw_innovation, draw_latent, keys
 from vpsci_ros.policy.exploration import exploration_noise
 from vpsci_ros.policy.residuals import Borrower, Residuals, moments_of, same
 from vpsci_ros.policy.streaming import Draws, StreamingActor
@@ -100,9 +100,15 @@ class PolicyAgent:
             return np.zeros((len(state), 2), np.float32)
         reset = active & (state["controlled"] == 0)
         self._step = np.where(reset, 0, self._step + active)
-        draws = self._draws(state, reset, active)
+        names = "scenario", "episode", "pedestrian", "frame"
+        key = keys(len(state), self._seed, *(state[name] for name in names))
+        draws = self._draws(key, reset, active)
         seen = observation.observe(state)
-        residual = self._residual(state, seen[0], reset, active)
+        residual = None
+        if self._borrower is not None:
+            yaw_rate = state["vehicle_curvature"] * state["vehicle_speed"]
+            moment = moments_of(seen[0], state["vehicle_acceleration"], yaw_rate)  # by which both find the same person
+            residual = self._borrower.step(moment, key, reset, active) * np.float32(self._temperature)
         action = self._actor.step(seen[self._index], assessment.curvttc, reset, active, draws, residual)
         if self._explore:
             which = state["scenario"], state["episode"], self._step
@@ -129,41 +135,18 @@ class PolicyAgent:
             tick = Tick(0, state, every)
             trial.act(tick, tick.assessed(near, near, every))
 
-    def _residual(
-        self,
-        state: NDArray[np.void],
-        seen: NDArray[np.float32],
-        reset: NDArray[np.bool_],
-        active: NDArray[np.bool_],
-    ) -> NDArray[np.float32] | None:
-        """Return what a recorded person adds to this step, or None where the policy has no residuals.
-
-        :param seen: what the vehicle observes (6), by which both agents find the same person.
-        """
-        if self._borrower is None:
-            return None
-        yaw_rate = state["vehicle_curvature"] * state["vehicle_speed"]
-        moment = moments_of(seen, state["vehicle_acceleration"], yaw_rate)
-        key = np.empty((len(state), 5), np.uint64)
-        for column, name in enumerate(("scenario", "episode", "pedestrian", "frame"), start=1):
-            key[:, column] = state[name]
-        key[:, 0] = self._seed
-        return self._borrower.step(moment, key, reset, active) * np.float32(self._temperature)
-
-    def _draws(self, state: NDArray[np.void], reset: NDArray[np.bool_], active: NDArray[np.bool_]) -> Draws | None:
+    def _draws(self, key: Keys, reset: NDArray[np.bool_], active: NDArray[np.bool_]) -> Draws | None:
         """Return what the active episodes draw for this step, or None where nothing is drawn."""
         size = self._latent.shape[1]
         if size == 0:
             return None
-        seed = self._seed if isinstance(self._seed, np.ndarray) else np.full(len(state), self._seed)
-        person = state["pedestrian"] if self._index else np.zeros(len(state), np.uint8)  # the driver is the same in all
+        if self._index == 0:
+            key = key.copy()
+            key[:, 3] = 0  # the driver is the same to all
         if reset.any():
-            new = state[reset]
-            own = person[reset]
-            self._latent[reset] = draw_latent(seed[reset], new["scenario"], new["episode"], self._index, size, own)
-        which = seed, state["scenario"], state["episode"], person, state["frame"]
-        innovation = draw_innovation(*which, self._index, active)
-        return Draws(self._latent, innovation, np.float32(self._temperature))
+            seed, scenario, episode, person, _ = key[reset].T
+            self._latent[reset] = draw_latent(seed, scenario, episode, self._index, size, person)
+        return Draws(self._latent, draw_innovation(key, self._index, active), np.float32(self._temperature))
 
 
 def policies(

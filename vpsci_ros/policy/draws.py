@@ -5,8 +5,6 @@ for what changes from step to step, the episode's frame. So an episode draws the
 and the same latent numbers hold again where control was given back and taken once more.
 """
 
-from typing import Any
-
 import numpy as np
 from numba import uint64
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +13,22 @@ from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_INNOVATION, STREAM_LATENT, normal_pair, normals, philox, unit
 from vpsci_ros.world.observation import ACTION_SIZE
 
-Whole = NDArray[np.integer[Any]]
+Keys = NDArray[np.uint64]
+
+
+def keys(
+    count: int,
+    seed: ArrayLike,
+    scenario: ArrayLike,
+    episode: ArrayLike,
+    pedestrian: ArrayLike = 0,
+    frame: ArrayLike = 0,
+) -> Keys:
+    """Return by what `count` slots draw at a step, uint64[count, 5]: these five, each a whole number or one a slot."""
+    made = np.empty((count, 5), np.uint64)
+    for column, value in enumerate((seed, scenario, episode, pedestrian, frame)):
+        made[:, column] = value
+    return made
 
 
 def draw_latent(
@@ -30,27 +43,24 @@ def draw_latent(
     return normals(seed, scenario, episode, STREAM_LATENT[agent], size, pedestrian).astype(np.float32)
 
 
-def draw_innovation(
-    seed: Whole, scenario: Whole, episode: Whole, pedestrian: Whole, frame: Whole, agent: int, active: NDArray[np.bool_]
-) -> NDArray[np.float32]:
+def draw_innovation(key: Keys, agent: int, active: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Return the new part of the noise at a frame, float32[B, 2]; 0 where not active.
 
     The numbers of `normals` with a stream for each agent and frame, without its checks: a policy draws at every step,
     and they would cost more than a step of a small network.
 
-    :param seed, scenario, episode, pedestrian, frame: whole numbers [B], not negative; pedestrian 0 for the driver.
+    :param key: see `keys`; pedestrian 0 for the driver.
     :param active: bool[B].
     """
     out = np.zeros((len(active), ACTION_SIZE), np.float32)
-    _fill(seed, scenario, episode, pedestrian, frame, active, STREAM_INNOVATION[agent], out)
+    _fill(key, active, STREAM_INNOVATION[agent], out)
     return out
 
 
 @kernel
-def _fill(seed, scenario, episode, pedestrian, frame, active, stream, out):  # type: ignore[no-untyped-def]
+def _fill(key, active, stream, out):  # type: ignore[no-untyped-def]
     for i in range(out.shape[0]):
         if active[i]:
-            own = uint64(stream) + (uint64(frame[i]) << uint64(8))
-            key, who = uint64(scenario[i]), uint64(pedestrian[i])
-            bits = philox(uint64(seed[i]), key, uint64(0), own, uint64(episode[i]), who)
+            k = key[i]
+            bits = philox(k[0], k[1], uint64(0), uint64(stream) + (k[4] << uint64(8)), k[2], k[3])
             out[i, 0], out[i, 1] = normal_pair(unit(bits[0]), unit(bits[1]))

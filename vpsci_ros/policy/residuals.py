@@ -163,7 +163,7 @@ class Borrower:
         """Return the residuals of this step [m/s2], float32[B, 2], 0 where not active.
 
         :param moment: float64[B, 7], the arguments of `features_of`; read where active.
-        :param key: uint64[B, 5], (seed, scenario, episode, pedestrian, frame) that an active slot draws by.
+        :param key: uint64[B, 5], that an active slot draws by, see `draws.keys`.
         :param reset: bool[B]: the policies take over with this step.
         """
         out = np.zeros((len(active), 2), np.float32)
