@@ -18,6 +18,7 @@ _REMEDIES = {
     errno.ENOMEM: "free some memory and try again",
     errno.EAGAIN: "allow more processes (ulimit -u) and try again",
 }
+_NO_ROOM = "failed to map segment from shared object"  # of a library, for which the address space has no room
 _WRAPPED = re.compile(r"(?:\[Errno |\(os error |\bcode: )(\d+)")  # as Python, and libraries in Rust, write it in a text
 
 
@@ -38,8 +39,10 @@ def in_words(error: BaseException) -> str:
 
     Libraries wrap the system's errors in their own, whose text ends in its number.
     """
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or (isinstance(error, ImportError) and _NO_ROOM in str(error)):
         return f"not enough memory; {_REMEDIES[errno.ENOMEM]}"
+    if isinstance(error, RuntimeError) and str(error) == "can't start new thread":
+        return f"no further thread; {_REMEDIES[errno.EAGAIN]}"
     wrapped = _WRAPPED.search(str(error))
     number = error.errno if isinstance(error, OSError) and error.errno else int(wrapped[1]) if wrapped else 0
     if not isinstance(error, OSError) and number not in _REMEDIES:
