@@ -70,8 +70,9 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     chosen: dict[str, dict[str, Any]] = {
         "graph": {"nodes": everybody},
         "world_simulator": {
+            "scenarios": [1, 6],
             "episodes": 3,
-            "batch": 8,
+            "batch": 2,
             "publish_transitions": True,
             "replay_window": 64,
             "pedestrian_gain": 0.5,  # as the objective of these small networks takes for granted
