@@ -13,9 +13,9 @@ from vpsci_ros.learning.energy_score import draw_moments
 from vpsci_ros.learning.imitation import Start
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.pretrain import pretrain
-from vpsci_ros.learning.residuals import Lenders, fitted
+from vpsci_ros.learning.residuals import RIDGE, Lenders, fitted
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.residuals import residuals_of
+from vpsci_ros.policy.residuals import FURTHEST, SECOND, SLOWEST, residuals_of, slopes
 from vpsci_ros.world.observation import AGENTS
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, layers=1, actor_hidden=[8, 8], residuals=True)
@@ -81,6 +81,45 @@ def test_nobody_borrows_from_the_own_clip(interactions) -> None:
     for row in range(0, len(interactions), 7):
         picked = lenders._pick(row, int(interactions.first[row]), 16, rng)
         assert (lenders._clip[lenders._row[picked]] != lenders._clip[row]).all()
+
+
+def test_slopes_find_by_how_much_people_who_begin_otherwise_act_otherwise(interactions) -> None:
+    lenders = Lenders(interactions, 3 * SECOND)
+    rows, first = lenders._onsets, lenders._fitted.first[lenders._onsets]
+    features = lenders._features[rows, first]
+    rng = np.random.default_rng(0)
+    effect = np.array([0.5, 0.02, -0.4, 0.3])  # per scaled m/s of the vehicle
+    for agent, part in zip(AGENTS, (effect[:2], effect[2:]), strict=True):
+        for row, at, own in zip(rows, first, features, strict=True):
+            done = part * own[0] * [1.0, lenders._side[row, at]] + rng.normal(0.0, 0.01, (3 * SECOND, 2))
+            if agent == "vehicle":
+                speed = np.hypot(*lenders._fitted.motion[row, at : at + 3 * SECOND, 3:5].T)
+                done[:, 1] *= np.maximum(speed, SLOWEST) ** 2
+            lenders._fitted.action[agent][row, at : at + 3 * SECOND] = done
+    slope = lenders._slopes()
+    assert slope.shape == slopes(1)
+    drawn_to_zero = 1.0 / (1.0 + RIDGE)  # at most, were the features uncorrelated
+    np.testing.assert_allclose(slope[0, 0] / effect, 1.0, atol=1.0 - drawn_to_zero + 0.1)
+    assert (np.abs(slope[0, 1:] / effect) < 0.2).all()
+
+
+def test_a_lender_is_adjusted_in_training_as_at_work(interactions, networks) -> None:
+    lenders = Lenders(interactions, STEPS)
+    start = draw_moments(interactions, 6, STEPS, True, np.random.default_rng(0))
+    adjusted = lenders.borrowed(networks.actor, start, 3, np.random.default_rng(1))
+    slope, lenders._slope = lenders._slope, np.zeros_like(lenders._slope)
+    plain = lenders.borrowed(networks.actor, start, 3, np.random.default_rng(1))
+    rng = np.random.default_rng(1)
+    picked = np.stack([lenders._pick(row, at, 3, rng) for row, at in zip(start.row, start.at, strict=True)])
+    for i, j in np.ndindex(picked.shape):
+        own = lenders._features[start.row[i], start.at[i]]
+        gap = np.clip(
+            own - lenders._features[lenders._row[picked[i, j]], lenders._at[picked[i, j]]], -FURTHEST, FURTHEST
+        )
+        side = lenders._side[start.row[i], start.at[i]] * (-1.0 if start.mirror[i] else 1.0)
+        expected = np.einsum("f,fsc->sc", gap, slope[0])[np.arange(STEPS) // SECOND] * [1.0, side, 1.0, side]
+        got = (adjusted - plain)[3 * i + j].flatten(1).detach().numpy()
+        np.testing.assert_allclose(got, expected, atol=1e-5)
 
 
 def test_one_clip_alone_has_nobody_to_borrow_from(interactions, networks) -> None:

@@ -10,7 +10,17 @@ from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.policy.draws import keys
-from vpsci_ros.policy.residuals import FEATURES, NEAREST, Borrower, Residuals, describe
+from vpsci_ros.policy.residuals import (
+    FEATURES,
+    FURTHEST,
+    NEAREST,
+    SECOND,
+    SECONDS,
+    Borrower,
+    Residuals,
+    describe,
+    slopes,
+)
 from vpsci_ros.policy.weights import Weights, load_weights, save_weights, weights_from_bytes, weights_to_bytes
 from vpsci_ros.world import EPISODE, RUNNING
 from vpsci_ros.world.observation import AGENTS
@@ -34,6 +44,7 @@ def bank(count: int = 40, sources: int = 1) -> Residuals:
         source=(np.arange(count) % sources).astype(np.float32),
         length=np.full(count, LENGTH, np.float32),
         steps=steps,
+        slope=np.zeros(slopes(sources), np.float32),
     )
 
 
@@ -101,6 +112,38 @@ def test_a_sequence_is_undivided_and_another_one_follows_it() -> None:
     assert (first == first[0]).all()
     assert (second == second[0]).all()
     assert (first[0] != second[0]).mean() > 0.8
+
+
+def long_bank(length: int) -> Residuals:
+    """One sequence of zeros that begins 0.5 m/s slower and 1 m less aside than `MOMENT`, where people act otherwise."""
+    own = bank(1)
+    features, slope = own.features.copy(), np.zeros(slopes(1), np.float32)
+    features[0, [0, 3]] -= 0.5, 1.0  # speed and place aside
+    slope[0, 0] = np.arange(SECONDS)[:, None] + np.array([1, 0.01, 3, 4])
+    slope[0, 3] = np.array([0, 0.01, 0, 1])
+    length = np.full(1, length, np.float32)
+    return own._replace(features=features, length=length, slope=slope, steps=np.zeros((int(length[0]), 4), np.float32))
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_what_is_borrowed_is_adjusted_for_how_the_onsets_differ_in_each_of_three_seconds(side: int) -> None:
+    moment = MOMENT * np.array([1, 1, side, 1, side, 1, side])
+    length, one = (SECONDS + 1) * SECOND, np.ones(1, bool)
+    for agent in (0, 1):
+        borrower = Borrower(long_bank(length), agent, 1)
+        done = np.array([borrower.step(moment, keys(1, 7, 0, np.zeros(1, np.int64)), one & (k == 0), one)[0] for k in range(length)])
+        second = np.arange(SECONDS)
+        # 0.5 m/s times a slope and 1 m times another; the vehicle steers by a curvature, at 2 m/s
+        along = 0.5 * (second + (1, 3)[agent])
+        left = (0.5 * (second + 0.01) + 0.01) * 2.0**2 if agent == 0 else 0.5 * (second + 4) + 1.0
+        for column, value in enumerate((along, left * side)):
+            np.testing.assert_allclose(done[:, column], np.append(value, 0.0).repeat(SECOND), rtol=1e-6)
+
+
+def test_a_difference_beyond_what_was_seen_is_adjusted_for_as_the_largest() -> None:
+    fast = MOMENT + np.array([[5.0, 0, 0, 0, 0, 0, 0]])
+    step = Borrower(long_bank(SECOND), 1, 1).step(fast, keys(1, 7, 0, np.zeros(1, np.int64)), np.ones(1, bool), np.ones(1, bool))[0]
+    np.testing.assert_allclose(step[0], FURTHEST * 3)
 
 
 def state_of(episodes: np.ndarray) -> np.ndarray:

@@ -1,8 +1,8 @@
 """What recorded people did beside the mean of the actors: borrowed in training, and kept for the policies to borrow.
 
 A roll-out in training is the actors' mean plus the residual of one of the recorded moments most like its own, of
-another clip: what was done there less the mean along that track. The gradient runs through both, so the actors learn
-what such a residual leaves over: how people react to a situation that differs from the one whose residual they borrow.
+another clip: what was done there less the mean along that track, adjusted for how the moments differ. The
+gradient runs through both, so the actors learn what is left over: how people react to what comes about on the way.
 
 Recorded accelerations are those of the motion that passes nearest to the recorded positions through the kinematics,
 with little jerk: differences of published speeds neither lead along these positions, nor are they free of noise.
@@ -21,11 +21,24 @@ from vpsci_ros.kinematics.rollout import Actions, Seen
 from vpsci_ros.learning.imitation import OBSERVED, RecordedSteps, Start, recorded
 from vpsci_ros.policy.actor import Actors, previous
 from vpsci_ros.policy.draws import keys
-from vpsci_ros.policy.residuals import NEAREST, SLOWEST, Borrower, Residuals, describe, moments_of, people_of
+from vpsci_ros.policy.residuals import (
+    FURTHEST,
+    NEAREST,
+    SECOND,
+    SECONDS,
+    SLOWEST,
+    Borrower,
+    Residuals,
+    describe,
+    moments_of,
+    people_of,
+    slopes,
+)
 from vpsci_ros.world.observation import AGENTS, STEP
 
 EVERY = 3  # steps from one moment of a track that lends in training to the next
 JERK_WEIGHT = 1e-4  # [s6] of squared jerk against squared distance to the recorded positions: noise of 1 to 3 cm
+RIDGE = 0.1  # penalty of slopes, per onset
 _MOVING = 0.5  # [m/s] below it the direction of motion says nothing of a vehicle's heading
 
 Floats = NDArray[np.float64]
@@ -69,6 +82,7 @@ class Lenders:
             self._scale[number] = np.maximum(here.std(axis=0), 1e-3) if len(here) else 1.0
         self._features = features.reshape(*shape, -1) / self._scale[self._source][:, None]
         _, self._clip = np.unique(interactions.clip.astype(str), return_inverse=True)
+        self._slope = self._slopes()
 
     def borrowed(self, actors: Actors, start: Start, samples: int, rng: np.random.Generator) -> Tensor:
         """Return what others did beside the mean of `actors` at moments like these, [M * samples, steps, 2, 2].
@@ -81,7 +95,15 @@ class Lenders:
         row, at = self._row[picked].ravel(), self._at[picked].ravel()
         side = np.where(start.mirror, -1.0, 1.0) * self._side[start.row, start.at]
         mirror = np.repeat(side, samples) != self._side[row, at]
-        return self._beside(actors, Start(row, np.maximum(at - OBSERVED, 0), at, mirror), self._steps)[0]
+        beside = self._beside(actors, Start(row, np.maximum(at - OBSERVED, 0), at, mirror), self._steps)[0]
+        own = np.repeat(self._features[start.row, start.at], samples, axis=0)
+        gap = np.clip(own - self._features[row, at], -FURTHEST, FURTHEST)
+        adjust = np.einsum("bf,bfsc->bsc", gap, self._slope[self._source[row]])
+        adjust[..., 1::2] *= np.repeat(side, samples)[:, None, None]
+        until = min(self._steps, SECONDS * SECOND)
+        each = np.repeat(adjust, SECOND, axis=1)[:, :until].reshape(len(row), until, len(AGENTS), 2)
+        beside[:, :until] += torch.from_numpy(each.astype(np.float32))
+        return beside
 
     def tensors(self, actors: Actors) -> dict[str, NDArray[np.float32]]:
         """Return the residuals of all onsets, to the ends of their tracks, as tensors of a weights file."""
@@ -97,7 +119,26 @@ class Lenders:
             source=self._source[row].astype(np.float32),
             length=length.astype(np.float32),
             steps=beside[known].flatten(1).numpy(),
+            slope=self._slope.astype(np.float32),
         ).tensors()
+
+    def _slopes(self) -> Floats:
+        """Return `Residuals.slope`: ridge regressions of what was done after the onsets of each kind of people."""
+        row, at = self._onsets, self._fitted.first[self._onsets]
+        start = Start(row, np.maximum(at - OBSERVED, 0), at, np.zeros(len(row), np.bool_))
+        done, known = (value.numpy().astype(np.float64) for value in self._beside(None, start, SECONDS * SECOND))
+        count = known.reshape(len(row), SECONDS, SECOND).sum(axis=2)
+        done = done.reshape(len(row), SECONDS, SECOND, -1).sum(axis=2) / np.maximum(count, 1)[..., None]
+        done[..., 1::2] *= self._side[row, at][:, None, None]
+        out = np.zeros(slopes(len(self.people)))
+        for people, second in np.ndindex(len(self.people), SECONDS):
+            rows = (self._source[row] == people) & (count[:, second] == SECOND)
+            if rows.any():
+                features, actions = self._features[row[rows], at[rows]], done[rows, second]
+                features, actions = features - features.mean(axis=0), actions - actions.mean(axis=0)
+                ridge = RIDGE * len(features) * np.eye(features.shape[1])
+                out[people, :, second] = np.linalg.solve(features.T @ features + ridge, features.T @ actions)
+        return out
 
     def _pick(self, row: int, at: int, samples: int, rng: np.random.Generator) -> NDArray[np.int64]:
         others = np.flatnonzero(
@@ -113,8 +154,8 @@ class Lenders:
         near = others[np.argpartition(gap, count - 1)[:count]]
         return near[rng.permutation(count)[np.arange(samples) % count]]
 
-    def _beside(self, actors: Actors, start: Start, steps: int) -> tuple[Tensor, Tensor]:
-        """Return what was done less the means along the own tracks, [B, steps, 2, 2], and where it is known.
+    def _beside(self, actors: Actors | None, start: Start, steps: int) -> tuple[Tensor, Tensor]:
+        """Return what was done less the means (None: 0) along the own tracks, [B, steps, 2, 2], and where it is known.
 
         Agents in the order of `AGENTS`; along [m/s2] and left: of the vehicle a curvature [1/m], of the pedestrian
         [m/s2], both in the vehicle's heading frame. Zero beyond the end of a track.
@@ -125,7 +166,8 @@ class Lenders:
         parts = []
         for agent in AGENTS:
             done = data.action[agent]
-            parts.append((done - actors[agent](data.observation[agent], previous(done), data.curvttc))[rows, at])
+            mean = actors[agent](data.observation[agent], previous(done), data.curvttc) if actors else 0.0
+            parts.append((done - mean)[rows, at])
         parts[0] = torch.stack([parts[0][..., 0], parts[0][..., 1] / _steering(data, rows, at)], dim=-1)
         known = torch.from_numpy(start.at[:, None] + np.arange(steps) < self._fitted.length[start.row, None] - 1)
         return torch.stack(parts, dim=2) * known[..., None, None], known

@@ -25,6 +25,9 @@ from vpsci_ros.world.observation import AGENTS
 NEAREST = 32  # onsets of which one is drawn
 FEATURES = 8
 COLUMNS = 2 * len(AGENTS)  # of a step: the vehicle's [m/s2] and [1/m], then the pedestrian's forward and left [m/s2]
+SECONDS = 3  # after the onset in which what is borrowed is adjusted
+FURTHEST = 2.0  # standard deviations: the largest difference of a feature that is adjusted for
+SECOND = 10  # steps
 SLOWEST = 1.0  # [m/s] below it, a steering residual is of a vehicle at this speed
 PREFIX = "residuals"
 
@@ -38,6 +41,8 @@ class Residuals(NamedTuple):
     :ivar source: float32[M], number of the people (`people_of`) that it comes from, whole.
     :ivar length: float32[M], steps of 0.1 s, whole.
     :ivar steps: float32[S, 4], see `COLUMNS`.
+    :ivar slope: float32[P, 8, 3, 4], by how much an action of each second is more, where a feature is more by 1; of
+        onsets with the pedestrian to the left.
     """
 
     features: NDArray[np.float32]
@@ -46,6 +51,7 @@ class Residuals(NamedTuple):
     source: NDArray[np.float32]
     length: NDArray[np.float32]
     steps: NDArray[np.float32]
+    slope: NDArray[np.float32]
 
     def tensors(self) -> dict[str, NDArray[np.float32]]:
         """Return the tensors of a weights file, by name."""
@@ -63,7 +69,8 @@ def residuals_of(tensors: Mapping[str, NDArray[Any]], where: str) -> Residuals:
     own = Residuals(*(tensors[f"{PREFIX}.{name}"] for name in Residuals._fields))
     count, total = len(own.length), int(own.length.sum()) if own.length.ndim == 1 else -1
     sources = own.scale.shape[:1]
-    shapes = (count, FEATURES), (*sources, FEATURES), (count,), (count,), (count,), (total, COLUMNS)
+    whole = (count,)
+    shapes = (count, FEATURES), (*sources, FEATURES), whole, whole, whole, (total, COLUMNS), slopes(*sources)
     for name, value, shape in zip(Residuals._fields, own, shapes, strict=True):
         if value.dtype != np.float32 or value.shape != shape:
             raise InvalidInput(
@@ -77,6 +84,11 @@ def residuals_of(tensors: Mapping[str, NDArray[Any]], where: str) -> Residuals:
             f"of {sources[0]} sources"
         )
     return own
+
+
+def slopes(sources: int) -> tuple[int, ...]:
+    """Return the shape of `Residuals.slope` for so many kinds of people."""
+    return sources, FEATURES, SECONDS, COLUMNS
 
 
 def same(first: Residuals | None, second: Residuals | None) -> bool:
@@ -109,9 +121,7 @@ def features_of(speed, acceleration, yaw_rate, forward, left, walk_forward, walk
     return side
 
 
-def moments_of(
-    observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: NDArray[Any]
-) -> NDArray[np.float64]:
+def moments_of(observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: NDArray[Any]) -> NDArray[np.float64]:
     """Return the arguments of `features_of`, float64[..., 7].
 
     :param observed: float[..., 6], what the vehicle observes, equation (6).
@@ -153,9 +163,11 @@ class Borrower:
         self._features = residuals.features[of].astype(np.float64)
         self._scale, self._side = residuals.scale[people].astype(np.float64), residuals.side[of].astype(np.float64)
         self._steps = np.ascontiguousarray(residuals.steps[:, 2 * agent : 2 * agent + 2])
+        self._slope = residuals.slope[people, ..., 2 * agent : 2 * agent + 2].astype(np.float64)
         self._steers = agent == 0
         self._next, self._end = np.zeros(capacity, np.int64), np.zeros(capacity, np.int64)
         self._mirror = np.zeros(capacity, np.float32)
+        self._adjust, self._begun = np.zeros((capacity, SECONDS, 2)), np.zeros(capacity, np.int64)
 
     def step(
         self, moment: NDArray[np.float64], key: NDArray[np.uint64], reset: NDArray[np.bool_], active: NDArray[np.bool_]
@@ -167,21 +179,23 @@ class Borrower:
         :param reset: bool[B]: the policies take over with this step.
         """
         out = np.zeros((len(active), 2), np.float32)
-        bank = self._features, self._scale, self._side, self._begin, self._length, self._steps
+        bank = self._features, self._scale, self._side, self._begin, self._length, self._steps, self._slope
+        slots = self._begun, self._next, self._end, self._mirror, self._adjust
         count = min(NEAREST, len(self._side))
         own, near = np.empty(FEATURES), (np.empty(count), np.empty(count, np.int64))
-        _borrow(moment, key, reset, active, bank, self._steers, own, near, self._next, self._end, self._mirror, out)
+        _borrow(moment, key, reset, active, bank, self._steers, own, near, slots, out)
         return out
 
 
 @kernel
-def _borrow(moment, key, reset, active, bank, steers, own, near, begun, ends, mirror, out):  # type: ignore[no-untyped-def]
-    features, scale, sides, begins, lengths, steps = bank
+def _borrow(moment, key, reset, active, bank, steers, own, near, slots, out):  # type: ignore[no-untyped-def]
+    features, scale, sides, begins, lengths, steps, slope = bank
+    begun, at, ends, mirror, adjust = slots
     for i in range(out.shape[0]):
         if not active[i]:
             continue
         speed = moment[i, 0]
-        if reset[i] or begun[i] >= ends[i]:
+        if reset[i] or at[i] >= ends[i]:
             m = moment[i]
             side = features_of(m[0], m[1], m[2], m[3], m[4], m[5], m[6], own)
             for k in range(own.size):
@@ -190,14 +204,31 @@ def _borrow(moment, key, reset, active, bank, steers, own, near, begun, ends, mi
             own_stream = uint64(STREAM_RESIDUAL) + (k[4] << uint64(8))
             drawn = unit(philox(k[0], k[1], uint64(0), own_stream, k[2], k[3])[0])
             picked = _nearest(own, features, near, int(drawn * near[0].size))
-            begun[i], ends[i] = begins[picked], begins[picked] + lengths[picked]
+            at[i] = begun[i] = begins[picked]
+            ends[i] = begins[picked] + lengths[picked]
             mirror[i] = side * sides[picked]
-        along, left = steps[begun[i], 0], steps[begun[i], 1] * mirror[i]
+            _adjust(own, features[picked], slope, side, adjust[i])
+        along, left = float64(steps[at[i], 0]), float64(steps[at[i], 1] * mirror[i])
+        second = (at[i] - begun[i]) // SECOND
+        if second < SECONDS:
+            along += adjust[i, second, 0]
+            left += adjust[i, second, 1]
         if steers:
             fast = max(speed, SLOWEST)
             left *= float64(fast * fast)
         out[i, 0], out[i, 1] = along, left
-        begun[i] += 1
+        at[i] += 1
+
+
+@kernel
+def _adjust(own, lender, slope, side, out):  # type: ignore[no-untyped-def]
+    """Write what people do otherwise at features `own` than at the lender's to float64[SECONDS, 2]."""
+    out[:] = 0.0
+    for k in range(own.size):
+        gap = min(max(own[k] - lender[k], -FURTHEST), FURTHEST)
+        for second in range(SECONDS):
+            out[second, 0] += gap * slope[k, second, 0]
+            out[second, 1] += gap * slope[k, second, 1] * side
 
 
 @kernel
