@@ -131,7 +131,9 @@ def test_what_is_borrowed_is_adjusted_for_how_the_onsets_differ_in_each_of_three
     length, one = (SECONDS + 1) * SECOND, np.ones(1, bool)
     for agent in (0, 1):
         borrower = Borrower(long_bank(length), agent, 1)
-        done = np.array([borrower.step(moment, keys(1, 7, 0, np.zeros(1, np.int64)), one & (k == 0), one)[0] for k in range(length)])
+        done = np.array(
+            [borrower.step(moment, keys(1, 7, 0, np.zeros(1, np.int64)), one & (k == 0), one)[0] for k in range(length)]
+        )
         second = np.arange(SECONDS)
         # 0.5 m/s times a slope and 1 m times another; the vehicle steers by a curvature, at 2 m/s
         along = 0.5 * (second + (1, 3)[agent])
@@ -142,7 +144,9 @@ def test_what_is_borrowed_is_adjusted_for_how_the_onsets_differ_in_each_of_three
 
 def test_a_difference_beyond_what_was_seen_is_adjusted_for_as_the_largest() -> None:
     fast = MOMENT + np.array([[5.0, 0, 0, 0, 0, 0, 0]])
-    step = Borrower(long_bank(SECOND), 1, 1).step(fast, keys(1, 7, 0, np.zeros(1, np.int64)), np.ones(1, bool), np.ones(1, bool))[0]
+    step = Borrower(long_bank(SECOND), 1, 1).step(
+        fast, keys(1, 7, 0, np.zeros(1, np.int64)), np.ones(1, bool), np.ones(1, bool)
+    )[0]
     np.testing.assert_allclose(step[0], FURTHEST * 3)
 
 
