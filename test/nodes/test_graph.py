@@ -274,7 +274,7 @@ def test_seed_and_noise_stand_once_in_a_file_and_reach_every_node_that_has_them(
         assert resolved.values[node]["seed"] == 2
     noises = {resolved.get(PolicyConfig, f"{agent}_policy").noise for agent in AGENTS}
     assert noises == {
-        NoiseConfig(0.1, 0.001, 0.02) if name == "deterministic_stage2.yaml" else NoiseConfig(0.3, 0.001, 0.05)
+        NoiseConfig(0.1, 0.001, 0.02) if name == "deterministic_stage2.yaml" else NoiseConfig(0.06, 0.001, 0.01)
     }
 
 
