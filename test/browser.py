@@ -49,7 +49,7 @@ def cpu_time(browser: Any) -> float:
 
 def wait_until(page: Any, expression: str) -> None:
     """Wait until JavaScript holds on a page; Playwright's own way needs `eval`, which pages forbid."""
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + 60.0
     while not page.evaluate(expression):
-        assert time.monotonic() < deadline, f"waited 10 s for {expression}"
+        assert time.monotonic() < deadline, f"waited 60 s for {expression}"
         page.wait_for_timeout(20)

@@ -1,6 +1,7 @@
 """What the middleware reads from the environment: the domain, discovery, and the settings of Fast DDS."""
 
 import contextlib
+import errno
 import itertools
 import os
 import socket
@@ -56,7 +57,9 @@ def only_graph(namespace: str) -> Iterator[None]:
     with socket.socket(socket.AF_UNIX) as graph, socket.socket() as port:
         try:
             graph.bind(f"\0vpsci_ros/{domain}/{namespace.strip('/')}")  # no file: it ends with the process (Linux)
-        except OSError:
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise
             where = f"ROS domain {domain}" + (f", namespace {namespace}" if namespace else "")
             raise InvalidInput(
                 f"another graph runs in {where}; wait for it, or give this one another {VARIABLE} or graph.namespace"
