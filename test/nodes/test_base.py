@@ -162,7 +162,7 @@ def test_a_node_that_ends_waits_until_the_recorder_has_what_it_said(context: Con
     reader = subprocess.Popen([sys.executable, "-c", READER], stdout=subprocess.PIPE, text=True)
     try:
         assert reader.stdout is not None
-        assert reader.stdout.readline() == "matched\n"
+        assert "matched\n" in reader.stdout  # after what Fast DDS may have said of ports that others just opened
         output.publish(output._publisher.msg_type(tick=1))
         assert output.flush(20.0), "both sides know of each other"
         reader.send_signal(signal.SIGSTOP)

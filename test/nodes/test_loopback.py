@@ -47,7 +47,7 @@ def test_ports_are_bound_to_this_host_alone(profile: str | None, everywhere: boo
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-c", TALK], env=os.environ | own, text=True, **pipes) as node:
         try:
-            assert node.stdout.readline() == "heard\n"
+            assert "heard\n" in node.stdout  # after what Fast DDS may have said of ports that others just opened
             addresses = bound(node.pid, domain)
         finally:
             node.kill()
