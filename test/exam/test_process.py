@@ -37,7 +37,7 @@ def test_the_files_that_a_command_names_are_hashed(tmp_path):
     script = tmp_path / "ads.py"
     script.write_text("print()")
     assert list(files_of(f"python {script} --speed 4")) == ["ads.py"]
-    assert list(files_of("example_ads")) == ["example_ads.py"]
+    assert list(files_of("example_ads")) == ["example_ads.py", "example_driver.py"]
 
 
 def test_a_process_that_ends_tells_how_and_what_it_said_last(tmp_path):

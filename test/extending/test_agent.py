@@ -41,14 +41,12 @@ def test_the_pedestrian_of_the_page_stands_within_two_seconds_of_the_hand_over(i
     assert max(speeds) < 0.1
 
 
-def test_it_meets_a_driving_system_in_the_exam_on_a_scenario_of_ones_own(
-    install: Install, domain: int, tmp_path: Path
-) -> None:
+def test_it_meets_a_driving_system_in_the_exam_on_a_scenario_of_ones_own(install: Install, tmp_path: Path) -> None:
     install(FREEZING)
     (tmp_path / "midblock.yaml").write_text(files_of("Add a scenario")["midblock.yaml"], encoding="utf-8")
     settings = ["world_simulator.scenarios=[41]", f"world_simulator.scenario_files=[{tmp_path / 'midblock.yaml'}]",
-                "world_simulator.episodes=2", "world_simulator.episode_time=4.0", "world_simulator.action_timeout=30.0",
-                "ads_test.pedestrians=[freezing]"]  # fmt: skip
+                "world_simulator.episodes=2", "world_simulator.episode_time=4.0", "ads_test.pedestrians=[freezing]",
+                "ads_test.ads_class=vpsci_ros.nodes.example_driver:ExampleDriver"]  # fmt: skip
     assert run_exam(prepare(load(params_dir() / "ads_test.yaml", settings)), tmp_path / "exam", quiet=True) == []
     report = json.loads((tmp_path / "exam" / "report.json").read_text(encoding="utf-8"))
     assert set(report["drivers"]["ads"]) == {"freezing"}

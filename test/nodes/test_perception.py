@@ -24,6 +24,7 @@ from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 from vpsci_ros.resources import params_dir
+from vpsci_ros.runs.sections import Sections
 from vpsci_ros.wire import received
 from vpsci_ros.world import EPISODE, load_scenarios
 from vpsci_ros.world.parked import parked_from
@@ -105,17 +106,22 @@ sys.exit(example_ads.main())
 """
 
 
+def sections() -> Sections:
+    """Parameters of an exam in which nobody beyond 8 m is seen, with errors."""
+    world = {"scenarios": [104], "spawn": "human", "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0}
+    asked = {"pedestrians": ["walker"], "perception": True, "baseline": False}
+    chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", asked)
+    return chosen.changed("perception", {"reach": 8.0, **ERRORS})
+
+
 @pytest.fixture(scope="module")
 def examined(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of an exam of the example, which tells what it hears and sees nobody beyond 8 m: it is told late."""
     folder = tmp_path_factory.mktemp("perception")
     script = folder / "listening.py"
     script.write_text(LISTENING)
-    world = {"scenarios": [104], "spawn": "human", "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0}
-    asked = {"pedestrians": ["walker"], "perception": True, "baseline": False}
-    chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", asked)
     exam = prepare(
-        chosen.changed("perception", {"reach": 8.0, **ERRORS}),
+        sections(),
         f"{sys.executable} {script} --ros-args -p objects:=true -p objects_latency:={ERRORS['latency']}",
     )
     assert run_exam(exam, folder / "exam", ["ticks_unanswered > 0"], quiet=True) == []
@@ -130,6 +136,12 @@ def test_the_exams_ads_is_told_of_objects_and_never_the_truth(examined: Path) ->
     again = topics["/perception/objects"].messages - topics["/world/state"].messages
     assert 0 <= again < 25, "the first list may be told again, until the driving system has answered"
     assert topics["/pedestrian/odometry"].messages == 0
+
+
+def test_the_examples_class_perceives_the_same_and_drives_the_same(examined: Path, tmp_path: Path) -> None:
+    exam = prepare(sections(), ads_class="vpsci_ros.nodes.example_driver:ExampleDriver")
+    assert run_exam(exam, tmp_path, quiet=True) == []
+    assert pl.read_parquet(tmp_path / "episodes.parquet").equals(pl.read_parquet(examined / "episodes.parquet"))
 
 
 def test_the_report_says_what_was_published_to_the_ads_and_by_group_who_was_hidden(examined: Path) -> None:

@@ -23,6 +23,15 @@ def ads_test(
             "yourself in this ROS_DOMAIN_ID. Default: the parameter file's, example_ads.",
         ),
     ] = None,
+    ads_class: Annotated[
+        str | None,
+        typer.Option(
+            "--ads-class",
+            metavar="MODULE:CLASS",
+            help="Python class with reset(begin) and act(observation) that is the driving system instead: many "
+            "episodes side by side in this process, without ROS (docs/ads.md).",
+        ),
+    ] = None,
     episodes: Annotated[
         str | None,
         typer.Option(
@@ -78,12 +87,12 @@ def ads_test(
                 "--search goes without --fail-if, --recorded and --episodes; put what it finds to an exam with these: "
                 "--episodes failures.json"
             )
-        failures = run_search(prepare(sections, ads), output, quiet=quiet)
+        failures = run_search(prepare(sections, ads, ads_class), output, quiet=quiet)
         for reason in failures:
             print(f"failed: {reason}", file=sys.stderr)
     elif budget is not None:
         raise InvalidInput("--budget is of --search; --episodes N says how many episodes an exam has")
     else:
-        failures = run_exam(prepare(sections, ads), output, fail_if or [], quiet=quiet)
+        failures = run_exam(prepare(sections, ads, ads_class), output, fail_if or [], quiet=quiet)
     if failures:
         raise typer.Exit(1)

@@ -1,7 +1,7 @@
 """The runs of an exam: a driving system, or the autopilot, meets one pedestrian after the other on the same episodes.
 
-The driving system drives through the graph of nodes, in lock-step, one episode at a time; the autopilot in this
-process. What a run came to is read from its bag.
+The driving system drives through the graph of nodes, in lock-step, one episode at a time, or, as a Python class, in
+this process; so does the autopilot. What a run of a driving system came to is read from its bag.
 """
 
 import contextlib
@@ -19,12 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.data.gathered import Tick, gathered
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pedestrians, title_of
+from vpsci_ros.exam.driver_class import find_driver
+from vpsci_ros.exam.in_process import SIDE_BY_SIDE, InProcess
 from vpsci_ros.exam.measures import RunResult
 from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns, write_motion
@@ -39,7 +42,9 @@ from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig
-from vpsci_ros.runs.record import RECORD, read_record
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.progress import Bars
+from vpsci_ros.runs.record import RECORD, read_record, write_record
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import Decoder
@@ -125,16 +130,23 @@ def run_with_all(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, RunResul
     :raises VpsciError: a node has failed.
     :raises KeyboardInterrupt: stopped on request.
     """
-    from vpsci_ros.nodes.domain import own_domain
-
     runs: dict[str, RunResult] = {}
     names = [ALONE, *exam.config.opponents]
-    with contextlib.nullcontext() if exam.config.ads == EXTERNAL else own_domain():
+    with domain_of(exam.config):
         for n, name in enumerate(names, 1):
             runs[name] = run_with(exam, name, folder, f"{n} of {len(names)}", quiet=quiet)
             if not runs[name].episodes:
                 break  # it does not drive at all: no need to have that said once for each pedestrian
     return runs
+
+
+def domain_of(config: ExamConfig) -> contextlib.AbstractContextManager[object]:
+    """Return the context in which graphs have a ROS domain of their own; none for a class or an external system."""
+    if config.ads_class or config.ads == EXTERNAL:
+        return contextlib.nullcontext()
+    from vpsci_ros.nodes.domain import own_domain
+
+    return own_domain()
 
 
 def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) -> RunResult:
@@ -149,10 +161,10 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
     if _conduct(exam, folder, name).failure:
         if not quiet:
             where = f"; the ADS is expected in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
-            external = where if exam.config.ads == EXTERNAL else ""
+            external = where if exam.config.examined == EXTERNAL else ""
             print(f"{which}: {title_of(name)}, {len(exam.episodes)} episodes{external}", file=sys.stderr)
         shutil.rmtree(folder / "runs" / name, ignore_errors=True)
-        _run(exam, name, folder, quiet)
+        (_run_class if exam.config.ads_class else _run)(exam, name, folder, quiet)
     return _read(exam, name, bag_of(folder, name), _conduct(exam, folder, name))
 
 
@@ -221,12 +233,40 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
         result = run_graph(_graph(exam, name, folder), folder / "runs" / name, quiet=quiet, stop_when=failed)
     counts = _counts(result.nodes)
     if result.error == _STOPPED:
-        print(f"what is done is in {folder}: the same command goes on there", file=sys.stderr)
+        _say_how_to_go_on(folder)
         raise KeyboardInterrupt
     if result.error and not any(reasons) and not (counts and counts.tick):
         world = result.nodes.get("world_simulator", NodeStatus())
         asks = "; does the ADS publish /vehicle/cmd_accel or /vehicle/cmd_control?" if ADS in world.awaited else ""
         raise VpsciError(f"the run with {title_of(name)}: {result.error}{asks}")
+
+
+def _run_class(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
+    """Have the class meet one pedestrian in this process, and leave a bag and a record as a graph does."""
+    begun, log = time.monotonic(), folder / "logs" / f"ads_{name}.log"
+    log.unlink(missing_ok=True)
+    loop = loop_with(exam, name, "external", exam.episodes, SIDE_BY_SIDE)
+    drivers = InProcess(find_driver(exam.config.ads_class), loop, exam.perception, log)
+    try:
+        with Bars(quiet=quiet) as bars:
+            steps = drivers.episodes(exam.episodes, lambda done: bars.bar(title_of(name), done, len(exam.episodes)))
+            made_by = {"made_by": "vpsci ads-test", "ads_class": exam.config.ads_class}
+            write_ticks(steps, loop.world.config, bag_of(folder, name), made_by, scenarios=exam.scenarios)
+    except KeyboardInterrupt:
+        _say_how_to_go_on(folder)
+        raise
+    counts = WorldCounts(vehicle_commands=drivers.commands, vehicle_commands_refused=drivers.refused)
+    write_record(
+        folder / "runs" / name / RECORD,
+        begun=begun,
+        error=drivers.failure(),
+        results={"nodes": {"world_simulator": dataclasses.asdict(NodeStatus(counts=counts))}},
+        inputs={exam.weights.name: sha256(exam.weights)} if "pedestrian" in loop.agents else {},
+    )
+
+
+def _say_how_to_go_on(folder: Path) -> None:
+    print(f"what is done is in {folder}: the same command goes on there", file=sys.stderr)
 
 
 def _graph(exam: Exam, name: str, folder: Path) -> Sections:
@@ -281,7 +321,7 @@ def _read(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
         return RunResult([], conduct)  # it failed before the recorder wrote anything
     recording = Bag(bag, recover=bool(conduct.failure))
     events = recording.topics().get(EVENTS)
-    if events is None or not events.messages:
+    if events is not None and not events.messages:  # the bag of a class has no such topic
         return RunResult([], conduct)  # no episode has begun
     unanswered: Counter[Key] = Counter()
     decode = Decoder()

@@ -75,6 +75,9 @@ class ExamConfig:
     ads: str = parameter(
         "example_ads", "command that starts the ADS; example_ads: the package's own; external: you start it yourself"
     )
+    ads_class: str = parameter(
+        "", "MODULE:CLASS: the ADS is this Python class instead, and drives in this process, without ROS"
+    )
     pedestrians: list[str] = parameter(
         [name for name in DRIVERS if name != "recorded"],
         f"pedestrians to meet: {', '.join(DRIVERS)}, and agents that other distributions add (docs/extending.md)",
@@ -123,6 +126,11 @@ class ExamConfig:
             raise InvalidInput(
                 "pedestrians holds recorded, but no recordings are given; set 'recorded' to a near-miss table"
             )
+
+    @property
+    def examined(self) -> str:
+        """The driving system: a command, or MODULE:CLASS."""
+        return self.ads_class or self.ads
 
     @property
     def opponents(self) -> list[str]:

@@ -39,7 +39,8 @@ def command_of(text: str, latency: float | None = None) -> list[str]:
 
 def files_of(text: str) -> dict[str, str]:
     """Return the files that a command line names, with their SHA-256: what was examined."""
-    words = [Path(__file__).parents[1] / "nodes" / f"{OWN}.py"] if text.strip() == OWN else map(Path, shlex.split(text))
+    own = [Path(__file__).parents[1] / "nodes" / name for name in (f"{OWN}.py", "example_driver.py")]
+    words = own if text.strip() == OWN else map(Path, shlex.split(text))
     return {word.name: sha256(word) for word in words if word.is_file()}
 
 

@@ -26,6 +26,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import Exam, autopilot_run, bag_of, run_with_all
 from vpsci_ros.exam.config import ALONE, EXTERNAL, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import check, parse
+from vpsci_ros.exam.driver_class import files_of_driver, find_driver
 from vpsci_ros.exam.measures import COLUMNS, RunResult, episode_table
 from vpsci_ros.exam.page import write_page
 from vpsci_ros.exam.process import OWN, command_of, files_of
@@ -41,6 +42,7 @@ from vpsci_ros.runs.sections import Sections
 from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import LIMIT, Source
 from vpsci_ros.world import WorldConfig
+from vpsci_ros.world.safe_stop import ExternalConfig
 
 IDENTITY, EPISODES, VIEW = EXAM, "episodes.parquet", "view.html"
 _SHOWN = {
@@ -54,21 +56,31 @@ _SHOWN = {
 """Measures that are printed, and the heads of their columns."""
 
 
-def prepare(sections: Sections, ads: str | None = None) -> Exam:
+def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = None) -> Exam:
     """Check everything that can be checked before anything runs.
 
-    :param ads: the driving system, instead of the one that the parameters name.
-    :raises InvalidInput: a parameter, the command, weights or recordings are refused.
+    :param ads, ads_class: the driving system, instead of the one that the parameters name: a command, or MODULE:CLASS.
+    :raises InvalidInput: a parameter, the command, the class, weights or recordings are refused.
     """
-    chosen = sections.changed("ads_test", {} if ads is None else {"ads": ads}).changed("world_simulator", {"batch": 1})
+    if ads is not None and ads_class is not None:
+        raise InvalidInput("--ads and --ads-class exclude each other: a driving system is a program or a class")
+    given = {"ads": ads, "ads_class": ""} if ads is not None else {"ads_class": ads_class} if ads_class else {}
+    chosen = sections.changed("ads_test", given).changed("world_simulator", {"batch": 1})
     if "weights" not in chosen.values.get("pedestrian_policy", {}):
         chosen = chosen.changed("pedestrian_policy", {"weights": "refined"})
     config = chosen.get(ExamConfig, "ads_test")
     run, world = chosen.get(RunConfig, "world_simulator"), chosen.get(WorldConfig, "world_simulator")
     exam = Exam(chosen, config, run, world)
-    if config.ads != EXTERNAL:
+    if config.ads_class:
+        find_driver(config.ads_class)
+        if chosen.get(ExternalConfig, "world_simulator").external_mode != "lock_step":
+            raise InvalidInput(
+                "world_simulator.external_mode = real_time: a class is asked at every tick, however long it takes; "
+                "examine it as a program, by --ads"
+            )
+    elif config.ads != EXTERNAL:
         command_of(config.ads)
-    if config.ads.strip() == OWN and world.pedestrians > 1 and not config.perception:
+    if config.examined.strip() == OWN and world.pedestrians > 1 and not config.perception:
         raise InvalidInput(
             f"ads_test.ads = {OWN}: hears of the first pedestrian only on /pedestrian/odometry, and "
             f"world_simulator.pedestrians = {world.pedestrians}; set ads_test.perception to true, which tells it of all"
@@ -104,7 +116,7 @@ def run_exam(exam: Exam, folder: Path, criteria: Sequence[str] = (), *, quiet: b
     driven = bool(report["drivers"].get(ADS))
     if driven:
         drivers = {driver: _episodes_of(found) for driver, found in runs.items()}
-        write_view(folder / VIEW, exam_sources(table, drivers, LIMIT, _note), f"Exam of {exam.config.ads}")
+        write_view(folder / VIEW, exam_sources(table, drivers, LIMIT, _note), f"Exam of {exam.config.examined}")
     episodes = {name: run.episodes for name, run in runs[ADS].items()}
     write_page(folder / "report.html", report, table, episodes, VIEW if driven else "")
     _print(report, folder)
@@ -159,8 +171,8 @@ def identity_of(exam: Exam) -> dict[str, Any]:
     examined = {name: value for name, value in dataclasses.asdict(exam.config).items() if name not in left_out}
     nodes = ("world_simulator", "safety_monitor", "pedestrian_policy", *(["perception"] if exam.perception else []))
     return {
-        "ads": exam.config.ads,
-        "ads_files_sha256": {} if exam.config.ads == EXTERNAL else files_of(exam.config.ads),
+        "ads": exam.config.examined,
+        "ads_files_sha256": _files_of(exam.config),
         "parameters": {name: dict(exam.sections.values.get(name, {})) for name in nodes} | {"ads_test": examined},
         "world": dataclasses.asdict(exam.world),
         "scenarios_sha256": {scenario.name: scenario.sha256 for scenario in exam.scenarios},
@@ -170,6 +182,12 @@ def identity_of(exam: Exam) -> dict[str, Any]:
         "software": software_versions(),
         "cpu": cpu_name(),
     }
+
+
+def _files_of(config: ExamConfig) -> dict[str, str]:
+    if config.ads_class:
+        return files_of_driver(config.ads_class)
+    return {} if config.ads == EXTERNAL else files_of(config.ads)
 
 
 def take_folder(folder: Path, identity: dict[str, Any], name: str = IDENTITY) -> None:

@@ -1,4 +1,4 @@
-"""A driving system to copy: keeps a speed, and brakes when it would meet a pedestrian on its path.
+"""A driving system to copy, as a node: takes in odometry, asks `example_driver` what to do, and publishes it.
 
 It is written as a program of your own would be, with rclpy and public message types alone; docs/ads.md goes through
 it, and tells a C++ user the topics. `vpsci ads-test --ads "python my_ads.py"` puts yours to the exam.
@@ -9,6 +9,7 @@ import math
 import os
 import struct
 import sys
+from dataclasses import fields
 
 import rclpy
 from geometry_msgs.msg import AccelStamped
@@ -17,8 +18,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
-FRONT, SIDE = 2.35, 0.93  # [m] from the vehicle's centre to its bumper and to its side
-RADIUS = 0.3  # [m] of the pedestrian
+from vpsci_ros.nodes.example_driver import ExampleDriver, Mover  # the file beside this one: copy it, too
 
 
 class ExampleAds(Node):
@@ -29,12 +29,8 @@ class ExampleAds(Node):
 
     def __init__(self) -> None:
         super().__init__("example_ads")
-        self.cruise = self.declare_parameter("cruise_speed", 4.0).value  # [m/s]
-        self.comfort = self.declare_parameter("comfort_acceleration", 2.0).value  # [m/s2]
-        self.braking = self.declare_parameter("braking", 3.0).value  # [m/s2] at least, for a pedestrian
-        self.strongest = self.declare_parameter("strongest_braking", 8.0).value  # [m/s2]
-        self.horizon = self.declare_parameter("horizon", 2.5).value  # [s]
-        self.margin = self.declare_parameter("margin", 0.7).value  # [m] to keep free around the vehicle
+        given = {each.name: self.declare_parameter(each.name, each.default).value for each in fields(ExampleDriver)}
+        self.driver = ExampleDriver(**given)
         self.objects = self.declare_parameter("objects", False).value  # take /perception/objects
         self.latency = self.declare_parameter("objects_latency", 0.0).value  # [s] by which they come late at most
         self.vehicle: Odometry | None = None
@@ -65,47 +61,22 @@ class ExampleAds(Node):
     def answer(self) -> None:
         """Answer once vehicle and pedestrians are in for the same tick, under its stamp."""
         if self.vehicle and self.pedestrian and self.vehicle.header.stamp == self.pedestrian.header.stamp:
-            self.command_for(self.vehicle, self.pedestrian)
+            self.command_for(self.vehicle, [mover(self.pedestrian)])
         elif self.vehicle and self.seen and seconds(self.vehicle) - seconds(self.seen) < self.latency + 0.001:
-            self.command_for(self.vehicle, *people(self.seen))
+            self.command_for(self.vehicle, people(self.seen))
             self.vehicle = None  # one answer a tick
 
-    def command_for(self, vehicle: Odometry, *pedestrians: Odometry) -> None:
+    def command_for(self, vehicle: Odometry, pedestrians: list[Mover]) -> None:
         """Publish what to do."""
         message = AccelStamped(header=vehicle.header)
-        message.accel.linear.x = self.acceleration(vehicle, *pedestrians)
+        message.accel.linear.x = self.driver.acceleration(mover(vehicle), pedestrians)
         self.command.publish(message)  # linear.y, to the left, would be added to the world's lane keeping
 
-    def acceleration(self, vehicle: Odometry, *pedestrians: Odometry) -> float:
-        """Return what to do with the speed [m/s2]: brake for a contact within the horizon, else go on cruising."""
-        speed = vehicle.twist.twist.linear.x
-        ahead = max(speed, 1.0)  # standing, it looks whether it could set off
-        time = min((self.time_to_contact(vehicle, each, ahead) for each in pedestrians), default=math.inf)
-        if time < self.horizon:
-            return -min(self.strongest, max(self.braking, 0.5 * speed / max(time, 0.1)))  # to stop just short of it
-        return max(-self.comfort, min(self.comfort, (self.cruise - speed) / 0.5))
 
-    def time_to_contact(self, vehicle: Odometry, pedestrian: Odometry, speed: float) -> float:
-        """Return when they come within the margin [s], the vehicle at `speed` and its yaw rate, both going on so."""
-        x, y, heading = pose(vehicle)
-        px, py, direction = pose(pedestrian)
-        walking, turning = pedestrian.twist.twist.linear.x, vehicle.twist.twist.angular.z
-        time, step = 0.0, 0.1  # [s]
-        while time < self.horizon:
-            forward = math.cos(heading) * (px - x) + math.sin(heading) * (py - y)
-            left = math.cos(heading) * (py - y) - math.sin(heading) * (px - x)
-            if abs(forward) < FRONT + RADIUS + self.margin and abs(left) < SIDE + RADIUS + self.margin:
-                return time
-            time, heading = time + step, heading + turning * step
-            x, y = x + speed * step * math.cos(heading), y + speed * step * math.sin(heading)
-            px, py = px + walking * step * math.cos(direction), py + walking * step * math.sin(direction)
-        return math.inf
-
-
-def pose(odometry: Odometry) -> tuple[float, float, float]:
-    """Return x, y [m] and heading [rad], counter-clockwise from x (REP 103)."""
-    at, turned = odometry.pose.pose.position, odometry.pose.pose.orientation
-    return at.x, at.y, 2.0 * math.atan2(turned.z, turned.w)
+def mover(odometry: Odometry) -> Mover:
+    """Return where and how fast somebody is, with the yaw of the quaternion (REP 103)."""
+    at, turned, twist = odometry.pose.pose.position, odometry.pose.pose.orientation, odometry.twist.twist
+    return Mover(at.x, at.y, 2.0 * math.atan2(turned.z, turned.w), twist.linear.x, twist.angular.z)
 
 
 def seconds(message: Odometry | PointCloud2) -> float:
@@ -113,20 +84,11 @@ def seconds(message: Odometry | PointCloud2) -> float:
     return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
 
 
-def people(objects: PointCloud2) -> list[Odometry]:
-    """Return the points of a list of objects, each x, y, z, vx, vy in the map [m, m/s] and a number, as odometry."""
-    found = []
-    for offset in range(0, len(objects.data), objects.point_step):
-        x, y, _, vx, vy, _ = struct.unpack_from("<5fI", objects.data, offset)
-        person, direction = Odometry(header=objects.header), math.atan2(vy, vx)
-        person.pose.pose.position.x, person.pose.pose.position.y = x, y
-        person.pose.pose.orientation.z, person.pose.pose.orientation.w = (
-            math.sin(direction / 2),
-            math.cos(direction / 2),
-        )
-        person.twist.twist.linear.x = math.hypot(vx, vy)
-        found.append(person)
-    return found
+def people(objects: PointCloud2) -> list[Mover]:
+    """Return the points of a list of objects, each x, y, z, vx, vy in the map [m, m/s] and a number."""
+    offsets = range(0, len(objects.data), objects.point_step)
+    points = (struct.unpack_from("<5fI", objects.data, offset) for offset in offsets)
+    return [Mover(x, y, math.atan2(vy, vx), math.hypot(vx, vy)) for x, y, _, vx, vy, _ in points]
 
 
 def main(args: list[str] | None = None) -> int:

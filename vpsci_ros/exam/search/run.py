@@ -5,7 +5,6 @@ search.json (what is searched, and by which parameters and versions), parts/ (th
 an exam with report and page), report.json, report.html. The same command goes on with a search that was stopped.
 """
 
-import contextlib
 import dataclasses
 import json
 import math
@@ -22,8 +21,7 @@ from vpsci_ros.data.parquet import Column, read_parquet, write_parquet
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.exam.conduct import Exam, bag_of, run_with
-from vpsci_ros.exam.config import EXTERNAL
+from vpsci_ros.exam.conduct import Exam, bag_of, domain_of, run_with
 from vpsci_ros.exam.episode_list import flat, write_episode_list
 from vpsci_ros.exam.measures import COLUMNS, episode_table, worst_first
 from vpsci_ros.exam.report import ADS
@@ -57,8 +55,6 @@ def run_search(exam: Exam, folder: Path, *, quiet: bool = False) -> list[str]:
     :raises InvalidInput: a parameter is refused, or `folder` holds something else; nothing has been run then.
     :raises VpsciError: a node has failed.
     """
-    from vpsci_ros.nodes.domain import own_domain
-
     search = exam.config.search
     if exam.run.only:
         raise InvalidInput("--search and a list of episodes exclude each other; take the list out")
@@ -82,7 +78,7 @@ def run_search(exam: Exam, folder: Path, *, quiet: bool = False) -> list[str]:
         return Driven(keys, np.array([failed[key] for key in keys]), seen, done)
 
     try:
-        with contextlib.nullcontext() if exam.config.ads == EXTERNAL else own_domain(), Bars(quiet=quiet) as bars:
+        with domain_of(exam.config), Bars(quiet=quiet) as bars:
             plan = seek(exam, pool, drive, bars.bar)
     except _Failed as error:
         return [str(error)]

@@ -1,8 +1,7 @@
-"""The search through the real graph: failures found, driven again, listed, and the same command goes on with it."""
+"""A whole search: failures found, driven again, listed, and the same command goes on with it."""
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import polars as pl
@@ -16,33 +15,26 @@ from vpsci_ros.exam.search.run import run_search
 from vpsci_ros.resources import params_dir
 
 CARELESS = """
-import rclpy
-from geometry_msgs.msg import AccelStamped
-from nav_msgs.msg import Odometry
+class Careless:
+    def reset(self, begin):
+        pass
 
-def on_vehicle(odometry):
-    message = AccelStamped(header=odometry.header)
-    message.accel.linear.x = 2.0 * (5.0 - odometry.twist.twist.linear.x)
-    command.publish(message)
-
-rclpy.init()
-node = rclpy.create_node("careless_ads")
-command = node.create_publisher(AccelStamped, "vehicle/cmd_accel", 10)
-node.create_subscription(Odometry, "vehicle/odometry", on_vehicle, 10)
-rclpy.spin(node)
+    def act(self, observation):
+        return 2.0 * (5.0 - observation.vehicle.speed)
 """
 
 
 def test_a_search_finds_failures_lists_them_and_has_them_driven_again_to_the_bit(
-    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(plan, "ROUNDS", 1)
-    script, folder = tmp_path / "careless.py", tmp_path / "search"
-    script.write_text(CARELESS)
+    (tmp_path / "careless.py").write_text(CARELESS)
+    monkeypatch.syspath_prepend(tmp_path)
+    folder = tmp_path / "search"
     found = load(params_dir() / "ads_test.yaml")
-    found = found.changed("world_simulator", {"scenarios": [1], "episode_time": 6.0, "action_timeout": 30.0})
+    found = found.changed("world_simulator", {"scenarios": [1], "episode_time": 6.0})
     search = {"search.pedestrian": "walker", "search.pool": 100, "search.budget": 40, "search.shown": 3}
-    exam = prepare(found.changed("ads_test", search | {"baseline": False}), f"{sys.executable} {script}")
+    exam = prepare(found.changed("ads_test", search | {"baseline": False}), ads_class="careless:Careless")
 
     assert run_search(exam, folder, quiet=True) == []
 

@@ -1,0 +1,189 @@
+"""A driving system that is a Python class: many episodes side by side, each as if it were alone, and those it loses."""
+
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vpsci_ros.bags.episodes import read_episodes
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam import conduct
+from vpsci_ros.exam.driver_class import Observation, command_of_answer, find_driver
+from vpsci_ros.exam.run import prepare, read_exam, run_exam
+from vpsci_ros.resources import params_dir
+
+Write = Callable[[str], str]
+EXAMPLE = "vpsci_ros.nodes.example_driver:ExampleDriver"
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[Write]:
+    """Write a module with a class `Mine` into the working directory and return what --ads-class takes."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    name = re.sub(r"\W", "_", f"driver_of_{request.node.name}")
+
+    def write(text: str) -> str:
+        (tmp_path / f"{name}.py").write_text(text)
+        return f"{name}:Mine"
+
+    yield write
+    sys.modules.pop(name, None)
+
+
+def mine(act: str, reset: str = "self.begin = begin") -> str:
+    """Return a class with these bodies."""
+    return f"class Mine:\n  def reset(self, begin):\n    {reset}\n  def act(self, observation):\n    {act}\n"
+
+
+def examined(folder: Path, ads_class: str, *criteria: str, **world: Any) -> tuple[list[str], pl.DataFrame]:
+    """Put a class to a short exam of six episodes; return why it fails, and the table of its episodes."""
+    short = {"scenarios": [1, 104], "episodes": 3, "episode_time": 6.0} | world
+    exam = {"pedestrians": ["learned", "walker"], "baseline": False}
+    chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", short).changed("ads_test", exam)
+    failures = run_exam(prepare(chosen, ads_class=ads_class), folder, criteria, quiet=True)
+    return failures, pl.read_parquet(folder / "episodes.parquet")
+
+
+def test_an_episode_comes_out_the_same_however_many_run_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failures, together = examined(tmp_path / "together", EXAMPLE, "ticks_unanswered > 0")
+    monkeypatch.setattr(conduct, "SIDE_BY_SIDE", 2)
+    _, by_two = examined(tmp_path / "by_two", EXAMPLE)
+    assert failures == []
+    assert together.height == 18
+    assert by_two.equals(together)
+    one, other = (tmp_path / name / "runs" / "learned" / "bag" / "bag_0.mcap" for name in ("together", "by_two"))
+    assert one.read_bytes() == other.read_bytes(), "the bags are written in the order of the episodes"
+
+
+def test_it_leaves_what_an_exam_leaves_and_goes_on_without_driving_again(tmp_path: Path) -> None:
+    examined(tmp_path / "exam", EXAMPLE)
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "exam" / "runs").rglob("*")}
+    failures, _ = examined(tmp_path / "exam", EXAMPLE, "time_lost < 100 @learned")
+    assert len(failures) == 1
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "exam" / "runs").rglob("*")} == before
+    identity = json.loads((tmp_path / "exam" / "exam.json").read_text())
+    assert identity["ads"] == EXAMPLE
+    assert identity["ads_files_sha256"].keys() == {"example_driver.py"}
+    assert f"Exam of {EXAMPLE}" in (tmp_path / "exam" / "report.html").read_text()
+    assert {source.key for source in read_exam(tmp_path / "exam", 9)} == {"ads-learned", "ads-walker"}
+    found = list(read_episodes(tmp_path / "exam" / "runs" / "walker" / "bag"))
+    assert [episode.name for episode in found] == ["1:0", "104:0", "1:1", "104:1", "1:2", "104:2"]
+
+
+def test_each_episode_begins_with_a_reset_that_says_which_it_is_and_a_seed_of_its_own(
+    tmp_path: Path, module: Write
+) -> None:
+    text = "SEEN = []\n" + mine("return 0.0", "SEEN.append((begin.scenario.number, begin.episode, begin.seed))")
+    driver = module(text)
+    failures, _ = examined(tmp_path / "exam", driver)
+    seen = sys.modules[driver.partition(":")[0]].SEEN
+    assert failures == []
+    assert len(seen) == 18, "six episodes with nobody there and with each of two pedestrians"
+    assert len(set(seen)) == 6
+    assert len({seed for _, _, seed in seen}) == 6
+
+
+def test_what_raises_loses_its_episode_and_no_other_and_the_report_says_where(tmp_path: Path, module: Write) -> None:
+    way = "if (self.begin.scenario.number, self.begin.episode) == (104, 1) and observation.time > 0.97:"
+    driver = module(mine(f"{way}\n      raise RuntimeError('no plan')\n    return 1.0"))
+    failures, table = examined(tmp_path / "exam", driver)
+    first = "nobody there: the ADS did not drive 104:1 to the end: at 1.00 s RuntimeError: no plan (log: "
+    assert failures[0].startswith(first)
+    assert table["pedestrian"].value_counts().sort("pedestrian").rows() == [("alone", 5), ("learned", 5), ("walker", 5)]
+    assert "raise RuntimeError('no plan')" in (tmp_path / "exam" / "logs" / "ads_walker.log").read_text()
+    report = json.loads((tmp_path / "exam" / "report.json").read_text())
+    assert report["conduct"]["walker"]["episodes_driven"] == 5
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (None, "act returned None"),
+        (float("nan"), "act returned nan"),
+        ((51.0, 0.0), r"act returned \(51.0, 0.0\)"),
+        ((0.0, 1.5, 0.0), r"act returned \(0.0, 1.5, 0.0\)"),
+        ("brake", "act returned 'brake'"),
+        ([1.0] * 4, "expected an acceleration along the car"),
+    ],
+)
+def test_what_is_no_command_is_refused_as_the_topics_refuse_it(answer: Any, said: str) -> None:
+    with pytest.raises(InvalidInput, match=said):
+        command_of_answer(answer)
+
+
+def test_an_answer_is_an_acceleration_or_two_or_steering_throttle_and_brake() -> None:
+    assert command_of_answer(np.float32(1.5)) == ("vehicle", (1.5, 0.0))
+    assert command_of_answer([-8.0, 0.5]) == ("vehicle", (-8.0, 0.5))
+    assert command_of_answer(np.array([0.1, 0.0, 1.0])) == ("vehicle_control", (0.1, 0.0, 1.0))
+
+
+def test_a_class_that_never_drives_is_said_so_once_and_its_refused_answers_are_counted(
+    tmp_path: Path, module: Write
+) -> None:
+    failures, table = examined(tmp_path / "exam", module(mine("return None")))
+    assert len(failures) == 1
+    assert "did not drive 1:0 and 5 more to the end: at 0.00 s act returned None" in failures[0]
+    assert table.height == 0
+    report = json.loads((tmp_path / "exam" / "report.json").read_text())
+    assert report["conduct"]["alone"]["commands_refused"] == 6
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("class Other:\n    pass\n", "has no class 'Mine'; it has Other"),
+        ("class Mine:\n    def act(self, observation): ...\n", r"it has no reset; define reset\(begin\)"),
+        ("import no_such_module_here\n", "cannot be imported: No module named 'no_such_module_here'"),
+        ("1 / 0\n", "cannot be imported: ZeroDivisionError"),
+    ],
+)
+def test_a_module_without_a_driver_is_refused_with_what_it_lacks(module: Write, text: str, said: str) -> None:
+    with pytest.raises(InvalidInput, match=said):
+        find_driver(module(text))
+
+
+def test_other_forms_and_pairs_of_options_are_refused_before_anything_is_written(tmp_path: Path, module: Write) -> None:
+    found = load(params_dir() / "ads_test.yaml")
+    for text, said in (("my_driver", "expected MODULE:CLASS"), ("no_such_module:Mine", "no module 'no_such_module'")):
+        with pytest.raises(InvalidInput, match=said):
+            prepare(found, ads_class=text)
+    with pytest.raises(InvalidInput, match="--ads and --ads-class exclude each other"):
+        prepare(found, "example_ads", EXAMPLE)
+    with pytest.raises(InvalidInput, match="external_mode = real_time: a class is asked at every tick"):
+        prepare(found.changed("world_simulator", {"external_mode": "real_time"}), ads_class=EXAMPLE)
+    assert prepare(found.changed("ads_test", {"ads_class": EXAMPLE}), "external").config.examined == "external"
+    with pytest.raises(InvalidInput, match=r"Mine\(\) cannot be made: .*takes no argument"):
+        examined(tmp_path / "exam", module("class Mine:\n  def __init__(self, x): ...\n" + mine("return 0.0")[12:]))
+
+
+def test_the_class_of_the_page_drives(tmp_path: Path, module: Write) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "ads.md").read_text(encoding="utf-8")
+    programs = [text for text in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "def act" in text]
+    assert len(programs) == 1
+    failures, table = examined(tmp_path / "exam", module(programs[0].replace("class MyDriver", "class Mine")))
+    assert failures == []
+    assert table.filter(pl.col("pedestrian") == "alone")["driven"].min() > 5.0
+
+
+def test_a_policy_of_the_gymnasium_environment_sees_what_the_environment_shows(tmp_path: Path, module: Write) -> None:
+    act = "SHOWN.append((observation, observation.of_environment())); return 0.1, 0.5, 0.0"
+    driver = module("SHOWN = []\n" + mine(act))
+    failures, _ = examined(tmp_path / "exam", driver, episodes=1, scenarios=[1], episode_time=1.0)
+    assert failures == []
+    shown: list[tuple[Observation, Any]] = sys.modules[driver.partition(":")[0]].SHOWN
+    for observation, vector in shown:
+        assert vector.shape == (21,)
+        assert vector[0] == np.float32(observation.vehicle.speed)
+        assert vector[20] == np.float32(min(observation.curvttc, 10.0))
+    later = shown[15][0].vehicle.yaw - shown[0][0].vehicle.yaw
+    assert later > 0.0, "steer is positive to the left"
