@@ -32,17 +32,26 @@ class Dataset:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
+        self.description = self._describe()
+        self.scenarios: dict[str, dict[str, Any]] = self.description["scenarios"]
+        self.period = float(self.description["period"])
+
+    def _describe(self) -> dict[str, Any]:
         path = self.folder / DESCRIPTION
         if not path.is_file():
             raise InvalidInput(
                 f"{path}: no such file; expected the folder of a dataset (its run may have been stopped before the end)"
             )
-        self.description: dict[str, Any] = read_json(path)
-        require_form(self.description, FORM, f"{path}: not the description of a dataset")
-        self.scenarios: dict[str, dict[str, Any]] = self.description["scenarios"]
-        self.period = float(self.description["period"])
-        if not 0.0 < self.period < 1e3:
-            raise InvalidInput(f"{path}: period = {self.period}: expected a time [s] above 0")
+        description: dict[str, Any] = read_json(path)
+        require_form(description, FORM, f"{path}: not the description of a dataset")
+        if not 0.0 < float(description["period"]) < 1e3:
+            raise InvalidInput(f"{path}: period = {description['period']}: expected a time [s] above 0")
+        return description
+
+    @property
+    def inputs(self) -> dict[str, Path]:
+        """Files whose hashes say which dataset it is, by name."""
+        return {DESCRIPTION: self.folder / DESCRIPTION}
 
     def index(self) -> pl.DataFrame:
         """Return a row an episode, rejected ones too, with the columns of `INDEX_COLUMNS`."""

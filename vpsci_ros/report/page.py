@@ -10,6 +10,7 @@ import polars as pl
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.published import LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
+from vpsci_ros.data.published_dataset import open_dataset
 from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.encounters import generated_encounters, recorded_encounters
@@ -43,17 +44,19 @@ def write_report(
 ) -> dict[str, Any]:
     """Write the report of a dataset into `output` and return its numbers, those of `report.json`.
 
+    :param folder: of `vpsci generate`, or of the authors' files, see `open_dataset`.
     :param near_misses: recorded people to compare with, see `read_near_misses`.
     :param beside: another dataset to compare with, say of the rule-based pair.
     :param view: the page beside it in which the episodes play; empty: there is none, and so no link.
     :param notify: called with what is being done.
     :raises InvalidInput: an input cannot be read or holds nothing.
     """
-    data, titles = Dataset(folder), dict(TITLES)
     notify("reading")
+    data, titles = open_dataset(folder), dict(TITLES)
+    other = None if beside is None else open_dataset(beside)
     sources = {GENERATED: generated_encounters(data)}
-    if beside is not None:
-        sources[BESIDE] = generated_encounters(Dataset(beside))
+    if other is not None:
+        sources[BESIDE] = generated_encounters(other)
     if near_misses is not None:
         recorded = read_near_misses(near_misses)
         sources[RECORDED] = recorded_encounters(recorded)
@@ -69,7 +72,7 @@ def write_report(
     output.mkdir(parents=True, exist_ok=True)
     notify("resampling")
     report = _numbers(data, sources)
-    report["inputs"] = _inputs(folder, near_misses, beside)
+    report["inputs"] = _inputs(data, near_misses, other)
     notify("drawing")
     pictures = _draw(data, {name: table for name, table in sources.items() if name in TITLES}, output)
     write_text(output / NUMBERS, json.dumps(report, indent=1) + "\n")
@@ -117,10 +120,11 @@ def _numbers(data: Dataset, sources: Mapping[str, pl.DataFrame]) -> dict[str, An
 _COUNTS = ("number", "simulated", "kept", "vehicle_km", "pedestrian_km")
 
 
-def _inputs(folder: Path, near_misses: Path | None, beside: Path | None) -> dict[str, Any]:
-    files = {"dataset": folder / "dataset.json"}
-    if beside is not None:
-        files["beside"] = beside / "dataset.json"
+def _inputs(data: Dataset, near_misses: Path | None, beside: Dataset | None) -> dict[str, Any]:
+    files: dict[str, Path] = {}
+    for key, each in {"dataset": data, "beside": beside}.items():
+        paths = {} if each is None else each.inputs
+        files |= {key if len(paths) == 1 else f"{key}/{name}": path for name, path in paths.items()}
     if near_misses is not None:
         files["near_misses"] = near_misses
     return {
@@ -133,7 +137,7 @@ def _draw(data: Dataset, sources: Mapping[str, pl.DataFrame], output: Path) -> d
     titled = {TITLES[name]: table for name, table in sources.items()}
     names = ("trajectories", "nearness", "conflicts", "pedestrian_yields", "vehicle_yields")
     paths = {name: output / f"{name}.png" for name in names}
-    save_trajectories(typical_episodes(data.folder), paths["trajectories"])
+    save_trajectories(typical_episodes(data), paths["trajectories"])
     save_nearness(titled, paths["nearness"])
     save_conflicts(titled, paths["conflicts"])
     for agent in ("pedestrian", "vehicle"):

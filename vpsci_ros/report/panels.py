@@ -8,6 +8,7 @@ import numpy as np
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, yields
+from vpsci_ros.data.published_dataset import open_dataset
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import Yielded
 
@@ -21,7 +22,7 @@ YIELD_NAMES = {
 _NUMBERS = "①②③④⑤⑥⑦⑧"
 
 
-def typical_episodes(folder: str | Path) -> list[tuple[str, Episode]]:
+def typical_episodes(dataset: Dataset | str | Path) -> list[tuple[str, Episode]]:
     """Return title and episode for each scenario of a dataset that has a kept episode.
 
     Taken is, among the episodes with the scenario's most frequent kind of yielding (none at all only where there is
@@ -29,11 +30,11 @@ def typical_episodes(folder: str | Path) -> list[tuple[str, Episode]]:
 
     :raises InvalidInput: the folder is no dataset, or not a single episode was kept.
     """
-    data = Dataset(folder)
+    data = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
     kept = (list(itertools.islice(data.read(scenario=name), MOST)) for name in data.scenarios)
     found = [_typical(episodes) for episodes in kept if episodes]
     if not found:
-        raise InvalidInput(f"{folder}: no episode was kept, so there is nothing to draw; simulate more episodes")
+        raise InvalidInput(f"{data.folder}: no episode was kept, so there is nothing to draw; simulate more episodes")
     return found
 
 

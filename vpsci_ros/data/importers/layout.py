@@ -139,7 +139,7 @@ def _canonical(table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path:
         raise InvalidInput(f"{path}: line {twice['line'][0]}: this frame of this road user comes twice; keep one")
     tracks = tracks.drop("line")
     if "vx" in found and layout.speeds_agree:
-        _check_rate(tracks, layout, path)
+        check_rate(tracks, _rate(layout), path, layout.rates)
     return tracks
 
 
@@ -187,9 +187,13 @@ def steps(tracks: pl.DataFrame, rate: float) -> pl.DataFrame:
     return tracks.with_columns(**ahead, seconds=seconds).drop_nulls()
 
 
-def _check_rate(tracks: pl.DataFrame, layout: Layout, path: Path) -> None:
-    """Refuse times or units by which road users come further, or less far, than their speeds say."""
-    rate = _rate(layout)
+def check_rate(tracks: pl.DataFrame, rate: float, path: Path, rates: Mapping[str, float] = {}) -> None:
+    """Refuse times or units by which road users come further, or less far, than their speeds say.
+
+    :param tracks: id, frame, x, y [m], vx, vy [m/s].
+    :param rate: frames a second.
+    :param rates: of the formats for which this one may be mistaken, by their names.
+    """
     speed = (pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt()
     moving = steps(tracks, rate).with_columns(speed=speed).filter(pl.col("speed") > WALKING)
     if moving.is_empty():
@@ -197,7 +201,7 @@ def _check_rate(tracks: pl.DataFrame, layout: Layout, path: Path) -> None:
     came = (moving["dx"] ** 2 + moving["dy"] ** 2).sqrt() / moving["seconds"]
     ratio = float(np.median((came / moving["speed"]).to_numpy()))
     if abs(ratio - 1.0) > RATE_TOLERANCE:
-        fits = [name for name, own in layout.rates.items() if abs(rate / ratio / own - 1.0) < RATE_TOLERANCE]
+        fits = [name for name, own in rates.items() if abs(rate / ratio / own - 1.0) < RATE_TOLERANCE]
         hint = f"; this looks like {fits[0]}: give --format {fits[0]} for this folder" if fits else ""
         raise InvalidInput(
             f"{path}: by positions and times road users move {ratio:.3g} times as fast as their speeds say (median); "

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from vpsci_ros.data.importers.authors import AUTHORS
 from vpsci_ros.data.importers.cqut_pvi import CQUT_PVI
 from vpsci_ros.data.importers.described import DESCRIBED
 from vpsci_ros.data.importers.hc import HC
@@ -16,7 +17,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.plugins import PluginGroup
 
 BUILT_IN = {"vci-dut": VCI_DUT, "vci-citr": VCI_CITR, "hc": HC, "taf-bw": TAF_BW, "cqut-pvi": CQUT_PVI}
-BUILT_IN |= {**PUBLISHED, "described": DESCRIBED}
+BUILT_IN |= {**PUBLISHED, **AUTHORS, "described": DESCRIBED}
 IMPORTERS = PluginGroup("vpsci_ros.importers", "format", Importer, BUILT_IN)
 
 
