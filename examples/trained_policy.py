@@ -30,9 +30,9 @@ ENVIRONMENTS = 8
 HOLD = 2  # ticks for which an action holds: the environment's step of 0.1 s
 
 
-def train(path: Path, steps: int, scenarios: list[int], seed: int) -> None:
-    """Train with PPO against walkers who do not react, and save the policy's weights."""
-    made = [lambda: RightTurnEnv(scenarios, pedestrian="autopilot") for _ in range(ENVIRONMENTS)]
+def train(path: Path, steps: int, scenarios: list[int], seed: int, pedestrian: str) -> None:
+    """Train with PPO against a pedestrian of `RightTurnEnv`, and save the policy's weights."""
+    made = [lambda: RightTurnEnv(scenarios, pedestrian=pedestrian) for _ in range(ENVIRONMENTS)]
     model = PPO("MlpPolicy", DummyVecEnv(made), n_steps=256, batch_size=512, gamma=0.98, seed=seed, device="cpu")
     model.learn(steps)
     save_file(model.policy.state_dict(), path)
@@ -105,10 +105,11 @@ def main() -> None:
     parser.add_argument("weights", type=Path, help="safetensors file, written or read")
     parser.add_argument("--steps", type=int, default=100_000, help="of 0.1 s, of all environments together")
     parser.add_argument("--scenarios", type=int, nargs="+", default=[1, 5, 101, 102])
+    parser.add_argument("--pedestrian", default="policy", help="policy: learned, reacts; autopilot: walks on")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     if given.what == "train":
-        train(given.weights, given.steps, given.scenarios, given.seed)
+        train(given.weights, given.steps, given.scenarios, given.seed, given.pedestrian)
     else:
         drive(given.weights)
 

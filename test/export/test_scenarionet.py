@@ -34,7 +34,7 @@ def test_records_have_every_second_frame_of_our_motion_in_ten_hertz(episodes):
 
 
 def test_a_period_that_does_not_divide_a_tenth_of_a_second_is_refused(episodes):
-    with pytest.raises(InvalidInput, match=r"a frame every 0.04 s; ScenarioNet's records have one every 0.1 s"):
+    with pytest.raises(InvalidInput, match=r"a frame every 0.04 s; this format has one every 0.1 s"):
         record(dataclasses.replace(episodes[0], period=0.04))
 
 

@@ -16,7 +16,9 @@ def export(
     formats: Annotated[
         str,
         typer.Option(
-            "--to", metavar="FORMAT,...", help="openscenario, commonroad, osi, scenarionet, carla-csv, or an added one."
+            "--to",
+            metavar="FORMAT,...",
+            help="openscenario, commonroad, osi, scenarionet, minari, carla-csv, or an added one.",
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same command.")],

@@ -72,7 +72,7 @@ class Interactions:
     def moving(self, motion: NDArray[np.float64]) -> "Interactions":
         """Return the same interactions with another `motion`, and observations, actions and velocities by it."""
         return Interactions(
-            self.length, self.first, self.last, self.clip, motion, self.curvttc, *_seen_and_done(motion, self.length)
+            self.length, self.first, self.last, self.clip, motion, self.curvttc, *seen_and_done(motion, self.length)
         )
 
     def take(self, rows: NDArray[np.int64]) -> "Interactions":
@@ -113,11 +113,11 @@ def from_rows(groups: list[pl.DataFrame], curvttc_column: str = "curvttc") -> In
         critical = np.flatnonzero(curvttc[i] < CRITICAL_TTC)
         first[i], last[i] = critical[[0, -1]]
         clip[i] = f"{group['source'][0]}/{group['clip'][0]}"
-    return Interactions(length, first, last, clip, motion, curvttc, *_seen_and_done(motion, length))
+    return Interactions(length, first, last, clip, motion, curvttc, *seen_and_done(motion, length))
 
 
-def _seen_and_done(motion: NDArray[np.float64], length: NDArray[np.int64]) -> tuple[_ByAgent, _ByAgent, _ByAgent]:
-    """Return observation, action and next_velocity of a motion, see `Interactions`."""
+def seen_and_done(motion: NDArray[np.float64], length: NDArray[np.int64]) -> tuple[_ByAgent, _ByAgent, _ByAgent]:
+    """Return observation, action and next_velocity of a motion float64[N, T, 9] and its length, see `Interactions`."""
     steps = motion.shape[1]
     present = np.arange(steps) < length[:, None]
     observations = dict(zip(AGENTS, observe_arrays(*np.moveaxis(motion, 2, 0)), strict=True))

@@ -11,6 +11,7 @@ import numpy as np
 from vpsci_ros.data.episode import Episode, Floats, headings
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import Scenario
+from vpsci_ros.world.observation import STEP
 
 VEHICLE_HEIGHT = 1.44  # [m] of the Model 3, whose length and width CurvTTC uses
 PEDESTRIAN_HEIGHT = 1.75  # [m] of an adult; the world is flat and knows none
@@ -59,6 +60,20 @@ def movers(episode: Episode) -> list[Mover]:
     return found
 
 
+def tenths(episode: Episode) -> slice:
+    """Return which frames come every tenth of a second, from the first on.
+
+    :raises InvalidInput: frames that do not come at whole fractions of it.
+    """
+    stride = round(STEP / episode.period)
+    if stride < 1 or abs(stride * episode.period - STEP) > 1e-6:
+        raise InvalidInput(
+            f"episode {episode.label}: a frame every {episode.period:g} s; this format has one every {STEP} s, so the "
+            "period must be that divided by a whole number"
+        )
+    return slice(None, None, stride)
+
+
 def road_of(episode: Episode) -> Scenario:
     """Return the scenario, for formats that need a road.
 
@@ -67,6 +82,6 @@ def road_of(episode: Episode) -> Scenario:
     if episode.scenario is None:
         raise InvalidInput(
             f"{episode.source}: episode {episode.label}: its recording does not tell the road, and this format needs "
-            "one; export it to osi or carla-csv, which do not"
+            "one; export it to osi, minari or carla-csv, which do not"
         )
     return episode.scenario

@@ -69,6 +69,7 @@ EXPORTERS = PluginGroup(
         "commonroad": Exporter("vpsci_ros.export.commonroad", "commonroad"),
         "osi": Exporter("vpsci_ros.export.osi", "osi"),
         "scenarionet": Exporter("vpsci_ros.export.scenarionet"),
+        "minari": Exporter("vpsci_ros.export.minari"),
         "carla-csv": Exporter("vpsci_ros.export.carla_csv"),
     },
 )

@@ -15,13 +15,12 @@ from typing import Any
 import numpy as np
 
 from vpsci_ros.data.episode import Episode, Floats
-from vpsci_ros.errors import InvalidInput
-from vpsci_ros.export.movers import Mover, movers, road_of
+from vpsci_ros.export.movers import Mover, movers, road_of, tenths
 from vpsci_ros.export.run import Options
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.world import Scenario
+from vpsci_ros.world.observation import STEP
 
-STEP = 0.1  # [s]
 EGO = "ego"
 _BEYOND = 40.0  # [m] of straight lane before the centreline and after it
 _DATASET = "vpsci_ros"
@@ -49,15 +48,9 @@ def _dump(content: dict[str, Any], path: Path) -> None:
 def record(episode: Episode) -> dict[str, Any]:
     """Return an episode as ScenarioNet's dict.
 
-    :raises InvalidInput: frames that do not come at whole fractions of a tenth of a second.
+    :raises InvalidInput: see `tenths`.
     """
-    stride = round(STEP / episode.period)
-    if stride < 1 or abs(stride * episode.period - STEP) > 1e-6:
-        raise InvalidInput(
-            f"episode {episode.label}: a frame every {episode.period:g} s; ScenarioNet's records have one every {STEP} "
-            "s, so the period must be that divided by a whole number"
-        )
-    frames = slice(None, None, stride)
+    frames = tenths(episode)
     times = episode.time[frames].astype(np.float32)
     tracks = {}
     for number, each in enumerate(movers(episode)):
