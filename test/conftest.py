@@ -8,11 +8,13 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from fork_server import ForkedNode, ForkServer
 from numpy.typing import NDArray
 from synthetic import synthetic_near_misses
 
@@ -139,6 +141,21 @@ def own_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bag = tmp_path_factory.mktemp("own") / "bag"
     write_ticks(Loop(world), config, bag, {}, nodes)
     return bag
+
+
+@pytest.fixture(scope="session")
+def fork_server() -> Iterator[ForkServer]:
+    """The process that forks nodes."""
+    with contextlib.closing(ForkServer()) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def forked_nodes(fork_server: ForkServer) -> Iterator[None]:
+    """Have graphs of this module fork their nodes."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("vpsci_ros.nodes.graph.ChildProcess", partial(ForkedNode, fork_server))
+        yield
 
 
 @pytest.fixture(autouse=True)

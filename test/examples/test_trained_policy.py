@@ -20,6 +20,7 @@ from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.resources import params_dir
 from vpsci_ros.world import WorldConfig
 
+pytestmark = pytest.mark.usefixtures("forked_nodes")
 PROGRAM = Path(__file__).parents[2] / "examples" / "trained_policy.py"
 
 

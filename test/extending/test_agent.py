@@ -23,6 +23,7 @@ from vpsci_ros.view.pack import packed
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 
+pytestmark = pytest.mark.usefixtures("forked_nodes")
 FREEZING = files_of("Add a pedestrian or a driver")
 
 

@@ -20,6 +20,7 @@ from vpsci_ros.exam.search.imitation import lessons
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.sections import Sections
 
+pytestmark = pytest.mark.usefixtures("forked_nodes")
 ODD = """
 import os, sys
 import rclpy

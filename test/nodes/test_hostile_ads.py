@@ -5,10 +5,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.exam.run import prepare, run_exam
 from vpsci_ros.resources import params_dir
 
+pytestmark = pytest.mark.usefixtures("forked_nodes")
 HOSTILE = """
 import sys, threading, time
 import rclpy

@@ -18,6 +18,7 @@ from vpsci_ros.nodes.graph import GraphResult, run_graph
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.runs.sections import Sections
 
+pytestmark = pytest.mark.usefixtures("forked_nodes")
 SMALL_STAGE_1 = {
     "stage": "pretrain",
     "episodes": 2,

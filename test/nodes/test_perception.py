@@ -30,6 +30,7 @@ from vpsci_ros.world import EPISODE, load_scenarios
 from vpsci_ros.world.parked import parked_from
 from vpsci_ros.world.perception import SEEN, PerceptionConfig, blank, perceive
 
+pytestmark = pytest.mark.usefixtures("forked_nodes")
 ERRORS = {"position_noise": 0.2, "velocity_noise": 0.1, "missed": 0.1, "latency": 0.1, "least_visible": 0.25}
 POINT = np.dtype([(name, "<f4") for name in ("x", "y", "z", "vx", "vy")] + [("id", "<u4")])
 

@@ -25,6 +25,7 @@ from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.runs.sections import Sections
 
+pytestmark = pytest.mark.usefixtures("forked_nodes")
 NODES = ["world_simulator", "safety_monitor", "recorder"]
 
 

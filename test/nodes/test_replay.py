@@ -15,6 +15,7 @@ from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 
+pytestmark = pytest.mark.usefixtures("forked_nodes")
 NODES = ["world_simulator", "safety_monitor", "recorder"]
 
 

@@ -20,6 +20,7 @@ from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import EPISODE
 from vpsci_ros.world.observation import AGENTS
 
+pytestmark = pytest.mark.usefixtures("forked_nodes")
 RVIZ = Path(__file__).resolve().parents[2] / "rviz" / "vpsci.rviz"
 
 

@@ -14,6 +14,7 @@ from vpsci_ros.exam.search import plan
 from vpsci_ros.exam.search.run import run_search
 from vpsci_ros.resources import params_dir
 
+pytestmark = pytest.mark.usefixtures("forked_nodes")
 CARELESS = """
 class Careless:
     def reset(self, begin):
