@@ -1,5 +1,6 @@
 """The kit: clips balanced, blinded and equal in all but behaviour; answers checked before they count."""
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,13 @@ from synthetic import synthetic_near_misses
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
-from vpsci_ros.data.near_misses import write_near_misses
+from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.realism.simulators import rule_based
 from vpsci_ros.turing.answers import read_answers
-from vpsci_ros.turing.clips import FRAMES, SOURCES, equalised
+from vpsci_ros.turing.clips import FRAMES, SOURCES, draw_scenes, equalised
 from vpsci_ros.turing.kit import KEY, PAGE, make_kit
+from vpsci_ros.world.kinematics import MAX_DECELERATION
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +92,24 @@ def test_the_same_seed_draws_the_same_kit_and_another_one_another(table: Path, k
     assert again["kit"] == key(kit)["kit"] != other["kit"]
 
 
+def test_the_control_walks_on_goes_on_turning_and_brakes_fully_for_who_is_near_and_ahead(table: Path) -> None:
+    onsets = draw_scenes(read_near_misses(table), 2, 2)
+    motion = onsets.interactions.motion.copy()
+    angle = 0.1 * 0.5 * (np.arange(motion.shape[1]) - onsets.interactions.first[:, None])  # a circle of 10 m at 5 m/s
+    motion[..., 0], motion[..., 1], motion[..., 2] = 10.0 * np.sin(angle), 10.0 - 10.0 * np.cos(angle), angle
+    motion[..., 3], motion[..., 4] = 5.0 * np.cos(angle), 5.0 * np.sin(angle)
+    motion[..., 5:9] = 60.0, 0.0, -1.0, 0.5
+    motion[1, :, 5:9] = 5.0, 0.4, 0.0, 0.0  # in the way
+    free, blocked = rule_based(
+        dataclasses.replace(onsets, interactions=onsets.interactions.moving(motion)), reacting=False, turning=True
+    )[:, 0]
+    later = 0.05 * np.arange(1, 31)
+    assert free[0] == pytest.approx(np.column_stack([10.0 * np.sin(later), 10.0 - 10.0 * np.cos(later)]), abs=0.06)
+    assert free[1] == pytest.approx([60.0, 0.0] + 0.1 * np.arange(1, 31)[:, None] * [-1.0, 0.5])
+    way = np.hypot(*np.diff(blocked[0], axis=0).T).sum() + np.hypot(*blocked[0][0])
+    assert way == pytest.approx(5.0**2 / 2.0 / MAX_DECELERATION, abs=0.1)
+
+
 def test_smoothing_takes_jitter_away_and_leaves_turns_and_standing_vehicles_alone() -> None:
     t = np.arange(FRAMES) * 0.1
     turning = np.column_stack([8.0 * np.sin(0.4 * t), 8.0 - 8.0 * np.cos(0.4 * t)])
@@ -113,7 +134,7 @@ def test_scores_are_written_beside_the_papers(kit: Path, tmp_path: Path) -> None
     for row in range(3):
         document = answers(kit, f"rater <{row}>")
         for answer in document["answers"]:
-            made = key(kit)["clips"][answer["clip"]]["source"] == "constant_velocity"
+            made = key(kit)["clips"][answer["clip"]]["source"] == "rule_based"
             answer |= {"judgement": "made" if made else "real", "realism": 1 + row if made else 4}
         paths.append(tmp_path / f"{row}.json")
         paths[-1].write_text(json.dumps(document))
@@ -123,8 +144,8 @@ def test_scores_are_written_beside_the_papers(kit: Path, tmp_path: Path) -> None
     assert "rater &lt;0&gt;" in page
     assert "-13.5" in page
     numbers = json.loads((tmp_path / "out/turing.json").read_text())
-    assert numbers["judged_real"]["constant_velocity"]["value"] == 0.0
-    assert numbers["recognised"]["constant_velocity"]["accuracy"]["value"] == 1.0
+    assert numbers["judged_real"]["rule_based"]["value"] == 0.0
+    assert numbers["recognised"]["rule_based"]["accuracy"]["value"] == 1.0
     assert numbers["realism"]["recorded"]["value"] == 4.0
 
 

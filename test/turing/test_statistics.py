@@ -6,7 +6,7 @@ from scipy import stats
 from turing.raters import simulated
 
 from vpsci_ros.turing.agreement import d_prime, icc_2k, mean_d_prime
-from vpsci_ros.turing.crossed import over_both, over_raters, over_scenes, p_value, share_of, tost
+from vpsci_ros.turing.crossed import over_both, over_raters, over_scenes, p_value, share_of, tost, welch
 from vpsci_ros.turing.score import cohens_d, conclusion, correct, knowing_raters, not_concluded, score
 
 SHROUT_FLEISS = np.array([[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float)
@@ -40,6 +40,35 @@ def test_equivalence_is_the_larger_of_the_two_one_sided_p_values_of_scipy() -> N
     one_sided = (stats.ttest_1samp(difference[:, 0], bound, alternative=side).pvalue
                  for bound, side in ((-0.5, "greater"), (0.5, "less")))  # fmt: skip
     assert tost(over_raters(difference), 0.5) == pytest.approx(max(one_sided))
+
+
+def test_welch_and_its_equivalence_are_those_of_scipy() -> None:
+    rng = np.random.default_rng(12)
+    one, other = rng.normal(3.1, 0.6, 48), rng.normal(3.0, 1.1, 40)
+    mine, theirs = welch(one, other), stats.ttest_ind(one, other, equal_var=False)
+    assert mine.value / mine.error == pytest.approx(theirs.statistic)
+    assert (mine.freedom, p_value(mine)) == (pytest.approx(theirs.df), pytest.approx(theirs.pvalue))
+    interval = theirs.confidence_interval()
+    assert (mine.low, mine.high) == (pytest.approx(interval.low), pytest.approx(interval.high))
+    one_sided = (stats.ttest_ind(one + shift, other, equal_var=False, alternative=side).pvalue
+                 for shift, side in ((0.5, "greater"), (-0.5, "less")))  # fmt: skip
+    assert tost(mine, 0.5) == pytest.approx(max(one_sided))
+
+
+def test_the_papers_own_analysis_leaves_out_raters_without_variance_and_with_bias_and_the_main_one_nobody() -> None:
+    answers = simulated(np.random.default_rng(13), 12, 4, by_rater=0.1, by_scene=0.1, noise=0.9)
+    answers.realism[2] = 4.0  # one score for everything
+    answers.realism[7] -= 5.0  # everything far below what others say
+    result = score(answers)
+    own = result["as_the_paper"]
+    assert own["excluded"]["rater 2"] == "scores hardly differ (deviation 0.00)"
+    assert own["excluded"]["rater 7"].startswith("a mean of ")
+    assert (own["raters"], result["raters"]) == (10, 12)
+    row = next(row for row in own["table_11"] if row["second"] == "generated")
+    kept = np.delete(answers.realism, [2, 7], axis=0)
+    theirs = stats.ttest_ind(kept[..., 2].ravel(), kept[..., 1].ravel(), equal_var=False)
+    assert (row["t"], row["freedom"]) == (pytest.approx(theirs.statistic), pytest.approx(theirs.df))
+    assert row["conclusion"] == "different"
 
 
 def test_cohens_d_is_the_difference_in_pooled_deviations() -> None:
@@ -120,8 +149,7 @@ def test_raters_who_see_a_difference_are_told_from_chance() -> None:
     assert result["recognised"]["generated"]["accuracy"]["low"] > 0.6
     assert result["recognised"]["generated"]["d_prime"]["value"] == pytest.approx(1.4, abs=0.3)
     assert (
-        result["recognised"]["constant_velocity"]["accuracy"]["value"]
-        > result["recognised"]["generated"]["accuracy"]["value"]
+        result["recognised"]["rule_based"]["accuracy"]["value"] > result["recognised"]["generated"]["accuracy"]["value"]
     )
 
 
@@ -133,7 +161,7 @@ def test_table_11_concludes_what_is_true_and_no_more(effect, by_scene, expected)
     answers = simulated(np.random.default_rng(8), 40, 10, effect, by_rater=0.2, by_scene=by_scene)
     rows = {(row["first"], row["second"]): row for row in score(answers)["table_11"]}
     assert rows["generated", "recorded"]["conclusion"] == expected
-    assert rows["constant_velocity", "recorded"]["paper"]["conclusion"] == "different"
+    assert rows["rule_based", "recorded"]["paper"]["conclusion"] == "different"
 
 
 def test_false_equivalence_is_concluded_no_more_often_than_its_level() -> None:

@@ -67,7 +67,8 @@ def make(
     """Write questionnaire.html for the raters, and key.json, which they must not see.
 
     A scene is shown as recorded, as the policies go on from the same start,
-    and at constant velocity; the page says nothing of which is which.
+    and as the rule-based pair does, in the place of CARLA's default controller;
+    the page says nothing of which is which. The paper has --scenes 4.
     """
     from vpsci_ros.turing.kit import make_kit
 
@@ -93,8 +94,11 @@ def score(
     result = write_result(read_answers(key, answers), output)
     accuracy = result["recognised"]["generated"]["accuracy"]
     bounds = "" if accuracy["low"] is None else f" [{accuracy['low']:.1%}, {accuracy['high']:.1%}]"
+    excluded = result["as_the_paper"]["excluded"]
     print(f"{result['raters']} raters, {result['clips']} clips; recorded and generated ones told apart in "
           f"{accuracy['value']:.1%}{bounds}")  # fmt: skip
+    for name, why in excluded.items():
+        print(f"excluded from the paper's own analysis: {name}, {why}")
     for text in result["not_concluded"]:
         print(f"open: {text}")
     print(f"written: {output / PAGE}; turing.json and figure_10.png beside it")

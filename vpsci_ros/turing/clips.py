@@ -1,5 +1,8 @@
 """The clips of a Turing test: scenes of recorded people, each shown as it was and as two simulators go on with it.
 
+The two are the policies and, in the place of CARLA's default controller, the rule-based pair: a vehicle that goes on
+turning as it did and brakes fully for whoever is near and straight ahead, and a pedestrian who does not react.
+
 All clips of a scene share the second before the onset (the first step with CurvTTC below 5 s), and then go their own
 ways for 3 s. What would give away a source rather than its behaviour is the same for all: 0.1 s a frame, 4 s, the same
 smoothing, footprints of one size, no map, and for each scene one rotation and one mirroring, drawn by the seed.
@@ -16,11 +19,11 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import closed_loop_trajectories
 from vpsci_ros.evaluation.realism.onsets import HISTORY, STEPS, Onsets, find_onsets
-from vpsci_ros.evaluation.realism.samplers import constant_velocity
+from vpsci_ros.evaluation.realism.simulators import rule_based
 from vpsci_ros.policy.weights import Weights
 
 Floats = NDArray[np.float64]
-RECORDED, GENERATED, CONTROL = "recorded", "generated", "constant_velocity"
+RECORDED, GENERATED, CONTROL = "recorded", "generated", "rule_based"
 SOURCES = (RECORDED, GENERATED, CONTROL)
 FRAMES = HISTORY + 1 + STEPS
 _HALF_WINDOW = 3  # steps to either side over which positions are smoothed
@@ -77,7 +80,7 @@ def make_clips(onsets: Onsets, weights: Weights, seed: int, temperature: float) 
     after = {
         RECORDED: onsets.recorded,
         GENERATED: np.stack([predicted[..., 0:2], predicted[..., 5:7]], axis=1),
-        CONTROL: constant_velocity(onsets, _tracked(history))[:, 0],
+        CONTROL: rule_based(onsets, reacting=False, turning=True)[:, 0],
     }
     rng = np.random.default_rng([seed, 2])
     turn, mirror = rng.uniform(-np.pi, np.pi, len(onsets)), rng.integers(0, 2, len(onsets)) * 2 - 1
@@ -95,12 +98,6 @@ def make_clips(onsets: Onsets, weights: Weights, seed: int, temperature: float) 
 def _history_steps(onsets: Onsets) -> NDArray[np.int64]:
     steps: NDArray[np.int64] = onsets.interactions.first[:, None] + np.arange(-HISTORY, 1)
     return steps
-
-
-def _tracked(history: Floats) -> Floats:
-    """Return the vehicle's velocity by its last positions, float64[n, 2] [m/s]; published ones may lag behind."""
-    velocity: Floats = (history[:, -1, 0:2] - history[:, -3, 0:2]) / 0.2
-    return velocity
 
 
 def equalised(places: Floats, heading: float) -> Floats:

@@ -64,6 +64,19 @@ def mean_squares(table: Floats) -> tuple[float, float, float]:
     return rows, columns, float((residual**2).sum()) / ((raters - 1) * (scenes - 1))
 
 
+def welch(one: Floats, other: Floats) -> Mean:
+    """Return the difference of two groups' means with the standard error of (32) and Welch's degrees of freedom.
+
+    It takes all judgements for independent, as the paper does.
+    """
+    parts = np.array([group.var(ddof=1) / len(group) if len(group) > 1 else math.nan for group in (one, other)])
+    difference, total = float(one.mean() - other.mean()), float(parts.sum())
+    if not total > 0.0:
+        return Mean(difference, math.sqrt(total), math.nan, difference, difference)
+    freedom = total**2 / float(sum(part**2 / (len(group) - 1) for part, group in zip(parts, (one, other), strict=True)))
+    return _interval(difference, math.sqrt(total), freedom)
+
+
 def p_value(mean: Mean, against: float = 0.0) -> float:
     """Return the two-sided p-value of a mean against a value; NaN where nothing can be said."""
     if not mean.error > 0.0:

@@ -13,7 +13,7 @@ from vpsci_ros.turing.clips import CONTROL, GENERATED, RECORDED, SOURCES
 from vpsci_ros.turing.score import MARGIN, PUBLISHED_ICC, score
 
 PAGE, NUMBERS, FIGURE = "turing.html", "turing.json", "figure_10.png"
-NAMES = {RECORDED: "recorded", GENERATED: "generated", CONTROL: "constant velocity"}
+NAMES = {RECORDED: "recorded", GENERATED: "generated", CONTROL: "rule-based pair"}
 _COLOURS = {RECORDED: "#08519c", GENERATED: "#b34700", CONTROL: "#777777"}
 
 

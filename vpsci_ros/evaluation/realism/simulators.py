@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from vpsci_ros.evaluation.predictors import PolicyPredictor, PredictionStart, Predictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import OBSERVED, closed_loop_trajectories
 from vpsci_ros.evaluation.realism.onsets import STEPS, Onsets
-from vpsci_ros.kinematics.scene import scene_at
+from vpsci_ros.kinematics.scene import SHARPEST_TURN, scene_at
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.residuals import people_of
 from vpsci_ros.policy.weights import Weights
@@ -26,6 +26,7 @@ Simulator = Callable[[Onsets], Floats]
 
 ROLL_OUTS = 32  # of stochastic policies; one where there is no chance in them
 TRACKED_STEPS = NetworkConfig().tracked_steps
+_TURNED, _CAME = 5, 0.25  # steps over which a turn is measured, and the least way [m] for it
 _STRAIGHT_AHEAD = 0.25  # [m] beside the footprints in which the autopilot brakes, as in the world
 
 
@@ -62,16 +63,20 @@ def policy(weights: Weights, seed: int, temperature: float = 1.0, roll_outs: int
     return simulate
 
 
-def rule_based(onsets: Onsets) -> Floats:
+def rule_based(onsets: Onsets, *, reacting: bool = True, turning: bool = False) -> Floats:
     """Return where the social force pedestrian and the autopilot without a lane go, K = 1.
 
     The pedestrian wants the velocity of the onset. The vehicle keeps its direction and tracked speed, and brakes fully
     for a pedestrian near and straight ahead of its front.
+
+    :param reacting: False: the pedestrian keeps its velocity, as CARLA's walkers do.
+    :param turning: the vehicle goes on turning as it did over the last 0.5 s, by at most 90 degrees.
     """
     scene = scene_at(
         torch.from_numpy(onsets.interactions.motion), torch.from_numpy(onsets.interactions.first), TRACKED_STEPS
     )
     velocity = scene.vehicle_velocity.numpy()
+    bend = _curvatures(onsets) if turning else np.zeros(len(onsets))
     config, out = WorldConfig(), np.zeros((len(onsets), 2, STEPS, 2))
     for i, (start, size) in enumerate(zip(onsets.start, onsets.size, strict=True)):
         x, y, px, py, vx, vy = (float(start[k]) for k in (0, 1, 5, 6, 7, 8))
@@ -79,16 +84,32 @@ def rule_based(onsets: Onsets) -> Floats:
         speed = float(np.hypot(*velocity[i]))
         heading = float(np.arctan2(velocity[i, 1], velocity[i, 0])) if speed > 0.1 else float(start[2])
         c, s = np.cos(heading), np.sin(heading)
+        straight = heading
         reach = half_width + PEDESTRIAN_RADIUS + _STRAIGHT_AHEAD
         for step in range(STEPS):
+            if bend[i]:
+                c, s = np.cos(heading), np.sin(heading)
             forward, left = c * (px - x) + s * (py - y), c * (py - y) - s * (px - x)
             braking = too_near(forward, left, half_length, reach, config.proximity_distance)
             ax, ay = social_force(
                 *wanted, vx, vy, px, py, x, y, heading, half_length, half_width, PEDESTRIAN_RADIUS
-            )  # fmt: skip
+            ) if reacting else (0.0, 0.0)  # fmt: skip
             after = max(0.0, speed - MAX_DECELERATION * STEP) if braking else speed
+            if bend[i]:
+                turned = heading - straight + bend[i] * 0.5 * (speed + after) * STEP
+                before, heading = heading, straight + float(np.clip(turned, -0.5 * np.pi, 0.5 * np.pi))
+                c, s = np.cos(0.5 * (before + heading)), np.sin(0.5 * (before + heading))
             x, y = x + 0.5 * (speed + after) * STEP * c, y + 0.5 * (speed + after) * STEP * s
             px, py = px + (vx + 0.5 * ax * STEP) * STEP, py + (vy + 0.5 * ay * STEP) * STEP
             speed, vx, vy = after, vx + ax * STEP, vy + ay * STEP
             out[i, :, step] = (x, y), (px, py)
     return out[:, None]
+
+
+def _curvatures(onsets: Onsets) -> Floats:
+    """Return the curvature of each vehicle's path over the 0.5 s before the onset, float64[n] [1/m]."""
+    rows, now = np.arange(len(onsets)), onsets.interactions.first
+    motion, before = onsets.interactions.motion, np.maximum(now - _TURNED, 0)
+    turn = motion[rows, now, 2] - motion[rows, before, 2]
+    way = np.hypot(*(motion[rows, now, 0:2] - motion[rows, before, 0:2]).T)
+    return np.clip(np.where(way > _CAME, turn / np.maximum(way, _CAME), 0.0), -SHARPEST_TURN, SHARPEST_TURN)
