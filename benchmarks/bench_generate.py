@@ -30,7 +30,7 @@ from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
 from vpsci_ros.generate import simulate
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import Job, Unit, job_from
-from vpsci_ros.generate.run import generate, local_workers
+from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.streaming import StreamingActor
 from vpsci_ros.resources import params_dir
@@ -77,7 +77,7 @@ def end_to_end(job: Job, values: DatasetConfig, episodes: int, workers: int) -> 
     folder = Path(tempfile.mkdtemp())
     targets = {scenario.number: episodes for scenario in job.scenarios}
     begin = time.perf_counter()
-    done = generate(job, targets, folder / "d", values, lambda: local_workers(job, values.parallel, workers))
+    done = generate(job, targets, folder / "d", values, lambda: simulators(job, values.parallel, workers))
     wall = time.perf_counter() - begin
     rows = done.description["scenarios"].values()
     kept = sum(row["kept"] for row in rows)

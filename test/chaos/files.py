@@ -33,9 +33,8 @@ from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import job_from
-from vpsci_ros.generate.run import generate
+from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.generate.verify import job_of
-from vpsci_ros.generate.workers import Serial
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.weights import Weights, load_weights, save_weights
@@ -268,7 +267,7 @@ def _dataset(folder: Path) -> Path:
     """Two episodes of the rule-based pair; what is damaged is the description."""
     sections = load("stage3_generate", RULES)
     values = sections.get(DatasetConfig, "dataset")
-    generate(job_from(sections), {1: 2}, folder / "dataset", values, lambda: Serial(job_from(sections), 8))
+    generate(job_from(sections), {1: 2}, folder / "dataset", values, lambda: simulators(job_from(sections), 8, 1))
     return folder / "dataset" / DESCRIPTION
 
 

@@ -10,7 +10,7 @@ from generate.small import CONFIG, NETWORK, TARGETS
 
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import Job, job_from
-from vpsci_ros.generate.run import Generated, generate, local_workers
+from vpsci_ros.generate.run import Generated, generate, simulators
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.weights import Weights, save_weights
 from vpsci_ros.runs.sections import Sections
@@ -59,7 +59,7 @@ def make(job: Job) -> Callable[..., Generated]:
     """Generate into a folder: by so many workers, with other sizes of units and batches, for another job."""
 
     def run(folder: Path, workers: int = 1, *, of: Job = job, config: DatasetConfig = CONFIG, **options: Any):
-        return generate(of, TARGETS, folder, config, lambda: local_workers(of, config.parallel, workers), **options)
+        return generate(of, TARGETS, folder, config, lambda: simulators(of, config.parallel, workers), **options)
 
     return run
 

@@ -15,9 +15,8 @@ from vpsci_ros.episodes import read_episodes
 from vpsci_ros.evaluation.encounters import generated_encounters
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.record import record_episodes
-from vpsci_ros.generate.run import generate
+from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.generate.verify import verify
-from vpsci_ros.generate.workers import Serial
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.report.summary import summarise
@@ -40,7 +39,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         {"world_simulator": world, "vehicle_policy": policy, "pedestrian_policy": policy, "dataset": dataset}
     )
     job = job_from(sections)
-    generate(job, {1: 12}, folder / "dataset", CONFIG, lambda: Serial(job, 40))
+    generate(job, {1: 12}, folder / "dataset", CONFIG, lambda: simulators(job, 40, 1))
     return folder / "dataset"
 
 
@@ -76,7 +75,7 @@ def test_an_episode_of_several_pedestrians_counts_once_among_the_yields(made: Pa
 
 
 def test_the_dataset_is_simulated_again_to_the_bit_and_so_is_a_bag_of_it(made: Path, tmp_path: Path) -> None:
-    assert verify(made, lambda job: Serial(job, 7)).findings == []
+    assert verify(made, lambda job: simulators(job, 7, 1)).findings == []
     chosen = [(1, int(count)) for count in Dataset(made).index()["count"].head(3)]
     record_episodes(made, chosen, tmp_path / "bag")
     result = verify_bag(tmp_path / "bag", weights=str(next(made.glob("*.safetensors"))))

@@ -11,8 +11,7 @@ from generate.small import CONFIG
 from vpsci_ros.data.dataset_index import INDEX
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.generate.job import job_from
-from vpsci_ros.generate.run import generate
-from vpsci_ros.generate.workers import Serial
+from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.runs.sections import Sections
 
 
@@ -24,7 +23,7 @@ def crowd(tmp_path_factory: pytest.TempPathFactory) -> Path:
     anything = {"critical_ttc": 60.0, "least_frames": 1, "vehicle_distance": 0.0, "pedestrian_distance": 0.0}
     job = job_from(Sections({"world_simulator": world, "dataset": anything}))
     folder = tmp_path_factory.mktemp("crowd") / "dataset"
-    generate(job, {104: 4}, folder, CONFIG, lambda: Serial(job, 40))
+    generate(job, {104: 4}, folder, CONFIG, lambda: simulators(job, 40, 1))
     return folder
 
 

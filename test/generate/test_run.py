@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from functools import partial
 from multiprocessing import connection, popen_spawn_posix
 from pathlib import Path
 
@@ -20,10 +21,10 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.job import Unit
 from vpsci_ros.generate.journal import FOLDER, Journal, journal_of
-from vpsci_ros.generate.run import RECORD, generate
-from vpsci_ros.generate.simulate import Simulator
-from vpsci_ros.generate.workers import Processes, Serial
+from vpsci_ros.generate.run import RECORD, generate, simulators
+from vpsci_ros.generate.simulate import Simulator, computing
 from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.workers import Processes, Serial
 
 
 def hashes(folder: Path) -> dict[str, str]:
@@ -73,7 +74,7 @@ def test_a_finished_dataset_that_lost_something_is_not_said_to_be_there(make, ma
 
 def test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes(job, make, made, tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(job, 64))
+        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(partial(computing, job, 64)))
     assert [path.name for path in (tmp_path / "d").iterdir()] == [FOLDER]
     assert len(list((tmp_path / "d" / FOLDER).glob("*.npz"))) == 2
     resumed = make(tmp_path / "d", config=dataclasses.replace(CONFIG, unit=1000))  # goes on in the units of old
@@ -83,7 +84,7 @@ def test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes(job, make, made
 
 def test_a_unit_that_the_disk_has_damaged_is_computed_again(job, make, made, tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(job, 64))
+        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(partial(computing, job, 64)))
     part = next((tmp_path / "d" / FOLDER).glob("*.npz"))
     data = bytearray(part.read_bytes())
     data[len(data) // 2] ^= 1
@@ -103,7 +104,7 @@ def test_a_killed_worker_costs_nothing_but_time(job, made, tmp_path) -> None:
                 os.kill(self.pids[0], signal.SIGKILL)
             return found
 
-    generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Murdered(job, 8, 2))
+    generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Murdered(partial(computing, job, 8), 2))
     assert hashes(tmp_path / "d") == hashes(made)
 
 
@@ -118,14 +119,14 @@ def test_a_worker_killed_while_it_is_being_started_costs_nothing_but_time(job, m
         return pid
 
     monkeypatch.setattr(popen_spawn_posix.util, "spawnv_passfds", killed_at_once)
-    generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Processes(job, 8, 2))
+    generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: simulators(job, 8, 2))
     assert victims == []
     assert hashes(tmp_path / "d") == hashes(made)
 
 
 def test_a_worker_killed_while_it_writes_a_result_costs_nothing_but_time(job, monkeypatch) -> None:
     unit, killed = Unit(1, range(200)), []
-    workers = Processes(job, 64, 2)
+    workers = simulators(job, 64, 2)
 
     def wait(connections):
         ready = connection.wait(connections)
@@ -137,7 +138,7 @@ def test_a_worker_killed_while_it_writes_a_result_costs_nothing_but_time(job, mo
                 os.kill(killed[0], signal.SIGKILL)
         return ready
 
-    monkeypatch.setattr("vpsci_ros.generate.workers.wait", wait)
+    monkeypatch.setattr("vpsci_ros.runs.workers.wait", wait)
     workers.submit(unit)
     ((found, data),) = workers.collect()
     workers.close()
@@ -148,7 +149,7 @@ def test_a_worker_killed_while_it_writes_a_result_costs_nothing_but_time(job, mo
 
 
 def test_an_error_in_a_worker_is_raised_here(job) -> None:
-    workers = Processes(job, 8, 1)
+    workers = Processes(partial(computing, job, 8), 1)
     workers.submit(Unit(99, range(8)))
     with pytest.raises(InvalidInput, match="scenario 99"):
         workers.collect()
@@ -167,7 +168,7 @@ def test_another_configuration_is_refused_naming_what_differs(job, make, made, t
     with pytest.raises(InvalidInput, match="holds a dataset with seed = 3, and this one has 4"):
         make(made, of=other)
     with pytest.raises(KeyboardInterrupt):
-        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(job, 64))
+        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(partial(computing, job, 64)))
     world = dataclasses.replace(job.world, release_time=0.5)
     with pytest.raises(InvalidInput, match=r"unfinished run with .*release_time = 5\.0, and this one has 0\.5"):
         make(tmp_path / "d", of=dataclasses.replace(job, world=world))
@@ -218,7 +219,7 @@ def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(job, make, m
 def test_hopeless_filters_end_the_run_with_the_reason(job, tmp_path) -> None:
     strict = dataclasses.replace(job, filters=dataclasses.replace(job.filters, vehicle_distance=1000.0))
     with pytest.raises(VpsciError, match=r"0 of \d+ episodes passed the filters, 12 are wanted"):
-        generate(strict, TARGETS, tmp_path, dataclasses.replace(CONFIG, give_up=1.0), lambda: Serial(strict, 64))
+        generate(strict, TARGETS, tmp_path, dataclasses.replace(CONFIG, give_up=1.0), lambda: simulators(strict, 64, 1))
 
 
 def test_counts_add_up_and_early_collisions_are_those_that_one_filter_drops(made) -> None:

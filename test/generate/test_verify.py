@@ -14,15 +14,15 @@ from vpsci_ros.data.dataset_files import DATASET_COLUMNS
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.parquet import read_metadata, write_parquet
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.generate.run import simulators
 from vpsci_ros.generate.verify import job_of, verify
-from vpsci_ros.generate.workers import Serial
 from vpsci_ros.policy.weights import load_weights, save_weights
 
 NAME = "LocationB_PedCross_N-S"
 
 
 def serial(job):
-    return Serial(job, 40)
+    return simulators(job, 40, 1)
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.resources import RIGHT_TURNS
 
 if TYPE_CHECKING:
-    from vpsci_ros.generate.job import Job
-    from vpsci_ros.generate.workers import Workers
+    from vpsci_ros.generate.job import Job, Unit
+    from vpsci_ros.runs.workers import Workers
 
 dataset_app = typer.Typer(no_args_is_help=True, help="Generated datasets: what is in them, and whether it is true.")
 
@@ -182,12 +182,12 @@ def bag(
     print(f"{len(chosen)} episodes in {ticks:,} ticks; written: {output}")
 
 
-def _workers(ray: str | None, count: int | None) -> "Callable[[Job, int], Workers]":
+def _workers(ray: str | None, count: int | None) -> "Callable[[Job, int], Workers[Unit, bytes]]":
     """Return a function that starts the workers chosen by the options, given a job and a batch."""
     if ray is not None:
         from vpsci_ros.generate.ray_workers import RayWorkers
 
         return lambda job, batch: RayWorkers(job, batch, ray, count)
-    from vpsci_ros.generate.run import local_workers
+    from vpsci_ros.generate.run import simulators
 
-    return lambda job, batch: local_workers(job, batch, count or len(os.sched_getaffinity(0)))
+    return lambda job, batch: simulators(job, batch, count or len(os.sched_getaffinity(0)))

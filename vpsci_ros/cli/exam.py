@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections, writes_folder
+from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections, stoppable, writes_folder
 from vpsci_ros.errors import InvalidInput
 
 
@@ -61,6 +61,9 @@ def ads_test(
             help="Exit with status 1 where this holds, with the pedestrian named or with any; repeatable.",
         ),
     ] = None,
+    workers: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Graphs (or processes of a class) side by side; all else is equal.")
+    ] = 1,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
@@ -87,12 +90,16 @@ def ads_test(
                 "--search goes without --fail-if, --recorded and --episodes; put what it finds to an exam with these: "
                 "--episodes failures.json"
             )
-        failures = run_search(prepare(sections, ads, ads_class), output, quiet=quiet)
+        exam = prepare(sections, ads, ads_class, workers)
+        with stoppable(output):
+            failures = run_search(exam, output, workers=workers, quiet=quiet)
         for reason in failures:
             print(f"failed: {reason}", file=sys.stderr)
     elif budget is not None:
         raise InvalidInput("--budget is of --search; --episodes N says how many episodes an exam has")
     else:
-        failures = run_exam(prepare(sections, ads, ads_class), output, fail_if or [], quiet=quiet)
+        exam = prepare(sections, ads, ads_class, workers)
+        with stoppable(output):
+            failures = run_exam(exam, output, fail_if or [], workers=workers, quiet=quiet)
     if failures:
         raise typer.Exit(1)

@@ -1,19 +1,22 @@
 """The runs of an exam: a driving system, or the autopilot, meets one pedestrian after the other on the same episodes.
 
 The driving system drives through the graph of nodes, in lock-step, one episode at a time, or, as a Python class, in
-this process; so does the autopilot. What a run of a driving system came to is read from its bag.
+this process; so does the autopilot. What a run of a driving system came to is read from its bag. Many episodes are
+driven in parts, each a run of its own, by workers side by side where there are several.
 """
 
 import contextlib
 import dataclasses
+import itertools
 import os
 import shutil
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +30,7 @@ from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.driver_class import find_driver
+from vpsci_ros.exam.episode_list import flat
 from vpsci_ros.exam.in_process import SIDE_BY_SIDE, InProcess
 from vpsci_ros.exam.measures import RunResult
 from vpsci_ros.exam.process import command_of, failure, running
@@ -46,6 +50,7 @@ from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RECORD, read_record, write_record
 from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.workers import computed, local_workers
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import EVENTS
@@ -59,6 +64,7 @@ from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
 
 _BATCH = 64  # episodes side by side, of the autopilot
 _STOPPED = "stopped on request"
+PART = 100  # episodes of a run, at most: where there are more, its pedestrian is met in several runs
 DYING = 1.0  # [s] from the last command of a system that ends to its end
 
 
@@ -67,17 +73,35 @@ class Exam:
     """What is examined, and on which episodes.
 
     :ivar sections: the parameters that the graphs are started with.
+    :ivar part: which one of an exam in several parts, from 0.
+    :ivar whole: that exam; None: it is whole itself.
     """
 
     sections: Sections
     config: ExamConfig
     run: RunConfig
     world: WorldConfig
+    part: int = 0
+    whole: "Exam | None" = None
 
     @property
     def episodes(self) -> list[Key]:
         """The episodes, the same ones with each pedestrian."""
         return list(self.run.queue())
+
+    def only(self, keys: Sequence[Key]) -> "Exam":
+        """Return the exam on these episodes alone."""
+        listed = flat(keys)
+        sections = self.sections.changed("world_simulator", {"only": listed})
+        return dataclasses.replace(self, sections=sections, run=dataclasses.replace(self.run, only=listed))
+
+    def parts(self) -> list["Exam"]:
+        """Return the exam in parts that are driven in a run each, however many workers there are."""
+        keys = self.episodes
+        if len(keys) <= PART:
+            return [self]
+        starts = enumerate(range(0, len(keys), PART))
+        return [dataclasses.replace(self.only(keys[k : k + PART]), part=n, whole=self) for n, k in starts]
 
     @property
     def scenarios(self) -> list[Scenario]:
@@ -113,31 +137,89 @@ class Exam:
 
     def motion(self, pedestrian: str) -> Motion:
         """Return the motion of a pedestrian that is replayed: recorded people, or nobody."""
-        begins = self.spawns()
         if pedestrian == ALONE:
-            return absent_pedestrians(begins)
+            return absent_pedestrians(self.spawns())
         path, world = self.config.recorded, self.with_pedestrian(pedestrian, "external")
-        return recorded_people(read_near_misses(path), begins, self.scenarios, world, self.run.seed, path)
+        begins = (self.whole or self).spawns()  # each person once before any twice, in whatever parts
+        motion = recorded_people(read_near_misses(path), begins, self.scenarios, world, self.run.seed, path)
+        return {key: motion[key] for key in self.episodes}
 
     def spawns(self, pedestrian: str = ALONE) -> NDArray[np.void]:
         """Return the episodes as they begin, EPISODE[n * P], P rows for each where there are several pedestrians."""
         return spawns(self.with_pedestrian(pedestrian, "external"), self.scenarios, self.episodes, self.run.seed)
 
 
-def run_with_all(exam: Exam, folder: Path, *, quiet: bool) -> dict[str, RunResult]:
-    """Have the ADS meet one pedestrian after the other, nobody at first; what is done in `folder` is not done again.
+class Run(NamedTuple):
+    """A run of the driving system: with one pedestrian, on the episodes of one part of the exam."""
 
-    :raises VpsciError: a node has failed.
+    pedestrian: str
+    part: int
+
+    def __str__(self) -> str:
+        return _label(self.pedestrian, self.part)
+
+
+def run_with_all(
+    exam: Exam, folder: Path, pedestrians: Sequence[str], *, workers: int = 1, quiet: bool, what: str = ""
+) -> dict[str, RunResult]:
+    """Have the ADS meet one pedestrian after the other; what is done in `folder` is not done again.
+
+    With a run in which not one episode is driven it ends: no need to have that said once for each.
+
+    :param workers: runs side by side, each in a process of its own; what comes out does not depend on their number.
+    :param what: these runs are, for who waits.
+    :raises VpsciError: a node has failed, or workers die again and again.
     :raises KeyboardInterrupt: stopped on request.
     """
-    runs: dict[str, RunResult] = {}
-    names = [ALONE, *exam.config.opponents]
-    with domain_of(exam.config):
-        for n, name in enumerate(names, 1):
-            runs[name] = run_with(exam, name, folder, f"{n} of {len(names)}", quiet=quiet)
-            if not runs[name].episodes:
-                break  # it does not drive at all: no need to have that said once for each pedestrian
-    return runs
+    parts = exam.parts()
+    runs = [Run(name, number) for name in pedestrians for number in range(len(parts))]
+    waiting, found, begun = iter(runs), dict[Run, RunResult](), time.monotonic()
+    titles = {run: f"{what}{n} of {len(runs)}" for n, run in enumerate(runs, 1)} if workers == 1 and not quiet else {}
+
+    def following() -> Run | None:
+        return None if any(not result.episodes for result in found.values()) else next(waiting, None)
+
+    pool = local_workers(partial(_conductor, parts, folder, titles), min(workers, len(runs)))
+    with contextlib.closing(pool), Bars(quiet=quiet or workers == 1) as bars:
+        for run, result in computed(pool, following, ahead=0):
+            found[run] = result
+            done, wanted = sum(parts[each.part].run.total for each in found), len(exam.episodes) * len(pedestrians)
+            bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(run.pedestrian)}")
+            left = (time.monotonic() - begun) / 60.0 * (wanted - done) / done
+            bars.line(f"{what}{done:,} of {wanted:,} episodes, {left:.1f} min left", now=True)
+    empty = next((n for n, run in enumerate(runs) if run in found and not found[run].episodes), len(runs))
+    taken = {name: [found[run] for run in runs[: empty + 1] if run.pedestrian == name] for name in pedestrians}
+    return {name: _joined(results, len(exam.episodes)) for name, results in taken.items() if results}
+
+
+def _conductor(parts: Sequence[Exam], folder: Path, titles: Mapping[Run, str]) -> Callable[[Run], RunResult]:
+    """Return what conducts the runs of an exam's parts, in a process of its own or not.
+
+    :param titles: of the runs, for who waits; a run without one is quiet.
+    """
+
+    def conduct(run: Run) -> RunResult:
+        with domain_of(parts[0].config):
+            return run_with(parts[run.part], run.pedestrian, folder, titles.get(run, ""), quiet=run not in titles)
+
+    return conduct
+
+
+def _joined(results: Sequence[RunResult], wanted: int) -> RunResult:
+    """Return what the parts of a run came to together."""
+    conducts = [result.conduct for result in results]
+    failures = [conduct.failure for conduct in conducts if conduct.failure]
+    others = f" (so did {len(failures) - 1} more of its runs)" if len(failures) > 1 else ""
+    conduct = Conduct(
+        wanted,
+        sum(each.refused for each in conducts),
+        sum(each.surplus for each in conducts),
+        sum(each.safe_stops for each in conducts),
+        failures[0] + others if failures else "",
+    )
+    episodes = sorted((episode for result in results for episode in result.episodes), key=lambda episode: episode.key)
+    unanswered = {key: count for result in results for key, count in result.unanswered.items()}
+    return RunResult(episodes, conduct, unanswered, {k: v for result in results for k, v in result.sight.items()})
 
 
 def domain_of(config: ExamConfig) -> contextlib.AbstractContextManager[object]:
@@ -158,19 +240,31 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
     """
     for part in ("runs", "logs"):
         (folder / part).mkdir(parents=True, exist_ok=True)
+    label = _label(name, exam.part)
     if _conduct(exam, folder, name).failure:
         if not quiet:
             where = f"; the ADS is expected in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
             external = where if exam.config.examined == EXTERNAL else ""
             print(f"{which}: {title_of(name)}, {len(exam.episodes)} episodes{external}", file=sys.stderr)
-        shutil.rmtree(folder / "runs" / name, ignore_errors=True)
+        shutil.rmtree(folder / "runs" / label, ignore_errors=True)
         (_run_class if exam.config.ads_class else _run)(exam, name, folder, quiet)
-    return _read(exam, name, bag_of(folder, name), _conduct(exam, folder, name))
+    return _read(exam, name, bag_of(folder, label), _conduct(exam, folder, name))
 
 
-def bag_of(folder: Path, name: str) -> Path:
-    """Return where the bag of a run with one pedestrian is."""
-    return folder / "runs" / name / "bag"
+def _label(pedestrian: str, part: int) -> str:
+    """Return how the folder of a run is named: walker, walker-2, walker-3."""
+    return f"{pedestrian}-{part + 1}" if part else pedestrian
+
+
+def bag_of(folder: Path, label: str) -> Path:
+    """Return where the bag of a run is."""
+    return folder / "runs" / label / "bag"
+
+
+def bags_of(folder: Path, pedestrian: str) -> list[Path]:
+    """Return the bags of the runs with one pedestrian, in the order of their parts."""
+    numbered = (bag_of(folder, _label(pedestrian, part)) for part in itertools.count())
+    return list(itertools.takewhile(Path.is_dir, numbered))
 
 
 def autopilot_run(exam: Exam, pedestrian: str) -> RunResult:
@@ -206,7 +300,7 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     """Run the graph with one pedestrian; an ADS that fails is in the run's record."""
     from vpsci_ros.nodes.graph import run_graph
 
-    silent = Silence(exam.config.silent_ticks)
+    silent, label = Silence(exam.config.silent_ticks), _label(name, exam.part)
     graph = exam.sections.get(GraphConfig, "graph")
     patience, restarted = graph.progress_timeout, ["pedestrian_policy"] if graph.restarts else []
     reasons: list[str] = []
@@ -214,7 +308,7 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     with contextlib.ExitStack() as stack:
         ads = None
         if exam.config.ads != EXTERNAL:
-            log = folder / "logs" / f"ads_{name}.log"
+            log = folder / "logs" / f"ads_{label}.log"
             ads = stack.enter_context(running(command_of(exam.config.ads, exam.latency), log))
 
         def failed(statuses: Mapping[str, NodeStatus], idle: float) -> str:
@@ -230,10 +324,9 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
             reasons.append((failure(ads) if ads else "") or reason)
             return reasons[-1]
 
-        result = run_graph(_graph(exam, name, folder), folder / "runs" / name, quiet=quiet, stop_when=failed)
+        result = run_graph(_graph(exam, name, folder), folder / "runs" / label, quiet=quiet, stop_when=failed)
     counts = _counts(result.nodes)
     if result.error == _STOPPED:
-        _say_how_to_go_on(folder)
         raise KeyboardInterrupt
     if result.error and not any(reasons) and not (counts and counts.tick):
         world = result.nodes.get("world_simulator", NodeStatus())
@@ -243,30 +336,23 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
 
 def _run_class(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     """Have the class meet one pedestrian in this process, and leave a bag and a record as a graph does."""
-    begun, log = time.monotonic(), folder / "logs" / f"ads_{name}.log"
+    begun, label = time.monotonic(), _label(name, exam.part)
+    log = folder / "logs" / f"ads_{label}.log"
     log.unlink(missing_ok=True)
     loop = loop_with(exam, name, "external", exam.episodes, SIDE_BY_SIDE)
     drivers = InProcess(find_driver(exam.config.ads_class), loop, exam.perception, log)
-    try:
-        with Bars(quiet=quiet) as bars:
-            steps = drivers.episodes(exam.episodes, lambda done: bars.bar(title_of(name), done, len(exam.episodes)))
-            made_by = {"made_by": "vpsci ads-test", "ads_class": exam.config.ads_class}
-            write_ticks(steps, loop.world.config, bag_of(folder, name), made_by, scenarios=exam.scenarios)
-    except KeyboardInterrupt:
-        _say_how_to_go_on(folder)
-        raise
+    with Bars(quiet=quiet) as bars:
+        steps = drivers.episodes(exam.episodes, lambda done: bars.bar(title_of(name), done, len(exam.episodes)))
+        made_by = {"made_by": "vpsci ads-test", "ads_class": exam.config.ads_class}
+        write_ticks(steps, loop.world.config, bag_of(folder, label), made_by, scenarios=exam.scenarios)
     counts = WorldCounts(vehicle_commands=drivers.commands, vehicle_commands_refused=drivers.refused)
     write_record(
-        folder / "runs" / name / RECORD,
+        folder / "runs" / label / RECORD,
         begun=begun,
         error=drivers.failure(),
         results={"nodes": {"world_simulator": dataclasses.asdict(NodeStatus(counts=counts))}},
         inputs={exam.weights.name: sha256(exam.weights)} if "pedestrian" in loop.agents else {},
     )
-
-
-def _say_how_to_go_on(folder: Path) -> None:
-    print(f"what is done is in {folder}: the same command goes on there", file=sys.stderr)
 
 
 def _graph(exam: Exam, name: str, folder: Path) -> Sections:
@@ -281,7 +367,7 @@ def _graph(exam: Exam, name: str, folder: Path) -> Sections:
         nodes.insert(-1, "perception")
         world["pedestrian_odometry"] = False
     if config.pedestrian_driver == "replay":
-        bag = folder / "runs" / f"{name}_motion"
+        bag = folder / "runs" / f"{_label(name, exam.part)}_motion"
         shutil.rmtree(bag, ignore_errors=True)
         write_motion(exam.motion(name), exam.spawns(), config, bag)
         world["recorded_bag"] = str(bag)
@@ -299,7 +385,7 @@ def _graph(exam: Exam, name: str, folder: Path) -> Sections:
 def _conduct(exam: Exam, folder: Path, name: str) -> Conduct:
     """Return how a run went, by its record; one that has not been is a failure, too."""
     wanted = len(exam.episodes)
-    record = read_record(folder / "runs" / name / RECORD)
+    record = read_record(folder / "runs" / _label(name, exam.part) / RECORD)
     if record is None:
         return Conduct(wanted, failure=f"{title_of(name)}: has not been run")
     nodes = record["results"].get("nodes", {})

@@ -23,7 +23,7 @@ from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.episodes import read_episodes
 from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import Exam, autopilot_run, bag_of, run_with_all
+from vpsci_ros.exam.conduct import Exam, autopilot_run, bags_of, run_with_all
 from vpsci_ros.exam.config import ALONE, EXTERNAL, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import check, parse
 from vpsci_ros.exam.driver_class import files_of_driver, find_driver
@@ -56,10 +56,11 @@ _SHOWN = {
 """Measures that are printed, and the heads of their columns."""
 
 
-def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = None) -> Exam:
+def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = None, workers: int = 1) -> Exam:
     """Check everything that can be checked before anything runs.
 
     :param ads, ads_class: the driving system, instead of the one that the parameters name: a command, or MODULE:CLASS.
+    :param workers: runs side by side.
     :raises InvalidInput: a parameter, the command, the class, weights or recordings are refused.
     """
     if ads is not None and ads_class is not None:
@@ -80,6 +81,8 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
             )
     elif config.ads != EXTERNAL:
         command_of(config.ads)
+    elif workers > 1:
+        raise InvalidInput(f"--workers {workers}: a system that you start yourself (external) drives in one graph only")
     if config.examined.strip() == OWN and world.pedestrians > 1 and not config.perception:
         raise InvalidInput(
             f"ads_test.ads = {OWN}: hears of the first pedestrian only on /pedestrian/odometry, and "
@@ -91,10 +94,13 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
     return exam
 
 
-def run_exam(exam: Exam, folder: Path, criteria: Sequence[str] = (), *, quiet: bool = False) -> list[str]:
+def run_exam(
+    exam: Exam, folder: Path, criteria: Sequence[str] = (), *, workers: int = 1, quiet: bool = False
+) -> list[str]:
     """Conduct the exam, write and print its report, and return the reasons to fail: none where it is passed.
 
     :param criteria: as for --fail-if, in addition to those of the parameters.
+    :param workers: runs side by side.
     :raises InvalidInput: a criterion is refused, or `folder` holds something else; nothing has been run then.
     :raises VpsciError: a node has failed.
     """
@@ -102,7 +108,7 @@ def run_exam(exam: Exam, folder: Path, criteria: Sequence[str] = (), *, quiet: b
     parsed = [parse(text, pedestrians) for text in (*exam.config.fail_if, *criteria)]
     identity = identity_of(exam)
     take_folder(folder, identity)
-    runs = {ADS: run_with_all(exam, folder, quiet=quiet)}
+    runs = {ADS: run_with_all(exam, folder, (ALONE, *pedestrians), workers=workers, quiet=quiet)}
     if exam.config.baseline:
         runs[BASELINE] = {name: autopilot_run(exam, name) for name in (ALONE, *pedestrians)}
     table = pl.concat(_rows(exam, driver, runs[driver]) for driver in runs)
@@ -146,7 +152,9 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
     :raises InvalidInput: the exam is not whole, or not one episode of it was driven.
     """
     table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS)
-    drivers: dict[str, Driven] = {ADS: lambda name: read_episodes(bag_of(folder, name), recover=True)}
+    drivers: dict[str, Driven] = {
+        ADS: lambda name: (each for bag in bags_of(folder, name) for each in read_episodes(bag, recover=True))
+    }
     try:
         identity = read_json(folder / IDENTITY)
         exam = prepare(Sections(identity["parameters"]), ads=EXTERNAL)

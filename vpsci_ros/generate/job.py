@@ -37,6 +37,9 @@ class Unit(NamedTuple):
     scenario: int
     numbers: Sequence[int]
 
+    def __str__(self) -> str:
+        return f"scenario {self.scenario} from {self.numbers[0]}"
+
 
 @dataclass(frozen=True)
 class Policy:

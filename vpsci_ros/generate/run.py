@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,14 @@ from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.assemble import assemble
 from vpsci_ros.generate.config import DatasetConfig
-from vpsci_ros.generate.job import Job
+from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.journal import Journal, journal_of
 from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
-from vpsci_ros.generate.workers import Processes, Serial, Workers, computed
+from vpsci_ros.generate.simulate import computing
 from vpsci_ros.runs.files import changed_files
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
+from vpsci_ros.runs.workers import Workers, computed, local_workers
 
 RECORD = "generation.json"
 Report = Callable[[DatasetPlan], None]
@@ -38,9 +40,9 @@ class Generated:
     seconds: tuple[float, float]
 
 
-def local_workers(job: Job, batch: int, count: int) -> Workers:
+def simulators(job: Job, batch: int, count: int) -> Workers[Unit, bytes]:
     """Return `count` workers on this machine; one of them is this process itself."""
-    return Serial(job, batch) if count == 1 else Processes(job, batch, count)
+    return local_workers(partial(computing, job, batch), count)
 
 
 def generate(
@@ -48,7 +50,7 @@ def generate(
     targets: Mapping[int, int],
     folder: Path,
     config: DatasetConfig,
-    workers: Callable[[], Workers],
+    workers: Callable[[], Workers[Unit, bytes]],
     *,
     first: int = 0,
     report: Report | None = None,
@@ -131,7 +133,7 @@ def _resume(scenario: ScenarioPlan, journal: Journal) -> None:
             scenario.take(unit, int(block.kept.sum()))
 
 
-def _compute(plan: DatasetPlan, journal: Journal, workers: Workers, report: Report | None) -> int:
+def _compute(plan: DatasetPlan, journal: Journal, workers: Workers[Unit, bytes], report: Report | None) -> int:
     episodes = 0
     try:
         for unit, data in computed(workers, plan.next):

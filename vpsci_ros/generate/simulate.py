@@ -6,7 +6,7 @@ benchmarks/bench_generate.py). Saving a part of that takes a proof that CurvTTC 
 scenario file; a bound on speeds and distances, which is cheap, proves it for next to none of their frames.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -54,3 +54,9 @@ class Simulator:
         if not np.array_equal(whole.records["count"], unit.numbers):
             raise VpsciError(f"scenario {unit.scenario}: {len(unit.numbers)} episodes were due, {len(whole)} ended")
         return whole
+
+
+def computing(job: Job, batch: int) -> Callable[[Unit], bytes]:
+    """Return what computes units of a job, each to the bytes of its episodes."""
+    simulator = Simulator(job, batch)
+    return lambda unit: simulator.run(unit).to_bytes()

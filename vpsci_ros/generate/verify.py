@@ -21,11 +21,11 @@ from vpsci_ros.documents import reason, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.compare import first_difference
 from vpsci_ros.generate.job import RECORDED, Job, Unit, job_from
-from vpsci_ros.generate.workers import Workers, computed
 from vpsci_ros.parameters import check_sections
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import cpu_name
 from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.workers import Workers, computed
 from vpsci_ros.world.scenario import scenario_from
 
 BLOCK = 1024
@@ -56,7 +56,12 @@ class VerifiedDataset:
 
 
 def verify(
-    folder: Path, workers: Callable[[Job], Workers], *, sample: int | None = None, tolerance: float = 0.0, seed: int = 0
+    folder: Path,
+    workers: Callable[[Job], Workers[Unit, bytes]],
+    *,
+    sample: int | None = None,
+    tolerance: float = 0.0,
+    seed: int = 0,
 ) -> VerifiedDataset:
     """Simulate episodes of a dataset again and compare them to its files.
 
@@ -215,7 +220,7 @@ def _file_check(path: Path, name: str, kept: bool, sampled: bool, tolerance: flo
     return _Check(name, _numbered(file_rows(path)), expected, sampled, tolerance)
 
 
-def _simulated(pool: Workers, scenario: int, numbers: np.ndarray) -> Iterator[EpisodeBlock]:
+def _simulated(pool: Workers[Unit, bytes], scenario: int, numbers: np.ndarray) -> Iterator[EpisodeBlock]:
     """Yield blocks of episodes, in rising order."""
     units = [Unit(scenario, numbers[k : k + BLOCK].tolist()) for k in range(0, len(numbers), BLOCK)]
     left, due, waiting = iter(units), deque(units), dict[int, bytes]()

@@ -6,6 +6,7 @@ an exam with report and page), report.json, report.html. The same command goes o
 """
 
 import dataclasses
+import itertools
 import json
 import math
 from collections.abc import Mapping
@@ -21,8 +22,8 @@ from vpsci_ros.data.parquet import Column, read_parquet, write_parquet
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.exam.conduct import Exam, bag_of, domain_of, run_with
-from vpsci_ros.exam.episode_list import flat, write_episode_list
+from vpsci_ros.exam.conduct import Exam, bags_of, run_with_all
+from vpsci_ros.exam.episode_list import write_episode_list
 from vpsci_ros.exam.measures import COLUMNS, episode_table, worst_first
 from vpsci_ros.exam.report import ADS
 from vpsci_ros.exam.run import EPISODES, identity_of, run_exam, take_folder
@@ -49,9 +50,10 @@ class _Failed(Exception):
     """The driving system did not drive a part to its end."""
 
 
-def run_search(exam: Exam, folder: Path, *, quiet: bool = False) -> list[str]:
+def run_search(exam: Exam, folder: Path, *, workers: int = 1, quiet: bool = False) -> list[str]:
     """Search, write and print what is found; return why the ADS did not drive what it was given, or nothing.
 
+    :param workers: runs side by side.
     :raises InvalidInput: a parameter is refused, or `folder` holds something else; nothing has been run then.
     :raises VpsciError: a node has failed.
     """
@@ -67,18 +69,18 @@ def run_search(exam: Exam, folder: Path, *, quiet: bool = False) -> list[str]:
         bars.clear()
         where = folder / "parts" / name
         keys = _chosen(where, keys)
-        part = _only(exam, keys)
-        run = run_with(part, search.pedestrian, where, f"part {name} of the search", quiet=quiet)
+        what, met = f"part {name} of the search, ", search.pedestrian
+        run = run_with_all(exam.only(keys), where, [met], workers=workers, quiet=quiet, what=what)[met]
         if run.conduct.failure:
             raise _Failed(run.conduct.failure)
         table = episode_table(run, [], exam.config, driver=ADS, pedestrian=search.pedestrian)
         tables[name] = table
         failed = dict(zip(table.select("scenario", "episode").iter_rows(), table[search.failure], strict=True))
-        seen, done = lessons(read_bag(bag_of(where, search.pedestrian)), exam.world.pedestrians)
+        seen, done = lessons(itertools.chain.from_iterable(map(read_bag, bags_of(where, met))), exam.world.pedestrians)
         return Driven(keys, np.array([failed[key] for key in keys]), seen, done)
 
     try:
-        with domain_of(exam.config), Bars(quiet=quiet) as bars:
+        with Bars(quiet=quiet) as bars:
             plan = seek(exam, pool, drive, bars.bar)
     except _Failed as error:
         return [str(error)]
@@ -96,7 +98,7 @@ def run_search(exam: Exam, folder: Path, *, quiet: bool = False) -> list[str]:
         "count": count._asdict(),
         "by_part": _by_part(tables, search.failure),
         "plain": plain(count, int(plan.driven.sum())),
-        "again": _again(exam, folder, failures, quiet) if rows else None,
+        "again": _again(exam, folder, failures, workers, quiet) if rows else None,
     }
     write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
     write_search_page(folder / "report.html", report, plan, rows)
@@ -118,13 +120,6 @@ def _pool(exam: Exam) -> list[Key]:
     scenarios, first = exam.run.scenarios, exam.run.first_episode
     numbers = math.ceil(exam.config.search.pool / len(scenarios))
     return [(scenario, first + number) for number in range(numbers) for scenario in scenarios]
-
-
-def _only(exam: Exam, keys: list[Key]) -> Exam:
-    """Return the exam on these episodes alone."""
-    listed = flat(keys)
-    sections = exam.sections.changed("world_simulator", {"only": listed})
-    return dataclasses.replace(exam, sections=sections, run=dataclasses.replace(exam.run, only=listed))
 
 
 def _chosen(where: Path, keys: list[Key]) -> list[Key]:
@@ -157,15 +152,15 @@ def _by_part(tables: Mapping[str, pl.DataFrame], failure: str) -> list[dict[str,
     return rows
 
 
-def _again(exam: Exam, folder: Path, failures: pl.DataFrame, quiet: bool) -> dict[str, int]:
+def _again(exam: Exam, folder: Path, failures: pl.DataFrame, workers: int, quiet: bool) -> dict[str, int]:
     """Drive the worst failures again, as an exam of their own, and say how many came out the same."""
     search = exam.config.search
     chosen = failures.head(search.shown)
     keys = sorted(chosen.select("scenario", "episode").iter_rows(), key=lambda key: (key[1], key[0]))
-    alone = _only(exam, keys)
+    alone = exam.only(keys)
     sections = alone.sections.changed("ads_test", {"pedestrians": [search.pedestrian], "recorded": ""})
     alone = dataclasses.replace(alone, sections=sections, config=sections.get(type(exam.config), "ads_test"))
-    run_exam(alone, folder / "failures", quiet=quiet)
+    run_exam(alone, folder / "failures", workers=workers, quiet=quiet)
     table = read_parquet(folder / "failures" / EPISODES, "the failures driven again", COLUMNS)
     again = table.filter((pl.col("driver") == ADS) & (pl.col("pedestrian") == search.pedestrian))
     both = chosen.join(again, on=["scenario", "episode"], suffix="_again")

@@ -1,7 +1,7 @@
-"""Processes that compute units: started fresh, single-threaded, replaced when they die.
+"""Processes that do units of work: started fresh, replaced when they die.
 
-A worker gets the job once, then units, and gives their episodes back as bytes; it never touches a file, so nothing is
-lost or half written when it dies. `Serial` is the same without processes, `ray_workers` the same over a cluster.
+A worker gets the job once, then units, and gives back what each came to. `Serial` is the same without processes,
+`generate.ray_workers` the same over a cluster.
 """
 
 import contextlib
@@ -14,39 +14,50 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.generate.job import Job, Unit
-from vpsci_ros.generate.simulate import Simulator
 
-_MOST_DEATHS = 3  # in a row without a unit computed
-_READY = b""  # what a worker says once when it is up
+_MOST_DEATHS = 3  # in a row without a unit done
+_READY = None  # what a worker says once when it is up
+_GRACE = 60.0  # [s] that a worker has to stop in order, if it takes SIGTERM at all
+
+Unit = TypeVar("Unit")
+Result = TypeVar("Result")
+Job = Callable[[], Callable[[Unit], Result]]
+"""Made once in each worker; what it returns is called with one unit after another."""
 
 
-class Workers(Protocol):
-    """Whoever computes units."""
+class Workers(Protocol[Unit, Result]):
+    """Whoever does units of work."""
 
     size: int
 
     def submit(self, unit: Unit) -> None:
-        """Have a unit computed, some time."""
+        """Have a unit done, some time."""
 
-    def collect(self) -> list[tuple[Unit, bytes]]:
-        """Wait for at least one unit and return those computed, each with the bytes of its episodes."""
+    def collect(self) -> list[tuple[Unit, Result]]:
+        """Wait for at least one unit and return those done, each with what it came to."""
 
     def close(self) -> None:
         """Stop at once; what is not collected is lost."""
 
 
-def computed(workers: Workers, next_unit: Callable[[], Unit | None]) -> Iterator[tuple[Unit, bytes]]:
-    """Yield units as they are computed, while one more than there are workers is on its way.
+def local_workers(job: Job[Unit, Result], count: int) -> Workers[Unit, Result]:
+    """Return `count` workers on this machine; one of them is this process itself."""
+    return Serial(job) if count == 1 else Processes(job, count)
 
-    :param next_unit: returns what is worth computing next; None: nothing, as things are.
+
+def computed(
+    workers: Workers[Unit, Result], next_unit: Callable[[], Unit | None], *, ahead: int = 1
+) -> Iterator[tuple[Unit, Result]]:
+    """Yield units as they are done, while `ahead` more than there are workers are on their way.
+
+    :param next_unit: returns what is worth doing next; None: nothing, as things are.
     """
     running = 0
     while True:
-        while running < workers.size + 1 and (unit := next_unit()) is not None:
+        while running < workers.size + ahead and (unit := next_unit()) is not None:
             workers.submit(unit)
             running += 1
         if not running:
@@ -56,41 +67,41 @@ def computed(workers: Workers, next_unit: Callable[[], Unit | None]) -> Iterator
             yield done
 
 
-class Serial:
-    """Computes units in this process, one in each `collect`."""
+class Serial(Generic[Unit, Result]):
+    """Does units in this process, one in each `collect`."""
 
     size = 1
 
-    def __init__(self, job: Job, batch: int) -> None:
-        self._simulator = Simulator(job, batch)
+    def __init__(self, job: Job[Unit, Result]) -> None:
+        self._do = job()
         self._units: deque[Unit] = deque()
 
     def submit(self, unit: Unit) -> None:
         """Put a unit in the queue."""
         self._units.append(unit)
 
-    def collect(self) -> list[tuple[Unit, bytes]]:
-        """Compute the next unit of the queue."""
+    def collect(self) -> list[tuple[Unit, Result]]:
+        """Do the next unit of the queue."""
         unit = self._units.popleft()
-        return [(unit, self._simulator.run(unit).to_bytes())]
+        return [(unit, self._do(unit))]
 
     def close(self) -> None:
         """Forget the queue."""
         self._units.clear()
 
 
-class Processes:
-    """Computes units in `size` processes of this machine.
+class Processes(Generic[Unit, Result]):
+    """Does units in `size` processes of this machine.
 
     Each process has a connection of its own, of which this process holds one end alone: what a process that dies
     (killed, out of memory) was writing ends there, so that nobody waits for the rest. Another one is started in its
-    place, and its unit is computed again. A pool of `concurrent.futures` or of loky, whose processes share a pipe that
+    place, and its unit is done again. A pool of `concurrent.futures` or of loky, whose processes share a pipe that
     the parent can write to as well, waits for ever for a process that is killed while it writes a result.
     """
 
-    def __init__(self, job: Job, batch: int, size: int) -> None:
+    def __init__(self, job: Job[Unit, Result], size: int) -> None:
         self.size = size
-        self._job = job, batch
+        self._job = job
         self._queue: deque[Unit] = deque()
         self._processes: dict[Connection, BaseProcess] = {}
         self._running: dict[Connection, Unit | None] = {}  # of the processes that are up; None: it is idle
@@ -116,12 +127,12 @@ class Processes:
         self._queue.append(unit)
         self._hand_out()
 
-    def collect(self) -> list[tuple[Unit, bytes]]:
+    def collect(self) -> list[tuple[Unit, Result]]:
         """Wait for a process to finish a unit.
 
         :raises VpsciError: processes die again and again.
         """
-        found: list[tuple[Unit, bytes]] = []
+        found: list[tuple[Unit, Result]] = []
         while not found:
             for connection in wait(list(self._processes)):
                 assert isinstance(connection, Connection)
@@ -132,7 +143,7 @@ class Processes:
                 else:
                     if isinstance(said, Exception):
                         raise said
-                    if said == _READY:
+                    if said is _READY:
                         self._send(connection, self._job)
                     elif (unit := self._running[connection]) is not None:
                         found.append((unit, said))
@@ -152,7 +163,7 @@ class Processes:
             connection.send(what)
 
     def _replace(self, connection: Connection) -> None:
-        """Start another process in place of one that has died, and have its unit computed again."""
+        """Start another process in place of one that has died, and have its unit done again."""
         self._deaths += 1
         self._stop(connection)
         unit = self._running.pop(connection, None)
@@ -161,34 +172,39 @@ class Processes:
         if self._deaths >= _MOST_DEATHS * self.size:
             raise VpsciError(
                 f"workers died {self._deaths} times in a row (out of memory, killed?)"
-                + (f" at scenario {unit.scenario} from {unit.numbers[0]}" if unit else "")
+                + (f" at {unit}" if unit else "")
                 + "; what was finished is kept: run the same command again, perhaps with fewer --workers"
             )
         self._start()
 
     def _stop(self, connection: Connection) -> None:
         process = self._processes.pop(connection)
+        process.terminate()
+        process.join(_GRACE)
         process.kill()
         process.join()
         connection.close()
 
     def close(self) -> None:
         """End the processes, also in the middle of a unit."""
+        for process in self._processes.values():
+            process.terminate()
         for connection in list(self._processes):
             self._stop(connection)
 
 
 def _work(connection: Connection, parent: int) -> None:
-    """Compute the units that come, in a process of its own."""
+    """Do the units that come, in a process of its own."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to deal with
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     try:
         connection.send(_READY)
-        simulator = Simulator(*connection.recv())
+        job: Job[Any, Any] = connection.recv()
+        do = job()
         while True:
-            connection.send(simulator.run(connection.recv()).to_bytes())
-    except (EOFError, BrokenPipeError):
-        return  # the parent has gone
+            connection.send(do(connection.recv()))
+    except (EOFError, BrokenPipeError, KeyboardInterrupt):
+        return  # the parent has gone, or asked to stop
     except Exception as error:  # noqa: BLE001 - the parent raises it
         connection.send(error)
 
