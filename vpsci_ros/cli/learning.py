@@ -16,10 +16,10 @@ from vpsci_ros.cli.options import (
     writes_folder,
 )
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.resources import TO_MEASURE_ON
+from vpsci_ros.resources import RIGHT_TURNS, TO_MEASURE_ON
 
 study_app = typer.Typer(
-    no_args_is_help=True, help="Studies of learning: the paper's Tables 3, 5 and 9, and cross-validation."
+    no_args_is_help=True, help="The paper's Tables 3, 5 and 9, cross-validation, and all its figures and tables."
 )
 
 
@@ -238,6 +238,43 @@ def weights(
             fresh_seed=fresh_seed,
             quiet=quiet,
         )
+
+
+@study_app.command()
+@writes_folder
+def paper(
+    dataset: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a dataset, or of the authors' files.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write into.")],
+    near_misses: Annotated[
+        Path, typer.Option(metavar="TABLE", help="Recorded people: right_turns, a Parquet file, a part of one.")
+    ] = Path(RIGHT_TURNS),
+    rules: Annotated[Path | None, typer.Option(metavar="DIR", help="Dataset of the rule-based pair.")] = None,
+    runs: Annotated[
+        list[Path] | None,
+        typer.Option("--run", metavar="DIR", help="Folder of refine, study or turing score; repeatable."),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """All figures and tables of the paper, from a dataset and from finished runs, as one page.
+
+    Figures 4, 5, 7 to 9, 11 to 13 and Tables 6, 7, 10 come from the dataset,
+    recorded people and the rule-based pair (`vpsci report --help` has its
+    command). Figures 6, 10 and Tables 3, 5, 9, 11 come from runs given by
+    --run; what is missing is named on the page, with the command that makes
+    it. Leaves paper.html, paper.json and figure_N.png.
+    """
+    from rich.console import Console
+
+    from vpsci_ros.runs.output_folder import output_folder
+    from vpsci_ros.studies.paper import PAGE, write_paper
+
+    with output_folder(output), Console(stderr=True, quiet=quiet).status("reading") as status:
+        missing = write_paper(
+            dataset, output, near_misses=near_misses, rules=rules, runs=runs or (), notify=status.update
+        )
+    for name, command in missing.items():
+        print(f"not given: {name.replace('_', ' ')} ({command})")
+    print(f"written: {output / PAGE}; paper.json and figure_N.png beside it")
 
 
 def _parts(text: str | None) -> list[str]:

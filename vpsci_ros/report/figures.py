@@ -1,6 +1,6 @@
 """The pictures of a report: how near they came (Figure 8), conflicts by speed (11), who gave way when (9, 12, 13)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.mlab import GaussianKDE
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.safety import CRITICAL_TTC
@@ -19,7 +20,9 @@ from vpsci_ros.safety import CRITICAL_TTC
 Floats = NDArray[np.float64]
 LEAST_IN_BIN = 10  # interactions; a share of fewer says nothing and is not drawn
 SHARES = Normalize(0.0, 100.0)
-COLOURS = "viridis"
+WARM = "YlOrRd"  # the warmer, the likelier
+CONTOURS = (20.0, 40.0, 60.0, 80.0)  # [%]
+_FINE = 6  # cells of a smooth surface in a bin's width
 _BAND = 0.25  # [s] of the histogram
 
 
@@ -71,12 +74,16 @@ def save_conflicts(sources: Mapping[str, pl.DataFrame], path: Path) -> None:
     save_png(figure, path)
 
 
-def save_yielding(sources: Mapping[str, pl.DataFrame], agent: str, path: Path) -> None:
-    """Draw how often `agent` yields by distance and by what both do at the onset (Figures 9, 12, 13), as a PNG."""
-    figure, axes = new_figure(12.2, 2.75 * len(sources) + 0.3, len(sources), len(SIDES))
-    for row, (title, table) in zip(axes, sources.items(), strict=True):
-        for axis, side in zip(row, SIDES, strict=True):
-            _draw_shares(axis, table, DISTANCE, side, f"{agent}_yields")
+def save_yielding(sources: Mapping[str, pl.DataFrame], agent: str, path: Path, sides: Sequence[Axis] = SIDES) -> None:
+    """Draw how often `agent` yields by distance and by what both do at the onset (Figures 9, 12, 13), as a PNG.
+
+    A row a source, or, where there is one side alone, a column.
+    """
+    rows, columns = (len(sources), len(sides)) if len(sides) > 1 else (1, len(sources))
+    figure, axes = new_figure(3.0 * columns + 1.0, 2.75 * rows + 0.3, rows, columns)
+    for row, (title, table) in zip(axes if len(sides) > 1 else axes.T, sources.items(), strict=True):
+        for axis, side in zip(row, sides, strict=True):
+            _draw_surface(axis, table, DISTANCE, side, f"{agent}_yields")
         row[0].set_title(f"{title}, n = {table.height:,}", fontsize=9, loc="left")
     _add_bar(figure, axes, f"{agent} yields [%]")
     save_png(figure, path)
@@ -89,6 +96,37 @@ def shares(table: pl.DataFrame, across: Axis, up: Axis, flag: str) -> Floats:
     count, _, _ = np.histogram2d(x, y, bins=bins)
     hits, _, _ = np.histogram2d(x, y, bins=bins, weights=table[flag].to_numpy().astype(np.float64))
     return np.where(count >= LEAST_IN_BIN, hits / np.maximum(count, 1.0), np.nan)
+
+
+def surface(table: pl.DataFrame, across: Axis, up: Axis, flag: str) -> tuple[Floats, Floats, Floats]:
+    """Return a smooth share of `flag`, float64[points across, points up], and both coordinates of its points.
+
+    Kernel regression (Nadaraya and Watson) by a Gaussian of half a bin's width, of `_FINE` cells a bin; NaN where fewer
+    than `LEAST_IN_BIN` interactions stand behind a value, (4 pi sx sy) times their density.
+    """
+    edges = [np.arange(axis.first, axis.last + 0.5 * axis.width / _FINE, axis.width / _FINE) for axis in (across, up)]
+    x, y = (table[axis.column].to_numpy() for axis in (across, up))
+    weights = table[flag].to_numpy().astype(np.float64)
+    count, hits = (np.histogram2d(x, y, bins=edges, weights=w)[0] for w in (None, weights))
+    spread = 0.5 * _FINE
+    behind, share = (gaussian_filter(values, spread, mode="constant") for values in (count, hits))
+    enough = 4.0 * np.pi * spread**2 * behind >= LEAST_IN_BIN
+    found = np.where(enough, share / np.where(enough, behind, 1.0), np.nan)
+    along, high = (0.5 * (each[1:] + each[:-1]) for each in edges)
+    return found, along, high
+
+
+def _draw_surface(axis: Axes, table: pl.DataFrame, across: Axis, up: Axis, flag: str) -> None:
+    share, along, high = surface(table, across, up, flag)
+    axis.set_facecolor("#ececea")
+    axis.pcolormesh(along, high, 100.0 * share.T, norm=SHARES, cmap=WARM, shading="nearest")
+    known = 100.0 * share[np.isfinite(share)]
+    if levels := [level for level in CONTOURS if known.size and known.min() < level < known.max()]:
+        lines = axis.contour(along, high, 100.0 * share.T, levels=levels, colors="black", linewidths=0.9)
+        axis.clabel(lines, fmt="%g%%", fontsize=6)
+    _label(axis, across, up)
+    axis.set_xlim(across.first, across.last)
+    axis.set_ylim(up.first, up.last)
 
 
 def _draw_nearness(axis: Axes, least: Floats, title: str) -> None:
@@ -113,13 +151,17 @@ def _draw_nearness(axis: Axes, least: Floats, title: str) -> None:
 def _draw_shares(axis: Axes, table: pl.DataFrame, across: Axis, up: Axis, flag: str) -> None:
     axis.set_facecolor("#ececea")
     share = 100.0 * shares(table, across, up, flag)
-    axis.pcolormesh(across.edges, up.edges, share.T, norm=SHARES, cmap=COLOURS)
+    axis.pcolormesh(across.edges, up.edges, share.T, norm=SHARES, cmap=WARM)
+    _label(axis, across, up)
+
+
+def _label(axis: Axes, across: Axis, up: Axis) -> None:
     axis.set_xlabel(across.label, fontsize=8)
     axis.set_ylabel(up.label, fontsize=8)
     axis.tick_params(labelsize=7)
 
 
 def _add_bar(figure: Figure, axes: NDArray[np.object_], label: str) -> None:
-    bar = figure.colorbar(ScalarMappable(SHARES, COLOURS), ax=axes, shrink=0.8, pad=0.01)
+    bar = figure.colorbar(ScalarMappable(SHARES, WARM), ax=axes, shrink=0.8, pad=0.01)
     bar.set_label(label, fontsize=8)
     bar.ax.tick_params(labelsize=7)

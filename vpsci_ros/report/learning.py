@@ -26,6 +26,7 @@ _ACTOR_LOSSES = {
     "pedestrian_actor_loss": "pedestrian",
 }
 _EPISODES = 100  # of stage 2 in a rolling mean
+_BELOW = "critical episodes learned from"
 _WINDOWS = 30  # rolling means of stage 1 span the run's length over this
 
 Floats = NDArray[np.float64]
@@ -45,6 +46,21 @@ def save_learning(folder: str | Path) -> Path | None:
         return None
     save_png(figure, folder / PICTURE, 110)
     return folder / PICTURE
+
+
+def save_rewards(folder: str | Path, path: Path) -> None:
+    """Draw Figure 6 of a run of stage 2, see `online.EPISODES`: the rolling mean of an episode's reward, by agent."""
+    figure, ((axis,),) = new_figure(6.5, 3.8)
+    _draw_rewards(axis, pl.read_csv(Path(folder) / online.EPISODES, infer_schema_length=None))
+    save_png(figure, path)
+
+
+def _draw_rewards(axis: Axes, episodes: pl.DataFrame) -> None:
+    window = min(_EPISODES, max(1, episodes.height // 5))
+    for agent in AGENTS:
+        rewards = _rolling(_column(episodes, agent), window)
+        _line(axis, _column(episodes, "episode")[window - 1 :], rewards[window - 1 :], agent, COLOURS[agent])
+    _finish(axis, f"Figure 6: episodic reward, mean of the last {window}", _BELOW, "reward of an episode")
 
 
 def _draw_stage_1(axes: list[Axes], log: pl.DataFrame) -> None:
@@ -71,10 +87,7 @@ def _draw_stage_2(
     axes: list[Axes], log: pl.DataFrame, episodes: pl.DataFrame, held_out: dict[str, dict[str, float]]
 ) -> None:
     x = _column(log, "episodes")
-    window = min(_EPISODES, max(1, episodes.height // 5))
     for agent in AGENTS:
-        rewards = _rolling(_column(episodes, agent), window)
-        _line(axes[0], _column(episodes, "episode")[window - 1 :], rewards[window - 1 :], agent, COLOURS[agent])
         _line(axes[3], x, _column(log, f"{agent}_critic_loss"), f"{agent}'s critic", COLOURS[agent])
     _line(axes[3], x, _column(log, "gradient_norm"), "norm of the policy gradient", GREY)
     paper = TABLE_5["adaptive"]
@@ -85,11 +98,10 @@ def _draw_stage_2(
     _line(axes[2], x, _column(log, "held_out_closed_loop_ade"), "accepted policies", ORANGE)
     _level(axes[2], held_out.get("stage_1", {}).get("closed_loop_ade"), "after stage 1", COLOURS["vehicle"])
     _level(axes[2], held_out.get("control", {}).get("closed_loop_ade"), "last velocity repeated", GREY)
-    below = "critical episodes learned from"
-    _finish(axes[0], f"Figure 6: episodic reward, mean of the last {window}", below, "reward of an episode")
-    _finish(axes[1], "critical episodes under exploration, the last 1,000", below, "share [%]", zero=True)
-    _finish(axes[2], "closed-loop error on held-out clips", below, "ADE [m]", zero=True)
-    _finish(axes[3], "last update of each portion", below, "loss, norm", log_scale=True)
+    _draw_rewards(axes[0], episodes)
+    _finish(axes[1], "critical episodes under exploration, the last 1,000", _BELOW, "share [%]", zero=True)
+    _finish(axes[2], "closed-loop error on held-out clips", _BELOW, "ADE [m]", zero=True)
+    _finish(axes[3], "last update of each portion", _BELOW, "loss, norm", log_scale=True)
 
 
 def _held_out(weights: Path) -> dict[str, dict[str, float]]:

@@ -1,0 +1,138 @@
+"""All figures and tables of the paper that data can show, from a dataset and from what other commands have left.
+
+Figures 4, 5, 7 to 9 and 11 to 13 and Tables 6, 7 and 10 come from a dataset, from recorded near misses, and from a
+dataset of the rule-based pair, which stands for CARLA's default controller. Figures 6 and 10 and Tables 3, 5, 9 and 11
+are those of finished runs. Whatever was not given is named on the page, with the command that makes it. Figures 1 to 3
+and Tables 1, 2, 4 and 8 show the method, not results.
+"""
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from vpsci_ros.data.dataset_files import DATASET_COLUMNS
+from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.data.published import TABLE_3, TABLE_5, TABLE_9, TABLE_10
+from vpsci_ros.data.published_dataset import open_dataset
+from vpsci_ros.documents import read_json
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.encounters import generated_encounters, recorded_encounters
+from vpsci_ros.learning import online
+from vpsci_ros.report import html
+from vpsci_ros.report.figures import SIDES, save_conflicts, save_nearness, save_yielding
+from vpsci_ros.report.learning import save_rewards
+from vpsci_ros.report.panels import typical_episodes
+from vpsci_ros.report.snapshots import save_snapshots
+from vpsci_ros.report.trajectories import save_trajectories
+from vpsci_ros.report.world_figures import save_locations
+from vpsci_ros.runs.files import write_text
+from vpsci_ros.world.scenario import shipped_scenarios
+
+PAGE, NUMBERS = "paper.html", "paper.json"
+CAPTIONS = {
+    "figure_4": "Figure 4 (b): both locations, the vehicle's lane and the pedestrians' eight ways.",
+    "figure_5": "Figure 5: sequential snapshots of a typical episode of each scenario. Disc twice its size.",
+    "figure_6": "Figure 6: rolling average of the episodic reward in stage 2.",
+    "figure_7": "Figure 7: trajectories by speed, vehicle blue, pedestrian red, the darker the faster.",
+    "figure_8": "Figure 8: least CurvTTC, density and histogram; lines are quartiles.",
+    "figure_9": "Figure 9: how often the pedestrian yields by distance and own speed at the onset.",
+    "figure_10": "Figure 10: scores of the Turing test by clip and by source.",
+    "figure_11": "Figure 11: share of conflicts (CurvTTC below 2 s) by both speeds at the onset.",
+    "figure_12": "Figure 12: how often the pedestrian yields by distance and by the vehicle's speed and acceleration.",
+    "figure_13": "Figure 13: how often the pedestrian yields by distance and by its own speed and acceleration.",
+}
+RUNS = {  # what a finished run leaves -> what it is called here, and the command that makes it
+    online.EPISODES: ("figure_6", "vpsci refine"),
+    "figure_10.png": ("figure_10", "vpsci turing score"),
+    "turing.json": ("table_11", "vpsci turing score"),
+    "table_3.csv": ("table_3", "vpsci study samples"),
+    "table_5.csv": ("table_5", "vpsci study weights"),
+    "models.json": ("table_9", "vpsci study models"),
+}
+
+
+def write_paper(
+    dataset: Path,
+    output: Path,
+    *,
+    near_misses: Path | None,
+    rules: Path | None,
+    runs: Sequence[Path] = (),
+    notify: Callable[[str], None] = lambda _: None,
+) -> dict[str, Any]:
+    """Write paper.html, paper.json and figure_N.png into `output`, and return what is missing: name -> what makes it.
+
+    :param dataset: of `vpsci generate`, or the authors'.
+    :param near_misses: recorded people, see `read_near_misses`.
+    :param rules: a dataset of the rule-based pair.
+    :param runs: folders of finished runs of the commands in `RUNS`.
+    :raises InvalidInput: an input cannot be read, or a folder of `runs` holds nothing that this page shows.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    found = _of_runs(runs)
+    notify("reading")
+    data = open_dataset(dataset)
+    generated = {"generated": generated_encounters(data)}
+    recorded = {} if near_misses is None else {"recorded people": recorded_encounters(read_near_misses(near_misses))}
+    rule_based = {} if rules is None else {"rule-based pair": generated_encounters(open_dataset(rules))}
+    for name, table in (generated | recorded | rule_based).items():
+        if not table.height:
+            raise InvalidInput(f"{name}: no interaction with CurvTTC of 5 s or less; nothing to draw")
+    pictures = {name: output / f"{name}.png" for name in CAPTIONS}
+    notify("drawing")
+    roads = data.own_scenarios or [each for each in shipped_scenarios() if each.name in data.scenarios]
+    if roads:
+        save_locations(roads, pictures["figure_4"])
+    typical = typical_episodes(data)
+    save_snapshots(typical, pictures["figure_5"])
+    save_trajectories(typical, pictures["figure_7"])
+    save_nearness(recorded | generated, pictures["figure_8"])
+    save_yielding(recorded | generated, "pedestrian", pictures["figure_9"], SIDES[2:3])
+    save_conflicts(generated | rule_based, pictures["figure_11"])
+    save_yielding(generated | rule_based, "pedestrian", pictures["figure_12"], SIDES[:2])
+    save_yielding(generated | rule_based, "pedestrian", pictures["figure_13"], SIDES[2:])
+    if "figure_6" in found:
+        save_rewards(found["figure_6"].parent, pictures["figure_6"])
+    if "figure_10" in found:
+        shutil.copyfile(found["figure_10"], pictures["figure_10"])
+    tables = {name: _table(path) for name, path in found.items() if name.startswith("table")}
+    numbers = {"dataset": str(dataset), "scenarios": data.scenarios, **tables}
+    write_text(output / NUMBERS, json.dumps(numbers, indent=1) + "\n")
+    missing = {name: command for name, command in RUNS.values() if name not in found}
+    missing |= {} if recorded else {"recorded people in figures 8 and 9": "--near-misses right_turns"}
+    missing |= {} if rule_based else {"the rule-based pair in figures 11 to 13": "--rules DIR"}
+    html.write_page(
+        output / PAGE,
+        Path(__file__).resolve().parent / "templates" / "paper.html",
+        title="The paper's figures and tables",
+        dataset=dataset,
+        pictures={name: (path, CAPTIONS[name]) for name, path in pictures.items() if path.is_file()},
+        scenarios=[(row, data.scenarios[row.name]) for row in roads],
+        columns=DATASET_COLUMNS,
+        tables=tables,
+        published={"3": TABLE_3, "5": TABLE_5, "9": TABLE_9, "10": TABLE_10},
+        missing=missing,
+        numbers=NUMBERS,
+    )
+    return missing
+
+
+def _of_runs(runs: Sequence[Path]) -> dict[str, Path]:
+    """Return what these folders hold, by its name here."""
+    found: dict[str, Path] = {}
+    for folder in runs:
+        here = {name: folder / file for file, (name, _) in RUNS.items() if (folder / file).is_file()}
+        if not here:
+            raise InvalidInput(
+                f"{folder}: expected the folder of a finished run, with one of {', '.join(RUNS)}; none is"
+            )
+        found |= here
+    return found
+
+
+def _table(path: Path) -> Any:
+    return read_json(path) if path.suffix == ".json" else pl.read_csv(path, infer_schema_length=None).to_dicts()
