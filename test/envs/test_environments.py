@@ -208,6 +208,21 @@ def test_both_agents_are_paid_by_equations_25_and_26(act, expected):
 
 
 @pytest.mark.parametrize(
+    ("given", "gain"), [({}, 1.0), ({"pedestrian_gain": 0.5}, 0.5), ({"pedestrian_gain": 0.0}, 0.0)]
+)
+def test_the_gain_is_the_share_of_the_pedestrians_acceleration_that_becomes_motion(given, gain):
+    env = parallel_env(scenarios=[1], **given)
+    still, pushed = np.float32([0.0, 0.0]), np.float32([0.4, -0.3])  # 0.5 m/s2: within the jerk of the first tick
+    changes = []
+    for action in (still, pushed):
+        before, _ = env.reset(seed=4)
+        after, *_ = env.step({"vehicle": still, "pedestrian": action})
+        changes.append(after["pedestrian"][0:2] - before["pedestrian"][0:2])
+    assert changes[1] - changes[0] == pytest.approx(gain * pushed * 0.1, abs=2e-3)
+    assert WorldConfig().pedestrian_gain == 1.0, "the shipped policies' gain is the environment's"
+
+
+@pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: RightTurnEnv(pedestrian="dancer"), "pedestrian = 'dancer'"),
