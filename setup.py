@@ -96,6 +96,8 @@ EXTRAS = {
     "openscenario": ["scenariogeneration>=0.16,<0.17"],
     "osi": ["asam-osi-utilities>=0.4,<0.5", "osi-python>=3.8,<4"],
     "commonroad": ["commonroad-io>=2024.3,<2025"],
+    # `vpsci export --to mp4`: H.264 by FFmpeg's libraries, which the wheel has.
+    "video": ["av>=13,<19"],
     # examples/motion_planner.py: a public motion planner, as a driving system in the exam.
     "planner": ["fiss-planner>=1,<2"],
     # `vpsci generate --ray ADDRESS`: the same work over a cluster.

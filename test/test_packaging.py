@@ -40,7 +40,14 @@ OPTIONAL = {
     "sklearn",
     "threadpoolctl",
 }  # extras: envs, generation on a cluster, realism, search
-OPTIONAL |= {"commonroad", "google", "osi3", "osi_utilities", "scenariogeneration"}  # and formats of vpsci_ros/export
+OPTIONAL |= {
+    "av",
+    "commonroad",
+    "google",
+    "osi3",
+    "osi_utilities",
+    "scenariogeneration",
+}  # and formats of vpsci_ros/export
 NOT_REQUIRED = {"builtin_interfaces", "rcl_interfaces", "tf2_msgs", "vpsci_msgs"}  # with rclpy and this repository
 ROS = {"domain_coordinator", "launch", "launch_ros", "rclpy", "std_srvs"}  # and whatever ends in _msgs or _interfaces
 
@@ -55,6 +62,7 @@ def imported(folder: str) -> set[str]:
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 names.add(node.module)
     return {name.partition(".")[0] for name in names} - set(sys.stdlib_module_names) - {"vpsci_ros"}
+
 
 NODE_CLASSES, ABSTRACT = {"Node", "GraphNode", "AgentPolicy"}, {"graph_node", "agent_policy"}
 

@@ -70,6 +70,7 @@ EXPORTERS = PluginGroup(
         "osi": Exporter("vpsci_ros.export.osi", "osi"),
         "scenarionet": Exporter("vpsci_ros.export.scenarionet"),
         "minari": Exporter("vpsci_ros.export.minari"),
+        "mp4": Exporter("vpsci_ros.export.mp4", "video"),
         "carla-csv": Exporter("vpsci_ros.export.carla_csv"),
     },
 )
