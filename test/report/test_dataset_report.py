@@ -23,11 +23,17 @@ Written = tuple[Path, dict[str, Any]]
 PICTURES = ("trajectories", "nearness", "conflicts", "pedestrian_yields", "vehicle_yields")
 
 
+SIZE = {"vehicle_length": 4.69, "vehicle_width": 1.85}
+SOURCES = {"corner": SIZE, "tgsim": {**SIZE, "pairs": 32, "near_misses": 8}}
+
+
 @pytest.fixture(scope="module")
 def near_misses(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recorded") / "near_misses.parquet"
-    place = pl.when(pl.col("interaction") < 12).then(pl.lit("corner")).otherwise(pl.lit("campus"))
-    write_near_misses(synthetic_near_misses(interactions=20, seed=1).table.with_columns(source=place), path)
+    place = pl.when(pl.col("interaction") < 12).then(pl.lit("corner")).otherwise(pl.lit("tgsim"))
+    write_near_misses(
+        synthetic_near_misses(interactions=20, seed=1).table.with_columns(source=place), path, {"sources": SOURCES}
+    )
     return path
 
 
@@ -48,13 +54,21 @@ def test_a_report_is_one_page_with_its_pictures_in_it_and_all_numbers_beside_it(
     assert "Not compared with people" not in page
 
 
+def test_shares_of_critical_encounters_stand_beside_the_papers_where_the_import_counted_them(written: Written) -> None:
+    folder, report = written
+    assert report["critical_shares"] == {"tgsim": {"pairs": 32, "near_misses": 8}}
+    page = (folder / PAGE).read_text(encoding="utf-8")
+    assert re.search(r"<td>tgsim<td>32<td>8<td>25.00%\s*<td>55.77%", page)
+    assert "Shares of critical encounters (section 4.2) of Argoverse 2" in page, "Argoverse 2 is still missing"
+
+
 def test_a_report_compares_every_source_with_recorded_people(written: Written) -> None:
     _, report = written
     assert report["sources"]["generated"] == report["sources"]["beside"]
     assert report["sources"]["generated"]["interactions"] == 6
     assert report["sources"]["recorded"]["interactions"] == 20
     assert report["sources"]["recorded_corner"]["interactions"] == 12
-    assert report["sources"]["recorded_campus"]["interactions"] == 8
+    assert report["sources"]["recorded_tgsim"]["interactions"] == 8
     assert set(report["distance"]) == {"generated", "beside", "between_halves_of_recorded"}
     assert report["distance"]["generated"] == report["distance"]["beside"]
 

@@ -9,7 +9,8 @@ import polars as pl
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.data.published import LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
+from vpsci_ros.data.parquet import read_metadata
+from vpsci_ros.data.published import CRITICAL_SHARES, LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
 from vpsci_ros.data.published_dataset import open_dataset
 from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
@@ -72,6 +73,7 @@ def write_report(
     output.mkdir(parents=True, exist_ok=True)
     notify("resampling")
     report = _numbers(data, sources)
+    report["critical_shares"] = {} if near_misses is None else critical_shares(near_misses)
     report["inputs"] = _inputs(data, near_misses, other)
     notify("drawing")
     pictures = _draw(data, {name: table for name, table in sources.items() if name in TITLES}, output)
@@ -88,10 +90,22 @@ def write_report(
         published=LEAST_CURVTTC,
         published_real=REAL_LEAST_CURVTTC,
         table_10=TABLE_10,
+        published_shares=CRITICAL_SHARES,
         numbers=NUMBERS,
         view=view,
     )
     return report
+
+
+def critical_shares(near_misses: Path) -> dict[str, dict[str, int]]:
+    """Return by source how many pairs an import found and how many of them became critical, where its table says."""
+    sources = read_metadata(near_misses_path(near_misses)).get("sources", {})
+    names = "pairs", "near_misses"
+    return {
+        source: {name: int(row[name]) for name in names}
+        for source, row in sources.items()
+        if all(isinstance(row.get(name), int) and row[name] > 0 for name in names)
+    }
 
 
 def sources_of_report(folder: Path, near_misses: Path | None, beside: Path | None) -> list[tuple[str, str, Path]]:
