@@ -53,6 +53,20 @@ def ads_test(
         Path | None,
         typer.Option(metavar="TABLE", help="Meet recorded people as well: right_turns, a Parquet file, a part of one."),
     ] = None,
+    baseline: Annotated[
+        Path | None,
+        typer.Option(
+            "--baseline",
+            metavar="RUN",
+            help="Folder of an earlier exam: say which of its episodes are fixed, newly broken, unchanged.",
+        ),
+    ] = None,
+    guard: Annotated[
+        int | None,
+        typer.Option(
+            min=0, metavar="N", help="With --baseline: drive its failures and N of its episodes again, not all."
+        ),
+    ] = None,
     fail_if: Annotated[
         list[str] | None,
         typer.Option(
@@ -85,21 +99,25 @@ def ads_test(
     if recorded is not None:
         sections = sections.changed("ads_test", {"recorded": str(recorded)})
     if search:
-        if fail_if or recorded or episodes:
+        if fail_if or recorded or episodes or baseline:
             raise InvalidInput(
-                "--search goes without --fail-if, --recorded and --episodes; put what it finds to an exam with these: "
-                "--episodes failures.json"
+                "--search goes without --fail-if, --recorded, --episodes and --baseline; put what it finds to an exam "
+                "with these: --episodes failures.json"
             )
         exam = prepare(sections, ads, ads_class, workers)
         with stoppable(output):
             failures = run_search(exam, output, workers=workers, quiet=quiet)
         for reason in failures:
             print(f"failed: {reason}", file=sys.stderr)
+    elif guard is not None and baseline is None:
+        raise InvalidInput("--guard is of --baseline; --episodes N says how many episodes an exam has")
     elif budget is not None:
         raise InvalidInput("--budget is of --search; --episodes N says how many episodes an exam has")
     else:
         exam = prepare(sections, ads, ads_class, workers)
         with stoppable(output):
-            failures = run_exam(exam, output, fail_if or [], workers=workers, quiet=quiet)
+            failures = run_exam(
+                exam, output, fail_if or [], workers=workers, against=baseline, guard=guard, quiet=quiet
+            )
     if failures:
         raise typer.Exit(1)

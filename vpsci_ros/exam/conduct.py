@@ -101,7 +101,7 @@ class Exam:
         if len(keys) <= PART:
             return [self]
         starts = enumerate(range(0, len(keys), PART))
-        return [dataclasses.replace(self.only(keys[k : k + PART]), part=n, whole=self) for n, k in starts]
+        return [dataclasses.replace(self.only(keys[k : k + PART]), part=n, whole=self.whole or self) for n, k in starts]
 
     @property
     def scenarios(self) -> list[Scenario]:

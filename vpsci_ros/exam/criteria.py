@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.report import COUNTS, INCREASES, value_of
+from vpsci_ros.exam.report import CHANGES, COUNTS, FAILED_BEFORE, INCREASES, value_of
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.policy.config import LEARNED
 
-NAMES = (*MEASURES, *INCREASES, *COUNTS)
+COMPARED = (*FAILED_BEFORE, *CHANGES)
+NAMES = (*MEASURES, *INCREASES, *COUNTS, *COMPARED)
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
     ">": operator.gt,
     ">=": operator.ge,
@@ -60,10 +61,11 @@ class Verdict:
         return f"{self.criterion.text}: {value} with {self.pedestrian}, {'failed' if self.failed else 'passed'}"
 
 
-def parse(text: str, opponents: Sequence[str]) -> Criterion:
+def parse(text: str, opponents: Sequence[str], *, compared: bool = False) -> Criterion:
     """Return the criterion that `text` means.
 
     :param opponents: pedestrians of the exam.
+    :param compared: whether it is compared with an earlier one.
     :raises InvalidInput: another form than MEASURE OPERATOR NUMBER [@PEDESTRIAN], or an unknown name in it.
     """
     where = f"--fail-if {text!r}"
@@ -82,6 +84,8 @@ def parse(text: str, opponents: Sequence[str]) -> Criterion:
         raise InvalidInput(f"{where}: no pedestrian {pedestrian!r} in this exam; it has {', '.join(opponents)}")
     if measure in INCREASES and (LEARNED not in opponents or pedestrian == LEARNED or len(opponents) < 2):
         raise InvalidInput(f"{where}: {measure} compares another pedestrian with the learned one; the exam needs both")
+    if measure in COMPARED and not compared:
+        raise InvalidInput(f"{where}: {measure} compares with an earlier exam; name its folder by --baseline")
     return Criterion(" ".join(text.split()), measure, sign, float(number), pedestrian)
 
 

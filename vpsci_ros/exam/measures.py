@@ -19,6 +19,7 @@ from vpsci_ros.world import COLLISION, OUTCOME_NAMES, PARKED_COLLISION
 Floats = NDArray[np.float64]
 _COLLISION, _PARKED_COLLISION = OUTCOME_NAMES[COLLISION], OUTCOME_NAMES[PARKED_COLLISION]
 
+EPISODES = "episodes.parquet"
 COLUMNS: dict[str, Column] = {
     "driver": Column(pl.String, "", "ads, or autopilot for the baseline"),
     "pedestrian": Column(pl.String, "", "who was met"),

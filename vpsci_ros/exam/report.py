@@ -16,6 +16,13 @@ from vpsci_ros.world.perception import PerceptionConfig
 
 ADS, BASELINE = "ads", "autopilot"
 INCREASES = {"collision_increase": "collision_rate", "moving_collision_increase": "moving_collision_rate"}
+CHANGES = {
+    f"{name}_change{suffix}": (name, end)
+    for name in DIFFERENCES
+    for suffix, end in (("", "value"), ("_low", "low"), ("_high", "high"))
+}
+"""Criterion against an earlier exam -> the measure, and which number of its difference."""
+FAILED_BEFORE = ("fixed", "newly_failed", "still_failing")
 COUNTS = ("commands_refused", "commands_surplus", "ticks_unanswered", "safe_stops")
 
 
@@ -82,7 +89,7 @@ def make_report(
     others = [name for name in config.opponents if name != LEARNED and learned.height]
     return {
         "drivers": drivers,
-        "differences": {name: _differences(_of(table, ADS, name), learned) for name in others},
+        "differences": {name: differences(_of(table, ADS, name), learned) for name in others},
         "reliance": _reliance(table),
         "groups": _groups(table, config.opponents),
         "sight": _sight(table, config.opponents, perception),
@@ -106,6 +113,13 @@ def value_of(report: dict[str, Any], measure: str, pedestrian: str) -> float:
         found = report["differences"].get(pedestrian, {}).get(INCREASES[measure], {}).get("value")
     elif measure in COUNTS:
         found = report["conduct"].get(pedestrian, {}).get(measure)
+    elif measure in (*CHANGES, *FAILED_BEFORE):
+        row = report["against"]["pedestrians"].get(pedestrian, {})
+        if measure in CHANGES:
+            name, end = CHANGES[measure]
+            found = row.get("differences", {}).get(name, {}).get(end)
+        else:
+            found = len(row[measure]) if row else None
     else:
         found = report["drivers"].get(ADS, {}).get(pedestrian, {}).get(measure, {}).get("value")
     return math.nan if found is None else float(found)
@@ -117,15 +131,15 @@ def _of(table: pl.DataFrame, driver: str, pedestrian: str | None = None) -> pl.D
 
 
 def _scores(rows: pl.DataFrame) -> dict[str, Any]:
-    return {"episodes": rows.height} | {name: _as_dict(estimate(rows, measure)) for name, measure in MEASURES.items()}
+    return {"episodes": rows.height} | {name: as_dict(estimate(rows, measure)) for name, measure in MEASURES.items()}
 
 
-def _differences(rows: pl.DataFrame, learned: pl.DataFrame) -> dict[str, Any]:
-    """Return measure -> what it is with this pedestrian less what it is with the learned one, on the same episodes."""
+def differences(rows: pl.DataFrame, others: pl.DataFrame) -> dict[str, Any]:
+    """Return measure -> what it is of these rows less what it is of the others, on the episodes that both have."""
     out = {}
     for name in DIFFERENCES:
-        found, p = difference(rows, learned, MEASURES[name])
-        out[name] = _as_dict(found) | {"p": _number(p)}
+        found, p = difference(rows, others, MEASURES[name])
+        out[name] = as_dict(found) | {"p": _number(p)}
     return out
 
 
@@ -146,9 +160,9 @@ def _reliance(table: pl.DataFrame) -> dict[str, Any]:
         again = walker.join(left, on=["scenario", "episode"], how="semi")
         more, p = difference(walker, learned, MEASURES["moving_collision_rate"])
         out[driver] = {
-            "left_to_pedestrian": _as_dict(estimate(learned, MEASURES["pedestrian_yield_rate"])),
-            "of_those_collide": _as_dict(statistics.share(int(again["moving_collision"].sum()), again.height)),
-            "moving_collision_increase": _as_dict(more) | {"p": _number(p)},
+            "left_to_pedestrian": as_dict(estimate(learned, MEASURES["pedestrian_yield_rate"])),
+            "of_those_collide": as_dict(statistics.share(int(again["moving_collision"].sum()), again.height)),
+            "moving_collision_increase": as_dict(more) | {"p": _number(p)},
         }
     return out
 
@@ -179,9 +193,9 @@ def _sight(table: pl.DataFrame, opponents: Sequence[str], perception: Perception
         rows = _of(table, ADS, name).filter(pl.col("critical"))
         published = rows.filter(pl.col("published_after").is_not_nan())
         out["pedestrians"][name] = {
-            "published_share": _as_dict(statistics.resampled(rows["published_share"].to_numpy(), statistics.mean)),
-            "published_after": _as_dict(statistics.resampled(published["published_after"].to_numpy(), statistics.mean)),
-            "never_published": _as_dict(statistics.share(rows.height - published.height, rows.height)),
+            "published_share": as_dict(statistics.resampled(rows["published_share"].to_numpy(), statistics.mean)),
+            "published_after": as_dict(statistics.resampled(published["published_after"].to_numpy(), statistics.mean)),
+            "never_published": as_dict(statistics.share(rows.height - published.height, rows.height)),
         }
     return out
 
@@ -199,7 +213,8 @@ def _conduct(rows: pl.DataFrame, run: Conduct) -> dict[str, Any]:
     }
 
 
-def _as_dict(found: Estimate) -> dict[str, Any]:
+def as_dict(found: Estimate) -> dict[str, Any]:
+    """Return an estimate as JSON values, None for NaN."""
     return {"value": _number(found.value), "low": _number(found.low), "high": _number(found.high), "n": found.n}
 
 

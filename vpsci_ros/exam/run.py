@@ -27,10 +27,11 @@ from vpsci_ros.exam.conduct import Exam, autopilot_run, bags_of, run_with_all
 from vpsci_ros.exam.config import ALONE, EXTERNAL, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import check, parse
 from vpsci_ros.exam.driver_class import files_of_driver, find_driver
-from vpsci_ros.exam.measures import COLUMNS, RunResult, episode_table
+from vpsci_ros.exam.earlier import Earlier, compare, compared_with, write_junit, write_summary
+from vpsci_ros.exam.measures import COLUMNS, EPISODES, RunResult, episode_table
 from vpsci_ros.exam.page import write_page
 from vpsci_ros.exam.process import OWN, command_of, files_of
-from vpsci_ros.exam.report import ADS, BASELINE, make_report
+from vpsci_ros.exam.report import ADS, BASELINE, FAILED_BEFORE, make_report
 from vpsci_ros.exam.view import Driven, exam_sources
 from vpsci_ros.policy.agent_types import AGENT_TYPES
 from vpsci_ros.resources import near_misses_path
@@ -44,7 +45,7 @@ from vpsci_ros.view.sources import LIMIT, Source
 from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.safe_stop import ExternalConfig
 
-IDENTITY, EPISODES, VIEW = EXAM, "episodes.parquet", "view.html"
+IDENTITY, VIEW, SUMMARY, JUNIT = EXAM, "view.html", "summary.md", "junit.xml"
 _SHOWN = {
     "collision_rate": "colli-\nsions",
     "moving_collision_rate": "vehicle\nmoving",
@@ -95,17 +96,28 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
 
 
 def run_exam(
-    exam: Exam, folder: Path, criteria: Sequence[str] = (), *, workers: int = 1, quiet: bool = False
+    exam: Exam,
+    folder: Path,
+    criteria: Sequence[str] = (),
+    *,
+    workers: int = 1,
+    against: Path | None = None,
+    guard: int | None = None,
+    quiet: bool = False,
 ) -> list[str]:
     """Conduct the exam, write and print its report, and return the reasons to fail: none where it is passed.
 
     :param criteria: as for --fail-if, in addition to those of the parameters.
     :param workers: runs side by side.
+    :param against: folder of an earlier exam to compare with; `guard`: see `compared_with`.
     :raises InvalidInput: a criterion is refused, or `folder` holds something else; nothing has been run then.
     :raises VpsciError: a node has failed.
     """
     pedestrians = exam.config.opponents
-    parsed = [parse(text, pedestrians) for text in (*exam.config.fail_if, *criteria)]
+    parsed = [parse(text, pedestrians, compared=against is not None) for text in (*exam.config.fail_if, *criteria)]
+    earlier: Earlier | None = None
+    if against is not None:
+        exam, earlier = compared_with(exam, identity_of(exam), against, guard)
     identity = identity_of(exam)
     take_folder(folder, identity)
     runs = {ADS: run_with_all(exam, folder, (ALONE, *pedestrians), workers=workers, quiet=quiet)}
@@ -113,6 +125,8 @@ def run_exam(
         runs[BASELINE] = {name: autopilot_run(exam, name) for name in (ALONE, *pedestrians)}
     table = pl.concat(_rows(exam, driver, runs[driver]) for driver in runs)
     report = make_report(table, {name: run.conduct for name, run in runs[ADS].items()}, exam.config, exam.perception)
+    if earlier is not None:
+        report["against"] = compare(table, earlier, exam)
     verdicts = check(parsed, report, pedestrians)
     failures = [run.conduct.failure for run in runs[ADS].values() if run.conduct.failure]
     failures += [verdict.sentence() for verdict in verdicts if verdict.failed]
@@ -125,6 +139,9 @@ def run_exam(
         write_view(folder / VIEW, exam_sources(table, drivers, LIMIT, _note), f"Exam of {exam.config.examined}")
     episodes = {name: run.episodes for name, run in runs[ADS].items()}
     write_page(folder / "report.html", report, table, episodes, VIEW if driven else "")
+    if earlier is not None:
+        write_summary(folder / SUMMARY, report, VIEW if driven else "")
+        write_junit(folder / JUNIT, report)
     _print(report, folder)
     return failures
 
@@ -226,6 +243,9 @@ def _print(report: dict[str, Any], folder: Path) -> None:
         for name, row in scores.items():
             view.add_row(f"  {title_of(name)}", *(_cell(row[measure]["value"], measure) for measure in _SHOWN))
     console.print(view)
+    for name, row in report.get("against", {}).get("pedestrians", {}).items():
+        counts = ", ".join(f"{len(row[kind])} {kind.replace('_', ' ')}" for kind in FAILED_BEFORE)
+        console.print(f"against {report['against']['folder']}, {title_of(name)}: {counts}", markup=False)
     for text in report["failures"]:
         console.print(f"FAILED  {text}", style="bold red", markup=False)
     if not report["failures"]:

@@ -7,9 +7,16 @@ from typing import Any
 from vpsci_ros.errors import InvalidInput
 
 _LONGEST = 200  # characters of a value that an error message quotes
+_ADVICE = "choose another output folder, or delete it to start again"
 
 
-def require_same(where: object, found: Mapping[str, Any], mine: Mapping[str, Any], what: str = "holds a run") -> None:
+def require_same(
+    where: object,
+    found: Mapping[str, Any],
+    mine: Mapping[str, Any],
+    what: str = "holds a run",
+    advice: str = _ADVICE,
+) -> None:
     """Refuse to go on with what another run left.
 
     :param where: the file or folder that was found, the opening of the error message.
@@ -19,10 +26,7 @@ def require_same(where: object, found: Mapping[str, Any], mine: Mapping[str, Any
     """
     found = {name: found.get(name) for name in mine}
     for name, old, new in _differences(found, json.loads(json.dumps(mine)), ""):
-        raise InvalidInput(
-            f"{where}: {what} with {name} = {_quoted(old)}, and this one has {_quoted(new)}; "
-            "choose another output folder, or delete it to start again"
-        )
+        raise InvalidInput(f"{where}: {what} with {name} = {_quoted(old)}, and this one has {_quoted(new)}; {advice}")
 
 
 def _differences(old: Any, new: Any, name: str) -> Iterator[tuple[str, Any, Any]]:

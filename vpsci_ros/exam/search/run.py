@@ -24,9 +24,9 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.exam.conduct import Exam, bags_of, run_with_all
 from vpsci_ros.exam.episode_list import write_episode_list
-from vpsci_ros.exam.measures import COLUMNS, episode_table, worst_first
+from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table, worst_first
 from vpsci_ros.exam.report import ADS
-from vpsci_ros.exam.run import EPISODES, identity_of, run_exam, take_folder
+from vpsci_ros.exam.run import identity_of, run_exam, take_folder
 from vpsci_ros.exam.search.imitation import lessons
 from vpsci_ros.exam.search.page import write_search_page
 from vpsci_ros.exam.search.plan import Plan

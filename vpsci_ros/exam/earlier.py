@@ -1,0 +1,198 @@
+"""The verdict against an earlier exam: its episodes driven again, and which are fixed, newly broken or unchanged.
+
+All of them are driven again, or, with a guard set, those that failed and so many drawn at random from all. Whatever
+says how much a measure has changed rests on the guard set alone: failures are not a fair sample of the episodes.
+"""
+
+import dataclasses
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import polars as pl
+
+from vpsci_ros.data.parquet import read_parquet
+from vpsci_ros.documents import read_json, require_form
+from vpsci_ros.episodes.sources import EXAM
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation import statistics
+from vpsci_ros.exam.conduct import Exam
+from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.measures import COLUMNS, EPISODES
+from vpsci_ros.exam.report import ADS, BASELINE, as_dict, differences
+from vpsci_ros.exam.scores import MEASURES
+from vpsci_ros.runs.files import write_text
+from vpsci_ros.runs.identity import require_same
+
+_KEY = ["scenario", "episode"]
+_SAME = ("outcome", "duration", "driven", "impact_speed", "least_curvttc", "hardest_braking")
+_LISTED = 20  # episodes of a kind in the summary
+_SHOWN = ("collision_rate", "moving_collision_rate", "conflict_rate", "time_lost")
+_SUITE = "vpsci ads-test"
+
+
+class Earlier(NamedTuple):
+    """An earlier exam.
+
+    :ivar rows: of its driving system, a row an episode.
+    :ivar guard: scenario and episode of those by which it and this one are compared: all, or some drawn at random.
+    """
+
+    folder: Path
+    ads: str
+    rows: pl.DataFrame
+    guard: pl.DataFrame
+
+
+def compared_with(
+    exam: Exam, identity: Mapping[str, Any], folder: Path, guard: int | None = None
+) -> tuple[Exam, Earlier]:
+    """Return the exam on the episodes that are driven again, and the earlier one with which it is compared.
+
+    :param identity: of the exam.
+    :param folder: of the earlier exam.
+    :param guard: episodes to draw; None: all are driven again.
+    :raises InvalidInput: it is no exam that is over, or had other episodes, pedestrians or thresholds.
+    """
+    if not (folder / EPISODES).is_file():
+        raise InvalidInput(f"--baseline {folder}: no exam that is over; expected {EPISODES} in it")
+    stored = read_json(folder / EXAM)
+    require_form(stored, {"ads": str, "parameters": {"*": dict}}, f"{folder / EXAM}: not what an exam writes")
+    advice = "give this exam the same --params and --set"
+    require_same(f"--baseline {folder}", _conditions(stored), _conditions(identity), "is an exam", advice)
+    table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS)
+    rows = table.filter((pl.col("driver") == ADS) & pl.col("pedestrian").is_in(exam.config.opponents))
+    pool = rows.select(_KEY).unique().sort(_KEY)
+    if guard is None:
+        return exam, Earlier(folder, stored["ads"], rows, pool)
+    chosen = pool[np.random.default_rng(exam.run.seed).permutation(pool.height)[:guard]]
+    failed = rows.filter(pl.col(exam.config.search.failure)).select(_KEY)
+    wanted = set(pl.concat([chosen, failed]).iter_rows())
+    again = [key for key in exam.episodes if key in wanted]
+    if not again:
+        raise InvalidInput(f"--guard {guard}: nothing failed in {folder}, so no episode is left; give a larger number")
+    return dataclasses.replace(exam.only(again), whole=exam), Earlier(folder, stored["ads"], rows, chosen)
+
+
+def _conditions(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what two exams must have in common to be compared: all but the driving system and the software."""
+    kept = {
+        name: identity.get(name)
+        for name in ("world", "scenarios_sha256", "weights_sha256", "agents", "recorded_sha256")
+    }
+    left_out = ("ads", "ads_class", "baseline", "only", "recorded")
+    return kept | {
+        section: {name: value for name, value in values.items() if name not in left_out}
+        for section, values in identity["parameters"].items()
+    }
+
+
+def compare(table: pl.DataFrame, earlier: Earlier, exam: Exam) -> dict[str, Any]:
+    """Return the verdict as JSON values, by pedestrian.
+
+    :param table: a row an episode, of the exam.
+    """
+    failure = exam.config.search.failure
+    now = table.filter((pl.col("driver") == ADS) & pl.col("pedestrian").is_in(exam.config.opponents))
+    out = {}
+    for name in exam.config.opponents:
+        new, old = (rows.filter(pl.col("pedestrian") == name) for rows in (now, earlier.rows))
+        both = new.join(old, on=_KEY, suffix="_before").sort(_KEY)
+        if both.is_empty():
+            continue
+        fails, failed = pl.col(failure), pl.col(f"{failure}_before")
+        listed = {"fixed": failed & ~fails, "newly_failed": fails & ~failed, "still_failing": fails & failed}
+        episodes = {kind: [f"{s}:{e}" for s, e in both.filter(which).select(_KEY).iter_rows()]
+                    for kind, which in listed.items()}  # fmt: skip
+        guarded = both.filter(~failed).join(earlier.guard, on=_KEY, how="semi")
+        before = int(both[f"{failure}_before"].sum())
+        same = pl.all_horizontal(pl.col(column).eq_missing(pl.col(f"{column}_before")) for column in _SAME)
+        out[name] = {
+            "episodes": both.height,
+            "same": both.filter(same).height,
+            **episodes,
+            "fixed_rate": as_dict(statistics.share(len(episodes["fixed"]), before)),
+            "newly_failed_rate": as_dict(statistics.share(int(guarded[failure].sum()), guarded.height)),
+            "differences": differences(new.join(earlier.guard, on=_KEY, how="semi"), old),
+        }
+    facts = {"folder": earlier.folder.name, "ads": earlier.ads, "failure": failure, "guard": earlier.guard.height}
+    return facts | {"pedestrians": out}
+
+
+def write_summary(path: Path, report: Mapping[str, Any], view: str) -> None:
+    """Write the verdict as Markdown for a merge request, with links to where the episodes play.
+
+    :param view: the page in which they play; empty: there is none.
+    """
+    found = report["against"]
+    text = [f"## {report['exam']['ads']}: {'failed' if report['failures'] else 'passed'}", ""]
+    text += [f"- {reason}" for reason in report["failures"]] + [""] * bool(report["failures"])
+    what = MEASURES[f"{found['failure']}_rate"].title
+    text.append(
+        f"Compared with `{found['ads']}` in {found['folder']}. A failure: {what}. Changes are of {found['guard']} "
+        "episodes in pairs, new less old, with 95% intervals; bold where the interval leaves out 0.\n"
+    )
+    heads = ["pedestrian", "episodes", "as before", "fixed", "newly broken", "still failing"]
+    heads += [MEASURES[name].title for name in _SHOWN]
+    text += [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for name, row in found["pedestrians"].items():
+        counts = [len(row[kind]) for kind in ("fixed", "newly_failed", "still_failing")]
+        cells = [title_of(name), row["episodes"], row["same"], *counts]
+        cells += [_change(row["differences"][measure], measure) for measure in _SHOWN]
+        text.append(f"| {' | '.join(map(str, cells))} |")
+    for kind, title in (("newly_failed", "Newly broken"), ("still_failing", "Still failing"), ("fixed", "Fixed")):
+        links = [_link(view, name, key) for name, row in found["pedestrians"].items() for key in row[kind]]
+        more = f" and {len(links) - _LISTED} more" if len(links) > _LISTED else ""
+        text += ["", f"{title}: {', '.join(links[:_LISTED])}{more}"] if links else []
+    write_text(path, "\n".join(text) + "\n")
+
+
+def _change(found: Mapping[str, Any], measure: str) -> str:
+    if found["value"] is None:
+        return "-"
+    scale, unit = (1.0, MEASURES[measure].unit) if MEASURES[measure].unit else (100.0, "points")
+    value, low, high = (scale * found[name] for name in ("value", "low", "high"))
+    bold = "**" if low > 0.0 or high < 0.0 else ""
+    return f"{bold}{value:+.2f} [{low:.2f}, {high:.2f}] {unit}{bold}"
+
+
+def _link(view: str, pedestrian: str, key: str) -> str:
+    target = f"({view}#a={ADS}-{pedestrian}&b={BASELINE}-{pedestrian}&episode={key})"
+    return f"[{pedestrian} {key}]{target}" if view else f"{pedestrian} {key}"
+
+
+def write_junit(path: Path, report: Mapping[str, Any]) -> None:
+    """Write the verdict as JUnit XML: a case for each criterion and for each episode that fails now or failed before.
+
+    What failed before and still does is skipped, and what is newly broken is a failure.
+    """
+    suites = ET.Element("testsuites", name=_SUITE)
+    cases = [("exam", "every episode was driven", *_driven(report))]
+    for row in report["criteria"]:
+        name = row["criterion"] if "@" in row["criterion"] else f"{row['criterion']} @{row['pedestrian']}"
+        cases.append(("exam", name, "failure" if row["failed"] else "", f"it is {row['value']}"))
+    found = report["against"]
+    says = {"fixed": ("", ""), "newly_failed": ("failure", f"{found['failure']}; not so in {found['folder']}"),
+            "still_failing": ("skipped", f"{found['failure']}, as in {found['folder']}")}  # fmt: skip
+    for name, row in found["pedestrians"].items():
+        cases += [(name, key, *says[kind]) for kind in says for key in row[kind]]
+        if not any(row[kind] for kind in says):
+            cases.append((name, f"{row['episodes']} episodes, none of which fails", "", ""))
+    for suite in dict.fromkeys(case[0] for case in cases):
+        mine = [case for case in cases if case[0] == suite]
+        element = ET.SubElement(suites, "testsuite", name=suite, tests=str(len(mine)), errors="0")
+        for head, kind in (("failures", "failure"), ("skipped", "skipped")):
+            element.set(head, str(sum(case[2] == kind for case in mine)))
+        for _, name, kind, message in mine:
+            case = ET.SubElement(element, "testcase", classname=f"{_SUITE}.{suite}", name=name)
+            if kind:
+                ET.SubElement(case, kind, message=message)
+    ET.indent(suites)
+    write_text(path, ET.tostring(suites, "unicode", xml_declaration=True) + "\n")
+
+
+def _driven(report: Mapping[str, Any]) -> tuple[str, str]:
+    reasons = [row["failure"] for row in report["conduct"].values() if row["failure"]]
+    return ("failure", "; ".join(reasons)) if reasons else ("", "")
