@@ -99,8 +99,9 @@ def print_info(folder: str | Path, console: Console) -> None:
     early = total["with_early_collisions"]
     collided = sum(row["kept_outcomes"]["collision"] for row in data.scenarios.values())
     least = data.description["filters"]["least_frames"]
+    known = not kept or any(sum(row["kept_outcomes"].values()) for row in data.scenarios.values())
     rows = [
-        (name, f"{count:,}", f"{collisions:,}", f"{collisions / max(1, count):.2%}", quartiles_text(quartiles))
+        (name, f"{count:,}", *_collisions(collisions, count, known), quartiles_text(quartiles))
         for name, count, collisions, quartiles in (
             ("kept", kept, collided, total["least_curvttc"]),
             (f"and collisions before {least}", early["kept"], early["collisions"], early["least_curvttc"]),
@@ -110,6 +111,11 @@ def print_info(folder: str | Path, console: Console) -> None:
     rows.append(("paper, kept", f"{published:,}", "", "", quartiles_text(LEAST_CURVTTC)))
     rows.append(("paper, real near misses", "336", "", "", quartiles_text(REAL_LEAST_CURVTTC)))
     console.print(text_table("", ("", "episodes", "collisions", "share", "least CurvTTC\nQ1 median Q3 [s]"), rows))
+
+
+def _collisions(collisions: int, episodes: int, known: bool) -> tuple[str, str]:
+    """Return the number and the share; dashes where nobody knows how episodes ended, as of the authors' files."""
+    return (f"{collisions:,}", f"{collisions / max(1, episodes):.2%}") if known else ("-", "-")
 
 
 def _print_table_10(data: Dataset, console: Console) -> None:
