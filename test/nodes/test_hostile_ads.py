@@ -37,9 +37,10 @@ def on_odometry(odometry):
     command(odometry.header)
 
 def flood():
-    due = time.perf_counter()
-    while True:
+    due, left = time.perf_counter(), 5.0
+    while left > 0.0:  # or the recorder would go on with it for as long as it may
         due += 0.02
+        left -= 0.02 * bool(heard)
         for _ in range(int(0.02 * number)):
             command()
         time.sleep(max(0.0, due - time.perf_counter()))
