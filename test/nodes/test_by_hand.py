@@ -152,6 +152,6 @@ def test_every_node_says_for_whom_it_waits(by_hand: Callable[..., ByHand]) -> No
         wait_for(lambda: said.search(graph.log("world_simulator")) is not None, f"the world to wait for {node}")  # noqa: B023
     graph.kill("world_simulator")
     alone = by_hand("alone", "/alone")
-    alone.start(*others)
+    alone.start(*others, extra=("-p", "peer_timeout:=8.0"))  # the recorder says so after half of it
     for node in others:
         wait_for(lambda: "world_simulator" in alone.log(node), f"{node} to say so")  # noqa: B023 - called at once
