@@ -34,7 +34,9 @@ class ForkServer:
         self._channel, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other:
             command = [sys.executable, "-u", __file__, str(other.fileno())]
-            self._process = subprocess.Popen(command, pass_fds=[other.fileno()], start_new_session=True)
+            environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # no threads of numpy's
+            files = [other.fileno()]
+            self._process = subprocess.Popen(command, pass_fds=files, start_new_session=True, env=environment)
 
     def request(self, what: Mapping[str, Any], files: Sequence[int] = ()) -> Any:
         """Return the reply to a request that file descriptors go along with."""

@@ -64,7 +64,7 @@ def test_the_node_does_what_the_policy_does_in_the_environment(
         observation, _, ended, cut, _ = env.step(action)
         if ended or cut:
             break
-    assert len(observed) == min(pedestrians, 2), "of several, one and then another was the most critical"
+    assert (len(observed) > 1) == (pedestrians > 1), "of several, one and then another was the most critical"
 
 
 def test_it_sits_the_exam_and_answers_every_tick(weights: Path, tmp_path: Path) -> None:
