@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.evaluation.realism.features import features, with_borrowed_noise
+from vpsci_ros.evaluation.realism.long_run import long_run
 from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets
 from vpsci_ros.evaluation.realism.two_sample import REPETITIONS, two_sample
 from vpsci_ros.safety import CRITICAL_TTC
@@ -56,6 +57,7 @@ def free(table: pl.DataFrame, dataset: Dataset, episodes: int, seed: int) -> dic
     return {
         "interactions": {name: len(found) for name, found in onsets.items()},
         "described": {name: described(side) for name, side in sides.items()},
+        "long_run": long_run(table, made, seed),
         "c2st_auc": {name: [test.auc, *test.auc_interval] for name, test in tests.items()},
         "c2st_auc_spread": {name: test.spread for name, test in tests.items()},
         "given_away_by": {name: test.importance for name, test in tests.items()},

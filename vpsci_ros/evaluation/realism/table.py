@@ -70,6 +70,12 @@ def _free(part: dict[str, Any], console: Console) -> None:
     measures = next(iter(sides.values()))
     rows = [(key.replace("_", " "), *(f"{own[key]:.2f}" for own in sides.values())) for key in measures]
     console.print(text_table("Free simulation, critical episodes", ("", *sides), rows))
+    whole = part["long_run"]
+    rows = [
+        (key.replace("_", " "), *("{:.2f} [{:.2f}, {:.2f}]".format(*own[key]) for own in whole.values()))
+        for key in next(iter(whole.values()))
+    ]
+    console.print(text_table("In the long run, watched equally long", ("", *whole), rows))
     for name, (auc, low, high) in part["c2st_auc"].items():
         single = _farthest(part["given_away_by"][name])
         console.print(f"C2ST, {name}: {auc:.2f} ({low:.2f}-{high:.2f}); {single}", highlight=False)
