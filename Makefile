@@ -8,7 +8,7 @@ PYTEST_ARGS ?=
 # Recordings (vci_dut/, vci_citr/) for the demo to learn from besides the right turns that the package holds.
 VPSCI_DATA ?= $(wildcard ../shared/data)
 
-# Nodes talk to nodes on this machine only, unless asked otherwise.
+# Nodes talk to nodes on this machine only, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .PHONY: help setup demo test check docs chaos clean

@@ -104,7 +104,7 @@ def main() -> int:
 
 
 def sections_of(given: argparse.Namespace) -> Sections:
-    """Return the sections of stage 3's parameter file with the seed and weights that were asked for."""
+    """Return the sections of stage 3's parameter file with the seed and weights of the command line."""
     sections = load(Path(__file__).parents[1] / STAGE)
     sections = sections.changed("world_simulator", {"seed": given.seed})
     for node in ("vehicle_policy", "pedestrian_policy"):

@@ -59,7 +59,7 @@ def test_episodes_are_chosen_by_number_outcome_and_curvttc(conditions: tuple, ex
         (("3,99",), r"no episode 99 in the bag; it has 1:3 \(goal\)"),
     ],
 )
-def test_a_choice_that_cannot_be_met_says_what_there_is(conditions: tuple, message: str | None) -> None:
+def test_a_choice_that_nothing_satisfies_says_what_there_is(conditions: tuple, message: str | None) -> None:
     if message is None:
         assert names(choose(EPISODES, *conditions)) == ["1:3", "6:3"]  # an open range is its beginning
         return
@@ -67,7 +67,7 @@ def test_a_choice_that_cannot_be_met_says_what_there_is(conditions: tuple, messa
         choose(EPISODES, *conditions)
 
 
-def test_a_number_in_two_scenarios_has_to_be_told_apart() -> None:
+def test_a_number_in_two_scenarios_needs_its_scenario() -> None:
     assert chosen_episode(EPISODES, "7").name == "1:7"
     with pytest.raises(InvalidInput, match=r"in several scenarios; name one of 1:3 \(goal\), 6:3 \(timeout\)"):
         chosen_episode(EPISODES, "3")
@@ -103,10 +103,10 @@ def test_the_episodes_of_a_bag_are_known_without_reading_a_message(
 
 def test_records_agree_with_what_the_states_tell(own_bag: Path) -> None:
     recorded = bag_episodes(Bag(own_bag))
-    for one, told in zip(recorded, module._from_ticks(Bag(own_bag), False), strict=True):
+    for one, decoded in zip(recorded, module._from_ticks(Bag(own_bag), False), strict=True):
         for name in ("scenario", "episode", "start_tick", "end_tick", "start_time", "end_time", "outcome"):
-            assert getattr(one, name) == getattr(told, name), name
-        assert one.least_curvttc == pytest.approx(told.least_curvttc)
+            assert getattr(one, name) == getattr(decoded, name), name
+        assert one.least_curvttc == pytest.approx(decoded.least_curvttc)
 
 
 def test_one_episode_is_read_whole_and_nothing_else(own_bag: Path) -> None:

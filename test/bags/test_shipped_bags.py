@@ -25,4 +25,4 @@ def test_a_shipped_bag_shows_a_critical_interaction_of_its_scenario_by_the_shipp
         topic["name"] for topic in info["topics"] if topic["messages"]
     }, "the Foxglove layout shows these"
     assert info["missing"] == info["damage"] == []
-    assert verify_bag(bag).difference == "", "make the bags anew after the weights have changed"
+    assert verify_bag(bag).difference == "", "make the bags again after the weights have changed"

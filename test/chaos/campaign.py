@@ -52,7 +52,7 @@ class Tally:
 
     def add_run(self, names: Iterable[str], case: processes.Run, bad: list[str], about: str, folder: str) -> None:
         """Take in a run of a graph, and keep its folder where something did not hold."""
-        verdict = "defect" if bad else "complete" if case.status == 0 else "told"
+        verdict = "defect" if bad else "complete" if case.status == 0 else "reported"
         self.add(names, verdict, [f"{about}; status {case.status}): {text}" for text in bad])
         if bad and self.output is not None and case.folder.is_dir():
             (case.folder / "said.txt").write_text(case.said)
@@ -79,7 +79,7 @@ def refused_writes(cases: range, tally: Tally, console: Console) -> None:
         for seed in track(cases, "disks".ljust(16), console=console, transient=True):
             case = disks.case(seed)
             ended = disks.run(case, given)
-            verdict = "defect" if ended.defects else "told" if ended.status else "complete"
+            verdict = "defect" if ended.defects else "reported" if ended.status else "complete"
             tally.add([f"{case.place} disk"], verdict, [f"case {seed} ({case}): {text}" for text in ended.defects])
 
 
@@ -127,7 +127,7 @@ def page(title: str, tally: Tally, seconds: float) -> str:
 
 
 def main() -> None:
-    """Run a campaign, print its counts, and leave them where asked to."""
+    """Run a campaign, print its counts, and write them to the folder given."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campaign", choices=("files", "disks", "processes", "strangers"))
     parser.add_argument("--cases", type=int, help="so many (of each kind of file); default: 1000 files, 100 runs")

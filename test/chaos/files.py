@@ -80,13 +80,13 @@ class TookTooLong(BaseException):
 
 
 def case(name: str, seed: int, whole: bytes, path: Path) -> Found:
-    """Damage the whole content by this seed, write it as `path`, read it, and judge."""
+    """Damage the whole content by this seed, write it as `path`, read it, and say what came of it."""
     rng = random.Random(f"{name}/{seed}")
     data = mutated(whole, rng, text=KINDS[name].text)
-    return Found(name, seed, "undamaged" if data == whole else judged(name, data, whole, path), data)
+    return Found(name, seed, "undamaged" if data == whole else verdict_of(name, data, whole, path), data)
 
 
-def judged(name: str, data: bytes, whole: bytes, path: Path) -> str:
+def verdict_of(name: str, data: bytes, whole: bytes, path: Path) -> str:
     """Return the verdict on one content of a file of this kind."""
     kind = KINDS[name]
     path.write_bytes(data)

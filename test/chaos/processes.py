@@ -1,4 +1,4 @@
-"""Graphs whose processes are killed, stopped, delayed and asked to end at random, and what must hold afterwards.
+"""Graphs whose processes are killed, stopped, delayed and stopped by request at random, and what must hold afterwards.
 
 One graph runs undisturbed; its bag says what everybody's must hold. A disturbed run ends with 0 and the same bag, or
 not with 0 and a record that says why, beside a bag that opens and whose content is that of the undisturbed one as far
@@ -216,15 +216,15 @@ def _of_bag(case: Run, undisturbed: dict[str, str]) -> list[str]:
         return [] if empty and case.status != 0 else [f"its bag does not open: {error}"]
     if case.status == 0 and held != undisturbed:
         return [f"status 0, but its bag holds {len(held)} messages of {len(undisturbed)}, or others"]
-    asked = {key for key in held if undisturbed.get(key) not in (None, held[key])}
-    return _explained(case, asked, held)
+    differing = {key for key in held if undisturbed.get(key) not in (None, held[key])}
+    return _explained(case, differing, held)
 
 
-def _explained(case: Run, asked: set[str], held: dict[str, str]) -> list[str]:
+def _explained(case: Run, differing: set[str], held: dict[str, str]) -> list[str]:
     """Messages may differ from the undisturbed ones only where the run says that answers were missing."""
-    if not asked or "missing" in case.said or "answers" in case.said:
+    if not differing or "missing" in case.said or "answers" in case.said:
         return []
-    return [f"{len(asked)} of {len(held)} messages differ from those of the undisturbed run, without a word"]
+    return [f"{len(differing)} of {len(held)} messages differ from those of the undisturbed run, without a word"]
 
 
 def undisturbed() -> tuple[dict[str, str], float]:

@@ -1,7 +1,7 @@
 """Graphs in whose ROS domain a stranger publishes at random, calls services and offers some, and what must hold.
 
 docs/promises.md says what a stranger can and cannot do. A run among strangers ends with 0 only if its bag holds what
-an undisturbed one holds, no more and no less; otherwise it tells why. Nobody ends but as told to, prints a
+an undisturbed one holds, no more and no less; otherwise it says why. Nothing ends but on request, prints a
 traceback, hangs or stays alive: whatever the stranger says, no node is to die of it. It falls silent after a while.
 
 The world is begun again by whoever calls its service, so that a run which was reset may hold other episodes.

@@ -29,7 +29,7 @@ def test_a_damaged_file_is_read_as_it_was_or_refused_in_words(kind: str) -> None
 def test_what_a_campaign_once_found_holds(path: Path, tmp_path: Path) -> None:
     target = files.KINDS[path.parent.name].make(tmp_path)
     whole = target.read_bytes()
-    assert files.judged(path.parent.name, path.read_bytes(), whole, target) in ("read", "refused")
+    assert files.verdict_of(path.parent.name, path.read_bytes(), whole, target) in ("read", "refused")
 
 
 @pytest.mark.parametrize("name", bombs.BOMBS)
@@ -69,11 +69,11 @@ def test_a_defect_would_be_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setitem(files.KINDS, "parameters", files.KINDS["parameters"]._replace(read=breaks))
     target = files.KINDS["parameters"].make(tmp_path)
     whole = target.read_bytes()
-    assert files.judged("parameters", b"a: 1", whole, target).startswith("KeyError")
+    assert files.verdict_of("parameters", b"a: 1", whole, target).startswith("KeyError")
     monkeypatch.setitem(
         files.KINDS, "parameters", files.KINDS["parameters"]._replace(read=Path.read_bytes, sealed=True)
     )
-    assert "without a word" in files.judged("parameters", b"a: 1", whole, target)
+    assert "without a word" in files.verdict_of("parameters", b"a: 1", whole, target)
 
 
 @pytest.fixture(scope="module")

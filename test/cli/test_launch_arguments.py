@@ -1,4 +1,4 @@
-"""What `ros2 launch` is told becomes parameters, checked before anything starts; launch files ask for nothing."""
+"""The arguments of `ros2 launch` become parameters, checked before anything starts; launch files ask for nothing."""
 
 import sys
 from collections.abc import Iterator

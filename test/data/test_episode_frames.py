@@ -83,14 +83,14 @@ def test_an_episode_longer_than_the_room_gets_more(simulate) -> None:
     assert values[:, 5] == pytest.approx(-4.0 + 1.5 * 0.05 * np.arange(50))
 
 
-def test_the_lowest_running_number_is_told_with_each_end(simulate) -> None:
+def test_the_lowest_running_number_comes_with_each_end(simulate) -> None:
     collector = EpisodeFrames(2)
-    told = {}
+    lowest = {}
     for tick in simulate([12, 5, 9], [GOAL] * 3, 2):
         batch = collector.add(*tick)
         if len(batch):
-            told[tuple(batch.episode.tolist())] = batch.open_from[1]
-    assert told == {(1,): 0, (0,): 2, (2,): NOT_OPEN}
+            lowest[tuple(batch.episode.tolist())] = batch.open_from[1]
+    assert lowest == {(1,): 0, (0,): 2, (2,): NOT_OPEN}
 
 
 def test_another_batch_size_is_refused(simulate) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.data.episode_frames import QUANTITIES, EpisodeBatch
-from vpsci_ros.data.filters import KEPT, REASONS, FilterConfig, judge
+from vpsci_ros.data.filters import KEPT, REASONS, FilterConfig, apply_filters
 from vpsci_ros.world.state import GOAL
 
 
@@ -24,11 +24,11 @@ def batch(frames: int = 100, least: float = 4.9, vehicle: float = 20.0, pedestri
 
 
 def reason(episode: EpisodeBatch) -> str:
-    return REASONS[judge(episode, FilterConfig())["reason"][0]]
+    return REASONS[apply_filters(episode, FilterConfig())["reason"][0]]
 
 
 def test_an_episode_that_meets_every_condition_is_kept() -> None:
-    verdict = judge(batch(), FilterConfig())
+    verdict = apply_filters(batch(), FilterConfig())
     assert verdict["reason"][0] == KEPT
     assert verdict["least_curvttc"][0] == pytest.approx(4.9)
     assert verdict["vehicle_path"][0] == pytest.approx(20.0, rel=1e-5)
@@ -66,19 +66,19 @@ def test_frames_after_the_end_are_not_missing() -> None:
     padded = np.concatenate([episode.values, np.full((1, 80, len(QUANTITIES)), np.nan, np.float32)], axis=1)
     longer = EpisodeBatch(episode.scenario, episode.episode, episode.outcome, episode.frames, padded, episode.open_from)
     assert reason(longer) == "kept"
-    assert judge(longer, FilterConfig())["vehicle_path"][0] == pytest.approx(20.0, rel=1e-5)
+    assert apply_filters(longer, FilterConfig())["vehicle_path"][0] == pytest.approx(20.0, rel=1e-5)
 
 
 def test_the_distance_is_that_of_the_ends_and_the_path_that_of_the_way() -> None:
     episode = batch(frames=101)
     x = QUANTITIES.index("position_x_ped")
     episode.values[0, :, x] = 3.0 * np.sin(np.pi * np.arange(101) / 100)
-    verdict = judge(episode, FilterConfig(pedestrian_distance=8.01))
+    verdict = apply_filters(episode, FilterConfig(pedestrian_distance=8.01))
     assert REASONS[verdict["reason"][0]] == "pedestrian hardly moved"
     assert verdict["pedestrian_path"][0] > 9.0
 
 
-def test_every_condition_is_judged_and_the_first_names_the_reason() -> None:
-    verdict = judge(batch(frames=50, least=7.0, vehicle=1.0), FilterConfig())
+def test_every_condition_is_checked_and_the_first_names_the_reason() -> None:
+    verdict = apply_filters(batch(frames=50, least=7.0, vehicle=1.0), FilterConfig())
     assert verdict["failed"][0].tolist() == [True, False, True, True, False]
     assert REASONS[verdict["reason"][0]] == "not critical"

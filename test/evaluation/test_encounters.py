@@ -69,7 +69,7 @@ def test_a_table_without_a_critical_row_has_no_encounter() -> None:
     assert recorded_encounters(harmless.head(0)).schema == SCHEMA
 
 
-def test_a_recorded_onset_is_told_by_what_was_known_then_and_the_least_curvttc_by_the_whole_track() -> None:
+def test_a_recorded_onset_is_found_by_what_was_known_then_and_the_least_curvttc_by_the_whole_track() -> None:
     late = pl.when(pl.col("time") > 0.75).then(pl.col("curvttc")).otherwise(float("inf"))
     found = recorded_encounters(near_miss(0, 1.5).with_columns(curvttc_causal=late)).row(0, named=True)
     assert found["distance"] == pytest.approx(float(np.hypot(4.0 - 20.0, -4.5 + 1.4 * 0.8)))  # at t = 0.8 s

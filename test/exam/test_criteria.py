@@ -1,4 +1,4 @@
-"""Criteria for failing: parsed without evaluating anything, refused with what would be right, judged on a report."""
+"""Criteria for failing: parsed without evaluating anything, refused with a hint, compared with a report."""
 
 import math
 
@@ -7,7 +7,7 @@ import pytest
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.criteria import NAMES, check, parse
 
-MET = ["learned", "walker"]
+PEDESTRIANS = ["learned", "walker"]
 
 
 def report(**rates: float | None) -> dict:
@@ -20,7 +20,7 @@ def report(**rates: float | None) -> dict:
 
 
 def failed(text: str, **rates: float | None) -> list[str]:
-    return [v.pedestrian for v in check([parse(text, MET)], report(**rates), MET) if v.failed]
+    return [v.pedestrian for v in check([parse(text, PEDESTRIANS)], report(**rates), PEDESTRIANS) if v.failed]
 
 
 def test_a_criterion_holds_for_any_pedestrian_unless_it_names_one():
@@ -37,7 +37,7 @@ def test_each_operator_means_what_it_says_at_the_limit(sign, expected):
 def test_what_could_not_be_measured_fails():
     assert failed("collision_rate > 0.05 @learned", learned=None, walker=0.0) == ["learned"]
     assert failed("evasion_success_rate < 0.9 @walker", learned=0.0, walker=0.0) == ["walker"]
-    verdict = check([parse("collision_rate > 1 @learned", MET)], report(learned=None), MET)[0]
+    verdict = check([parse("collision_rate > 1 @learned", PEDESTRIANS)], report(learned=None), PEDESTRIANS)[0]
     assert math.isnan(verdict.value)
     assert verdict.sentence() == "collision_rate > 1 @learned: not measured with learned, failed"
 
@@ -57,23 +57,23 @@ def test_increases_compare_with_the_learned_pedestrian_and_counts_are_those_of_t
 )  # fmt: skip
 def test_anything_of_another_form_is_refused_with_the_form_and_the_measures(text):
     with pytest.raises(InvalidInput, match=r"expected MEASURE \{>,>=,<,<=\} NUMBER \[@PEDESTRIAN\]") as error:
-        parse(text, MET)
+        parse(text, PEDESTRIANS)
     assert all(name in str(error.value) for name in NAMES)
 
 
 def test_an_unknown_measure_is_refused_with_the_nearest_and_all_there_are():
     with pytest.raises(InvalidInput, match="unknown measure 'colision_rate'; did you mean collision_rate") as error:
-        parse("colision_rate > 0.05", MET)
+        parse("colision_rate > 0.05", PEDESTRIANS)
     assert all(name in str(error.value) for name in NAMES)
 
 
-def test_a_pedestrian_that_is_not_met_is_refused():
+def test_a_pedestrian_that_the_exam_lacks_is_refused():
     with pytest.raises(InvalidInput, match="no pedestrian 'recorded' in this exam; it has learned, walker"):
-        parse("collision_rate > 0.05 @recorded", MET)
+        parse("collision_rate > 0.05 @recorded", PEDESTRIANS)
 
 
 def test_an_increase_needs_the_learned_pedestrian_and_another():
-    for met, text in ((["walker"], "collision_increase > 0"), (["learned"], "collision_increase > 0"),
-                      (MET, "collision_increase > 0 @learned")):  # fmt: skip
+    for pedestrians, text in ((["walker"], "collision_increase > 0"), (["learned"], "collision_increase > 0"),
+                      (PEDESTRIANS, "collision_increase > 0 @learned")):  # fmt: skip
         with pytest.raises(InvalidInput, match="the exam needs both"):
-            parse(text, met)
+            parse(text, pedestrians)

@@ -159,7 +159,7 @@ def test_other_forms_and_pairs_of_options_are_refused_before_anything_is_written
             prepare(found, ads_class=text)
     with pytest.raises(InvalidInput, match="--ads and --ads-class exclude each other"):
         prepare(found, "example_ads", EXAMPLE)
-    with pytest.raises(InvalidInput, match="external_mode = real_time: a class is asked at every tick"):
+    with pytest.raises(InvalidInput, match="external_mode = real_time: a class is called at every tick"):
         prepare(found.changed("world_simulator", {"external_mode": "real_time"}), ads_class=EXAMPLE)
     assert prepare(found.changed("ads_test", {"ads_class": EXAMPLE}), "external").config.examined == "external"
     with pytest.raises(InvalidInput, match=r"Mine\(\) cannot be made: .*takes no argument"):

@@ -75,7 +75,7 @@ def test_it_stops_before_somebody_who_stands_in_the_lane_through_which_it_drives
     assert stopped[-1, 2] < 0.5
 
 
-def test_one_driver_plans_each_episode_anew(example: ModuleType) -> None:
+def test_one_driver_plans_each_episode_by_itself(example: ModuleType) -> None:
     driver = example.Driver()
     states = np.zeros(3, EPISODE)
     states["status"], states["episode"], states["scenario"] = RUNNING, [0, 1, 2], [1, 101, 1]

@@ -36,7 +36,7 @@ def example() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def weights(example: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A policy that has learned for a moment: it moves, and no more is asked of it."""
+    """A policy that has learned for a moment: it moves, and needs to do no more."""
     path = tmp_path_factory.mktemp("trained") / "policy.safetensors"
     command = [str(PROGRAM), "train", str(path), "--steps", "2048", "--scenarios", "1", "101"]
     with pytest.MonkeyPatch.context() as patched:

@@ -1,4 +1,4 @@
-"""A dataset of episodes with several pedestrians: rows of each, judged by one pair, and verified to the bit."""
+"""A dataset of episodes with several pedestrians: rows of each, filtered by one pair, and verified to the bit."""
 
 from pathlib import Path
 

@@ -33,7 +33,7 @@ def copy(made: Path, tmp_path: Path) -> Path:
 
 
 def edit(path: Path, change: Callable[[pl.DataFrame], pl.DataFrame]) -> None:
-    """Write a Parquet file of the dataset anew, with rows changed and everything else as it was."""
+    """Write a Parquet file of the dataset again, with rows changed and everything else as it was."""
     metadata = read_metadata(path)
     write_parquet(change(pl.read_parquet(path)), path, DATASET_COLUMNS, **metadata)
 

@@ -104,8 +104,8 @@ def test_learning_brings_roll_outs_nearer_to_what_happened(monkeypatch, draws: s
         for agent in AGENTS:
             networks.actor[agent].head[-1].weight.mul_(300.0)  # react wildly to what differs
     likeness = Likeness(networks, interactions, CONFIG)
-    if likeness.lenders:
-        likeness.lenders._slope[:] = 0.0  # adjusting leaves little of what differs to the networks
+    if likeness.donors:
+        likeness.donors._slope[:] = 0.0  # adjusting leaves little of what differs to the networks
 
     def measured() -> float:
         with torch.no_grad():

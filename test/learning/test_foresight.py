@@ -117,7 +117,7 @@ def test_a_vehicle_that_brakes_whatever_its_policy_says_stands_after_its_braking
 
 
 @pytest.mark.parametrize(("agent", "pace"), [("vehicle", (1.0, 0.0)), ("pedestrian", (0.0, 1.0))])
-def test_speeding_costs_what_it_is_told_to_and_delay_the_same_as_ever(networks, agent, pace):
+def test_speeding_costs_what_is_set_and_delay_the_same_as_ever(networks, agent, pace):
     """Half of a pedestrian's acceleration becomes motion; the first step is taken at the speed of the hand-over."""
     net, history = networks(gain=0.0), meeting([60.0, 0.0], 4.0, [0.0, 2.0])
     before, gained = (4.0, 0.1) if agent == "vehicle" else (2.0, 0.05)

@@ -123,7 +123,7 @@ def test_a_loss_that_is_not_a_number_stops_the_run_and_keeps_the_batch(tmp_path,
     assert not (tmp_path / "pretrained.safetensors").exists()
 
 
-def test_state_may_begin_anew_in_every_window(tmp_path, near_misses):
+def test_state_may_begin_again_in_every_window(tmp_path, near_misses):
     plain = replace(SMALL, carry_state=False, attention_window=5)
     config = replace(SHORT, imitation=ImitationConfig(rollouts=4, rollout_steps=4), held_out_fraction=0.0)
     weights = pretrain(near_misses, config, plain, seed=5, out_dir=tmp_path)

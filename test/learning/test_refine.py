@@ -175,7 +175,7 @@ def test_a_refresh_that_forgets_people_is_rolled_back(networks, near_misses):
             assert np.array_equal(kept.tensors[name], tensor), name
 
 
-def test_what_is_kept_lies_as_far_on_the_way_back_to_stage_1_as_asked_and_its_errors_are_its_own(
+def test_what_is_kept_lies_as_far_on_the_way_back_to_stage_1_as_set_and_its_errors_are_its_own(
     tmp_path, networks, near_misses
 ):
     never_undone = {"refresh.rollback_margin": 10.0, "actors.learning_rate": 0.001, "updates.target_update_rate": 1.0}

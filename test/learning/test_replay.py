@@ -31,7 +31,7 @@ def test_steps_are_drawn_with_the_probabilities_of_equation_17():
     assert np.mean(first) == pytest.approx(0.4 / 6.4, abs=0.012)
 
 
-def test_a_draw_holds_the_steps_asked_for_in_distinct_histories():
+def test_a_draw_holds_the_steps_requested_in_distinct_histories():
     buffer = ReplayBuffer(1000, [], 0.6, 0.2)
     for _ in range(20):
         buffer.append(made(7))

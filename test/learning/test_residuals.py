@@ -13,7 +13,7 @@ from vpsci_ros.learning.energy_score import draw_moments
 from vpsci_ros.learning.imitation import Start
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.pretrain import pretrain
-from vpsci_ros.learning.residuals import RIDGE, Lenders, fitted
+from vpsci_ros.learning.residuals import RIDGE, Donors, fitted
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.residuals import FURTHEST, SECOND, SLOWEST, residuals_of, slopes
 from vpsci_ros.world.observation import AGENTS
@@ -57,12 +57,12 @@ def _walker(motion: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def test_the_mean_along_a_track_and_what_was_done_beside_it_are_what_was_done(interactions, networks) -> None:
-    lenders, own = Lenders(interactions, STEPS), fitted(interactions)
-    kept = residuals_of(lenders.tensors(networks.actor), "here")
+    donors, own = Donors(interactions, STEPS), fitted(interactions)
+    kept = residuals_of(donors.tensors(networks.actor), "here")
     row = int(np.flatnonzero(interactions.first <= interactions.length - 1 - STEPS)[0])
     at, length = interactions.first[row], int(kept.length[0])
     start = Start(*(np.array([value]) for value in (row, max(at - 10, 0), at, False)))
-    beside, known = lenders._beside(networks.actor, start, length)
+    beside, known = donors._beside(networks.actor, start, length)
     assert known.all()
     assert length == interactions.length[row] - 1 - at
     np.testing.assert_allclose(beside[0].flatten(1).detach().numpy(), kept.steps[:length], atol=1e-6)
@@ -76,27 +76,27 @@ def test_the_mean_along_a_track_and_what_was_done_beside_it_are_what_was_done(in
 
 
 def test_nobody_borrows_from_the_own_clip(interactions) -> None:
-    lenders = Lenders(interactions, STEPS)
+    donors = Donors(interactions, STEPS)
     rng = np.random.default_rng(0)
     for row in range(0, len(interactions), 7):
-        picked = lenders._pick(row, int(interactions.first[row]), 16, rng)
-        assert (lenders._clip[lenders._row[picked]] != lenders._clip[row]).all()
+        picked = donors._pick(row, int(interactions.first[row]), 16, rng)
+        assert (donors._clip[donors._row[picked]] != donors._clip[row]).all()
 
 
 def test_slopes_find_by_how_much_people_who_begin_otherwise_act_otherwise(interactions) -> None:
-    lenders = Lenders(interactions, 3 * SECOND)
-    rows, first = lenders._onsets, lenders._fitted.first[lenders._onsets]
-    features = lenders._features[rows, first]
+    donors = Donors(interactions, 3 * SECOND)
+    rows, first = donors._onsets, donors._fitted.first[donors._onsets]
+    features = donors._features[rows, first]
     rng = np.random.default_rng(0)
     effect = np.array([0.5, 0.02, -0.4, 0.3])  # per scaled m/s of the vehicle
     for agent, part in zip(AGENTS, (effect[:2], effect[2:]), strict=True):
         for row, at, own in zip(rows, first, features, strict=True):
-            done = part * own[0] * [1.0, lenders._side[row, at]] + rng.normal(0.0, 0.01, (3 * SECOND, 2))
+            done = part * own[0] * [1.0, donors._side[row, at]] + rng.normal(0.0, 0.01, (3 * SECOND, 2))
             if agent == "vehicle":
-                speed = np.hypot(*lenders._fitted.motion[row, at : at + 3 * SECOND, 3:5].T)
+                speed = np.hypot(*donors._fitted.motion[row, at : at + 3 * SECOND, 3:5].T)
                 done[:, 1] *= np.maximum(speed, SLOWEST) ** 2
-            lenders._fitted.action[agent][row, at : at + 3 * SECOND] = done
-    slope = lenders._slopes()
+            donors._fitted.action[agent][row, at : at + 3 * SECOND] = done
+    slope = donors._slopes()
     assert slope.shape == slopes(1)
     drawn_to_zero = 1.0 / (1.0 + RIDGE)  # at most, were the features uncorrelated
     np.testing.assert_allclose(slope[0, 0] / effect, 1.0, atol=1.0 - drawn_to_zero + 0.1)
@@ -104,19 +104,17 @@ def test_slopes_find_by_how_much_people_who_begin_otherwise_act_otherwise(intera
 
 
 def test_a_lender_is_adjusted_in_training_as_at_work(interactions, networks) -> None:
-    lenders = Lenders(interactions, STEPS)
+    donors = Donors(interactions, STEPS)
     start = draw_moments(interactions, 6, STEPS, True, np.random.default_rng(0))
-    adjusted = lenders.borrowed(networks.actor, start, 3, np.random.default_rng(1))
-    slope, lenders._slope = lenders._slope, np.zeros_like(lenders._slope)
-    plain = lenders.borrowed(networks.actor, start, 3, np.random.default_rng(1))
+    adjusted = donors.borrowed(networks.actor, start, 3, np.random.default_rng(1))
+    slope, donors._slope = donors._slope, np.zeros_like(donors._slope)
+    plain = donors.borrowed(networks.actor, start, 3, np.random.default_rng(1))
     rng = np.random.default_rng(1)
-    picked = np.stack([lenders._pick(row, at, 3, rng) for row, at in zip(start.row, start.at, strict=True)])
+    picked = np.stack([donors._pick(row, at, 3, rng) for row, at in zip(start.row, start.at, strict=True)])
     for i, j in np.ndindex(picked.shape):
-        own = lenders._features[start.row[i], start.at[i]]
-        gap = np.clip(
-            own - lenders._features[lenders._row[picked[i, j]], lenders._at[picked[i, j]]], -FURTHEST, FURTHEST
-        )
-        side = lenders._side[start.row[i], start.at[i]] * (-1.0 if start.mirror[i] else 1.0)
+        own = donors._features[start.row[i], start.at[i]]
+        gap = np.clip(own - donors._features[donors._row[picked[i, j]], donors._at[picked[i, j]]], -FURTHEST, FURTHEST)
+        side = donors._side[start.row[i], start.at[i]] * (-1.0 if start.mirror[i] else 1.0)
         expected = np.einsum("f,fsc->sc", gap, slope[0])[np.arange(STEPS) // SECOND] * [1.0, side, 1.0, side]
         got = (adjusted - plain)[3 * i + j].flatten(1).detach().numpy()
         np.testing.assert_allclose(got, expected, atol=1e-5)
@@ -127,7 +125,7 @@ def test_one_clip_alone_has_nobody_to_borrow_from(interactions, networks) -> Non
     alone = interactions.take(rows)
     start = draw_moments(alone, 2, STEPS, False, np.random.default_rng(0))
     with pytest.raises(InvalidInput, match="two clips or more"):
-        Lenders(alone, STEPS).borrowed(networks.actor, start, 2, np.random.default_rng(0))
+        Donors(alone, STEPS).borrowed(networks.actor, start, 2, np.random.default_rng(0))
 
 
 def test_stage_1_keeps_residuals_of_all_near_misses_that_it_learned_from(tmp_path) -> None:

@@ -79,7 +79,7 @@ def wait_for(condition: Callable[[], bool], what: str) -> None:
 def content(bag: Path) -> dict[tuple[str, int], list[bytes]]:
     """Return what a bag holds by topic and time, without `/diagnostics`, which tell of the machine.
 
-    Serialized anew, since the middleware leaves whatever it finds in the bytes that align the fields.
+    Serialized again, since the middleware leaves whatever it finds in the bytes that align the fields.
     """
     held: dict[tuple[str, int], list[bytes]] = {}
     with AnyReader([bag]) as reader:

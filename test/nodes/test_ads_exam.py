@@ -187,7 +187,7 @@ def test_bad_input_is_refused_before_anything_is_written(tmp_path: Path) -> None
     ):
         with pytest.raises(InvalidInput, match=said):
             run_exam(prepare(sections(**exam)), tmp_path / "exam", criteria, quiet=True)
-    with pytest.raises(InvalidInput, match="hears of the first pedestrian only"):
+    with pytest.raises(InvalidInput, match="holds the first pedestrian only"):
         prepare(sections().changed("world_simulator", {"pedestrians": 3}))
     assert prepare(sections(perception=True).changed("world_simulator", {"pedestrians": 3})).world.pedestrians == 3
     assert not (tmp_path / "exam").exists()

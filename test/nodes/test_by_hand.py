@@ -85,11 +85,11 @@ def test_a_policy_that_is_killed_and_started_again_leaves_the_same_bag(
     executor.shutdown()
     watcher.destroy_node()
     assert max(frames.values()) <= 0, "nobody was killed"
-    told = {name.rpartition("/")[2]: values for name, values in diagnostics(bag).items()}
+    reported = {name.rpartition("/")[2]: values for name, values in diagnostics(bag).items()}
     for policy in frames:
-        assert int(told[policy]["frames_recalled"]) > 0
-        assert told[policy]["ticks_missed"] == "0"
-    assert "vehicle_answers_missing" not in told["world_simulator"]
+        assert int(reported[policy]["frames_recalled"]) > 0
+        assert reported[policy]["ticks_missed"] == "0"
+    assert "vehicle_answers_missing" not in reported["world_simulator"]
     found = content(bag)
     assert sorted(found) == sorted(undisturbed)
     assert found == undisturbed

@@ -15,7 +15,7 @@ from vpsci_ros.world.counts import WorldCounts
 
 
 class Processes:
-    """Processes that end as they are told to, one list of exit statuses by node after another."""
+    """Processes that end with given statuses, one list of exit statuses by node after another."""
 
     leader = "world_simulator"
     logs = "log"
@@ -52,7 +52,7 @@ def follow(processes: Processes, seen: Any = None, *, made: bool = False, **grap
 
 
 @pytest.mark.parametrize("status", [1, -9, -11])
-def test_a_policy_that_fails_is_started_again_as_often_as_asked_for(status: int) -> None:
+def test_a_policy_that_fails_is_started_again_as_often_as_restarts_says(status: int) -> None:
     processes = Processes({"vehicle_policy": status}, {"world_simulator": 0})
     assert follow(processes, restarts=1) == ""
     assert processes.started == ["vehicle_policy"]

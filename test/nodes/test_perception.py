@@ -54,7 +54,7 @@ def run_world(context: Context, world: dict[str, Any], errors: dict[str, Any]) -
 def test_it_tells_a_list_a_tick_as_the_core_does_stamped_when_it_was_seen(context: Context) -> None:
     states, objects = run_world(context, {"scenarios": [104]}, ERRORS)
     config, parked = PerceptionConfig(**ERRORS), parked_from(load_scenarios([104]))
-    memory, told = blank(1, config, 0.05), 0
+    memory, listed = blank(1, config, 0.05), 0
     assert len(states) == len(objects) > 60
     for state, message in zip(states, objects, strict=True):
         memory, expected = perceive(memory, received.world_state(state).state, config, 0.05, parked)
@@ -66,12 +66,12 @@ def test_it_tells_a_list_a_tick_as_the_core_does_stamped_when_it_was_seen(contex
             assert points[name].tolist() == seen[name].astype(np.float32).tolist()
         tick = round((message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec) / 0.05)
         assert tick == max(0, state.tick - 2)
-        told += len(points)
+        listed += len(points)
     assert message.header.frame_id == "map"
     assert [(f.name, f.offset, f.datatype) for f in message.fields] == [
         ("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("vx", 12, 7), ("vy", 16, 7), ("id", 20, 6)
     ]  # fmt: skip
-    assert 10 < told < len(objects), "hidden at times"
+    assert 10 < listed < len(objects), "hidden at times"
 
 
 def test_more_than_one_episode_at_a_time_is_refused_with_what_to_do(context: Context) -> None:
@@ -110,14 +110,14 @@ sys.exit(example_ads.main())
 def sections() -> Sections:
     """Parameters of an exam in which nobody beyond 8 m is seen, with errors."""
     world = {"scenarios": [104], "spawn": "human", "episodes": 2, "episode_time": 8.0, "action_timeout": 30.0}
-    asked = {"pedestrians": ["walker"], "perception": True, "baseline": False}
-    chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", asked)
+    exam = {"pedestrians": ["walker"], "perception": True, "baseline": False}
+    chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", exam)
     return chosen.changed("perception", {"reach": 8.0, **ERRORS})
 
 
 @pytest.fixture(scope="module")
 def examined(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of an exam of the example, which tells what it hears and sees nobody beyond 8 m: it is told late."""
+    """Folder of an exam of the example, which prints what it receives, where perception lists nobody beyond 8 m."""
     folder = tmp_path_factory.mktemp("perception")
     script = folder / "listening.py"
     script.write_text(LISTENING)
@@ -129,13 +129,13 @@ def examined(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "exam"
 
 
-def test_the_exams_ads_is_told_of_objects_and_never_the_truth(examined: Path) -> None:
+def test_the_exams_ads_receives_objects_and_never_the_truth(examined: Path) -> None:
     said = (examined / "logs" / "ads_walker.log").read_text().splitlines()
     assert "TRUTH" not in said
     assert said.count("objects") > 50
     topics = Bag(examined / "runs" / "walker" / "bag").topics()
     again = topics["/perception/objects"].messages - topics["/world/state"].messages
-    assert 0 <= again < 25, "the first list may be told again, until the driving system has answered"
+    assert 0 <= again < 25, "the first list may be published again, until the driving system has answered"
     assert topics["/pedestrian/odometry"].messages == 0
 
 

@@ -46,17 +46,17 @@ def one_running(**changed: Any) -> WorldState:
 @BATCHES
 @FRAMES
 def test_a_state_is_written_as_ros_writes_it_and_read_as_it_was(batch: int, frame: str) -> None:
-    state, asked = some_state(batch)
-    message, header = convert.world_state_message(state, asked, TICK, PERIOD), headers(frame)
+    state, policy_frame = some_state(batch)
+    message, header = convert.world_state_message(state, policy_frame, TICK, PERIOD), headers(frame)
     message.header = header[0]
     data = serialize_message(message)
-    told = SerializedState(header[1], Tick(TICK, state, asked), PERIOD)
-    assert write_world_state(told) == zeroed("vpsci_msgs/msg/WorldState", data, "/world/state")
+    sent = SerializedState(header[1], Tick(TICK, state, policy_frame), PERIOD)
+    assert write_world_state(sent) == zeroed("vpsci_msgs/msg/WorldState", data, "/world/state")
     back, by_fields = read_world_state(data), layout.world_state(message)
     assert back is not None
     assert (back.header, back.period, back.tick.number) == (header[1], PERIOD, TICK)
     assert back.tick.state.tobytes() == by_fields.state.tobytes()
-    assert back.tick.policy_frame.tolist() == asked.tolist()
+    assert back.tick.policy_frame.tolist() == policy_frame.tolist()
 
 
 @BATCHES
@@ -89,9 +89,9 @@ def test_an_action_is_written_as_ros_writes_it_and_read_as_it_was(batch: int, fr
 def test_a_message_that_breaks_off_anywhere_is_refused() -> None:
     _, start = headers("map")
     ones = np.ones(2)
-    state, asked = some_state(2)
+    state, policy_frame = some_state(2)
     whole = [
-        (serialized.shown, write_world_state(SerializedState(start, Tick(1, state, asked), PERIOD))),
+        (serialized.shown, write_world_state(SerializedState(start, Tick(1, state, policy_frame), PERIOD))),
         (serialized.safety_state, write_safety_state(start, 1, ones, ones, ones > 0)),
         (lambda data: serialized.action(data, "/vehicle/action"), write_action(start, 1, np.ones((2, 2)), 1)),
     ]
@@ -105,8 +105,8 @@ def test_a_message_that_breaks_off_anywhere_is_refused() -> None:
 def test_a_length_that_cannot_be_is_read_by_nobody(place: int) -> None:
     data = bytearray(serialize_message(one_running()))
     data[place : place + 4] = b"\xff\xff\xff\x7f"
-    told = read_world_state(bytes(data))
-    assert told is None or len(told.tick.state) == 1
+    received = read_world_state(bytes(data))
+    assert received is None or len(received.tick.state) == 1
 
 
 def test_bytes_are_refused_in_the_words_in_which_the_message_is() -> None:

@@ -30,7 +30,7 @@ class Session(Stage):
         self.ticks: list[int] = []
         self.begins: list[tuple[int, int]] = []
         self.started: list[int] = []
-        self.told: dict[str, list[DiagnosticArray]] = {}
+        self.reported: dict[str, list[DiagnosticArray]] = {}
         self.peer.create_subscription(WorldState, "world/state", self._on_state, 1000)
         self.peer.create_subscription(EpisodeEvent, "episode/event", self._on_event, 1000)
         self.peer.create_subscription(DiagnosticArray, "diagnostics", self._on_diagnostics, 1000)
@@ -44,7 +44,7 @@ class Session(Stage):
         self.started += [e for e, kind in zip(message.episode, message.kind, strict=True) if kind == message.STARTED]
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        self.told.setdefault(message.status[0].name, []).append(message)
+        self.reported.setdefault(message.status[0].name, []).append(message)
 
 
 @pytest.fixture
@@ -115,10 +115,12 @@ def test_parameters_that_may_change_do_and_bad_values_are_refused_with_the_reaso
 
 def test_every_node_tells_rate_lag_and_misses(begin: Callable[..., Session]) -> None:
     session = begin(real_time_factor=1.0)
-    session.spin_until(lambda: {"world_simulator", "safety_monitor"} <= set(session.told) and len(session.ticks) > 30)
-    session.spin_until(lambda: int(value(session.told["safety_monitor"][-1], "answers")) > 10)
-    assert 10 <= int(value(session.told["world_simulator"][-1], "ticks_per_second")) <= 25
-    monitor = session.told["safety_monitor"][-1]
+    session.spin_until(
+        lambda: {"world_simulator", "safety_monitor"} <= set(session.reported) and len(session.ticks) > 30
+    )
+    session.spin_until(lambda: int(value(session.reported["safety_monitor"][-1], "answers")) > 10)
+    assert 10 <= int(value(session.reported["world_simulator"][-1], "ticks_per_second")) <= 25
+    monitor = session.reported["safety_monitor"][-1]
     assert float(value(monitor, "lag_mean_ms")) > 0.0
     assert float(value(monitor, "lag_max_ms")) >= float(value(monitor, "lag_mean_ms"))
     assert value(monitor, "ticks_missed") == "0"

@@ -1,4 +1,4 @@
-"""A policy at work: explores as it is told to, and never beyond the limit of an action."""
+"""A policy at work: explores as its parameters say, and never beyond the limit of an action."""
 
 import subprocess
 import sys
@@ -33,7 +33,7 @@ def first_actions(weights: Weights, noise: NoiseConfig | None) -> np.ndarray:
     return agent.act(tick, tick.assessed(near, near, every))
 
 
-def test_the_noise_that_is_added_is_the_noise_that_was_asked_for(weights: Weights) -> None:
+def test_the_noise_that_is_added_is_the_noise_that_is_set(weights: Weights) -> None:
     plain = first_actions(weights, None)
     none = first_actions(weights, NoiseConfig(start=0.0, floor=0.0))
     little = first_actions(weights, NoiseConfig(start=0.0, floor=0.02))

@@ -24,7 +24,7 @@ def test_noise_is_a_function_of_seed_scenario_episode_step_and_agent():
         assert (other != together).all()
 
 
-def test_noise_has_the_deviation_asked_for_and_no_bias():
+def test_noise_has_the_deviation_that_is_set_and_no_bias():
     config = NoiseConfig(start=0.0, floor=0.5)
     for step in (0, 3, 40):
         draws = exploration_noise(1, np.ones(20000, int), np.arange(20000), np.full(20000, step), 1, config, limit=2.0)

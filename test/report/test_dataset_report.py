@@ -1,4 +1,4 @@
-"""The report of a dataset holds what it was asked to compare, says what it was not, and refuses what it cannot read."""
+"""The report of a dataset holds what it was given to compare, says what is missing, and refuses what it cannot read."""
 
 import json
 import re
@@ -107,7 +107,7 @@ def test_a_share_is_drawn_only_where_enough_interactions_lie_in_a_bin() -> None:
     assert np.isnan(found).sum() == 79
 
 
-def test_the_command_writes_into_the_dataset_unless_told_otherwise(dataset: Path, tmp_path: Path) -> None:
+def test_the_command_writes_into_the_dataset_where_no_folder_is_given(dataset: Path, tmp_path: Path) -> None:
     mine = shutil.copytree(dataset, tmp_path / "mine")
     result = CliRunner().invoke(app, ["report", str(mine), "--quiet"])
     assert result.exit_code == 0, result.output

@@ -92,7 +92,7 @@ def test_a_block_of_which_a_half_is_worth_nothing_is_left_in_its_middle() -> Non
     assert time.monotonic() - begun < 20.0
 
 
-def test_a_block_is_not_begun_where_a_stop_was_asked_for_before() -> None:
+def test_a_block_is_not_begun_where_a_stop_was_requested_before() -> None:
     with stop_requested_by_signals() as stop:
         stop.set()
         with pytest.raises(Stopped), stop.at_once():

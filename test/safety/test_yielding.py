@@ -1,4 +1,4 @@
-"""Who yielded: made-up encounters whose answer is plain, and real ones judged by eye."""
+"""Who yielded: made-up encounters whose answer is plain, and real ones rated by eye."""
 
 import numpy as np
 import pytest

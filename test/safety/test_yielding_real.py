@@ -1,7 +1,7 @@
-"""The yielding rule beside 89 real near misses that were judged by eye from plots of paths and speeds.
+"""The yielding rule beside 89 real near misses that were rated by eye from plots of paths and speeds.
 
 `yield_answers.csv` names VCI-DUT and VCI-CITR interactions, drawn at random, and what was seen; `plain` is "no" for the
-14 of them where another answer could be defended. The thresholds were set on the first 56 drawn, the other 40 judged
+14 of them where another answer could be defended. The thresholds were set on the first 56 drawn, the other 40 rated
 before the rule saw them (7 of the 96 are no near misses by the importer's curvature and were left out). The recordings
 are not part of this package: VPSCI_DATA, or shared/data beside the repository.
 """
@@ -25,7 +25,7 @@ with (Path(__file__).parent / "yield_answers.csv").open(encoding="utf-8") as fil
 
 
 @pytest.fixture(scope="module")
-def judged():
+def rated():
     """Rows of the table, each with the rule's answer."""
     root = Path(os.environ.get("VPSCI_DATA", Path(__file__).parents[3] / "shared" / "data"))
     folders = {source: root / source.replace("-", "_") for source in FRAME_RATES}
@@ -38,7 +38,7 @@ def judged():
             clip = read_clip(name, *files, FRAME_RATES[source]) if wanted else None
             rows += [(row, answer(clip, row, IMPORTERS.find(source))) for row in wanted]
     if len(rows) < len(ANSWERS):
-        pytest.skip(f"{len(ANSWERS) - len(rows)} of the judged clips are not in {root}")
+        pytest.skip(f"{len(ANSWERS) - len(rows)} of the rated clips are not in {root}")
     return rows
 
 
@@ -63,15 +63,15 @@ def answer(clip, row, form):
     return found.name.lower()
 
 
-def test_the_rule_agrees_with_the_eye_wherever_the_picture_is_plain(judged):
-    other = [(row, got) for row, got in judged if row["plain"] == "yes" and got != row["yielded"]]
+def test_the_rule_agrees_with_the_eye_wherever_the_picture_is_plain(rated):
+    other = [(row, got) for row, got in rated if row["plain"] == "yes" and got != row["yielded"]]
     assert other == []
-    assert sum(row["plain"] == "yes" for row, _ in judged) == 75
+    assert sum(row["plain"] == "yes" for row, _ in rated) == 75
 
 
-def test_the_rule_agrees_with_the_eye_in_87_of_89(judged):
-    assert sum(got == row["yielded"] for row, got in judged) >= 87
+def test_the_rule_agrees_with_the_eye_in_87_of_89(rated):
+    assert sum(got == row["yielded"] for row, got in rated) >= 87
 
 
-def test_the_judged_interactions_hold_every_kind_of_answer(judged):
-    assert Counter(row["yielded"] for row, _ in judged) == {"none": 47, "pedestrian": 24, "vehicle": 18}
+def test_the_rated_interactions_hold_every_kind_of_answer(rated):
+    assert Counter(row["yielded"] for row, _ in rated) == {"none": 47, "pedestrian": 24, "vehicle": 18}

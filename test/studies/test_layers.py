@@ -65,7 +65,7 @@ def test_an_output_knows_the_past_within_its_reach_and_never_the_future(layer):
 
 
 @torch.no_grad()
-def test_a_cleared_row_begins_anew_and_the_others_go_on(layer):
+def test_a_cleared_row_begins_again_and_the_others_go_on(layer):
     x, risks = inputs()
     memory = layer.empty(3)
     streamed(layer, x, risks, memory)

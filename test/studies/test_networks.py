@@ -38,9 +38,9 @@ def test_a_model_predicts_step_by_step_what_its_actors_say_of_the_whole_history(
         at = np.clip(step - begins, 0, interactions.length - 1)
         active = (step >= begins) & (step - begins < interactions.length)
         seen = [interactions.observation[agent][rows, at] for agent in AGENTS]
-        told = model.act(*seen, interactions.curvttc[rows, at], active)
+        accelerations = model.act(*seen, interactions.curvttc[rows, at], active)
         model.executed(tuple(interactions.action[agent][rows, at] for agent in AGENTS), active)
-        for agent, action in zip(AGENTS, told, strict=True):
+        for agent, action in zip(AGENTS, accelerations, strict=True):
             answers[agent][rows[active], at[active]] = action[active]
     for agent in AGENTS:
         done = torch.from_numpy(interactions.action[agent][:, :steps])

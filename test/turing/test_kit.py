@@ -144,7 +144,7 @@ def test_scores_are_written_beside_the_papers(kit: Path, tmp_path: Path) -> None
     assert "rater &lt;0&gt;" in page
     assert "-13.5" in page
     numbers = json.loads((tmp_path / "out/turing.json").read_text())
-    assert numbers["judged_real"]["rule_based"]["value"] == 0.0
+    assert numbers["rated_real"]["rule_based"]["value"] == 0.0
     assert numbers["recognised"]["rule_based"]["accuracy"]["value"] == 1.0
     assert numbers["realism"]["recorded"]["value"] == 4.0
 

@@ -110,7 +110,7 @@ def test_intervals_of_shares_stay_within_0_and_1_and_cover_the_truth_as_often() 
     assert inside / 600 >= 0.93
     for skill in (0.0, 4.0):
         result = score(simulated(rng, 3, 4, skill=skill))
-        for mean in [*result["judged_real"].values(), *(each["accuracy"] for each in result["recognised"].values())]:
+        for mean in [*result["rated_real"].values(), *(each["accuracy"] for each in result["recognised"].values())]:
             for of in (mean, mean["by_rater"], mean["by_scene"]):
                 assert 0.0 <= of["low"] <= of["value"] <= of["high"] <= 1.0
 
@@ -144,7 +144,7 @@ def test_knowing_raters_are_found_among_guessing_ones() -> None:
     assert [row["knows"] for row in rows] == [True] * 3 + [False] * 17
 
 
-def test_raters_who_see_a_difference_are_told_from_chance() -> None:
+def test_raters_who_see_a_difference_are_distinguished_from_chance() -> None:
     result = score(simulated(np.random.default_rng(7), skill=1.5))
     assert result["recognised"]["generated"]["accuracy"]["low"] > 0.6
     assert result["recognised"]["generated"]["d_prime"]["value"] == pytest.approx(1.4, abs=0.3)

@@ -177,10 +177,10 @@ def test_an_address_brings_back_what_is_shown(browser: Any, path: Path) -> None:
         page.select_option("#outcome", "collision")
         page.keyboard.press("v")
         page.evaluate("page.goTo(1.5)")
-        address, told = page.evaluate("location.hash"), "page.panels.map((p) => [p.source.key, p.episode.name])"
-        before = page.evaluate(told)
+        address, shown = page.evaluate("location.hash"), "page.panels.map((p) => [p.source.key, p.episode.name])"
+        before = page.evaluate(shown)
     with real.opened(browser, path, address) as page:
-        assert page.evaluate(told) == before
+        assert page.evaluate(shown) == before
         assert page.evaluate("page.clock") == 1.5
         assert page.input_value("#outcome") == "collision"
 

@@ -49,7 +49,7 @@ def test_of_more_than_the_limit_evenly_spread_episodes_are_shown(table_file: Pat
     assert ([each.episode.name for each in source.episodes], source.total) == (["0", "5", "10", "15"], 16)
 
 
-def test_sources_of_one_name_are_told_apart() -> None:
+def test_sources_of_one_name_get_different_names() -> None:
     twin = Source("a", "A", 0.1, [], 0)
     assert [s.key for s in with_unique_keys([twin, twin, twin])] == ["a", "a-2", "a-3"]
 

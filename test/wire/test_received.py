@@ -100,8 +100,8 @@ def taken(*numbers: int, batch: int = 2) -> list[str]:
     sequence, found = received.TickSequence(), []
     for number in numbers:
         try:
-            anew = sequence.take(Tick(number, np.zeros(batch, EPISODE), np.zeros(batch, bool)))
-            found.append("anew" if anew else "follows")
+            again = sequence.take(Tick(number, np.zeros(batch, EPISODE), np.zeros(batch, bool)))
+            found.append("again" if again else "follows")
         except InvalidInput:
             found.append("refused")
     return found
@@ -112,12 +112,12 @@ def test_a_tick_far_beyond_the_last_one_is_refused_and_the_next_of_the_world_fol
 
 
 def test_another_world_begins_at_tick_0() -> None:
-    assert taken(500, 0, 1) == ["follows", "anew", "follows"]
+    assert taken(500, 0, 1) == ["follows", "again", "follows"]
 
 
 def test_a_world_that_moved_on_is_believed_at_the_second_tick_whatever_was_forged_before() -> None:
-    assert taken(2**40, 5000, 5001, 5002) == ["follows", "refused", "anew", "follows"]
-    assert taken(5000, 0, 5001, 5002) == ["follows", "anew", "refused", "anew"]
+    assert taken(2**40, 5000, 5001, 5002) == ["follows", "refused", "again", "follows"]
+    assert taken(5000, 0, 5001, 5002) == ["follows", "again", "refused", "again"]
 
 
 def test_a_state_of_another_number_of_episodes_is_refused() -> None:

@@ -82,7 +82,7 @@ def test_a_pedestrian_begins_alike_however_many_others_there_are(spawn):
             assert fewer[name].tobytes() == np.ascontiguousarray(several[name][:, :count]).tobytes(), name
 
 
-def test_sizes_of_episodes_are_distributed_as_asked_and_the_last_rows_stay_idle():
+def test_sizes_of_episodes_are_distributed_as_set_and_the_last_rows_stay_idle():
     pairs = [(scenario, number) for number in range(250) for scenario in range(1, 9)]
     state = spawned(WorldConfig(pedestrians=4, crowd=CrowdConfig(sizes=[2.0, 1.0, 1.0])), pairs)
     sizes = (state["status"] == RUNNING).sum(axis=1)
@@ -91,7 +91,7 @@ def test_sizes_of_episodes_are_distributed_as_asked_and_the_last_rows_stay_idle(
     assert set(state[state["status"] == IDLE].tobytes()) == {0}
 
 
-def test_shares_of_groups_opposite_ones_and_followers_are_as_asked():
+def test_shares_of_groups_opposite_ones_and_followers_are_as_set():
     pairs = [(scenario, number) for number in range(100) for scenario in range(1, 9)]
     state = spawned(WorldConfig(pedestrians=4, crowd=CrowdConfig(group=0.5, opposite=0.2, follower=0.2)), pairs)
     shares = np.bincount(state["role"][:, 1:].reshape(-1), minlength=len(ROLES)) / (3 * len(pairs))

@@ -22,7 +22,7 @@ def records(**fields):
     return state
 
 
-def test_policies_are_asked_every_second_tick_of_a_running_episode():
+def test_policies_act_at_every_second_tick_of_a_running_episode():
     state = records(frame=[0, 1, 2, 3, 4])
     assert handover.policy_frame(state, CONFIG).tolist() == [True, False, True, False, True]
     state["status"] = ENDED
@@ -32,9 +32,9 @@ def test_policies_are_asked_every_second_tick_of_a_running_episode():
 def test_policies_act_where_it_is_critical_or_they_still_hold():
     state = records(controlled=[0, 0, 1, 1, 1], hold=[0, 9, 0, 3, 0])
     critical = np.array([1, 0, 1, 0, 0], bool)
-    asked = np.ones(5, bool)
-    assert handover.acting(state, asked, critical).tolist() == [True, False, True, True, False]
-    assert not handover.acting(state, ~asked, critical).any()
+    policy_frame = np.ones(5, bool)
+    assert handover.acting(state, policy_frame, critical).tolist() == [True, False, True, True, False]
+    assert not handover.acting(state, ~policy_frame, critical).any()
 
 
 def drive_alone(alarms: list[bool], config: WorldConfig = CONFIG):

@@ -25,8 +25,8 @@ class Session:
         self.state["status"] = RUNNING
 
     def begin(self, number: int = 0, now: float = 0.0) -> None:
-        asked = np.full(2, number % 2 == 0)
-        self.lock_step.begin(Tick(number=number, state=self.state, policy_frame=asked), now)
+        policy_frame = np.full(2, number % 2 == 0)
+        self.lock_step.begin(Tick(number=number, state=self.state, policy_frame=policy_frame), now)
 
     def monitor(self, number: int = 0, ttc: float = 1.0) -> None:
         def read(tick: Tick) -> Assessment:
@@ -217,7 +217,7 @@ def test_the_world_waits_for_a_learner_that_is_a_window_behind_however_long(sess
     assert session.lock_step.may_advance()
 
 
-def test_an_external_pedestrian_is_asked_at_every_tick_at_which_an_episode_runs() -> None:
+def test_an_external_pedestrian_acts_at_every_tick_at_which_an_episode_runs() -> None:
     session = Session(vehicle_driver="autopilot", pedestrian_driver="external")
     session.begin(1)
     session.monitor(1)

@@ -13,14 +13,14 @@ PAIRS = [(scenario, number) for number in range(2) for scenario in range(1, 9)]
 
 
 class Braking:
-    """An agent that brakes, and remembers what it was asked."""
+    """An agent that brakes, and remembers the ticks at which it acted."""
 
     def __init__(self):
-        self.asked = []
+        self.ticks = []
 
     def act(self, tick, assessment):
         """See `vpsci_ros.world.loop.Agent.act`."""
-        self.asked.append((tick.number, tick.policy_frame.copy(), assessment))
+        self.ticks.append((tick.number, tick.policy_frame.copy(), assessment))
         return np.tile(np.float32([-1.0, 0.0]), (len(tick.state), 1))
 
 
@@ -39,15 +39,15 @@ def test_the_values_of_each_tick_are_what_their_functions_say():
     assert acted > 50
 
 
-def test_agents_are_asked_once_at_policy_frames_only():
+def test_agents_act_once_at_policy_frames_only():
     agent = Braking()
     numbers = [
         step.tick.number for step in Loop(World(WorldConfig(), SCENARIOS, PAIRS, 6, 1), agents={"vehicle": agent})
     ]
-    asked = [number for number, *_ in agent.asked]
+    ticks = [number for number, *_ in agent.ticks]
     assert numbers == list(range(len(numbers)))
-    assert asked == sorted(set(asked))
-    assert all(number % 2 == 0 for number in asked)
+    assert ticks == sorted(set(ticks))
+    assert all(number % 2 == 0 for number in ticks)
 
 
 def test_a_step_keeps_its_tick_when_the_world_has_moved_on():
@@ -59,7 +59,7 @@ def test_a_step_keeps_its_tick_when_the_world_has_moved_on():
     assert (first.tick.state["frame"] == 0).all()
 
 
-def test_a_tick_is_assessed_once_and_anew_after_episodes_were_placed(monkeypatch):
+def test_a_tick_is_assessed_once_and_again_after_episodes_were_placed(monkeypatch):
     calls = []
     monkeypatch.setattr("vpsci_ros.world.loop.assess", lambda *given: calls.append(1) or assess(*given))
     world = World(AUTOPILOT, SCENARIOS, [], 2, 1)

@@ -51,7 +51,7 @@ def test_what_is_visible_is_that_of_the_eye_behind_the_windscreen() -> None:
     assert visible(state, parked_from(here.scenarios)) == 0.0, "nobody is there in an idle slot"
 
 
-def test_nobody_is_asked_who_has_not_seen_the_other_and_once_handed_over_the_pair_stays_so() -> None:
+def test_no_policy_acts_before_it_has_seen_the_other_and_once_handed_over_the_pair_stays_so() -> None:
     with_row, without = world(ROW), world()
     parked = parked_from(with_row.scenarios)
     handed = {}
@@ -86,7 +86,7 @@ def test_a_car_that_touches_a_parked_one_has_had_its_episode() -> None:
     assert [e["outcome"] for step in steps for e in step.events if e["kind"] == 4] == [PARKED_COLLISION]
 
 
-def test_a_contact_with_the_pedestrian_at_the_same_tick_is_told_first() -> None:
+def test_a_contact_with_the_pedestrian_at_the_same_tick_is_reported_first() -> None:
     both = world({"x": 4.0, "y": 1.5, "length": 1.0, "width": 0.4}, config=WorldConfig(spawn="paper"))
     both.state["pedestrian_x"], both.state["pedestrian_y"] = 2.5, 0.0
     both.advance(both.now.unassessed())

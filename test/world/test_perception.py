@@ -1,4 +1,4 @@
-"""What is told of pedestrians: as they are by default; each error by itself has the size and memory that it says."""
+"""What is listed of pedestrians: as they are by default; each error by itself has the size and memory that it says."""
 
 import math
 
@@ -34,25 +34,25 @@ def scene(rows: int = 1, scenario: int = 1) -> NDArray[np.void]:
 
 
 def watch(state: NDArray[np.void], frames: int, config: PerceptionConfig, pedestrians: int = 1) -> NDArray[np.void]:
-    """Return what is told of a scene that stands still, OBJECT[frames, R]."""
+    """Return what is listed of a scene that stands still, OBJECT[frames, R]."""
     state["pedestrian"] = np.arange(len(state)) % pedestrians
-    memory, told = blank(len(state), config, TICK), []
+    memory, listed = blank(len(state), config, TICK), []
     for frame in range(frames):
         state["frame"] = frame
         memory, objects = perceive(memory, state, config, TICK, pedestrians=pedestrians)
-        told.append(objects)
-    return np.stack(told)
+        listed.append(objects)
+    return np.stack(listed)
 
 
-def test_by_default_everybody_is_told_as_they_are_from_the_first_frame() -> None:
+def test_by_default_everybody_is_listed_as_they_are_from_the_first_frame() -> None:
     state = scene(3)
     for name in ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"):
         state[name] = np.random.default_rng(2).normal(0.0, 20.0, 3)
-    told = watch(state, 5, PerceptionConfig())
-    assert (told["status"] == SEEN).all()
-    assert (told["track"] == 1).all()
+    listed = watch(state, 5, PerceptionConfig())
+    assert (listed["status"] == SEEN).all()
+    assert (listed["track"] == 1).all()
     for name in ("x", "y", "vx", "vy"):
-        assert (told[name] == state[f"pedestrian_{name}"]).all()
+        assert (listed[name] == state[f"pedestrian_{name}"]).all()
 
 
 def test_an_idle_row_has_nobody() -> None:
@@ -66,7 +66,7 @@ def test_an_idle_row_has_nobody() -> None:
     [(59.0, 19.0, SEEN), (-59.0, 19.0, SEEN), (61.0, 19.0, OUT_OF_VIEW), (180.0, 5.0, OUT_OF_VIEW),
      (0.0, 20.01, OUT_OF_VIEW)],
 )  # fmt: skip
-def test_who_is_outside_of_the_view_or_too_far_is_not_told(bearing: float, distance: float, status: int) -> None:
+def test_who_is_outside_of_the_view_or_too_far_is_not_listed(bearing: float, distance: float, status: int) -> None:
     state = scene()
     state["vehicle_heading"] = heading = 2.0
     angle = heading + math.radians(bearing)
@@ -76,17 +76,17 @@ def test_who_is_outside_of_the_view_or_too_far_is_not_told(bearing: float, dista
     assert watch(state, 1, config)["status"][0, 0] == status
 
 
-def test_who_is_behind_a_parked_van_is_hidden_and_told_under_another_number_when_it_comes_out() -> None:
+def test_who_is_behind_a_parked_van_is_hidden_and_listed_under_another_number_afterwards() -> None:
     parked = parked_from(load_scenarios([104]))
     state = scene(scenario=104)
     state["vehicle_x"], state["vehicle_y"] = -10.0, -69.75
     config = PerceptionConfig(least_visible=0.5)
-    memory, told = blank(1, config, TICK), []
+    memory, listed = blank(1, config, TICK), []
     for frame, y in enumerate([-69.0, -76.0, -76.0, -69.0]):
         state["frame"], state["pedestrian_x"], state["pedestrian_y"] = frame, 9.0, y
         memory, objects = perceive(memory, state, config, TICK, parked)
-        told.append((int(objects["status"][0]), int(objects["track"][0])))
-    assert told == [(SEEN, 1), (HIDDEN, 0), (HIDDEN, 0), (SEEN, 2)]
+        listed.append((int(objects["status"][0]), int(objects["track"][0])))
+    assert listed == [(SEEN, 1), (HIDDEN, 0), (HIDDEN, 0), (SEEN, 2)]
     state["pedestrian_y"] = -76.0
     seen = perceive(blank(1, PerceptionConfig(), TICK), state, PerceptionConfig(), TICK, parked)[1]
     assert seen["status"][0] == SEEN, "off by default: it looks through vehicles"
@@ -95,28 +95,28 @@ def test_who_is_behind_a_parked_van_is_hidden_and_told_under_another_number_when
 def test_noise_has_its_size_and_its_correlation_in_time() -> None:
     config = PerceptionConfig(position_noise=0.3, velocity_noise=0.2, noise_time=0.5)
     state = scene(4000)
-    told = watch(state, 21, config)
+    listed = watch(state, 21, config)
     for name, size in (("x", 0.3), ("y", 0.3), ("vx", 0.2), ("vy", 0.2)):
-        noise = told[name] - state[f"pedestrian_{name}"]
+        noise = listed[name] - state[f"pedestrian_{name}"]
         # 4,000 independent rows: the standard error of a standard deviation is 1.1%, of a correlation up to 1.6%.
         for frame in (0, 10, 20):
             assert noise[frame].std() == pytest.approx(size, rel=0.05)
         assert np.corrcoef(noise[0], noise[10])[0, 1] == pytest.approx(math.exp(-0.5 / 0.5), abs=0.07)
         assert np.corrcoef(noise[0], noise[1])[0, 1] == pytest.approx(math.exp(-0.05 / 0.5), abs=0.07)
-    assert abs(np.corrcoef(told["x"][0], told["y"][0])[0, 1]) < 0.07
+    assert abs(np.corrcoef(listed["x"][0], listed["y"][0])[0, 1]) < 0.07
     white = watch(scene(4000), 2, PerceptionConfig(position_noise=0.3, noise_time=0.0))["x"]
     assert abs(np.corrcoef(white[0], white[1])[0, 1]) < 0.07
 
 
 def test_detections_are_missed_at_their_share_and_the_track_keeps_its_number() -> None:
-    told = watch(scene(500), 40, PerceptionConfig(missed=0.2))
-    assert (told["status"] == MISSED).mean() == pytest.approx(0.2, abs=0.012)
-    assert set(np.unique(told["track"][told["status"] == SEEN])) == {1}
+    listed = watch(scene(500), 40, PerceptionConfig(missed=0.2))
+    assert (listed["status"] == MISSED).mean() == pytest.approx(0.2, abs=0.012)
+    assert set(np.unique(listed["track"][listed["status"] == SEEN])) == {1}
 
 
 def test_a_lost_track_is_found_again_after_its_time_under_another_number() -> None:
-    told = watch(scene(500), 101, PerceptionConfig(lost_rate=0.5, lost_time=0.4))
-    status, tracks = told["status"], told["track"]
+    listed = watch(scene(500), 101, PerceptionConfig(lost_rate=0.5, lost_time=0.4))
+    status, tracks = listed["status"], listed["track"]
     begins = (status[1:] == LOST) & (status[:-1] == SEEN)
     followed = (status[:-1] == SEEN).sum() * TICK
     assert begins.sum() / followed == pytest.approx(0.5, rel=0.1)
@@ -127,7 +127,7 @@ def test_a_lost_track_is_found_again_after_its_time_under_another_number() -> No
     assert (tracks[lost[0] - 1, row], tracks[lost[0] + 8, row]) == (1, 2)
 
 
-def test_what_is_told_late_is_what_was_seen_then_and_nothing_before_the_episode() -> None:
+def test_what_is_listed_late_is_what_was_seen_then_and_nothing_before_the_episode() -> None:
     config = PerceptionConfig(latency=0.15, position_noise=0.2)
     now, late = watch(scene(3), 12, PerceptionConfig(position_noise=0.2)), watch(scene(3), 12, config)
     assert (late[:3]["status"] == ABSENT).all()

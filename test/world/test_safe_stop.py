@@ -111,7 +111,7 @@ def test_in_real_time_the_vehicle_rolls_until_the_first_command_and_the_last_one
         assert session.braking() == 1.5
 
 
-def test_a_safe_stop_brakes_ever_more_firmly_up_to_its_limit_and_is_told_of_once() -> None:
+def test_a_safe_stop_brakes_ever_more_firmly_up_to_its_limit_and_is_reported_once() -> None:
     session = Session(ExternalConfig("real_time", 0.2, safe_stop_deceleration=1.0))
     session.begin(0)
     session.driver.accelerate((1.0, 0.0))

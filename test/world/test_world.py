@@ -107,7 +107,7 @@ def test_actions_hold_for_two_ticks_in_the_frame_in_which_they_were_given():
     velocity = np.array([world.state["pedestrian_vx"][0], world.state["pedestrian_vy"][0]])
     action = np.array([[2.0, 1.0]])
     for tick in range(2):
-        answer = Actions(action, action) if tick == 0 else NO_ACTIONS  # nobody is asked in between
+        answer = Actions(action, action) if tick == 0 else NO_ACTIONS  # no policy acts in between
         world.advance(alarm(world), answer)
     c, s = np.cos(heading), np.sin(heading)
     expected = velocity + 0.1 * np.array([2.0 * c - 1.0 * s, 2.0 * s + 1.0 * c])
@@ -129,7 +129,7 @@ def test_lane_following_keeps_the_lane_under_a_policy_that_knows_no_road():
     assert errors[False] > 5.0  # straight on
 
 
-def test_a_missing_answer_is_told_and_the_rule_based_driver_acts_until_the_next():
+def test_a_missing_answer_is_reported_and_the_rule_based_driver_acts_until_the_next():
     world = World(WorldConfig(), SCENARIOS, [(3, 0)], 1, 1)
     alone = World(AUTOPILOT, SCENARIOS, [(3, 0)], 1, 1)
     kinds = world.advance(alarm(world))["kind"]

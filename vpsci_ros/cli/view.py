@@ -95,7 +95,7 @@ def score(
     accuracy = result["recognised"]["generated"]["accuracy"]
     bounds = "" if accuracy["low"] is None else f" [{accuracy['low']:.1%}, {accuracy['high']:.1%}]"
     excluded = result["as_the_paper"]["excluded"]
-    print(f"{result['raters']} raters, {result['clips']} clips; recorded and generated ones told apart in "
+    print(f"{result['raters']} raters, {result['clips']} clips; recorded and generated ones distinguished in "
           f"{accuracy['value']:.1%}{bounds}")  # fmt: skip
     for name, why in excluded.items():
         print(f"excluded from the paper's own analysis: {name}, {why}")

@@ -27,7 +27,7 @@ from vpsci_ros.data.dataset_index import (
 )
 from vpsci_ros.data.episode_block import EpisodeBlock, block_of, joined
 from vpsci_ros.data.episode_frames import NOT_OPEN, EpisodeBatch
-from vpsci_ros.data.filters import RECORD, FilterConfig, judge
+from vpsci_ros.data.filters import RECORD, FilterConfig, apply_filters
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import require_empty_folder, write_json, write_text, written_whole
@@ -143,7 +143,7 @@ class DatasetWriter:
         """
         if len(batch) == 0:
             return
-        records = judge(batch, self.filters)
+        records = apply_filters(batch, self.filters)
         for number in np.unique(batch.scenario).tolist():
             self.scenario(number).wait(block_of(batch, records, self.keep_rejected, number))
         for number, scenario in self._scenarios.items():

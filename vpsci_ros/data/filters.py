@@ -68,7 +68,7 @@ RECORD = np.dtype(
 """What the filters say of an episode that ended."""
 
 
-def judge(batch: EpisodeBatch, config: FilterConfig) -> NDArray[np.void]:
+def apply_filters(batch: EpisodeBatch, config: FilterConfig) -> NDArray[np.void]:
     """Apply the four conditions to every episode of a batch, and return RECORD[m].
 
     Of the pairs of an episode that one decides which is kept, or, where none or several are, has the least CurvTTC.

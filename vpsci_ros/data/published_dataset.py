@@ -19,7 +19,7 @@ from vpsci_ros.data.dataset_files import DATASET_COLUMNS, NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_index import DESCRIPTION, description_of, file_entry, index_table
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode_frames import NOT_OPEN, QUANTITIES, EpisodeBatch
-from vpsci_ros.data.filters import RECORD, FilterConfig, judge
+from vpsci_ros.data.filters import RECORD, FilterConfig, apply_filters
 from vpsci_ros.documents import reason, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import Scenario
@@ -29,7 +29,7 @@ PERIOD = 0.05  # [s] a frame, section 3.3
 RATE_TOLERANCE = 0.1  # by which way and speed may differ (median)
 LEAST_TURN = 0.3  # [rad] of the median episode, below which a file does not show which way y points
 ON_THE_ROAD = 5.0  # [m] off the lane of Table 6's scenario, above which the median position is on another road
-_MOVING = 0.5  # [m/s] above it speeds tell the frame rate and the units
+_MOVING = 0.5  # [m/s] above it speeds show the frame rate and the units
 _LONGEST = 100_000  # frames of an episode
 _BATCH = 2048  # episodes that the filters take at once
 _WHOLE = {"count": pl.Float64, "frame": pl.Float64, "veh_id": pl.String, "ped_id": pl.String}
@@ -232,7 +232,9 @@ def _records(rows: pl.DataFrame, scenario: int) -> np.ndarray[Any, np.dtype[np.v
     """Return RECORD[n] of canonical rows."""
     episodes = rows.partition_by("count", maintain_order=True)
     batches = (episodes[begin : begin + _BATCH] for begin in range(0, len(episodes), _BATCH))
-    return np.concatenate([np.zeros(0, RECORD), *(judge(_batch(batch, scenario), FilterConfig()) for batch in batches)])
+    return np.concatenate(
+        [np.zeros(0, RECORD), *(apply_filters(_batch(batch, scenario), FilterConfig()) for batch in batches)]
+    )
 
 
 def _batch(episodes: list[pl.DataFrame], scenario: int) -> EpisodeBatch:

@@ -32,7 +32,7 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
     and (26), 100 to an agent at its own arrival. The episode ends for both together.
 
     :param scenarios: numbers, names or files; episodes take them in turn.
-    :param lane_following: keep the vehicle's lane for it, since (6) tells it nothing of the road.
+    :param lane_following: keep the vehicle's lane for it, since observation (6) holds nothing of the road.
     :param render_mode: "rgb_array" or None.
     :param pedestrian_gain: share of the pedestrian's acceleration that becomes motion: all of it, as under the shipped
         policies; 0.5 in (21)-(24).

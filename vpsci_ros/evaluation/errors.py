@@ -44,7 +44,7 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor
     In closed loop the first two controls are the same: the last recorded velocity, kept. In reconstruction
     `repeat_velocity` looks again at every step, and the others keep the velocity of the first critical step.
     `constant_velocity_tracked` starts its closed loop as the policies do, from the vehicle's velocity by its last
-    observed positions (`scene.scene_at`): published speeds may lag behind, and this control tells how much of a
+    observed positions (`scene.scene_at`): published speeds may lag behind, and this control shows how much of a
     policy's gain is due to that.
 
     Each model has `fixed_3s`, too, where tracks go on for 3 s after their onset: see there.

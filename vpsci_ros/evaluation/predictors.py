@@ -42,7 +42,7 @@ class Predictor(Protocol):
         """
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
-        """Tell which accelerations were executed where `active`: these enter the histories."""
+        """Take the accelerations [m/s2] that were executed where `active` into the histories."""
 
 
 class RepeatVelocity:

@@ -64,7 +64,7 @@ from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
 
 _BATCH = 64  # episodes side by side, of the autopilot
 _STOPPED = "stopped on request"
-PART = 100  # episodes of a run, at most: where there are more, its pedestrian is met in several runs
+PART = 100  # episodes of a run, at most: where there are more, its pedestrian has several runs
 DYING = 1.0  # [s] from the last command of a system that ends to its end
 
 
@@ -430,7 +430,7 @@ def _read(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
 def episodes_in_bag(
     bag: Path, exam: Exam, pedestrian: str, *, recover: bool
 ) -> tuple[list[Episode], Mapping[Key, Sight]]:
-    """Return the episodes of a bag in which the ADS met one of the pedestrians, and what it could see of each.
+    """Return the episodes of a bag of the ADS with one of the pedestrians, and what it could see of each.
 
     Messages hold neither the kind of the pedestrians nor their number: both are drawn again.
     """

@@ -1,4 +1,4 @@
-"""The pictures of an exam: measures with intervals, how near it came, how it ended, and one episode met by all."""
+"""The pictures of an exam: measures with intervals, least distances, outcomes, and one episode with each pedestrian."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from vpsci_ros.report.canvas import blank_figure, save_png
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.safety import HORIZON
 
-# Okabe and Ito's colours, which most people tell apart
+# Okabe and Ito's colours, which most people can distinguish
 COLOURS = {
     LEARNED: "#d55e00",
     "recorded": "#cc79a7",
@@ -59,10 +59,10 @@ def save_overview(report: Mapping[str, Any], table: pl.DataFrame, path: Path) ->
 
 
 def save_episode(episodes: Mapping[str, Sequence[Episode]], path: Path) -> Key | None:
-    """Draw the episode in which the ADS came nearest to the learned pedestrian, as each pedestrian met it, as a PNG.
+    """Draw the episode in which the ADS came nearest to the learned pedestrian, with each pedestrian, as a PNG.
 
     :param episodes: pedestrian -> episodes of the ADS.
-    :returns: its scenario and number; None where the learned pedestrian was not met.
+    :returns: its scenario and number; None where the exam has no learned pedestrian.
     """
     if not episodes.get(LEARNED):
         return None

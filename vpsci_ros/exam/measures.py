@@ -22,7 +22,7 @@ _COLLISION, _PARKED_COLLISION = OUTCOME_NAMES[COLLISION], OUTCOME_NAMES[PARKED_C
 EPISODES = "episodes.parquet"
 COLUMNS: dict[str, Column] = {
     "driver": Column(pl.String, "", "ads, or autopilot for the baseline"),
-    "pedestrian": Column(pl.String, "", "who was met"),
+    "pedestrian": Column(pl.String, "", "the pedestrian of the run"),
     "scenario": Column(pl.Int64, "", "number of the scenario; 1 to 8 are those of Table 6"),
     "episode": Column(pl.Int64, "", "number within the scenario: the same number begins the same way"),
     "outcome": Column(pl.String, "", "collision, goal, timeout or parked_collision"),

@@ -2,7 +2,7 @@
 
 In the output folder: exam.json (what is examined: parameters, hashes, versions), runs/PEDESTRIAN (bag, logs and
 resolved parameters of each run), logs/, episodes.parquet, report.json, report.html, and view.html, in which the
-episodes play. The same command goes on with an exam that was stopped: pedestrians that are done are not met again.
+episodes play. The same command goes on with an exam that was stopped: pedestrians that are done do not run again.
 """
 
 import dataclasses
@@ -77,7 +77,7 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
         find_driver(config.ads_class)
         if chosen.get(ExternalConfig, "world_simulator").external_mode != "lock_step":
             raise InvalidInput(
-                "world_simulator.external_mode = real_time: a class is asked at every tick, however long it takes; "
+                "world_simulator.external_mode = real_time: a class is called at every tick, however long it takes; "
                 "examine it as a program, by --ads"
             )
     elif config.ads != EXTERNAL:
@@ -86,8 +86,8 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
         raise InvalidInput(f"--workers {workers}: a system that you start yourself (external) drives in one graph only")
     if config.examined.strip() == OWN and world.pedestrians > 1 and not config.perception:
         raise InvalidInput(
-            f"ads_test.ads = {OWN}: hears of the first pedestrian only on /pedestrian/odometry, and "
-            f"world_simulator.pedestrians = {world.pedestrians}; set ads_test.perception to true, which tells it of all"
+            f"ads_test.ads = {OWN}: /pedestrian/odometry holds the first pedestrian only, and "
+            f"world_simulator.pedestrians = {world.pedestrians}; set ads_test.perception to true, which lists all"
         )
     if config.recorded:
         read_near_misses(config.recorded)

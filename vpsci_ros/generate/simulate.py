@@ -12,7 +12,7 @@ import numpy as np
 
 from vpsci_ros.data.episode_block import EpisodeBlock, block_of, joined
 from vpsci_ros.data.episode_frames import EpisodeFrames
-from vpsci_ros.data.filters import judge
+from vpsci_ros.data.filters import apply_filters
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.policy.agent import PolicyAgent
@@ -49,7 +49,7 @@ class Simulator:
         for step in self.loop((unit.scenario, number) for number in unit.numbers):
             ended = frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance)
             if len(ended):
-                blocks.append(block_of(ended, judge(ended, job.filters), job.keep_rejected, unit.scenario))
+                blocks.append(block_of(ended, apply_filters(ended, job.filters), job.keep_rejected, unit.scenario))
         whole = joined(blocks)
         if not np.array_equal(whole.records["count"], unit.numbers):
             raise VpsciError(f"scenario {unit.scenario}: {len(unit.numbers)} episodes were due, {len(whole)} ended")

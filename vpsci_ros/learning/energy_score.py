@@ -38,7 +38,7 @@ from vpsci_ros.learning.maddpg import UpdateResult
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Objective, Training
 from vpsci_ros.learning.replay import Batch
-from vpsci_ros.learning.residuals import Adding, Lenders
+from vpsci_ros.learning.residuals import Adding, Donors
 from vpsci_ros.policy.actor import Actors, before_step, previous
 from vpsci_ros.policy.residuals import residuals_of
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, STEP
@@ -94,7 +94,7 @@ def sample(
 
     :param data: as `recorded` cuts it out, with `steps` + 1 steps from the moment on.
     :param lead: int64[M], steps observed before each moment.
-    :param residuals: as `Lenders.borrowed` returns them, of actors without latent numbers.
+    :param residuals: as `Donors.borrowed` returns them, of actors without latent numbers.
     """
     rows, taken = np.arange(len(lead)), torch.from_numpy(lead)
     scene = Scene(*(part.repeat_interleave(samples, dim=0) for part in scene_at(data.motion, taken, tracked)))
@@ -150,11 +150,11 @@ def score_loss(sampled: Sampled) -> dict[str, Tensor]:
 class Likeness:
     """What is left of the distance to people, of a few moments, drawn again each time.
 
-    :param lending: actors beside whose mean residuals are what people did; None: those that learn.
+    :param donor: actors beside whose mean residuals are what people did; None: those that learn.
     """
 
     def __init__(
-        self, networks: Networks, interactions: Interactions, config: PretrainConfig, lending: Actors | None = None
+        self, networks: Networks, interactions: Interactions, config: PretrainConfig, donor: Actors | None = None
     ) -> None:
         if networks.config.latent == 0 and not networks.config.residuals:
             raise InvalidInput(
@@ -166,8 +166,8 @@ class Likeness:
                 f"learner.imitation.rollout_steps = {steps}: the objective energy_score expects {REACH} or more, "
                 "since it averages positions over so many"
             )
-        self._networks, self._interactions, self._config, self._lending = networks, interactions, config, lending
-        self.lenders = Lenders(interactions, steps) if networks.config.residuals else None
+        self._networks, self._interactions, self._config, self._donor = networks, interactions, config, donor
+        self.donors = Donors(interactions, steps) if networks.config.residuals else None
 
     def loss(self, rng: np.random.Generator) -> tuple[Tensor, dict[str, float]]:
         """Return a scalar with gradient, and its parts by name."""
@@ -178,8 +178,8 @@ class Likeness:
         data = recorded(self._interactions, start, OBSERVED + steps + 1)
         tracked, samples = self._networks.config.tracked_steps, self._config.energy_score.samples
         known = self._networks.actor, data, lead, samples, steps, tracked
-        if self.lenders is not None:
-            residuals = self.lenders.borrowed(self._lending or self._networks.actor, start, samples, rng)
+        if self.donors is not None:
+            residuals = self.donors.borrowed(self._donor or self._networks.actor, start, samples, rng)
             parts = score_loss(sample(*known, residuals))
             total = parts["position_score"] + VELOCITY_SHARE * parts["velocity_score"]
             return total, {name: float(part.detach()) for name, part in parts.items()}
@@ -198,8 +198,8 @@ class Scoring:
         self._training, self._config = training, config
         self._actors = training.maddpg.networks.actor
         self._likeness = Likeness(training.maddpg.networks, training.real, config)
-        if self._likeness.lenders is not None:
-            training.maddpg.networks.residuals = self._likeness.lenders.tensors
+        if self._likeness.donors is not None:
+            training.maddpg.networks.residuals = self._likeness.donors.tensors
         self._descent = Descent(self._actors, _groups(self._actors), config)
         self.optimisers = (self._descent.optimiser,)
 
@@ -224,7 +224,7 @@ class Regularised:
         )
         self._stage_1 = copy.deepcopy(networks.actor).requires_grad_(False)
         stage_1 = replace(training.stage_1, imitation=imitation)
-        self._likeness = Likeness(networks, training.real, stage_1, lending=self._stage_1)
+        self._likeness = Likeness(networks, training.real, stage_1, donor=self._stage_1)
         tensors = networks.residuals(self._stage_1)
         self._residuals = residuals_of(tensors, "weights") if networks.config.residuals else None
 

@@ -68,7 +68,7 @@ def refine(
     """Simulate episodes, learn from them, and write `refined.safetensors` and logs to `out_dir`.
 
     Episodes run in portions of four batches; a checkpoint after each lets a stopped run go on to the same
-    result. It ends early where the convergence test of section 4.1 is met.
+    result. It ends early where the convergence test of section 4.1 is passed.
 
     :param learner_seed: of sampling; None: the simulation's.
     :param report: called after every portion with the learner's summary and the rates of Table 5; may raise `Stopped`.

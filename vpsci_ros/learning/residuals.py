@@ -36,7 +36,7 @@ from vpsci_ros.policy.residuals import (
 )
 from vpsci_ros.world.observation import AGENTS, STEP
 
-EVERY = 3  # steps from one moment of a track that lends in training to the next
+EVERY = 3  # steps from one moment of a track whose residuals are borrowed in training to the next
 JERK_WEIGHT = 1e-4  # [s6] of squared jerk against squared distance to the recorded positions: noise of 1 to 3 cm
 RIDGE = 0.1  # penalty of slopes, per onset
 _MOVING = 0.5  # [m/s] below it the direction of motion says nothing of a vehicle's heading
@@ -44,8 +44,8 @@ _MOVING = 0.5  # [m/s] below it the direction of motion says nothing of a vehicl
 Floats = NDArray[np.float64]
 
 
-class Lenders:
-    """Recorded moments whose people lend residuals to others.
+class Donors:
+    """Recorded moments whose people's residuals others borrow.
 
     :param interactions: whole tracks.
     :param steps: of a residual in training, and at least those of one that is kept.
@@ -87,7 +87,7 @@ class Lenders:
     def borrowed(self, actors: Actors, start: Start, samples: int, rng: np.random.Generator) -> Tensor:
         """Return what others did beside the mean of `actors` at moments like these, [M * samples, steps, 2, 2].
 
-        Rows as `beside` has them; each moment's own people lend it nothing.
+        Rows as `beside` has them; nothing is borrowed from each moment's own people.
 
         :raises InvalidInput: a moment's clip is the only one of its source.
         """
@@ -179,7 +179,7 @@ def _steering(data: RecordedSteps, rows: Tensor, at: Tensor) -> Tensor:
 
 
 class Adding:
-    """Adds borrowed residuals, as `Lenders.borrowed` returns them, to a roll-out: see `ActorPair`."""
+    """Adds borrowed residuals, as `Donors.borrowed` returns them, to a roll-out: see `ActorPair`."""
 
     def __init__(self, residuals: Tensor) -> None:
         self._residuals = residuals

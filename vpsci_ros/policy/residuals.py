@@ -101,7 +101,7 @@ def same(first: Residuals | None, second: Residuals | None) -> bool:
 def people_of(source: str) -> str:
     """Return whose residuals those of a source are, of near misses or "source/clip": the name up to a hyphen.
 
-    Recordings of one kind of place share it, as vci-dut and vci-citr do, and lend to each other.
+    Recordings of one kind of place share it, as vci-dut and vci-citr do, and borrow from each other.
     """
     return source.partition("/")[0].partition("-")[0]
 
@@ -221,11 +221,11 @@ def _borrow(moment, key, reset, active, bank, steers, own, near, slots, out):  #
 
 
 @kernel
-def _adjust(own, lender, slope, side, out):  # type: ignore[no-untyped-def]
-    """Write what people do otherwise at features `own` than at the lender's to float64[SECONDS, 2]."""
+def _adjust(own, donor, slope, side, out):  # type: ignore[no-untyped-def]
+    """Write what people do otherwise at features `own` than at the donor's to float64[SECONDS, 2]."""
     out[:] = 0.0
     for k in range(own.size):
-        gap = min(max(own[k] - lender[k], -FURTHEST), FURTHEST)
+        gap = min(max(own[k] - donor[k], -FURTHEST), FURTHEST)
         for second in range(SECONDS):
             out[second, 0] += gap * slope[k, second, 0]
             out[second, 1] += gap * slope[k, second, 1] * side

@@ -135,9 +135,9 @@ class StreamingActor:
         return actions
 
     def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:
-        """Tell the actions [m/s2] that were executed where `active`, float32[B, 2]: these enter the history.
+        """Take the actions [m/s2] that were executed where `active`, float32[B, 2], into the history.
 
-        Without this call the returned actions do.
+        Without this call the returned actions enter it.
         """
         self._action[active] = np.asarray(action, np.float32)[active]
 

@@ -10,7 +10,7 @@ from vpsci_ros.report.canvas import new_figure, save_png
 _COLUMNS = (
     ("of_constant_velocity", "energy score, of constant velocity's\n(less is better)", 1.0),
     ("likelihood", "likelihood\n(more is better)", None),
-    ("c2st_auc", "classifier's area under the curve\n(0.5: nothing tells them apart)", 0.5),
+    ("c2st_auc", "classifier's area under the curve\n(0.5: it cannot separate them)", 0.5),
 )
 
 

@@ -77,7 +77,7 @@ def output_folder(path: Path) -> Iterator[Claim]:
     """Claim the folder that a command writes, and mark what it leaves there where it fails.
 
     Room is kept on the disk for the mark, `FAILURE` with the reason, and for a record. It is written where no record
-    tells of the failure, and goes when the same command succeeds. A folder that was made for nothing is removed again.
+    describes the failure, and removed when the same command succeeds. A folder that stays empty is removed again.
 
     :raises InvalidInput: see `Claim`.
     :raises VpsciError: the folder was taken away meanwhile.

@@ -159,7 +159,7 @@ class Processes(Generic[Unit, Result]):
                 self._send(connection, self._running[connection])
 
     def _send(self, connection: Connection, what: object) -> None:
-        with contextlib.suppress(OSError):  # it has died, which reading from it will tell
+        with contextlib.suppress(OSError):  # it has died, which reading from it will show
             connection.send(what)
 
     def _replace(self, connection: Connection) -> None:
@@ -204,7 +204,7 @@ def _work(connection: Connection, parent: int) -> None:
         while True:
             connection.send(do(connection.recv()))
     except (EOFError, BrokenPipeError, KeyboardInterrupt):
-        return  # the parent has gone, or asked to stop
+        return  # the parent has gone, or requested a stop
     except Exception as error:  # noqa: BLE001 - the parent raises it
         connection.send(error)
 

@@ -19,7 +19,7 @@ _PRECISION = 1e-6  # [steps]
 def _outside(
     rows: tuple[Floats, ...], step: float, vehicle: bool, cx: float, cy: float, sizes: tuple[float, float, float]
 ) -> bool:
-    """Tell whether the point lies outside one agent's footprint at the fractional `step`."""
+    """Return whether the point lies outside one agent's footprint at the fractional `step`."""
     x, y, heading, ped_x, ped_y = rows
     i = min(int(step), x.size - 2)
     part = step - i

@@ -3,7 +3,7 @@
 Everything is seen from above. The disc of the pedestrian takes an angle of 2 asin(radius / distance) at the eye; each
 rectangle that is nearer covers the angle between its outermost corners. What is left uncovered, as a share of the
 disc's angle, is what can be seen. Seen from a point, one of two convex shapes that do not overlap is in front of the
-other in every direction that both take up, so one direction tells which.
+other in every direction that both take up, so one direction decides which.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""How alike raters judge, ICC(2,k), and how well each tells real from made, d'.
+"""How far raters agree, ICC(2,k), and how well each separates real clips from made ones, d'.
 
 pingouin has ICC(2,k), and needs pandas, seaborn, statsmodels and scikit-learn for it; these few lines are checked with
 the example of the paper that they come from.
@@ -51,7 +51,7 @@ def d_prime(hits: NDArray[np.int64], false_alarms: NDArray[np.int64], signals: i
     See Hautus, "Corrections for extreme proportions and their biasing effects on estimated values of d'" (Behavior
     Research Methods, Instruments and Computers 27, 1995).
 
-    :param hits: real clips judged to be real, of `signals`; false_alarms: made ones, of `noises`.
+    :param hits: real clips rated as real, of `signals`; false_alarms: made ones, of `noises`.
     """
     difference: Floats = norm.ppf((hits + 0.5) / (signals + 1.0)) - norm.ppf((false_alarms + 0.5) / (noises + 1.0))
     return difference

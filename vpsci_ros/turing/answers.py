@@ -19,11 +19,11 @@ _RANGES = {"realism": (1, 5), "confidence": (1, 4)}
 
 @dataclass(frozen=True)
 class Answers:
-    """R raters, K scenes, three sources in the order of `SOURCES`; every rater has judged every clip.
+    """R raters, K scenes, three sources in the order of `SOURCES`; every rater has rated every clip.
 
     :ivar raters: their names, R.
     :ivar realism: float64[R, K, 3], 1 (very unrealistic) to 5 (very realistic).
-    :ivar real: bool[R, K, 3], judged to be a recording of real people.
+    :ivar real: bool[R, K, 3], rated as a recording of real people.
     :ivar confidence: float64[R, K, 3], 1 (a guess) to 4 (certain).
     :ivar seconds: float64[R, K, 3], from the end of the clip's first showing to the judgement [s].
     :ivar clips: object[K, 3], their names.

@@ -1,4 +1,4 @@
-"""Means of tables in which every rater has judged every scene, with intervals for other raters, scenes, or both.
+"""Means of tables in which every rater has rated every scene, with intervals for other raters, scenes, or both.
 
 Judgements of one rater are alike, and so are those of one scene; a test that takes all of them for independent, as the
 paper's (32) does, finds differences that are only those of a few scenes. Here raters and scenes are both random: the
@@ -34,7 +34,7 @@ def over_raters(table: Floats) -> Mean:
 
 
 def over_scenes(table: Floats) -> Mean:
-    """Return the mean of float64[R, K] with an interval for other scenes judged by these raters."""
+    """Return the mean of float64[R, K] with an interval for other scenes rated by these raters."""
     return _of_units(table.mean(axis=0))
 
 

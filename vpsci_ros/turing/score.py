@@ -15,7 +15,7 @@ from vpsci_ros.turing.crossed import Mean, over_both, over_raters, over_scenes, 
 
 MARGIN = 0.5  # on the scale of 5 points, the paper's
 ALPHA = 0.05
-LEAST_SPREAD = 0.5  # of the scores that a rater gives, below which it tells no clips apart
+LEAST_SPREAD = 0.5  # of the scores that a rater gives, below which a rater distinguishes no clips
 PAIRS = ((CONTROL, GENERATED), (CONTROL, RECORDED), (GENERATED, RECORDED))
 
 
@@ -54,7 +54,7 @@ def score(answers: Answers) -> dict[str, Any]:
         "scenes": scenes,
         "clips": 3 * scenes,
         "recognised": {source: _recognised(answers, source) for source in (GENERATED, CONTROL)},
-        "judged_real": {source: _shares(answers.real[..., i].astype(float)) for i, source in enumerate(SOURCES)},
+        "rated_real": {source: _shares(answers.real[..., i].astype(float)) for i, source in enumerate(SOURCES)},
         "realism": {source: _means(answers.realism[..., i]) for i, source in enumerate(SOURCES)},
         "table_11": [_pair(answers, first, second) for first, second in PAIRS],
         "icc_2k": _icc(flat) if raters > 1 else [None, None, None],
@@ -63,7 +63,7 @@ def score(answers: Answers) -> dict[str, Any]:
         "seconds": {source: _number(np.median(answers.seconds[..., i])) for i, source in enumerate(SOURCES)},
         "clip_means": {
             str(answers.clips[k, i]): {"scene": k, "source": source, "realism": float(answers.realism[:, k, i].mean()),
-                                       "judged_real": float(answers.real[:, k, i].mean())}
+                                       "rated_real": float(answers.real[:, k, i].mean())}
             for i, source in enumerate(SOURCES) for k in range(scenes)
         },
         "not_concluded": not_concluded(answers),
@@ -71,7 +71,7 @@ def score(answers: Answers) -> dict[str, Any]:
 
 
 def correct(answers: Answers, source: str) -> NDArray[np.float64]:
-    """Return float64[R, K]: of each scene's recorded clip and that of `source`, the share judged rightly: 0, 0.5, 1."""
+    """Return float64[R, K]: of each scene's recorded clip and that of `source`, the share rated rightly: 0, 0.5, 1."""
     return 0.5 * (answers.real[..., 0].astype(float) + ~answers.real[..., SOURCES.index(source)])
 
 
@@ -127,7 +127,7 @@ def as_the_paper(answers: Answers) -> dict[str, Any]:
 
 
 def excluded_raters(answers: Answers) -> dict[str, str]:
-    """Return who does not tell clips apart or rates all of them out of the ordinary, and why; blind to the sources.
+    """Return raters who do not distinguish clips or rate all as out of the ordinary, and why; blind to the sources.
 
     The paper excluded 7 of 51 for scores without variance and for bias, and gives no bounds. Here: a standard deviation
     of the rater's scores below `LEAST_SPREAD`, or a mean beyond Tukey's fences of the raters' means, 1.5 interquartile
@@ -205,7 +205,7 @@ def not_concluded(answers: Answers) -> list[str]:
             out.append(text)
     accuracy = share_of(over_both(correct(answers, GENERATED)), min(raters, scenes))
     if raters > 1 and accuracy.low <= 0.5 <= accuracy.high:
-        out.append(f"Whether raters tell generated from recorded clips at all: their accuracy of {accuracy.value:.2f} "
+        out.append(f"Whether raters distinguish generated from recorded clips: their accuracy of {accuracy.value:.2f} "
                    f"[{accuracy.low:.2f}, {accuracy.high:.2f}] includes chance, and does not prove it.")  # fmt: skip
     return out
 

@@ -59,7 +59,7 @@ def test_the_residuals_of_others_score_better_than_their_middle(onsets: Onsets) 
     assert energy_score(sampled, onsets.recorded).mean() < 0.9 * energy_score(middle, onsets.recorded).mean()
 
 
-def test_nobody_is_lent_a_residual_of_the_own_clip(onsets: Onsets) -> None:
+def test_nobody_borrows_a_residual_of_the_own_clip(onsets: Onsets) -> None:
     two = onsets.take(np.array([0, 1]))
     middle = constant_velocity(two)
     sampled = residual_sampler(two, two, middle, middle)
@@ -88,7 +88,7 @@ def test_a_family_holds_its_own_features_and_the_starts(onsets: Onsets) -> None:
     assert family(of, "all").keys() == of.keys()
 
 
-def test_one_clip_cannot_be_told_apart(onsets: Onsets) -> None:
+def test_one_clip_cannot_be_separated(onsets: Onsets) -> None:
     of = features(onsets.recorded[:, None], onsets)
     one = np.full(len(onsets), "one", object)
     with pytest.raises(InvalidInput, match="two clips or more"):

@@ -56,16 +56,16 @@ def test_a_run_measures_controls_and_models_of_each_source_too_and_goes_on_from_
 ) -> None:
     place = pl.when(pl.col("interaction") < 8).then(pl.lit("here")).otherwise(pl.lit("there"))
     table = synthetic_near_misses(interactions=16, seed=3).table.with_columns(source=place)
-    told: list[str] = []
+    reported: list[str] = []
 
     def measure() -> dict[str, Any]:
-        options = {"conflicts": conflicts, "parts": tmp_path, "notify": lambda name, *_: told.append(name)}
+        options = {"conflicts": conflicts, "parts": tmp_path, "notify": lambda name, *_: reported.append(name)}
         return measure_realism(table, {"noisy": noisy}, one_repetition, **options)["same_start"]
 
     found = measure()
     models = found["models"]
     assert list(models) == [*CONTROLS, "noisy"]
-    assert told == list(models)
+    assert reported == list(models)
     assert models["recorded"]["energy_score"] == pytest.approx(0.0, abs=1e-12)
     assert models["constant_velocity_tracked"]["of_constant_velocity"] == pytest.approx(1.0)
     assert models["recorded"]["likelihood"] > models["constant_velocity_tracked"]["likelihood"]
@@ -77,7 +77,7 @@ def test_a_run_measures_controls_and_models_of_each_source_too_and_goes_on_from_
     assert measure()["models"]["noisy"] == {"kept": True}
 
 
-def test_each_source_has_lenders_of_its_own() -> None:
+def test_each_source_has_donors_of_its_own() -> None:
     place = pl.when(pl.col("interaction") < 8).then(pl.lit("here")).otherwise(pl.lit("there"))
     onsets = find_onsets(synthetic_near_misses(interactions=16, seed=3).table.with_columns(source=place))
     allowed = borrowable(onsets, onsets)

@@ -67,14 +67,14 @@ def test_failures_are_found_where_they_are_and_counted_right():
         margin, seen, done = drive_with(exam, keys)
         return Driven(keys, margin < 0.0, seen, done)
 
-    told = []
-    plan = seek(exam, pool, drive, lambda what, done, total: told.append(what))
+    reported = []
+    plan = seek(exam, pool, drive, lambda what, done, total: reported.append(what))
     np.testing.assert_array_equal(plan.failed[plan.driven], truth[plan.driven])
     assert 5 <= truth.sum() <= 60
     assert plan.failed.sum() > 1.5 * 60 * truth.mean()
     count = plan.count()
     assert count.failures_low <= truth.sum() <= count.failures_high
-    assert set(told) == {"learning how it drives", "rehearsing"}
+    assert set(reported) == {"learning how it drives", "rehearsing"}
 
 
 def test_the_stand_in_comes_as_near_as_who_it_has_learned_from():

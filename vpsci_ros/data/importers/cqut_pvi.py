@@ -10,7 +10,7 @@ which part, train or dev, a clip belongs to.
 There is no heading, no size and no clock, and what is measured by hand from video is noisy. So the time step of each
 event is found from its speeds, positions are smoothed, headings are directions of the way, and events whose motion
 does not come out plausible are left out and counted. A clip is called PART/cornerN/CLIP. Its events follow one another
-in time, a second apart, in the order of their files: times tell nothing about when an event was recorded.
+in time, a second apart, in the order of their files: times say nothing about when an event was recorded.
 """
 
 from collections import Counter

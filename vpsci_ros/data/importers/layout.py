@@ -19,7 +19,7 @@ from vpsci_ros.errors import InvalidInput
 
 REVERSING = -0.1  # [m/s] slower than this is driving backwards, not the noise of a standing car
 MOVING = 1.0  # [m/s] above it the direction of motion says what the heading must be
-WALKING = 0.5  # [m/s] above it speeds tell the frame rate and the units
+WALKING = 0.5  # [m/s] above it speeds show the frame rate and the units
 RATE_TOLERANCE = 0.1  # by which way and speed may differ (median)
 ASKEW = 0.5  # [rad] by which headings may differ from the motion (median)
 _STANDING = 0.3  # [m/s] below which a direction of motion is noise

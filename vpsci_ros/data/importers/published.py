@@ -62,7 +62,7 @@ def interaction(folder: Path) -> Iterator[Clip]:
     """Yield the recordings of INTERACTION: vehicle_tracks_NNN.csv and, where there are any, pedestrian_tracks_NNN.csv.
 
     Source: Zhan et al., "INTERACTION Dataset", arXiv 1910.03088. Milliseconds, metres, radians. Its class
-    "pedestrian/bicycle" does not tell these two apart; all of them count as pedestrians here.
+    "pedestrian/bicycle" does not distinguish these two; all of them count as pedestrians here.
     """
     walkers = {"id": "track_id", "time": "timestamp_ms", "class": "agent_type", **_MOTION}
     cars = walkers | {"heading": "psi_rad", "length": "length", "width": "width"}

@@ -15,7 +15,7 @@ from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
 MAX_GAP = 0.25  # [s] frames further apart than this are not bridged: the track is cut there
-LARGEST = 2.0**53  # above it a float64 does not tell whole numbers apart
+LARGEST = 2.0**53  # above it a float64 does not hold every whole number
 _GRID = 1e-6  # [steps] a frame this near to a grid point counts as on it
 
 

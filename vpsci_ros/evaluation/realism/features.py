@@ -1,6 +1,6 @@
 """What the classifier sees of a trajectory: some forty features of positions smoothed over 0.9 s.
 
-Camera noise and gait would tell any simulation from a recording at once. So positions are smoothed by lines over 0.9 s,
+Camera noise and gait would give any simulation away at once. So positions are smoothed by lines over 0.9 s,
 and what that takes away from recordings of *other* clips of the same source is added to every simulation, in place of
 what it takes away from the simulation itself; recordings keep their own.
 """
@@ -13,7 +13,7 @@ from vpsci_ros.evaluation.realism.onsets import Onsets, borrowable
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
-_LENDERS = 8  # the nearest in speed, of which one is drawn
+_DONORS = 8  # the nearest in speed, of which one is drawn
 _HARD, _GENTLE = 0.5, 0.15  # [m/s2]
 
 
@@ -37,7 +37,7 @@ def with_borrowed_noise(positions: Floats, onsets: Onsets, seed: int, library: O
     for agent in range(2):
         gap = np.abs(_pace(path)[:, :, agent, None] - pace[None, None, :, agent])
         order = np.argsort(np.where(allowed[:, None], gap, np.inf), axis=-1)
-        choices = min(_LENDERS, int(allowed.sum(axis=1).min()))
+        choices = min(_DONORS, int(allowed.sum(axis=1).min()))
         donor = np.take_along_axis(order, rng.integers(0, choices, (*order.shape[:2], 1)), axis=-1)[..., 0]
         out[:, :, agent] += np.einsum("...ji,...tj->...ti", own[:, :, agent], residual[donor, agent])
     return out[..., 1:, :]

@@ -68,7 +68,7 @@ class SameStart:
     def measure(self, positions: Floats) -> dict[str, Any]:
         """Return the measures of roll-outs, float64[n, K, 2, 30, 2] [m], as JSON values with 95% intervals by clips.
 
-        The recording itself, given as roll-outs, tells what the test by a classifier makes of the borrowed noise alone.
+        The recording itself, given as roll-outs, shows how far the classifier separates by the borrowed noise alone.
         """
         onsets = self.onsets
         scores, likely = energy_score(positions, onsets.recorded), likelihoods(positions, onsets)

@@ -46,7 +46,7 @@ def _same_start(part: dict[str, Any], console: Console, of: str = "") -> None:
         families.append((name, *cells, f"{own['picked']:.0%}", _farthest(own["given_away_by"])))
     console.print(text_table(title, [*heads, "contact"], rows))
     heads = ["", "vehicle", "pedestrian", "joint", "picked", "single features farthest from 0.5"]
-    console.print(text_table("What tells them apart", heads, families))
+    console.print(text_table("Features by which the classifier separates them", heads, families))
     if part["not_in_library"]:
         console.print(
             f"The library holds nobody of {', '.join(part['not_in_library'])}: residual_sampler and constant_turn "

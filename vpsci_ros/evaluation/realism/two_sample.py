@@ -1,4 +1,4 @@
-"""The two-sample test by a classifier: how well gradient boosting tells simulations from recordings of unseen clips.
+"""The two-sample test by a classifier: how gradient boosting separates simulations from recordings of unseen clips.
 
 The area under the curve (AUC) is 0.5 where nothing gives a simulation away, and 1 where everything does. See
 'Revisiting classifier two-sample tests' by Lopez-Paz and Oquab, ICLR 2017 (https://arxiv.org/abs/1610.06545).
@@ -38,7 +38,7 @@ def two_sample(
     paired: bool = True,
     repetitions: int = REPETITIONS,
 ) -> TwoSample:
-    """Tell recordings from simulations, in folds by clip, several times with folds and draws of its own.
+    """Classify recordings and simulations, in folds by clip, several times with folds and draws of its own.
 
     :param recorded: feature -> float64[n].
     :param simulated: feature -> float64[m, K], K simulations that share a weight of 1; a mapping for each repetition,

@@ -23,7 +23,7 @@ Floats32 = NDArray[np.float32]
 LAGS = (0, 2, 4, 6, 8, 10)  # [ticks]
 _NOW = ("vehicle_curvature", "vehicle_acceleration", "vehicle_x", "vehicle_y", "scenario")
 HOLDING = -2.0  # [m/s2] what a vehicle that stays where it stands is taken to do, so that its stand-in does not creep
-_AHEAD = 10.0  # [s] of the time to reach the pedestrian, as far as it is told apart
+_AHEAD = 10.0  # [s] of the time to reach the pedestrian, beyond which all count as the same
 
 
 class Recent:

@@ -27,7 +27,7 @@ class Watched(NamedTuple):
 
     @property
     def failure(self) -> str:
-        """The column of the exam's table that tells of it."""
+        """The column of the exam's table that holds it."""
         return self.config.search.failure
 
     def margin(self, state: NDArray[np.void], curvttc: Floats) -> Floats:

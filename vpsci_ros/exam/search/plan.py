@@ -31,7 +31,7 @@ class Part(NamedTuple):
 class Plan:
     """What has been driven of a pool of episodes, and what comes next.
 
-    Call `parts` once; before each next one tell it the outcome by `take`, and what a rehearsal came to by `rehearsed`.
+    Call `parts` once; before each next one pass the outcome to `take`, and the result of a rehearsal to `rehearsed`.
 
     :param pool: how many episodes there are; `budget`: how many may be driven.
     """

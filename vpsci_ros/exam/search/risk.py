@@ -19,11 +19,11 @@ _LOW, _HIGH = -0.5, 3.0  # [m] or [s]: margins beyond these are all alike
 _MEAN, _DEVIATION = np.array([-1.0, -6.0, 2.0, -1.0]), np.array([3.0, 4.0, 6.0, 3.0])  # of the normal prior
 _FREEDOM = 6  # of the t distribution that is drawn from
 _DRAWS = 4000
-_CELLS = 400  # margins that are told apart when the rest is added up
+_CELLS = 400  # classes of margins over which the rest is summed
 
 
 class Count(NamedTuple):
-    """How many of a pool's episodes fail, and the share that it tells of: estimate and 95% interval each."""
+    """How many of a pool's episodes fail, and the share of failures that follows: estimate and 95% interval each."""
 
     failures: float
     failures_low: float

@@ -69,14 +69,16 @@ def run_search(exam: Exam, folder: Path, *, workers: int = 1, quiet: bool = Fals
         bars.clear()
         where = folder / "parts" / name
         keys = _chosen(where, keys)
-        what, met = f"part {name} of the search, ", search.pedestrian
-        run = run_with_all(exam.only(keys), where, [met], workers=workers, quiet=quiet, what=what)[met]
+        what, pedestrian = f"part {name} of the search, ", search.pedestrian
+        run = run_with_all(exam.only(keys), where, [pedestrian], workers=workers, quiet=quiet, what=what)[pedestrian]
         if run.conduct.failure:
             raise _Failed(run.conduct.failure)
         table = episode_table(run, [], exam.config, driver=ADS, pedestrian=search.pedestrian)
         tables[name] = table
         failed = dict(zip(table.select("scenario", "episode").iter_rows(), table[search.failure], strict=True))
-        seen, done = lessons(itertools.chain.from_iterable(map(read_bag, bags_of(where, met))), exam.world.pedestrians)
+        seen, done = lessons(
+            itertools.chain.from_iterable(map(read_bag, bags_of(where, pedestrian))), exam.world.pedestrians
+        )
         return Driven(keys, np.array([failed[key] for key in keys]), seen, done)
 
     try:

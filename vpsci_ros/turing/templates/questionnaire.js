@@ -87,7 +87,7 @@ class Questionnaire {
     $("answer").inert = false;
   }
 
-  judged() {
+  rated() {
     this.seconds ??= (performance.now() - this.ended) / 1000;
   }
 
@@ -117,7 +117,7 @@ $("answer").addEventListener("submit", (event) => {
   event.preventDefault();
   questionnaire.answer(new FormData(event.target));
 });
-$("judgement").addEventListener("change", () => questionnaire.judged());
+$("judgement").addEventListener("change", () => questionnaire.rated());
 $("again").addEventListener("click", () => questionnaire.play());
 $("save").addEventListener("click", () => questionnaire.save());
 document.addEventListener("keydown", (event) => {

@@ -59,40 +59,40 @@ class Page {
 
   // Read the address: what it does not name stays as it begins.
   readAddress() {
-    const asked = new URLSearchParams(location.hash.slice(1));
+    const address = new URLSearchParams(location.hash.slice(1));
     const byKey = (key) => sources.find((source) => source.key === key);
-    this.source = byKey(asked.get("a")) ?? sources[0];
-    const beside = asked.has("b") ? byKey(asked.get("b")) : asked.has("a") ? null : sources[1];
+    this.source = byKey(address.get("a")) ?? sources[0];
+    const beside = address.has("b") ? byKey(address.get("b")) : address.has("a") ? null : sources[1];
     this.other = beside === this.source ? null : beside ?? null;
-    this.sort = SORTS[asked.get("sort")] ? asked.get("sort") : "least";
-    for (const name of FILTERS) this.filter[name] = asked.get(name) ?? "";
-    this.playing = !asked.has("t") && !matchMedia("(prefers-reduced-motion: reduce)").matches;
+    this.sort = SORTS[address.get("sort")] ? address.get("sort") : "least";
+    for (const name of FILTERS) this.filter[name] = address.get(name) ?? "";
+    this.playing = !address.has("t") && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.refill();
-    this.tellMissing(asked, byKey);
-    const index = this.source.byName.get(asked.get("episode")) ?? this.indices[0] ?? 0;
-    this.show(index, asked.has("t") ? Number(asked.get("t")) : 0, this.other?.byName.get(asked.get("beside")));
+    this.showMissing(address, byKey);
+    const index = this.source.byName.get(address.get("episode")) ?? this.indices[0] ?? 0;
+    this.show(index, address.has("t") ? Number(address.get("t")) : 0, this.other?.byName.get(address.get("beside")));
   }
 
   // Say what the address names and this page does not hold; the first source and episode are shown in its place.
-  tellMissing(asked, byKey) {
-    const missing = ["a", "b"].filter((k) => asked.get(k) && !byKey(asked.get(k))).map((k) => `source ${asked.get(k)}`);
-    const episode = asked.get("episode");
+  showMissing(address, byKey) {
+    const missing = ["a", "b"].filter((k) => address.get(k) && !byKey(address.get(k))).map((k) => `source ${address.get(k)}`);
+    const episode = address.get("episode");
     if (episode && !this.source.byName.has(episode)) missing.push(`episode ${episode} of ${this.source.title}`);
     $("notice").hidden = missing.length === 0;
     $("notice").textContent = `Not on this page: ${missing.join(", ")}.`;
   }
 
   writeAddress() {
-    const asked = new URLSearchParams({ a: this.source.key, episode: this.panels[0].episode.name });
-    asked.set("b", this.other ? this.other.key : "");
-    if (this.other) asked.set("beside", this.panels[1].episode.name);
-    if (this.sort !== "least") asked.set("sort", this.sort);
-    for (const name of FILTERS) if (this.filter[name] !== "") asked.set(name, this.filter[name]);
-    asked.set("t", this.clock.toFixed(2));
-    history.replaceState(null, "", `#${asked}`);
+    const address = new URLSearchParams({ a: this.source.key, episode: this.panels[0].episode.name });
+    address.set("b", this.other ? this.other.key : "");
+    if (this.other) address.set("beside", this.panels[1].episode.name);
+    if (this.sort !== "least") address.set("sort", this.sort);
+    for (const name of FILTERS) if (this.filter[name] !== "") address.set(name, this.filter[name]);
+    address.set("t", this.clock.toFixed(2));
+    history.replaceState(null, "", `#${address}`);
   }
 
-  // Fill choices and list anew, after the source or the filter has changed.
+  // Fill choices and list again, after the source or the filter has changed.
   refill() {
     const { source, filter } = this, every = (values, all) => [["", all], ...[...new Set(values)].sort().map((v) => [v, v])];
     const titled = (some) => some.map((one) => [one.key, one.title]);
