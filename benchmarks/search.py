@@ -23,8 +23,9 @@ from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.cli.options import read_sections
 from vpsci_ros.data.episode import Key
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.exam.conduct import Exam, loop_with
+from vpsci_ros.exam.conduct import loop_with
 from vpsci_ros.exam.config import MOVING
+from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.run import prepare
 from vpsci_ros.exam.search.imitation import lessons
 from vpsci_ros.exam.search.run import plain

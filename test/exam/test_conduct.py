@@ -9,6 +9,8 @@ import pytest
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam import conduct
+from vpsci_ros.exam.collect import episodes_in_bag
+from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.run import prepare
 from vpsci_ros.nodes.graph import GraphResult
 from vpsci_ros.nodes.status import NodeStatus
@@ -19,14 +21,14 @@ BEGINS = NodeStatus(counts=WorldCounts(tick=3, vehicle_commands=3))
 
 
 @pytest.fixture
-def exam() -> conduct.Exam:
+def exam() -> Exam:
     """An exam on the episodes 1:0 and 1:2 and no other."""
     world = {"scenarios": [1], "only": [1, 0, 1, 2], "spawn": "paper"}
     return prepare(load(params_dir() / "ads_test.yaml").changed("world_simulator", world), "sleep 100")
 
 
 @pytest.fixture
-def ended(exam: conduct.Exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
+def ended(exam: Exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
     """Return the function that says why a run ends in which nodes report this, after so long without progress."""
 
     def run(idle: float, error: str, **statuses: NodeStatus) -> str:
@@ -64,6 +66,6 @@ def test_an_exam_that_misses_the_ads_alone_says_so(ended: Callable[..., str]) ->
     assert ended(61.0, "no progress", world_simulator=waits).startswith("the ADS never published /vehicle/cmd_accel")
 
 
-def test_a_bag_with_another_graphs_episodes_is_refused_in_words(exam: conduct.Exam, own_bag: Path) -> None:
+def test_a_bag_with_another_graphs_episodes_is_refused_in_words(exam: Exam, own_bag: Path) -> None:
     with pytest.raises(InvalidInput, match="episode 6:4 is another graph's, not of this exam"):
-        conduct.episodes_in_bag(own_bag, exam, "walker", recover=False)
+        episodes_in_bag(own_bag, exam, "walker", recover=False)

@@ -11,8 +11,10 @@ import pytest
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam import conduct
-from vpsci_ros.exam.conduct import Exam, run_with_all
+from vpsci_ros.exam import collect, conduct
+from vpsci_ros.exam import exam as exam_module
+from vpsci_ros.exam.conduct import run_with_all
+from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.measures import RunResult
 from vpsci_ros.exam.report import Conduct
 from vpsci_ros.exam.run import prepare, read_exam, run_exam
@@ -52,7 +54,7 @@ def test_parts_workers_and_a_worker_that_dies_change_nothing_that_comes_out(
     (tmp_path / "dies_once.py").write_text(DIES_ONCE)
     one, two = tmp_path / "one", tmp_path / "two"
     assert run_exam(small(), one, quiet=True) == []
-    monkeypatch.setattr(conduct, "PART", 4)
+    monkeypatch.setattr(exam_module, "PART", 4)
     assert run_exam(small("dies_once:Mine"), two, workers=2, quiet=True) == []
     assert (tmp_path / "died").exists()
     assert {path.name for path in (two / "runs").iterdir()} == {
@@ -93,9 +95,9 @@ def test_after_a_run_without_an_episode_none_counts_whoever_finished_first(
 
     if size > 1:
         monkeypatch.setattr(conduct, "local_workers", lambda job, _: Backwards(job))
-    monkeypatch.setattr(conduct, "PART", 3)
+    monkeypatch.setattr(exam_module, "PART", 3)
     monkeypatch.setattr(conduct, "run_with", driven)
-    monkeypatch.setattr(conduct, "sorted", lambda episodes, **_: list(episodes), raising=False)
+    monkeypatch.setattr(collect, "sorted", lambda episodes, **_: list(episodes), raising=False)
     found = run_with_all(small(), tmp_path, ["alone", "learned", "walker"], workers=size, quiet=True)
     assert {name: len(run.episodes) for name, run in found.items()} == {"alone": 2, "learned": 0}
     assert found["alone"].conduct == Conduct(6, refused=2)
@@ -105,7 +107,7 @@ def test_after_a_run_without_an_episode_none_counts_whoever_finished_first(
 def test_in_parts_the_same_recorded_person_comes_in_the_same_episode(monkeypatch: pytest.MonkeyPatch) -> None:
     exam = small(recorded="right_turns")
     whole = exam.motion("recorded")
-    monkeypatch.setattr(conduct, "PART", 4)
+    monkeypatch.setattr(exam_module, "PART", 4)
     parts = [part.motion("recorded") for part in exam.parts()]
     assert [len(part) for part in parts] == [4, 2]
     for part in parts:

@@ -8,7 +8,8 @@ import pytest
 
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.gathered import gathered
-from vpsci_ros.exam.conduct import autopilot_run, episodes_in_bag
+from vpsci_ros.exam.collect import episodes_in_bag
+from vpsci_ros.exam.conduct import autopilot_run
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.measures import RunResult, episode_table
 from vpsci_ros.exam.report import Conduct, make_report

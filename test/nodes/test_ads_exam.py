@@ -14,7 +14,7 @@ import pytest
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import bag_of
+from vpsci_ros.exam.collect import bag_of
 from vpsci_ros.exam.run import prepare, run_exam
 from vpsci_ros.exam.search.imitation import lessons
 from vpsci_ros.resources import params_dir

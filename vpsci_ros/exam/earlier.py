@@ -18,8 +18,8 @@ from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation import statistics
-from vpsci_ros.exam.conduct import Exam
 from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.measures import COLUMNS, EPISODES
 from vpsci_ros.exam.report import ADS, BASELINE, as_dict, differences
 from vpsci_ros.exam.scores import MEASURES

@@ -23,11 +23,13 @@ from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.episodes import read_episodes
 from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import Exam, autopilot_run, bags_of, run_with_all
+from vpsci_ros.exam.collect import bags_of
+from vpsci_ros.exam.conduct import autopilot_run, run_with_all
 from vpsci_ros.exam.config import ALONE, EXTERNAL, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import check, parse
 from vpsci_ros.exam.driver_class import files_of_driver, find_driver
 from vpsci_ros.exam.earlier import Earlier, compare, compared_with, write_junit, write_summary
+from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, RunResult, episode_table
 from vpsci_ros.exam.page import write_page
 from vpsci_ros.exam.process import OWN, command_of, files_of

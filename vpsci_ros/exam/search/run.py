@@ -22,8 +22,10 @@ from vpsci_ros.data.parquet import Column, read_parquet, write_parquet
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.exam.conduct import Exam, bags_of, run_with_all
+from vpsci_ros.exam.collect import bags_of
+from vpsci_ros.exam.conduct import run_with_all
 from vpsci_ros.exam.episode_list import write_episode_list
+from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table, worst_first
 from vpsci_ros.exam.report import ADS
 from vpsci_ros.exam.run import identity_of, run_exam, take_folder

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Key
-from vpsci_ros.exam.conduct import Exam, loop_with
+from vpsci_ros.exam.conduct import loop_with
+from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.search.imitation import Floats32, Imitation, Recent
 from vpsci_ros.exam.search.margin import Floats, LeastMargins, Watched
 from vpsci_ros.exam.search.plan import Plan
