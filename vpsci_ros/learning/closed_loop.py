@@ -63,7 +63,6 @@ class Foreseeing:
             steps=config.steps,
             anticipation=config.clearance_ahead,
             gain=GAIN,
-            speeding_weight=config.speeding_weight,
             scripted=draw_scripted(len(histories), config.steps, config.braking_share, config.insisting_shares, rng),
         )
         rewards = [self._training.rewards.speed(batch, actions[agent], agent) for agent in AGENTS]

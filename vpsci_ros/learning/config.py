@@ -254,12 +254,6 @@ class ForesightConfig:
     clearance_ahead: float = parameter(
         0.0, "weight of the clearance that speeds of the moment lead to within 2 s", low=0.0, high=100.0
     )
-    speeding_weight: float = parameter(
-        1.0,
-        "what being faster than at the hand-over costs in the goal reward, against being slower by as much",
-        low=1.0,
-        high=100.0,
-    )
     braking_share: float = parameter(
         0.0,
         "share of roll-outs in which the vehicle brakes to a stand whatever its policy says",

@@ -99,7 +99,6 @@ def foresee(
     anticipation: float,
     pace: Sequence[float] = PACE_WEIGHTS,
     gain: float,
-    speeding_weight: float = 1.0,
     scripted: Mapping[str, Tensor] | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Let both actors act together for `steps` steps, and return what they lose by collision and by goal.
@@ -108,7 +107,6 @@ def foresee(
         beside that of the moment.
     :param pace: weights of the vehicle's and of the pedestrian's pace.
     :param gain: share of the pedestrian's acceleration that becomes motion, (21)-(24).
-    :param speeding_weight: what being faster than at the hand-over costs, against being slower by as much.
     :param scripted: as `ActorPair` takes recorded actions.
     :returns: float32 scalars with gradient, means of all roll-outs and steps.
     """
@@ -119,8 +117,8 @@ def foresee(
     def act(seen: Seen) -> Actions:
         nonlocal goal
         actions, walking = pair(seen), seen.scene.pedestrian_velocity
-        goal = goal + pace[0] * vehicle_pace_loss(lane.speed, start.cruise, speeding_weight).mean()
-        goal = goal + pace[1] * pedestrian_pace_loss(walking, start.course, speeding_weight).mean()
+        goal = goal + pace[0] * vehicle_pace_loss(lane.speed, start.cruise).mean()
+        goal = goal + pace[1] * pedestrian_pace_loss(walking, start.course).mean()
         return actions
 
     for scene in roll_out(lane.start, act, [len(start.speed)] * steps, lane.advance):

@@ -49,7 +49,7 @@ def foresee_people(
 
     :param residuals: that actors without latent numbers borrow.
     """
-    count, weight = len(start.speed), config.speeding_weight
+    count = len(start.speed)
     latent = {agent: torch.randn(count, actors[agent].latent) for agent in AGENTS}
     draws = Draws(latent, {agent: torch.randn(count, ACTION_SIZE) for agent in AGENTS})
     lane = OnLane(start.lane, start.speed, start.pedestrian, start.walking, GAIN)
@@ -69,8 +69,8 @@ def foresee_people(
         lateral = lane.speed * lane.speed * seen.scene.curvature.abs()
         faster, sharper = actions["vehicle"][:, 0] - SPEEDING_UP, lateral - CORNERING
         beyond = faster.clamp(min=0.0) ** 2 + sharper.clamp(min=0.0) ** 2
-        pace = PACE_WEIGHTS[0] * vehicle_pace_loss(lane.speed, start.cruise, weight).mean()
-        walk = pedestrian_pace_loss(seen.scene.pedestrian_velocity, start.course, weight).mean()
+        pace = PACE_WEIGHTS[0] * vehicle_pace_loss(lane.speed, start.cruise).mean()
+        walk = pedestrian_pace_loss(seen.scene.pedestrian_velocity, start.course).mean()
         goal = goal + (pace + PACE_WEIGHTS[1] * walk) / config.steps
         departure = departure + (departed + beyond.mean()) / config.steps
         return actions

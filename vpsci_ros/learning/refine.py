@@ -106,9 +106,10 @@ class Refiner:
         stage_1 = build(PretrainConfig, weights.configuration.get("PretrainConfig", {}), where)
         if objective.follows_critics:
             refined = weights.configuration.get("RefineConfig")
-            before = (
-                stage_1 if refined is None else build(RefineConfig, refined, "the weights' configuration of stage 2")
-            )
+            before: PretrainConfig | RefineConfig = stage_1
+            if refined is not None:  # of stage 2 the unit alone is needed
+                unit = {name: value for name, value in refined.items() if name == "updates.value_unit"}
+                before = build(RefineConfig, unit, "the weights' configuration of stage 2")
             self._networks.scale_values(value_factor(before, config, self.reward_weights.values[2]))
         start = Training(
             self._maddpg,

@@ -221,16 +221,12 @@ def collision_loss(scene: Scene, speed: Tensor, margin: float, anticipation: flo
     return near
 
 
-def vehicle_pace_loss(speed: Tensor, cruise: Tensor, speeding_weight: float) -> Tensor:
-    """Return how far `speed` is from `cruise`, [B] [m/s] each, as a share of it, squared; faster counts more.
-
-    People in a near miss slow down; a policy that loses no more by speeding up learns to race to the crossing.
-    """
-    faster = (speed / cruise - 1.0).clamp(min=0.0)
-    return (1.0 - speed / cruise) ** 2 + (speeding_weight - 1.0) * faster**2
+def vehicle_pace_loss(speed: Tensor, cruise: Tensor) -> Tensor:
+    """Return how far `speed` is from `cruise`, [B] [m/s] each, as a share of it, squared."""
+    return (1.0 - speed / cruise) ** 2
 
 
-def pedestrian_pace_loss(walking: Tensor, course: Tensor, speeding_weight: float) -> Tensor:
+def pedestrian_pace_loss(walking: Tensor, course: Tensor) -> Tensor:
     """Return how far the velocity `walking` is from `course`, [B, 2] [m/s] each, as `vehicle_pace_loss`; [B].
 
     Sideways counts as well: otherwise the car pushes the pedestrian along, metres away from where it wanted to cross.
@@ -238,9 +234,7 @@ def pedestrian_pace_loss(walking: Tensor, course: Tensor, speeding_weight: float
     """
     pace = course.norm(dim=1)
     moving, pace = pace > _WALKING, pace.clamp(min=_WALKING)
-    faster = ((walking * course).sum(dim=1) / pace**2 - 1.0).clamp(min=0.0)
-    astray = (walking - course).square().sum(dim=1) / pace**2 + (speeding_weight - 1.0) * faster**2
-    return astray * moving
+    return (walking - course).square().sum(dim=1) / pace**2 * moving
 
 
 def clearance(vehicle: Tensor, heading: Tensor, pedestrian: Tensor) -> Tensor:
