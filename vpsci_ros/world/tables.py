@@ -50,17 +50,17 @@ class Tables(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """`WorldConfig` for compiled code: times in ticks, drivers as their index among the choices."""
+    """`WorldConfig` for compiled code."""
 
-    period: float
-    policy_ticks: int
-    episode_ticks: int
-    release_ticks: int
-    vehicle_driver: int
-    pedestrian_driver: int
-    pedestrian_gain: float
-    proximity_distance: float
-    lane_following: bool
+    period: float  # [s] of a tick
+    policy_ticks: int  # from one action of the policies to the next
+    episode_ticks: int  # of the longest episode
+    release_ticks: int  # without danger, after which control is given back
+    vehicle_driver: int  # index in VEHICLE_DRIVERS
+    pedestrian_driver: int  # index in PEDESTRIAN_DRIVERS
+    pedestrian_gain: float  # share of the pedestrian's acceleration that becomes motion, (21)-(24)
+    proximity_distance: float  # [m] below which the autopilot brakes
+    lane_following: bool  # the vehicle's lateral action is added to what keeps the lane
     human: bool  # people approach as recorded
     turning: bool  # those of right turns
     pedestrians: int  # rows of an episode
