@@ -54,7 +54,7 @@ def test_the_lane_lies_between_its_boundaries(traces, own_bag):
 
 
 def test_the_trace_names_its_versions_as_osi_asks(traces):
-    path = next(iter(sorted(traces.iterdir())))
+    path = next(iter(sorted(traces.glob("*.mcap"))))
     trace = osi_trace.OSITrace(str(path), "GroundTruth")
     (about,) = trace.get_file_metadata()
     trace.close()

@@ -40,7 +40,7 @@ def test_a_period_that_does_not_divide_a_tenth_of_a_second_is_refused(episodes):
 
 def test_pickles_name_nothing_but_numpys_arrays(own_bag, tmp_path):
     export(own_bag, ["scenarionet"], tmp_path / "out")
-    paths = sorted((tmp_path / "out/scenarionet").iterdir())
+    paths = sorted((tmp_path / "out/scenarionet").glob("*.pkl"))
     assert [path.name for path in paths][:2] == ["dataset_mapping.pkl", "dataset_summary.pkl"]
     for path in paths:
         left, memo, named = [], [], set()

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.episode_frames import QUANTITIES
 from vpsci_ros.data.parquet import Column, arrow_schema
 
+Numbers = NDArray[np.int64]
 FORMATS = ("parquet", "csv")
 NEXT_PEDESTRIAN = 2**33  # from one pedestrian's `ped_id` to the next one's
 DATASET_COLUMNS: dict[str, Column] = {
@@ -65,6 +66,14 @@ def episode_rows(
     return rows
 
 
+def agent_ids(count: Numbers, pedestrian: Numbers) -> tuple[Numbers, Numbers]:
+    """Return `veh_id` and `ped_id` of rows, int64[n] each.
+
+    :param count: int64[n], number of the episode; `pedestrian`: int64[n], number of the pedestrian within it.
+    """
+    return 2 * count, 2 * count + 1 + pedestrian * NEXT_PEDESTRIAN
+
+
 def _arrow_rows(
     numbers: Sequence[int], episodes: Sequence[NDArray[np.float32]], pedestrians: Sequence[int], schema: pa.Schema
 ) -> pa.Table:
@@ -74,8 +83,7 @@ def _arrow_rows(
     person = np.repeat(np.concatenate([np.zeros(0, np.int64), *(np.arange(n) for n in several)]), lengths)
     frame = np.concatenate([np.zeros(0, np.int32), *(np.arange(n, dtype=np.int32) for n in lengths)])
     values = np.concatenate([np.zeros((0, len(QUANTITIES)), np.float32), *episodes])
-    ids = 2 * count, 2 * count + 1 + person * NEXT_PEDESTRIAN
-    columns = [count, frame, *ids, *(np.ascontiguousarray(v) for v in values.T)]
+    columns = [count, frame, *agent_ids(count, person), *(np.ascontiguousarray(v) for v in values.T)]
     return pa.table([pa.array(column) for column in columns], schema=schema)
 
 

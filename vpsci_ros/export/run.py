@@ -10,7 +10,7 @@ from vpsci_ros.data.episode import Episode
 from vpsci_ros.episodes import open_source
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import near_misses_part
-from vpsci_ros.runs.folder import RunFolder
+from vpsci_ros.runs.folder import PARAMETERS, RunFolder
 from vpsci_ros.runs.plugins import PluginGroup
 from vpsci_ros.runs.sections import Sections
 
@@ -36,7 +36,7 @@ class Exporter:
     """How one format is written.
 
     :ivar module: its function `write(episodes, folder, options) -> number of files` is called, with the episodes of
-        one source in order and a folder that is there and empty.
+        one source in order and a folder that holds nothing but the run's parameters.
     :ivar extra: of this package, whose libraries the module imports; empty: none.
     """
 
@@ -81,10 +81,12 @@ def export(
 ) -> dict[str, int]:
     """Write the episodes of a source in each format to `folder`/FORMAT, and return the number of files of each.
 
+    Each of these folders is a run of its own, with its record, so that another format can be added later.
+
     :param source: see `vpsci_ros.episodes.read_episodes`.
     :param episodes: only those whose number, name or label is in this list with commas; empty: all.
     :raises InvalidInput: an unknown format or option, a missing library, a source that is none, no such episode, or
-        `folder` holds anything else than what the same command wrote.
+        `folder`/FORMAT holds anything else than what the same command wrote; only formats named before it are written.
     """
     if options.vehicle not in VEHICLES:
         raise InvalidInput(f"vehicle {options.vehicle!r}: expected {' or '.join(VEHICLES)}")
@@ -95,15 +97,20 @@ def export(
     chosen = [text.strip() for text in episodes.split(",") if text.strip()]
     if not found.chosen(chosen):
         raise InvalidInput(f"{source}: holds no episode, so there is nothing to export")
-    folder, (root, _) = Path(folder), near_misses_part(source)
+    root, _ = near_misses_part(source)
     inputs = [root] if root.is_file() else sorted(path for path in root.rglob("*") if path.is_file())
-    given = {"source": str(source), "formats": list(formats), "episodes": chosen} | asdict(options)
-    run = RunFolder(folder, Sections({"export": given}), inputs)
-    if run.done:
-        return run.results
-    with run:
-        for name, write in writers.items():
-            shutil.rmtree(folder / name, ignore_errors=True)  # what the same command left there, stopped or damaged
-            (folder / name).mkdir()
-            run.results[name] = write(found.read(chosen), folder / name, options)
-    return run.results
+    given = {"source": str(source), "episodes": chosen} | asdict(options)
+    counts = {}
+    for name, write in writers.items():
+        run = RunFolder(Path(folder, name), Sections({"export": given}), inputs)
+        counts[name] = run.results.get("files", 0)
+        if run.done:
+            continue
+        with run:
+            for path in Path(folder, name).iterdir():  # what the same command left there, stopped or damaged
+                if path.is_dir():
+                    shutil.rmtree(path)
+                elif path.name != PARAMETERS:
+                    path.unlink()
+            run.results["files"] = counts[name] = write(found.read(chosen), Path(folder, name), options)
+    return counts
