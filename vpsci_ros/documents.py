@@ -22,6 +22,7 @@ _UNNAMED = 'in "<unicode string>", '  # as PyYAML calls what is no file
 _ANY = "*"
 DEEPEST = 50  # levels of a YAML document
 LONGEST = 2**26  # [bytes] of a text that is read as a whole
+LONGEST_YAML = 2**22  # [bytes] of a YAML file, which takes two seconds a megabyte
 _REPR = reprlib.Repr()
 _REPR.maxlevel, _REPR.maxlist, _REPR.maxdict, _REPR.maxstring, _REPR.maxother, _REPR.maxlong = 3, 6, 6, 120, 120, 60
 
@@ -120,7 +121,7 @@ def read_yaml(path: str | Path) -> Any:
 
     :raises InvalidInput: it cannot be read, or see `parse_yaml`.
     """
-    return parse_yaml(read_text(path, "YAML"), str(path))
+    return parse_yaml(read_text(path, "YAML", LONGEST_YAML), str(path))
 
 
 def require_regular(path: str | Path, most: int = 2**40) -> None:
@@ -146,12 +147,12 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
 
 
-def read_text(path: str | Path, what: str) -> str:
-    """Return the text of a file of at most `LONGEST` bytes.
+def read_text(path: str | Path, what: str, most: int | None = None) -> str:
+    """Return the text of a file of at most so many bytes, by default `LONGEST`.
 
     :raises InvalidInput: it cannot be read, or is not UTF-8.
     """
-    require_regular(path, LONGEST)
+    require_regular(path, most or LONGEST)
     try:
         return Path(path).read_text(encoding="utf-8")
     except OSError as error:

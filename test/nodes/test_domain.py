@@ -1,11 +1,16 @@
 """Every exam has a domain of its own, and a second graph in the same domain is refused."""
 
 import os
+from pathlib import Path
 
 import pytest
 
+from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.nodes import base
 from vpsci_ros.nodes.domain import only_graph, own_domain
+from vpsci_ros.nodes.graph import run_graph
+from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 
 
 def test_an_error_of_the_system_within_a_domain_is_reported_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -49,3 +54,29 @@ def test_what_is_no_domain_is_refused(monkeypatch: pytest.MonkeyPatch, given: st
     monkeypatch.setenv("ROS_DOMAIN_ID", given)
     with pytest.raises(InvalidInput, match="expected a number from 0 to 232"), only_graph(""):
         pass
+
+
+@pytest.mark.parametrize(
+    ("strategy", "said"),
+    [
+        ("", "expected 'Enforce'"),
+        ("Permissive", "expected 'Enforce'"),
+        ("Enforce", "no node can be made with DDS security"),
+    ],
+)
+def test_security_that_is_requested_and_not_to_be_had_is_refused_before_anything_starts(
+    strategy: str,
+    said: str,
+    domain: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", strategy)
+    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))  # without keys
+    with pytest.raises(InvalidInput, match=said):
+        run_graph(load("stage3_generate", []), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    assert base.run(SafetyMonitor, ["safety_monitor"]) == 2
+    assert said in capsys.readouterr().err

@@ -22,7 +22,7 @@ from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.nodes import status as reporting
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
-from vpsci_ros.nodes.domain import set_defaults
+from vpsci_ros.nodes.domain import require_security, set_defaults
 from vpsci_ros.nodes.intake import Intake
 from vpsci_ros.nodes.output import Output
 from vpsci_ros.nodes.parameter_service import RefusingParameterService
@@ -246,6 +246,11 @@ def run(node_class: Callable[..., GraphNode], args: list[str] | None = None) -> 
     the context is alive and a node can still write and publish.
     """
     set_defaults()
+    try:
+        require_security()
+    except VpsciError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
     context = Context()
     with stop_requested_by_signals(to_the_end=True) as stop:
         rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)

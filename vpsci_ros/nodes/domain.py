@@ -1,4 +1,4 @@
-"""What the middleware reads from the environment: the domain, discovery, and the settings of Fast DDS."""
+"""What the middleware reads from the environment: the domain, discovery, security, and the settings of Fast DDS."""
 
 import contextlib
 import errno
@@ -7,9 +7,13 @@ import os
 import socket
 from collections.abc import Iterator
 
+import rclpy
 from domain_coordinator import domain_id
 from domain_coordinator.impl import PORT_BASE
+from rclpy.context import Context
+from rclpy.signals import SignalHandlerOptions
 
+from vpsci_ros.documents import reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import params_dir
 
@@ -24,6 +28,36 @@ def set_defaults() -> None:
     """
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(params_dir() / "middleware.xml"))
+
+
+def require_security() -> None:
+    """Refuse to start where DDS security is requested and would not be applied; nothing where it is not requested.
+
+    By default a process that finds no keys runs unprotected, with a warning. Whether there are keys, and a middleware
+    that was built with security, is found by making a node.
+
+    :raises InvalidInput: ROS_SECURITY_STRATEGY is another one than Enforce, or no node can be made with security.
+    """
+    if os.environ.get("ROS_SECURITY_ENABLE") != "true":
+        return
+    strategy = os.environ.get("ROS_SECURITY_STRATEGY", "")
+    if strategy != "Enforce":
+        raise InvalidInput(
+            f"ROS_SECURITY_ENABLE=true with ROS_SECURITY_STRATEGY={strategy!r}: expected 'Enforce'; with any other "
+            "value, a process that finds no keys runs unprotected"
+        )
+    context = Context()
+    try:
+        rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.create_node("security_check", context=context, enable_rosout=False).destroy_node()
+    except RuntimeError as error:
+        raise InvalidInput(
+            f"ROS_SECURITY_ENABLE=true, and no node can be made with DDS security: {reason(error)}; expected keys in "
+            "ROS_SECURITY_KEYSTORE and a middleware that was built with security, which that of the wheels was not "
+            "(docs/promises.md)"
+        ) from None
+    finally:
+        context.try_shutdown()
 
 
 @contextlib.contextmanager

@@ -23,7 +23,7 @@ from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.learning.config import LearnerConfig, RefineConfig
 from vpsci_ros.nodes import failures, peer_parameters
 from vpsci_ros.nodes.config import GraphConfig, section_classes
-from vpsci_ros.nodes.domain import only_graph
+from vpsci_ros.nodes.domain import only_graph, require_security
 from vpsci_ros.nodes.shared_memory import remove_left_behind
 from vpsci_ros.nodes.status import PIPE, NodeStatus, StatusPipe
 from vpsci_ros.nodes.watch import Watch
@@ -79,9 +79,10 @@ def run_graph(
     :param folder: output folder, empty or new: bag/, learner/, log/, params.yaml (resolved), run.json.
     :param stop_when: called about ten times a second with the nodes' latest reports and for how long nothing has
         happened [s]; an answer ends the run, and is its `error`.
-    :raises InvalidInput: a parameter is refused, there are no such weights, another graph runs in this ROS domain, or
-        the folder is not empty; nothing has been started then.
+    :raises InvalidInput: a parameter is refused, there are no such weights, another graph runs in this ROS domain,
+        DDS security is requested and not to be had, or the folder is not empty; nothing has been started then.
     """
+    require_security()
     resolved = resolve(sections, Path(folder))
     weights = sorted({values["weights"] for values in resolved.values.values() if values.get("weights")})
     hashes = {name: sha256(weights_path(name)) for name in weights}

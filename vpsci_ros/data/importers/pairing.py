@@ -15,8 +15,11 @@ from vpsci_ros.data.importers.result import ImportResult, SourceSummary, least_q
 from vpsci_ros.data.importers.tracks import Floats, Track, slope
 from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS
 from vpsci_ros.data.reference import causal_curvttc, flags, trailing_slope
+from vpsci_ros.runs.time_budget import LEAST, TimeBudget
 from vpsci_ros.safety import CRITICAL_TTC, PEDESTRIAN_RADIUS, curvature_from_yaw_rate, curvttc
 from vpsci_ros.world.observation import STEP
+
+PER_STEP = 5e-3  # [s] of processor time for a step of a track: a pair takes 0.4 ms
 
 
 def near_misses_of(
@@ -35,12 +38,14 @@ def near_misses_of(
         clip_count += 1
         left_out.update(clip.left_out)
         assumed |= dict.fromkeys(clip.assumed)
-        for joint in _joint_tracks(clip):
+        steps = sum(track.last - track.first + 1 for track in (*clip.vehicles, *clip.pedestrians))
+        budget = TimeBudget(f"{source}, clip {clip.name}: pairing its tracks", LEAST + PER_STEP * steps)
+        sized = ((joint, *(joint.vehicle.size or (length, width))) for joint in _joint_tracks(clip))
+        for near_miss in budget.spent_on(_near_miss(*each, critical) for each in sized):
             pairs += 1
-            table = _near_miss(joint, *(joint.vehicle.size or (length, width)), critical)
-            if table is not None:
+            if near_miss is not None:
                 number = pl.lit(len(parts), pl.Int64)
-                table = table.with_columns(interaction=number, source=pl.lit(source), clip=pl.lit(clip.name))
+                table = near_miss.with_columns(interaction=number, source=pl.lit(source), clip=pl.lit(clip.name))
                 parts.append(table.select(list(NEAR_MISS_COLUMNS)))
     empty = pl.DataFrame(schema={name: column.dtype for name, column in NEAR_MISS_COLUMNS.items()})
     table = pl.concat(parts) if parts else empty
