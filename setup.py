@@ -96,6 +96,8 @@ EXTRAS = {
     "openscenario": ["scenariogeneration>=0.16,<0.17"],
     "osi": ["asam-osi-utilities>=0.4,<0.5", "osi-python>=3.8,<4"],
     "commonroad": ["commonroad-io>=2024.3,<2025"],
+    # `vpsci_ros.carla` and the node `carla_world`: CARLA's client, whose version is that of the server.
+    "carla": ["carla>=0.9.15,<0.10"],
     # `vpsci export --to mp4`: H.264 by FFmpeg's libraries, which the wheel has.
     "video": ["av>=13,<19"],
     # examples/motion_planner.py: a public motion planner, as a driving system in the exam.
@@ -104,6 +106,7 @@ EXTRAS = {
     "ray": ["ray>=2.9,<3"],
     "test": [
         "hypothesis>=6.100,<7",
+        "lanelet2>=1.2.2,<2",
         "mypy>=1.13,<3",
         "playwright>=1.45,<2",  # with Debian's chromium: the pages in a real browser
         "pytest-timeout>=2.3,<3",

@@ -187,7 +187,7 @@ def expand(document: Mapping[str, Any], where: str) -> dict[str, Any]:
         )
     centreline, lane_width = road_map.route([(road, lane) for road, lane in lanes], 2.0)
     outline = road_map.crosswalk(pedestrian.pop("crosswalk"))
-    begin, end = _middle_line(outline)
+    begin, end = middle_line(outline)
     if pedestrian.pop("reverse", False):
         begin, end = end, begin
     along = (end - begin) / math.dist(begin, end)
@@ -198,7 +198,7 @@ def expand(document: Mapping[str, Any], where: str) -> dict[str, Any]:
     return rest | {"vehicle": vehicle, "pedestrian": pedestrian, "crosswalk": outline.tolist()}
 
 
-def _middle_line(outline: Floats) -> tuple[Floats, Floats]:
+def middle_line(outline: Floats) -> tuple[Floats, Floats]:
     """Return the ends of the line through the middle of a long outline, its western or southern end first."""
     centre = outline.mean(axis=0)
     _, _, axes = np.linalg.svd(outline - centre)
