@@ -125,6 +125,14 @@ class PolicyAgent:
             self._actor.executed(action, active)
         return action
 
+    def drawn(self, slot: int) -> tuple[NDArray[np.float32], int]:
+        """Return who acts in a slot: its latent numbers, float32[latent], and the recorded sequence; -1: none.
+
+        Both are drawn at the hand-over, see `vpsci_ros.policy.draws` and `vpsci_ros.policy.residuals.Borrower`.
+        """
+        latent = self._latent[slot].copy() if len(self._latent) else np.zeros(0, np.float32)
+        return latent, -1 if self._borrower is None else self._borrower.sequence(slot)
+
     def _warm_up(self, weights: Weights) -> None:
         """Have another one act and explore, in episodes of nobody's: in one, whose columns lie close, and in two."""
         trial = PolicyAgent(AGENTS[self._index], 0, explore=True)

@@ -186,6 +186,10 @@ class Borrower:
         _borrow(moment, key, reset, active, bank, self._steers, own, near, slots, out)
         return out
 
+    def sequence(self, slot: int) -> int:
+        """Return the number of the sequence that acts in a slot, from 0 among those of its people; -1: none yet."""
+        return int(np.searchsorted(self._begin, self._begun[slot])) if self._end[slot] else -1
+
 
 @kernel
 def _borrow(moment, key, reset, active, bank, steers, own, near, slots, out):  # type: ignore[no-untyped-def]

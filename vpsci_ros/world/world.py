@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,9 @@ from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.events import NO_EVENTS, list_events
 from vpsci_ros.world.parked import end_crashed, in_sight, parked_from
 from vpsci_ros.world.recording import NO_RECORDINGS, Recorded
-from vpsci_ros.world.scenario import Scenario
+from vpsci_ros.world.scenario import Points, Scenario
 from vpsci_ros.world.spawn import spawn_all
-from vpsci_ros.world.state import EPISODE, IDLE
+from vpsci_ros.world.state import ENDED, EPISODE, IDLE, NONE, RUNNING
 from vpsci_ros.world.tables import Inputs, crowd_from, settings_from, tables_from
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Floats, Tick
 
@@ -150,6 +151,19 @@ class World:
         started = self._start(where, episodes, seeds)
         self._show(tick)
         return started
+
+    def resume(self, parked: Points) -> None:
+        """Show the present tick once more, after another engine has put the agents elsewhere in `state`.
+
+        Episodes that have ended go on: whether they are over is for the other engine to say.
+
+        :param parked: vehicles that stand now, float64[K, 5], see `vpsci_ros.world.scenario.Scenario.parked`.
+        """
+        ended = self.state["status"] == ENDED
+        self.state["status"][ended], self.state["outcome"][ended] = RUNNING, NONE
+        self._ended = self._ended[:0]
+        self._parked = parked_from([replace(scenario, parked=parked) for scenario in self.scenarios])
+        self._show(self.now.number)
 
     def _begin(self, tick: int) -> NDArray[np.void]:
         """Begin a tick; at policy ticks, idle slots take the next episodes of the queue. Return the STARTED events."""

@@ -1,0 +1,81 @@
+"""The driver in anybody's engine: its lane, whom it faces, time steps, and what is refused."""
+
+import math
+import re
+from typing import Any
+
+import pytest
+
+from vpsci_ros import Driver, Vehicle, Walker
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.weights import Weights, load_weights
+from vpsci_ros.resources import weights_path
+
+LANE = [(-40.0, 0.0), (40.0, 0.0)]
+BEGINS = Vehicle(-20.0, 0.5, 0.0, 3.0)
+
+
+@pytest.fixture(scope="module")
+def weights() -> Weights:
+    return load_weights(weights_path("refined"))
+
+
+def driven(driver: Driver, seconds: float, period: float = 0.05, people: Any = None) -> list[Any]:
+    own, steps = BEGINS, []
+    for k in range(round(seconds / period)):
+        steps.append(driver.step(own, people(k * period) if people else {}, period=period))
+        own = Vehicle(*steps[-1][:4])
+    return steps
+
+
+def test_alone_it_keeps_to_its_lane_at_its_pace(weights: Weights) -> None:
+    steps = driven(Driver(weights, seed=2, lane=LANE, speed=4.0), 12.0)
+    assert abs(steps[-1].y) < 0.3
+    assert sum(step.speed for step in steps[60:]) / len(steps[60:]) == pytest.approx(4.0, abs=0.5)
+    assert not any(step.controlled or step.faces is not None for step in steps)
+
+
+def test_the_policy_drives_while_somebody_crosses_and_gives_back(weights: Weights) -> None:
+    steps = driven(Driver(weights, seed=2, lane=LANE), 14.0, people=lambda t: {"he": Walker(0.0, -6.0 + t, 0.0, 1.0)})
+    controlled = [step.controlled for step in steps]
+    assert any(controlled)
+    assert not controlled[-1]
+    assert steps[controlled.index(True)].faces == "he"
+    assert steps[controlled.index(True)].curvttc < 5.0
+
+
+def test_at_another_time_step_it_does_nearly_the_same(weights: Weights) -> None:
+    people = lambda t: {"he": Walker(0.0, -6.0 + t, 0.0, 1.0)}  # noqa: E731
+    usual = driven(Driver(weights, seed=2, lane=LANE), 8.0, people=people)
+    for period in (0.1, 0.02):
+        other = driven(Driver(weights, seed=2, lane=LANE), 8.0, period, people)
+        assert other[-1].x == pytest.approx(usual[-1].x, abs=0.1)
+        assert any(step.controlled for step in other)
+
+
+def test_of_more_than_eight_pedestrians_the_nearest_count_and_keep_their_places(weights: Weights) -> None:
+    crowd = {k: Walker(-10.0 + 2.0 * k, 8.0, 0.0, 0.0) for k in range(12)}
+    first, straight = Driver(weights, seed=2, lane=LANE), BEGINS._replace(y=0.0, curvature=0.0)
+    first.step(straight, crowd)
+    he = {99: Walker(-8.0, -3.0, 0.0, 1.0)}
+    assert first.step(straight, crowd | he).faces == 99
+    assert first.step(straight, {}).faces is None
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        ({}, "Driver: expected one of scenario and lane"),
+        ({"lane": LANE, "scenario": 1}, "Driver: expected one of scenario and lane"),
+        ({"lane": LANE, "speed": 14.0}, "speed = 14.0: expected 0.4 to 5.6 m/s"),
+        ({"lane": [(0.0, 0.0), (4.0, 0.0), (4.0, 4.0)]}, "lane, vehicle: centreline has a bend of radius"),
+    ],
+)
+def test_a_driver_that_cannot_be_is_refused(bad: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidInput, match=re.escape(message)):
+        Driver(**bad)
+
+
+def test_one_that_reverses_is_refused(weights: Weights) -> None:
+    with pytest.raises(InvalidInput, match=re.escape("own: speed = -1 m/s: expected 0 or more")):
+        Driver(weights, lane=LANE).step(Vehicle(0.0, 0.0, math.pi, -1.0), {})

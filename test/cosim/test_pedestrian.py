@@ -1,0 +1,268 @@
+"""The pedestrian in anybody's engine: time steps, late vehicles, hand-over and release, and what is refused."""
+
+import math
+import re
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vpsci_ros import Pedestrian, Vehicle, Walker
+from vpsci_ros.cosim import Walk
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.weights import Weights, load_weights
+from vpsci_ros.resources import weights_path
+
+ROUTE = [(0.0, -8.0), (0.0, 8.0)]  # north, across a road along x
+AT_THE_KERB = Walker(0.0, -5.0, 0.0, 1.2)
+
+
+@pytest.fixture(scope="module")
+def weights() -> Weights:
+    return load_weights(weights_path("refined"))
+
+
+def car(time: float, speed: float = 5.0, meets: float = 4.0, **more: Any) -> Vehicle:
+    """Return a car at constant speed whose front is at the walker's line `meets` seconds after the beginning."""
+    return Vehicle(-2.345 - speed * (meets - time), 0.0, 0.0, speed, **{"curvature": 0.0, "acceleration": 0.0} | more)
+
+
+def crossing(
+    pedestrian: Pedestrian, seconds: float = 10.0, period: float = 0.05, gone: float = math.inf, late: float = 0.0
+) -> list[Walk]:
+    """Walk; the car is there from `late` until it has `gone` [s]."""
+    own, walked = AT_THE_KERB, []
+    for k in range(round(seconds / period)):
+        time = k * period
+        walked.append(pedestrian.step(own, {"car": car(time)} if late <= time < gone else {}, period=period))
+        own = Walker(*walked[-1][:4])
+    return walked
+
+
+def test_it_is_there_without_ros_and_torch() -> None:
+    code = (
+        "import sys\n"
+        "for name in ('torch', 'rclpy', 'vpsci_msgs', 'gymnasium', 'matplotlib', 'polars'): sys.modules[name] = None\n"
+        "from vpsci_ros import Driver, Pedestrian, Vehicle, Walker\n"
+        "walk = Pedestrian(goal=(0.0, 8.0)).step(Walker(0.0, -5.0), {'car': Vehicle(-20.0, 0.0, 0.0, 5.0)})\n"
+        "drive = Driver(lane=[(-30, 0), (30, 0)]).step(Vehicle(-20.0, 0.0, 0.0, 3.0), {'he': Walker(0.0, -5.0)})\n"
+        "print(walk.controlled, drive.controlled)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200)
+    assert done.stdout == "False False\n", done.stderr
+
+
+def test_importing_the_package_does_not_import_the_agents() -> None:
+    code = "import vpsci_ros, sys; sys.exit('numba' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    with pytest.raises(ImportError, match="Cyclist"):
+        from vpsci_ros import Cyclist  # noqa: F401
+
+
+def test_who_it_is_depends_on_seed_and_episode_alone(weights: Weights) -> None:
+    people = [Pedestrian(weights, seed=s, episode=e, route=ROUTE).person for s, e in ((1, 0), (1, 0), (1, 1), (2, 0))]
+    assert people[0] == people[1]
+    assert len({person.speed for person in people}) == 3
+    assert (people[0].recorded, people[0].latent, people[0].kind) == (-1, (), "adult")
+
+
+def test_it_hands_over_below_5_s_and_gives_back_3_s_after_the_last_critical_tick(weights: Weights) -> None:
+    walked = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2))
+    controlled = [walk.controlled for walk in walked]
+    critical = [walk.curvttc < 5.0 for walk in walked]
+    taken, given = controlled.index(True), len(controlled) - controlled[::-1].index(True)
+    first, last = critical.index(True), len(critical) - 1 - critical[::-1].index(True)
+    assert taken == first + first % 2, "at the first policy frame, every second tick, that is critical"
+    assert given - 1 - last in (60, 61), "3 s are 60 ticks; given back at a policy frame"
+    assert all(controlled[taken:given])
+    assert not any(controlled[given:])
+    assert all(walk.faces == "car" for walk in walked)
+
+
+def test_without_a_vehicle_it_walks_its_route_at_its_pace_and_stops_at_the_end(weights: Weights) -> None:
+    pedestrian = Pedestrian(weights, seed=3, route=ROUTE, speed=1.2)
+    walked = crossing(pedestrian, seconds=20.0, gone=0.0)
+    assert not any(walk.controlled or walk.faces is not None or walk.curvttc < math.inf for walk in walked)
+    assert [walk.arrived for walk in walked].index(True) * 0.05 == pytest.approx(13.0 / 1.2, rel=0.15)
+    assert max(abs(walk.x) for walk in walked) < 0.7, "its sway"
+    assert walked[-1].y < 9.5
+    assert math.hypot(walked[-1].vx, walked[-1].vy) < 1e-6
+
+
+def test_a_vehicle_that_appears_late_is_reacted_to_from_then_on(weights: Weights) -> None:
+    walked = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), late=2.03)
+    assert not any(walk.controlled for walk in walked[:42])
+    assert walked[42].controlled, "2.1 s: the first policy frame at which it is there"
+
+
+def test_a_vehicle_that_leaves_takes_control_with_it_at_the_next_policy_frame(weights: Weights) -> None:
+    walked = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), gone=1.03)
+    assert [walk.controlled for walk in walked[20:23]] == [True, True, False]
+
+
+@pytest.mark.parametrize("period", [0.1, 0.025, 0.02, 1 / 15, 1 / 30, 0.2])
+def test_at_another_time_step_it_does_nearly_the_same(weights: Weights, period: float) -> None:
+    """The vehicle keeps its speed, so what ticks within a step expect of it is so."""
+    usual = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), seconds=6.0)
+    other = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), seconds=6.0, period=period)
+    then = np.array([[walk.x, walk.y] for walk in other])
+    times = np.arange(1, len(then) + 1) * period
+    expected = np.array([AT_THE_KERB[:2], *((walk.x, walk.y) for walk in usual)])
+    own = np.stack([np.interp(times, np.arange(len(expected)) * 0.05, column) for column in expected.T], axis=1)
+    assert np.abs(then - own).max() < 0.03
+    assert any(walk.controlled for walk in other)
+
+
+def test_two_ticks_in_one_step_are_two_steps(weights: Weights) -> None:
+    usual = crossing(Pedestrian(weights, seed=3, route=ROUTE), seconds=6.0)
+    other = crossing(Pedestrian(weights, seed=3, route=ROUTE), seconds=6.0, period=0.1)
+    assert any(walk.controlled for walk in usual)
+    for twice, second in zip(other, usual[1::2], strict=True):  # the car drives on exactly as it is fed
+        assert twice[:4] == pytest.approx(second[:4], abs=1e-9)
+
+
+def test_steps_of_changing_length_add_up(weights: Weights) -> None:
+    pedestrian, own, time = Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), AT_THE_KERB, 0.0
+    for k in range(120):
+        period = (0.011, 0.05, 0.083, 0.02)[k % 4]
+        own = Walker(*pedestrian.step(own, {"car": car(time)}, period=period)[:4])
+        time += period
+    usual = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), seconds=6.0)
+    at = usual[round(time / 0.05) - 1]
+    assert (own.x, own.y) == pytest.approx((at.x, at.y), abs=0.05)
+
+
+def test_of_several_vehicles_it_faces_the_one_with_the_least_curvttc(weights: Weights) -> None:
+    alone, several = (Pedestrian(weights, seed=3, route=ROUTE, speed=1.2) for _ in range(2))
+    one, other = AT_THE_KERB, AT_THE_KERB
+    for k in range(100):
+        time = k * 0.05
+        near, parked_by = car(time), Vehicle(5.0, -3.0, 0.0, 0.0, 0.0, 0.0)
+        first = alone.step(one, {"car": near})
+        second = several.step(other, {"stands": parked_by, "car": near, "behind": car(time, meets=9.0)})
+        assert first == second
+        one, other = Walker(*first[:4]), Walker(*second[:4])
+    later, sooner = car(0.0, meets=4.5), car(0.0, meets=4.0)
+    for order in ({"later": later, "sooner": sooner}, {"sooner": sooner, "later": later}):
+        assert Pedestrian(weights, route=ROUTE).step(AT_THE_KERB, order).faces == "sooner"
+
+
+def test_what_is_hidden_by_a_parked_vehicle_is_not_reacted_to_until_it_is_seen(weights: Weights) -> None:
+    hides = [[-4.0, -2.6, 0.0, 6.0, 2.0]]  # between the walker and the car that comes along y = 0
+    free, hidden = (Pedestrian(weights, seed=3, route=ROUTE, speed=1.2) for _ in range(2))
+    vehicle = {"car": car(1.0)}
+    seen = [free.step(AT_THE_KERB, vehicle) for _ in range(2)]
+    unseen = [hidden.step(AT_THE_KERB, vehicle, parked=hides) for _ in range(2)]
+    assert seen[0].curvttc == unseen[0].curvttc < 5.0
+    assert seen[0].controlled
+    assert not any(walk.controlled for walk in unseen)
+    assert hidden.step(AT_THE_KERB, vehicle, parked=[]).controlled
+
+
+def test_curvature_and_acceleration_are_found_from_the_step_before(weights: Weights) -> None:
+    """On a circle of 20 m at 4 m/s the heading turns by 0.2 rad/s; one of them is told, the other sees for itself."""
+    told, seeing = (Pedestrian(weights, seed=3, route=ROUTE) for _ in range(2))
+    for k in range(3):
+        heading, speed = 0.2 * 0.05 * k, 4.0 + 0.5 * 0.05 * k
+        place = 20.0 * math.sin(heading) - 18.0, 20.0 - 20.0 * math.cos(heading), heading, speed
+        first = told.step(AT_THE_KERB, {0: Vehicle(*place, 0.05, 0.5)}).curvttc
+        second = seeing.step(AT_THE_KERB, {0: Vehicle(*place)}).curvttc
+    assert second == pytest.approx(first, rel=0.02)
+    straight = Pedestrian(weights, seed=3, route=ROUTE).step(AT_THE_KERB, {0: Vehicle(*place)}).curvttc
+    assert straight != pytest.approx(first, rel=0.02), "without a step before: straight on"
+
+
+def test_a_reversing_vehicle_is_one_that_drives_the_other_way(weights: Weights) -> None:
+    ahead, back = (Pedestrian(weights, seed=3, route=ROUTE) for _ in range(2))
+    forwards = ahead.step(AT_THE_KERB, {0: Vehicle(-15.0, 0.0, 0.0, 5.0)})
+    backwards = back.step(AT_THE_KERB, {0: Vehicle(-15.0, 0.0, -math.pi, -5.0)})
+    assert backwards == forwards
+
+
+def test_a_longer_vehicle_is_nearer(weights: Weights) -> None:
+    car_, bus = (Pedestrian(weights, seed=3, route=ROUTE) for _ in range(2))
+    short = car_.step(AT_THE_KERB, {0: Vehicle(-15.0, 0.0, 0.0, 4.0)}).curvttc
+    long = bus.step(AT_THE_KERB, {0: Vehicle(-15.0, 0.0, 0.0, 4.0, length=12.0)}).curvttc
+    assert long < short
+
+
+def test_others_in_the_way_are_kept_apart_from(weights: Weights) -> None:
+    alone, crowded = (Pedestrian(weights, seed=3, route=ROUTE, speed=1.2) for _ in range(2))
+    own = Walker(0.0, -5.0, 0.0, 1.2)
+    oncoming = {k: Walker(0.2 + 10.0 * (k > 0), -4.3, 0.0, -1.2) for k in range(12)}  # the nearest seven count
+    assert crowded.step(own, {}, oncoming).ax < alone.step(own, {}).ax, "aside"
+
+
+def test_where_the_engine_has_it_elsewhere_it_goes_on_from_there(weights: Weights) -> None:
+    pedestrian = Pedestrian(weights, seed=3, route=[(0.0, 0.0), (10.0, 0.0), (10.0, 10.0)], speed=1.2)
+    pedestrian.step(Walker(0.0, 0.0, 1.2, 0.0), {})
+    walks = [pedestrian.step(Walker(10.0, 6.0, 0.0, 1.2), {}) for _ in range(10)]
+    assert walks[-1].ay > -0.5, "it does not turn back"
+    assert not walks[-1].arrived
+
+
+GOOD: dict[str, Any] = {"own": AT_THE_KERB, "vehicles": {"car": Vehicle(-20.0, 0.0, 0.0, 5.0)}}
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        ({"own": (0.0, 1.0)}, "own: expected a vpsci_ros.Walker, got tuple"),
+        ({"own": Walker(math.nan, 0.0)}, "own: x = nan: expected a finite number"),
+        ({"own": Walker(0.0, 0.0, None)}, "own: vx = None: expected a finite number"),
+        (
+            {"vehicles": [Vehicle(0.0, 0.0, 0.0, 1.0)]},
+            "vehicles: expected a mapping from who it is to a vpsci_ros.Vehicle",
+        ),
+        ({"vehicles": {"car": AT_THE_KERB}}, "vehicle 'car': expected a vpsci_ros.Vehicle, got Walker"),
+        ({"vehicles": {"car": Vehicle(0.0, 0.0, math.inf, 1.0)}}, "vehicle 'car': heading = inf: expected a finite"),
+        (
+            {"vehicles": {"car": Vehicle(0.0, 0.0, 0.0, 1.0, length=0.0)}},
+            "vehicle 'car': length = 0 m: expected a size",
+        ),
+        ({"pedestrians": {7: Walker(0.0, "x")}}, "pedestrian 7: y = 'x': expected a finite number"),
+        ({"parked": [[0.0, 0.0, 0.0]]}, "boxes: expected [K, 5] of x, y, heading, length, width, got shape (1, 3)"),
+        ({"period": 0.0}, "period = 0.0: expected the time to the next step [s], from 0.001 to 2"),
+        ({"period": math.nan}, "period = nan: expected the time to the next step [s]"),
+        ({"period": True}, "period = True: expected"),
+    ],
+)
+def test_a_bad_step_is_refused_and_changes_nothing(weights: Weights, bad: dict[str, Any], message: str) -> None:
+    pedestrian, control = (Pedestrian(weights, seed=3, route=ROUTE) for _ in range(2))
+    with pytest.raises(InvalidInput, match=re.escape(message)):
+        pedestrian.step(**{**GOOD, **bad})
+    assert pedestrian.step(**GOOD) == control.step(**GOOD)
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        ({}, "Pedestrian: expected one of scenario, route and goal, got none of them"),
+        ({"route": ROUTE, "goal": (0.0, 1.0)}, "expected one of scenario, route and goal, got ['route', 'goal']"),
+        ({"route": [(0.0, 0.0)]}, "route: expected at least two finite points [x, y] in metres"),
+        ({"route": [(0.0, 0.0), (0.0, 0.0)]}, "route: has two points in a row at the same place"),
+        ({"route": [(0.0, 0.0), (0.0, 0.5)]}, "route: expected 1 m or more, got 0.50 m"),
+        ({"route": "north"}, "route: expected at least two finite points"),
+        ({"goal": (0.0, math.nan)}, "goal: expected (x, y) [m], both finite"),
+        ({"goal": 3.0}, "goal: expected (x, y) [m], both finite"),
+        ({"route": ROUTE, "speed": 9.0}, "speed = 9.0: expected a walking speed from 0.4 to 5 m/s"),
+        ({"scenario": 999}, "scenario 999: expected a number"),
+        ({"scenario": 1, "number": 1}, "number = 1: episode 0 of seed 0 has pedestrians 0 to 0"),
+        ({"route": ROUTE, "weights": "best"}, "weights 'best': expected a .safetensors file or a shipped name"),
+        ({"route": ROUTE, "seed": -1}, "seed must be from 0 to"),
+        ({"route": ROUTE, "episode": -1}, "an episode's number must be from 0 to"),
+    ],
+)
+def test_a_pedestrian_that_cannot_be_is_refused(bad: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidInput, match=re.escape(message)):
+        Pedestrian(**bad)
+
+
+def test_before_its_first_step_one_who_walks_to_a_goal_is_nobody_yet(weights: Weights) -> None:
+    pedestrian = Pedestrian(weights, goal=(0.0, 8.0))
+    with pytest.raises(InvalidInput, match="call step first"):
+        _ = pedestrian.start
+    pedestrian.step(AT_THE_KERB, {})
+    assert pedestrian.start.y == pytest.approx(-4.94, abs=0.02)

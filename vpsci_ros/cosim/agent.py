@@ -1,0 +1,178 @@
+"""What the two agents have in common: a world of one episode, whose state another engine overwrites between ticks."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.cosim.inputs import Vehicle, Walker
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.agent import policies
+from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.weights import Weights, load_weights
+from vpsci_ros.resources import weights_path
+from vpsci_ros.safety import curvttc
+from vpsci_ros.world import RUNNING, Scenario, World, WorldConfig
+from vpsci_ros.world.crowd import MOST
+from vpsci_ros.world.kinds import KINDS
+from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.paths import nearest, project
+from vpsci_ros.world.tables import tables_from
+from vpsci_ros.world.tick import Actions
+
+AWAY = 1e5  # [m] from everybody, where somebody stands who is not there
+NEAR = 2.0  # [m] within which an agent is looked for along its way first
+
+
+class Person(NamedTuple):
+    """Who acts, as drawn by seed, scenario and episode.
+
+    :ivar kind: of `vpsci_ros.world.kinds.KINDS`; a driver's is that of its first pedestrian.
+    :ivar speed: [m/s] at which it walks or drives where nothing is near.
+    :ivar reaction_delay: [s] after the hand-over before a pedestrian reacts; infinity: never.
+    :ivar latent: its latent numbers, drawn at the hand-over; empty where the policy has none.
+    :ivar recorded: number of the recorded person whose deviation from the mean acts, drawn at the hand-over; -1: none.
+    """
+
+    kind: str
+    speed: float
+    reaction_delay: float
+    latent: tuple[float, ...]
+    recorded: int
+
+
+class Body:
+    """One episode in a world of `MOST` rows, in which another engine says where everybody is.
+
+    :param agent: "vehicle" or "pedestrian": whom the policy moves.
+    :param number: of the pedestrian within its episode; its row.
+    :ivar record: the agent's own EPISODE record.
+    :ivar parked: what stands in the scenario, float64[K, 5].
+    :raises InvalidInput: the episode has no such pedestrian, or as `World`, `Weights` and the configurations.
+    """
+
+    def __init__(
+        self,
+        agent: str,
+        weights: str | Path | Weights,
+        scenario: Scenario,
+        seed: int,
+        episode: int,
+        number: int,
+        config: WorldConfig,
+        monitor: MonitorConfig,
+        policy: PolicyConfig | None,
+    ) -> None:
+        self.monitor, self.parked = monitor, scenario.parked
+        drives, walks = ("policy", "external") if agent == "vehicle" else ("external", "policy")
+        config = replace(config, vehicle_driver=drives, pedestrian_driver=walks)
+        spawned = World(config, [scenario], [(scenario.number, episode)], 1, seed).state
+        if not 0 <= number < len(spawned) or spawned["status"][number] != RUNNING:
+            most = int(spawned["pedestrians"][0])
+            raise InvalidInput(f"number = {number}: episode {episode} of seed {seed} has pedestrians 0 to {most - 1}")
+        self.world = World(replace(config, pedestrians=MOST), [scenario], [], 1, seed)
+        self.world.place([0], [(scenario.number, episode)])
+        self.state, self.tables = self.world.state, tables_from([scenario])
+        self.state[:] = spawned[number]
+        self.state[: len(spawned)] = spawned
+        self.state["pedestrian"] = np.arange(MOST)
+        self.record = self.state[number]
+        own = weights if isinstance(weights, Weights) else load_weights(weights_path(str(weights)))
+        self.agent = policies(own, self.world, None if policy is None else {agent: policy})[agent]
+        self._number, self._agent = number, agent
+
+    def person(self, speed: float) -> Person:
+        """Return who acts."""
+        latent, recorded = self.agent.drawn(self._number)
+        record = self.record
+        kind, delay = KINDS[int(record["kind"])], float(record["reaction_delay"])
+        return Person(kind, speed, delay, tuple(latent.tolist()), recorded)
+
+    def begin(self, **values: float) -> None:
+        """Overwrite fields of all rows, before the first tick."""
+        for name, value in values.items():
+            self.state[name] = value
+
+    def put_vehicle(self, vehicle: Vehicle) -> None:
+        """Put the vehicle, completed, into all rows."""
+        for name in ("x", "y", "heading", "speed", "curvature", "acceleration"):
+            self.state[f"vehicle_{name}"] = getattr(vehicle, name)
+
+    def put_walkers(self, walkers: Sequence[Walker | None]) -> None:
+        """Put pedestrians into the rows from the first one on; None: nobody is there."""
+        for row, walker in enumerate(walkers):
+            there = Walker(self.record["vehicle_x"] + AWAY, AWAY) if walker is None else walker
+            for name, value in there._asdict().items():
+                self.state[f"pedestrian_{name}"][row] = value
+        self.state["pedestrians"] = len(walkers)
+
+    def locate(self, what: str, x: float, y: float) -> None:
+        """Find the "vehicle" or the "pedestrian" on its way, unless it is where the world itself has moved it."""
+        record = self.record
+        if (record[f"{what}_x"], record[f"{what}_y"]) == (x, y):
+            return
+        name, points, side = {
+            "vehicle": ("route_s", self.tables.lane, "lane"),
+            "pedestrian": ("pedestrian_s", self.tables.walk, "walk"),
+        }[what]
+        row = self.tables.rows[record["table"]]
+        way = points, int(record["table"]), int(row[f"{side}_count"]), float(row[f"{side}_step"])
+        if np.hypot(x - record[f"{what}_x"], y - record[f"{what}_y"]) < NEAR:
+            place, _ = project(*way, x, y, float(record[name]))
+        else:
+            place = nearest(*way, x, y)
+        self.state[name][self.rows(what)] = place
+
+    def rows(self, what: str) -> slice:
+        """Return the rows of an agent: a vehicle is the same in all of them."""
+        return slice(None) if what == "vehicle" else slice(self._number, self._number + 1)
+
+    def tick(self, ttc: NDArray[np.float64], distance: NDArray[np.float64], parked: NDArray[np.float64]) -> None:
+        """Have the policy decide, and the world move everybody on by one tick.
+
+        :param ttc: float64[MOST] [s]; distance: float64[MOST] [m]; infinity and NaN where nobody is.
+        """
+        self.state["status"] = np.where(np.arange(MOST) < self.record["pedestrians"], RUNNING, 0)
+        self.world.resume(parked)
+        now, rows = self.world.now, len(self.state)
+        assessment = now.assessed(ttc, distance, ttc < self.monitor.critical_threshold)
+        actions = Actions(vehicle_control=np.zeros((rows, 3)), pedestrian=np.zeros((rows, 2)))
+        if now.policy_frame.any():
+            action = self.agent.act(now, assessment).astype(np.float64)
+            actions = replace(actions, **{self._agent: action})
+        self.world.advance(assessment, actions)
+
+    def seen(self, vehicles: Sequence[Vehicle], walkers: Sequence[Walker]) -> tuple[NDArray[np.float64], ...]:
+        """Return CurvTTC [s] and distance of the centres [m] of pairs, float64[n] each; one may stand against many."""
+        cars, people = np.array(vehicles, np.float64).T, np.array(walkers, np.float64).T
+        look: dict[str, Any] = {"horizon": self.monitor.horizon, "method": self.monitor.method}
+        ttc = curvttc(*cars[:5], *people, length=cars[6], width=cars[7], **look)
+        return ttc, np.sqrt((cars[0] - people[0]) ** 2 + (cars[1] - people[1]) ** 2)
+
+
+class Clock:
+    """Which part of a step belongs to which tick: steps may be shorter and longer than ticks.
+
+    The agent decides every tick, whatever the engine's steps are. A tick that begins within a step finds everybody
+    where they are then if they go on as they did at its beginning.
+    """
+
+    def __init__(self, tick: float) -> None:
+        self.tick = round(tick * 1e9)  # [ns]
+        self.left = 0  # [ns] of the present tick
+
+    def parts(self, period: int) -> list[tuple[bool, int, float]]:
+        """Return the parts of a step of `period` [ns]: whether a tick begins, its length [ns], when it begins [s]."""
+        parts, gone = [], 0
+        while gone < period:
+            begins = self.left == 0
+            if begins:
+                self.left = self.tick
+            part = min(self.left, period - gone)
+            parts.append((begins, part, gone * 1e-9))
+            self.left -= part
+            gone += part
+        return parts

@@ -1,0 +1,200 @@
+"""The learned driver as one object, for anybody's engine."""
+
+import math
+from collections.abc import Hashable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vpsci_ros.cosim import scenarios
+from vpsci_ros.cosim.agent import Body, Clock, Person
+from vpsci_ros.cosim.inputs import Vehicle, Walker, checked, checked_all, checked_parked, checked_period, walked_on
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.weights import Weights
+from vpsci_ros.world import Scenario, WorldConfig
+from vpsci_ros.world.crowd import MOST
+from vpsci_ros.world.kinematics import drive
+from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.people import GREATEST_CAR, LEAST_CAR
+
+
+class Drive(NamedTuple):
+    """How a vehicle moves on until the next step, and why.
+
+    :ivar x, y, heading: [m, rad] where it is then, for engines that put bodies rather than drive them.
+    :ivar speed: [m/s] then.
+    :ivar acceleration: [m/s2] mean until then.
+    :ivar curvature: [1/m] of its path, positive to the left.
+    :ivar steer, throttle, brake: of the last tick: -1 (right) to 1 (left), 0 to 1, 0 to 1; of the world's Model 3.
+    :ivar curvttc: [s] of the pedestrian that it faces, at the beginning of the step; infinity where none comes near.
+    :ivar faces: which pedestrian that is, its key; None: there is none.
+    :ivar controlled: whether the learned policy drives; before the hand-over and after the release, the autopilot does.
+    :ivar arrived: whether it has come to the goal of its lane; it drives on.
+    """
+
+    x: float
+    y: float
+    heading: float
+    speed: float
+    acceleration: float
+    curvature: float
+    steer: float
+    throttle: float
+    brake: float
+    curvttc: float
+    faces: Hashable | None
+    controlled: bool
+    arrived: bool
+
+
+class Driver:
+    """One learned driver of a Model 3 in its lane; give exactly one of `scenario` and `lane`.
+
+    The rule-based driver drives at its drawn pace until CurvTTC of a pedestrian in sight falls below 5 s; from the next
+    policy frame on the learned policy decides how fast, and gives back 3 s after the last critical tick. It keeps its
+    lane and knows pedestrians only: other vehicles are not for it to see.
+
+    :param weights: a file, a name shipped with the package, or the weights themselves.
+    :param seed: of everything drawn; with `episode` (and the scenario's number) it says who this is.
+    :param scenario: one of ours by number, name, file or as a value.
+    :param lane: float[N, 2] [m], centreline of its lane, with bends of 6.2 m at least.
+    :param speed: [m/s] at which it drives where nothing is near; None: drawn from recorded right turns, 0.4 to 5.6.
+    :param config: periods and hand-over; its drivers do not matter.
+    :param monitor: when it is critical.
+    :param policy: how it draws; None: by `seed`, at temperature 1.
+    :raises InvalidInput: not exactly one way to go, or a value that is refused, with what was expected.
+    """
+
+    def __init__(
+        self,
+        weights: str | Path | Weights = "refined",
+        *,
+        seed: int = 0,
+        episode: int = 0,
+        scenario: int | str | Path | Scenario | None = None,
+        lane: ArrayLike | None = None,
+        speed: float | None = None,
+        config: WorldConfig | None = None,
+        monitor: MonitorConfig | None = None,
+        policy: PolicyConfig | None = None,
+    ) -> None:
+        if speed is not None and not LEAST_CAR <= speed <= GREATEST_CAR:
+            raise InvalidInput(
+                f"speed = {speed!r}: expected {LEAST_CAR:g} to {GREATEST_CAR:g} m/s, as recorded drivers turn right"
+            )
+        config, monitor = config or WorldConfig(), monitor or MonitorConfig()
+        if scenario is not None and lane is None:
+            found = scenarios.find(scenario)
+        elif lane is not None and scenario is None:
+            found = scenarios.of_lane(lane)
+        else:
+            raise InvalidInput("Driver: expected one of scenario and lane")
+        self._body = Body("vehicle", weights, found, seed, episode, 0, config, monitor, policy)
+        self._full = found.vehicle.full_throttle_speed
+        if scenario is None:
+            self._body.begin(meeting_s=math.inf)  # it keeps its pace, wherever it may meet somebody
+        if speed is not None:
+            self._body.begin(cruise_throttle=speed / self._full)
+        self._clock = Clock(config.tick)
+        self._keys: list[Hashable | None] = [None] * MOST  # who is in which row
+
+    @property
+    def start(self) -> Vehicle:
+        """Where the episode of a scenario of ours begins, before the first step; then where it was last to be."""
+        names = ("x", "y", "heading", "speed", "curvature", "acceleration")
+        return Vehicle(*(float(self._body.record[f"vehicle_{name}"]) for name in names))
+
+    @property
+    def person(self) -> Person:
+        """Who drives; what is drawn at the hand-over is empty before it."""
+        return self._body.person(float(self._body.record["cruise_throttle"]) * self._full)
+
+    def step(
+        self,
+        own: Vehicle,
+        pedestrians: Mapping[Hashable, Walker],
+        parked: ArrayLike | None = None,
+        period: float = 0.05,
+    ) -> Drive:
+        """Return how it moves on until the next step.
+
+        :param own: where it is now; its sizes are the Model 3's.
+        :param pedestrians: by who they are; the same key is the same pedestrian from step to step. Of more than `MOST`
+            the nearest count. It acts as it would for the one in sight with the least CurvTTC.
+        :param parked: float[K, 5]: x, y [m], heading [rad], length, width [m] of what stands and hides pedestrians;
+            None: what stands in the scenario.
+        :param period: [s] until the next step, from 0.001 to 2; any, and each time another.
+        :raises InvalidInput: a value that is refused, or it reverses; nothing has changed then.
+        """
+        own = checked("own", own, Vehicle)
+        if own.speed < 0.0:
+            raise InvalidInput(f"own: speed = {own.speed:g} m/s: expected 0 or more, for this driver does not reverse")
+        walkers = checked_all("pedestrian", pedestrians, Walker)
+        boxes, duration = checked_parked(parked), checked_period(period)
+        body, record = self._body, self._body.record
+        boxes = body.parked if boxes is None else boxes
+        now = own._replace(
+            curvature=float(record["vehicle_curvature"]) if own.curvature is None else own.curvature,
+            acceleration=float(record["vehicle_acceleration"]) if own.acceleration is None else own.acceleration,
+        )
+        self._seat(own, walkers)
+        ttc, _ = self._look(now, walkers)
+        row = int(ttc.argmin())
+        for begins, part, gone in self._clock.parts(duration):
+            if begins:
+                self._tick(now, dict(zip(walkers, walked_on(walkers.values(), gone), strict=True)), boxes)
+            if part == self._clock.tick:
+                now = self.start
+            else:
+                controls = (float(record[name]) for name in ("steer", "throttle", "brake"))
+                x, y, heading, speed, _ = drive(now.x, now.y, now.heading, now.speed, *controls, part * 1e-9)
+                now = now._replace(x=x, y=y, heading=heading, speed=speed)
+        curvature, steer, throttle, brake = (
+            float(record[name]) for name in ("vehicle_curvature", "steer", "throttle", "brake")
+        )
+        return Drive(
+            x=now.x,
+            y=now.y,
+            heading=now.heading,
+            speed=now.speed,
+            acceleration=(now.speed - own.speed) / period,
+            curvature=curvature,
+            steer=steer,
+            throttle=throttle,
+            brake=brake,
+            curvttc=float(ttc[row]),
+            faces=self._keys[row] if walkers else None,
+            controlled=bool(body.state["controlled"].any()),
+            arrived=bool(record["vehicle_goal"]),
+        )
+
+    def _seat(self, own: Vehicle, walkers: dict[Hashable, Walker]) -> None:
+        """Give each of the nearest pedestrians a row, which it keeps while it is among them."""
+        nearest = sorted(walkers, key=lambda key: math.hypot(walkers[key].x - own.x, walkers[key].y - own.y))[:MOST]
+        for row, key in enumerate(self._keys):
+            if key is not None and key not in nearest:
+                self._keys[row] = None
+                self._body.state["hold"][row] = 0
+        for key in walkers:
+            if key in nearest and key not in self._keys:
+                self._keys[self._keys.index(None)] = key
+
+    def _look(self, own: Vehicle, walkers: dict[Hashable, Walker]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return CurvTTC [s] and distance [m] of each row, float64[MOST]; infinity and NaN where nobody is."""
+        ttc, distance = np.full(MOST, np.inf), np.full(MOST, np.nan)
+        rows = [row for row, key in enumerate(self._keys) if key is not None]
+        if rows:
+            ttc[rows], distance[rows] = self._body.seen([own], [walkers[self._keys[row]] for row in rows])
+        return ttc, distance
+
+    def _tick(self, own: Vehicle, walkers: dict[Hashable, Walker], parked: NDArray[np.float64]) -> None:
+        body = self._body
+        ttc, distance = self._look(own, walkers)
+        body.locate("vehicle", own.x, own.y)
+        body.put_vehicle(own)
+        last = max((row for row, key in enumerate(self._keys) if key is not None), default=0)
+        body.put_walkers([None if key is None else walkers[key] for key in self._keys[: last + 1]])
+        body.tick(ttc, distance, parked)

@@ -1,0 +1,234 @@
+"""The learned pedestrian as one object, for anybody's engine."""
+
+import math
+from collections.abc import Hashable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vpsci_ros.cosim import scenarios
+from vpsci_ros.cosim.agent import Body, Clock, Person
+from vpsci_ros.cosim.inputs import (
+    Tracks,
+    Vehicle,
+    Walker,
+    checked,
+    checked_all,
+    checked_parked,
+    checked_period,
+    driven_on,
+    walked_on,
+)
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.config import PolicyConfig
+from vpsci_ros.policy.weights import Weights
+from vpsci_ros.safety import visible_share
+from vpsci_ros.world import Scenario, WorldConfig
+from vpsci_ros.world.crowd import MOST
+from vpsci_ros.world.kinematics import walk
+from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.parked import EYE_FORWARD, LEAST_VISIBLE
+from vpsci_ros.world.people import LEAST_WALK
+
+
+class Walk(NamedTuple):
+    """How a pedestrian moves on until the next step, and why.
+
+    :ivar x, y: [m] where it is then, for engines that put bodies rather than push them.
+    :ivar vx, vy: [m/s] its velocity then.
+    :ivar ax, ay: [m/s2] its mean acceleration until then.
+    :ivar curvttc: [s] of the vehicle that it faces, at the beginning of the step; infinity where none comes near.
+    :ivar faces: which vehicle that is, its key; None: there is none.
+    :ivar controlled: whether the learned policy moves it; before the hand-over and after the release, the walker does.
+    :ivar arrived: whether it has come to the end of its route, where it stops.
+    """
+
+    x: float
+    y: float
+    vx: float
+    vy: float
+    ax: float
+    ay: float
+    curvttc: float
+    faces: Hashable | None
+    controlled: bool
+    arrived: bool
+
+
+class Pedestrian:
+    """One learned pedestrian; give exactly one of `scenario`, `route` and `goal`.
+
+    It walks by its drawn pace and line until CurvTTC of a vehicle in sight falls below 5 s; from the next policy frame
+    on the learned policy moves it, and gives it back 3 s after the last critical tick. Policy frames are every 0.1 s
+    since the first step.
+
+    :param weights: a file, a name shipped with the package, or the weights themselves.
+    :param seed: of everything drawn; with `episode` (and the scenario's number) it says who this is.
+    :param scenario: one of ours by number, name, file or as a value: pace, line and delay as drawn for this episode.
+    :param route: float[N, 2] [m], walked to its end; its walker sets off at once and keeps to it but for its sway.
+    :param goal: (x, y) [m], walked to straight from where it is at the first step.
+    :param speed: [m/s] at which it walks where nothing is near; None: drawn from recorded people.
+    :param number: of the pedestrian within an episode of ours with several, see `WorldConfig.pedestrians`.
+    :param config: periods, kinds of pedestrian, hand-over; its drivers do not matter.
+    :param monitor: when it is critical.
+    :param policy: how it draws; None: by `seed`, at temperature 1.
+    :raises InvalidInput: not exactly one way to go, or a value that is refused, with what was expected.
+    """
+
+    def __init__(
+        self,
+        weights: str | Path | Weights = "refined",
+        *,
+        seed: int = 0,
+        episode: int = 0,
+        scenario: int | str | Path | Scenario | None = None,
+        route: ArrayLike | None = None,
+        goal: tuple[float, float] | None = None,
+        speed: float | None = None,
+        number: int = 0,
+        config: WorldConfig | None = None,
+        monitor: MonitorConfig | None = None,
+        policy: PolicyConfig | None = None,
+    ) -> None:
+        ways = {"scenario": scenario, "route": route, "goal": goal}
+        if len(given := [name for name, way in ways.items() if way is not None]) != 1:
+            raise InvalidInput(f"Pedestrian: expected one of scenario, route and goal, got {given or 'none of them'}")
+        if speed is not None and not LEAST_WALK <= speed <= 5.0:
+            raise InvalidInput(f"speed = {speed!r}: expected a walking speed from {LEAST_WALK:g} to 5 m/s")
+        self._speed, self._goal = speed, goal
+        self._config = config or WorldConfig()
+        self._made = weights, seed, episode, number, self._config, monitor or MonitorConfig(), policy
+        self._tracks, self._clock = Tracks(), Clock(self._config.tick)
+        self._number, self._since = number, 0.0
+        self._faces: Hashable | None = None
+        self._body: Body | None = None
+        if scenario is not None:
+            self._body = self._new_body(scenarios.find(scenario))
+        elif route is not None:
+            self._body = self._new_body(scenarios.of_walk(route), straight=True)
+        elif not _is_point(goal):
+            raise InvalidInput(f"goal: expected (x, y) [m], both finite, got {goal!r}")
+
+    @property
+    def start(self) -> Walker:
+        """Where the episode of a scenario of ours begins, before the first step; then where it was last to be.
+
+        :raises InvalidInput: it walks to a goal from where it is, so it has no start before the first step.
+        """
+        record = self._made_body().record
+        return Walker(*(float(record[f"pedestrian_{name}"]) for name in Walker._fields))
+
+    @property
+    def person(self) -> Person:
+        """Who it is; what is drawn at the hand-over is empty before it."""
+        body = self._made_body()
+        return body.person(float(body.record["walking_speed"]))
+
+    def step(
+        self,
+        own: Walker,
+        vehicles: Mapping[Hashable, Vehicle],
+        pedestrians: Mapping[Hashable, Walker] | None = None,
+        parked: ArrayLike | None = None,
+        period: float = 0.05,
+    ) -> Walk:
+        """Return how it moves on until the next step.
+
+        :param own: where it is now.
+        :param vehicles: those that may drive, by who they are; the same key is the same vehicle from step to step. It
+            faces the one in sight with the least CurvTTC, of equal ones the one that it faced before, then the nearest.
+        :param pedestrians: the others, whom it keeps apart from; the `MOST` - 1 nearest count.
+        :param parked: float[K, 5]: x, y [m], heading [rad], length, width [m] of what stands and hides vehicles; None:
+            what stands in the scenario.
+        :param period: [s] until the next step, from 0.001 to 2; any, and each time another.
+        :raises InvalidInput: a value that is refused; nothing has changed then.
+        """
+        own = checked("own", own, Walker)
+        cars = checked_all("vehicle", vehicles, Vehicle)
+        others = list(checked_all("pedestrian", {} if pedestrians is None else pedestrians, Walker).values())
+        boxes, duration = checked_parked(parked), checked_period(period)
+        body = self._body = self._body or self._new_body(self._to_goal(own), straight=True)
+        boxes = body.parked if boxes is None else boxes
+        cars, self._since = self._tracks.completed(cars, self._since), period
+        nearest = sorted(range(len(others)), key=lambda k: math.hypot(others[k].x - own.x, others[k].y - own.y))
+        crowd = [others[k] for k in sorted(nearest[: MOST - 1])]
+        faces, ttc, _ = self._look(body, own, cars, boxes)
+        now = own
+        for begins, part, gone in self._clock.parts(duration):
+            if begins:
+                later = {key: driven_on(car, gone) for key, car in cars.items()}
+                self._tick(body, now, later, walked_on(crowd, gone), boxes)
+            if part == self._clock.tick:
+                now = self.start
+            else:
+                pushed = float(body.record["pedestrian_ax"]), float(body.record["pedestrian_ay"])
+                now = Walker(*walk(*now, *pushed, 1.0, math.inf, part * 1e-9))
+        change = (now.vx - own.vx) / period, (now.vy - own.vy) / period
+        controlled, arrived = bool(body.record["controlled"]), bool(body.record["pedestrian_goal"])
+        return Walk(*now, *change, ttc, faces, controlled, arrived)
+
+    def _made_body(self) -> Body:
+        if self._body is None:
+            raise InvalidInput("this pedestrian walks to a goal from where it is: call step first")
+        return self._body
+
+    def _to_goal(self, own: Walker) -> Scenario:
+        assert self._goal is not None
+        return scenarios.of_walk([(own.x, own.y), self._goal])
+
+    def _new_body(self, scenario: Scenario, straight: bool = False) -> Body:
+        """Return the body; who walks a route of the engine's own sets off at once and does not cross obliquely."""
+        weights, seed, episode, number, config, monitor, policy = self._made
+        body = Body("pedestrian", weights, scenario, seed, episode, number, config, monitor, policy)
+        if straight:
+            body.begin(start_delay=0.0, walk_slope=0.0)
+        if self._speed is not None:
+            body.begin(walking_speed=self._speed)
+        return body
+
+    def _look(
+        self, body: Body, own: Walker, cars: dict[Hashable, Vehicle], parked: NDArray[np.float64]
+    ) -> tuple[Hashable | None, float, float]:
+        """Return the vehicle that it faces, its CurvTTC [s] and its distance [m]."""
+        if not cars:
+            return None, math.inf, math.nan
+        keys, vehicles = list(cars), list(cars.values())
+        ttc, distance = body.seen(vehicles, [own])
+        heading = np.array([car.heading for car in vehicles])
+        eye_x = [car.x for car in vehicles] + EYE_FORWARD * np.cos(heading)
+        eye_y = [car.y for car in vehicles] + EYE_FORWARD * np.sin(heading)
+        faced = np.array([key == self._faces for key in keys])
+        hidden = visible_share(eye_x, eye_y, own.x, own.y, parked) < LEAST_VISIBLE
+        hidden &= ~(faced & bool(body.record["controlled"]))  # whom it reacts to already it does not forget
+        best = int(np.lexsort((distance, ~faced, ttc, hidden))[0])
+        return keys[best], float(ttc[best]), float(distance[best])
+
+    def _tick(
+        self,
+        body: Body,
+        own: Walker,
+        cars: dict[Hashable, Vehicle],
+        others: list[Walker],
+        parked: NDArray[np.float64],
+    ) -> None:
+        self._faces, ttc, distance = self._look(body, own, cars, parked)
+        body.locate("pedestrian", own.x, own.y)
+        if self._faces is None:
+            body.begin(hold=0)  # nothing is left to keep control for
+        else:
+            body.put_vehicle(cars[self._faces])
+        before = [*others[: self._number], *([None] * (self._number - len(others)))]
+        body.put_walkers([*before, own, *others[self._number :]])
+        ttcs, distances = np.full(MOST, np.inf), np.full(MOST, np.nan)
+        ttcs[self._number], distances[self._number] = ttc, distance
+        body.tick(ttcs, distances, parked)
+
+
+def _is_point(value: Any) -> bool:
+    try:
+        point = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        return False
+    return point.shape == (2,) and bool(np.isfinite(point).all())
