@@ -27,7 +27,7 @@ EXECUTABLES = [
     "world_simulator",
 ]
 
-# What the `vpsci` command itself needs.
+# What the world, CurvTTC, the policies at work, generating, exams, bags, views and exports need.
 REQUIRED = [
     "jinja2>=3.1,<4",
     "lz4>=4.3,<5",
@@ -42,12 +42,13 @@ REQUIRED = [
     "rosbags>=0.10.10,<0.12",
     "safetensors>=0.4.5,<1",
     "scipy>=1.11,<2",
-    "torch>=2.4,<3",
     "typer>=0.12,<1",
     "zstandard>=0.22,<1",
 ]
 
 EXTRAS = {
+    # Stages 1 and 2, and what measures policies (`vpsci evaluate|realism|study`). torch's CPU build suffices.
+    "learn": ["torch>=2.4,<3"],
     # ROS 2 Jazzy from PyPI, where no ROS 2 is installed. Only names with "jazzy": without it pip takes another
     # distribution's packages, and two distributions in one environment break each other.
     "ros": [

@@ -4,6 +4,7 @@ Every message says what was expected, what came, where, and what to do.
 """
 
 import errno
+import importlib.util
 import os
 import re
 
@@ -18,6 +19,20 @@ _REMEDIES = {
     errno.ENOMEM: "free some memory and try again",
     errno.EAGAIN: "allow more processes (ulimit -u) and try again",
 }
+_EXTRAS = {
+    "av": "video",
+    "commonroad": "commonroad",
+    "gymnasium": "rl",
+    "osi3": "osi",
+    "osi_utilities": "osi",
+    "pettingzoo": "rl",
+    "ray": "ray",
+    "scenariogeneration": "openscenario",
+    "sklearn": "search",
+    "threadpoolctl": "search",
+    "torch": "learn",
+}
+"""Module -> the extra of this package (setup.py) that brings it."""
 _NO_ROOM = "failed to map segment from shared object"  # of a library, for which the address space has no room
 _WRAPPED = re.compile(r"(?:\[Errno |\(os error |\bcode: )(\d+)")  # as Python, and libraries in Rust, write it in a text
 
@@ -30,15 +45,40 @@ class InvalidInput(VpsciError, ValueError):
     """Data, a parameter or a file is not as it has to be (also a `ValueError`)."""
 
 
+class NotInstalled(ImportError, InvalidInput):
+    """What was asked for needs a library that is not installed (also an `ImportError`)."""
+
+
 class Stopped(Exception):
     """Raised by a `report` callback to stop a run, which then writes a checkpoint to go on from; no error."""
 
 
+def require(*modules: str) -> None:
+    """Refuse to begin what could not be finished for want of an optional library.
+
+    :param modules: that are imported later, by name.
+    :raises NotInstalled: one of them is not there.
+    """
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            raise NotInstalled(not_installed(module), name=module)
+
+
+def not_installed(module: str) -> str:
+    """Return in one line which command installs a missing module; nothing where no extra of this package brings it."""
+    if module == "vpsci_msgs":
+        return "vpsci_msgs, this package's ROS 2 messages, is not built: docs/install.md says how"
+    extra = "ros,messages" if module == "rclpy" or module.endswith("_msgs") else _EXTRAS.get(module)
+    return f"{module} is not installed: pip install 'vpsci_ros[{extra}]'" if extra else ""
+
+
 def in_words(error: BaseException) -> str:
-    """Return in one line what the operating system refused; nothing where the error is of another kind.
+    """Return in one line what the system refused or what is not installed; nothing where the error is of another kind.
 
     Libraries wrap the system's errors in their own, whose text ends in its number.
     """
+    if isinstance(error, ModuleNotFoundError):
+        return not_installed((error.name or "").partition(".")[0])
     if isinstance(error, MemoryError) or (isinstance(error, ImportError) and _NO_ROOM in str(error)):
         return f"not enough memory; {_REMEDIES[errno.ENOMEM]}"
     if isinstance(error, RuntimeError) and str(error) == "can't start new thread":

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.errors import InvalidInput, VpsciError, require
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.resources import TO_LEARN_FROM, near_misses_path, params_dir
 from vpsci_ros.runs.files import ROOM_FILE, is_empty_folder
@@ -47,6 +47,7 @@ def run_demo(folder: Path, data: Path | None, *, force: bool = False) -> None:
     :raises InvalidInput: the folder holds something else, or `data` does not hold recordings.
     :raises VpsciError: a stage failed.
     """
+    require("torch", "rclpy")
     from vpsci_ros.bags.export import export_bag
     from vpsci_ros.nodes.domain import own_domain
     from vpsci_ros.nodes.graph import run_graph

@@ -163,7 +163,7 @@ def main() -> None:
     except Exception as error:
         if not (text := in_words(error)):
             raise
-        _end(1, f"error: {text}")
+        _end(2 if isinstance(error, ImportError) else 1, f"error: {text}")
 
 
 def _end(status: int, text: str) -> None:

@@ -6,7 +6,10 @@ batched form, `parallel.parallel_env` both agents. All are thin: the world, the 
 are the ones that the nodes run. Needs the extra `rl` (gymnasium, pettingzoo).
 """
 
-import gymnasium
+from vpsci_ros.errors import require
+
+require("gymnasium")
+import gymnasium  # noqa: E402
 
 ENV_ID = "vpsci_ros/RightTurn-v0"
 

@@ -6,7 +6,7 @@ several kinds gives a dataset that `vpsci dataset verify` can check within a tol
 
 from typing import Any
 
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import require
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.simulate import Simulator
 
@@ -18,14 +18,13 @@ class RayWorkers:
 
     :param address: of the cluster ("ray://host:10001", "host:6379", "auto"), or "local" for one on this machine.
     :param size: tasks at a time; None for the cluster's cores.
-    :raises InvalidInput: Ray is not installed.
+    :raises NotInstalled: Ray is not installed.
     """
 
     def __init__(self, job: Job, batch: int, address: str, size: int | None) -> None:
-        try:
-            import ray
-        except ImportError:
-            raise InvalidInput("--ray needs Ray, which is not installed: pip install 'vpsci_ros[ray]'") from None
+        require("ray")
+        import ray
+
         self._ray = ray
         if not ray.is_initialized():
             ray.init(address, log_to_driver=False, include_dashboard=False if address == "local" else None)

@@ -6,9 +6,12 @@ A node's own module takes a second to import, and Python would answer a Ctrl-C o
 
 import importlib
 import importlib.util
+import sys
 from collections.abc import Callable
 from functools import partial
 from typing import Any
+
+from vpsci_ros.errors import in_words
 
 _MODULES = dict.fromkeys(("vehicle_policy", "pedestrian_policy"), "agent_policy")
 """Node -> its module, where that has another name."""
@@ -21,7 +24,9 @@ def node_class(name: str) -> Any:
 
 
 def start(name: str, args: list[str] | None = None) -> int:
-    """Run a node until it has finished or is stopped; return its exit status, 0 where it is stopped as it is imported.
+    """Run a node until it has finished or is stopped; return its exit status.
+
+    0 where it is stopped as it is imported, 2 where a library that it needs is not installed.
 
     :param args: as of a command line, the program's name first; None: this process's.
     """
@@ -30,6 +35,11 @@ def start(name: str, args: list[str] | None = None) -> int:
         from vpsci_ros.nodes import base, example_ads
     except KeyboardInterrupt:
         return 0
+    except ModuleNotFoundError as error:
+        if not (text := in_words(error)):
+            raise
+        print(f"error: {text}", file=sys.stderr)
+        return 2
     return example_ads.main(args) if name == "example_ads" else base.run(kind, args)
 
 

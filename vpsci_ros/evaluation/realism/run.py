@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.evaluation.realism.elsewhere import elsewhere
 from vpsci_ros.evaluation.realism.free import free
 from vpsci_ros.evaluation.realism.onsets import find_onsets
@@ -62,6 +62,7 @@ def measure_realism(
     :param notify: called with what is being measured, how many are done, and of how many.
     :raises InvalidInput: no onset with 3 s after it, a simulator with a control's name, see also the parts.
     """
+    require("sklearn")  # which is needed only after much else
     if taken := sorted(set(simulators) & set(CONTROLS)):
         raise InvalidInput(f"models: {taken[0]} is the name of a control; call the model something else")
     chosen = [reference.clean(t) if config.clean else t for t in (table, library) if t is not None]

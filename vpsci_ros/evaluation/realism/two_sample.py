@@ -45,7 +45,7 @@ def two_sample(
         taken again from the first where there are fewer.
     :param clips: the clip (or what else is to be held out as a whole) of each recording and of each simulation.
     :param paired: row i of both begins alike: a pair of the forced choice is such a row. Else all pairs count.
-    :raises InvalidInput: fewer than two clips, or scikit-learn is not installed.
+    :raises InvalidInput: fewer than two clips.
     """
     names = list(recorded)
     real = np.stack([recorded[name] for name in names], axis=1)
@@ -93,13 +93,9 @@ def _wins(real: Floats, made: Floats) -> Floats:
 
 
 def _held_out_scores(x: Floats, y: Floats, weight: Floats, owner: NDArray[np.str_], seed: int) -> Floats:
-    try:
-        from sklearn.ensemble import GradientBoostingClassifier
-        from sklearn.model_selection import StratifiedGroupKFold
-    except ImportError:
-        raise InvalidInput(
-            "the two-sample test needs scikit-learn, which is not installed: pip install 'vpsci_ros[realism]'"
-        ) from None
+    from sklearn.ensemble import GradientBoostingClassifier
+    from sklearn.model_selection import StratifiedGroupKFold
+
     count = min(FOLDS, len(np.unique(owner[y == 1.0])))
     if count < 2:
         raise InvalidInput("two-sample test: expected recordings of two clips or more; give more recordings")

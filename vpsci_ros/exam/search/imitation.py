@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.tick import RecordedTick
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import HORIZON, clearance
 from vpsci_ros.world import IDLE, RUNNING
 
@@ -110,17 +109,12 @@ class Imitation:
     """A driver that does what the driving system did where it saw the like.
 
     :param seen, done: of `lessons`.
-    :raises InvalidInput: scikit-learn is not installed.
     """
 
     def __init__(self, seen: Floats32, done: Floats32, seed: int) -> None:
-        try:
-            from sklearn.ensemble import HistGradientBoostingRegressor
-            from threadpoolctl import threadpool_limits
-        except ImportError:
-            raise InvalidInput(
-                "the search needs scikit-learn, which is not installed: pip install 'vpsci_ros[search]'"
-            ) from None
+        from sklearn.ensemble import HistGradientBoostingRegressor
+        from threadpoolctl import threadpool_limits
+
         model: Any = HistGradientBoostingRegressor(
             max_iter=200, learning_rate=0.12, max_leaf_nodes=63, min_samples_leaf=10, l2_regularization=1.0,
             early_stopping=False, random_state=seed % 2**32,

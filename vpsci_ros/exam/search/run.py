@@ -20,7 +20,7 @@ from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.parquet import Column, read_parquet, write_parquet
 from vpsci_ros.documents import read_json
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.exam.collect import bags_of
 from vpsci_ros.exam.conduct import run_with_all
@@ -59,6 +59,7 @@ def run_search(exam: Exam, folder: Path, *, workers: int = 1, quiet: bool = Fals
     :raises InvalidInput: a parameter is refused, or `folder` holds something else; nothing has been run then.
     :raises VpsciError: a node has failed.
     """
+    require("sklearn", "threadpoolctl")  # which are needed only after the first part has been driven
     search = exam.config.search
     if exam.run.only:
         raise InvalidInput("--search and a list of episodes exclude each other; take the list out")
