@@ -7,7 +7,10 @@ The planner is fiss-planner 1.0.0 (Sun et al., RA-L 2022 and IROS 2023; Apache-2
 the end states of polynomials along the lane, and checks what it finds against each pedestrian at constant velocity; at
 every tick its own model-predictive controller follows the plan, through `/vehicle/cmd_control`. Vehicle and scenario
 come from `/world/state`; so do the pedestrians, as they truly are, or with `--objects LATENCY` from
-`/perception/objects`.
+`/perception/objects`. The same in one process, many episodes side by side:
+
+    PYTHONPATH=examples vpsci ads-test --params params/ads_test.yaml -o out/planner \
+        --ads-class motion_planner:PlannerDriver
 """
 
 import argparse
@@ -15,7 +18,7 @@ import contextlib
 import math
 import struct
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import fiss_planner as fp
 import numpy as np
@@ -34,6 +37,7 @@ if TYPE_CHECKING:
 
 CRUISE = 4.0  # [m/s], as example_ads does
 HOLD = 2  # ticks from plan to plan: 0.1 s
+TICK = 0.05  # [s] of the class
 HORIZON, STEP = 5.5, 0.1  # [s] of predictions: half a second more than the longest trajectory
 DIAMETER = 0.6  # [m] of a pedestrian
 BEYOND = 50.0  # [m] by which the lane goes on straight, so that nothing is planned to end where the map does
@@ -70,11 +74,17 @@ class Driver:
         episode = int(state["scenario"]), int(state["episode"])
         if episode != self._episode:
             self._episode = episode
-            self._begin(self._scenarios[episode[0]])
-        now = float(state["frame"]) * period
+            self.begin(self._scenarios[episode[0]])
         names = ("x", "y", "heading", "speed", "acceleration", "curvature")
         ego = fp.EgoState(*(float(state[f"vehicle_{name}"]) for name in names))
-        if state["frame"] % HOLD == 0:
+        return self.follow(ego, people, int(state["frame"]), period, age)
+
+    def follow(
+        self, ego: fp.EgoState, people: Iterable[Person], frame: int, period: float, age: float = 0.0
+    ) -> tuple[float, float, float]:
+        """Return (steer, throttle, brake) at a frame of the episode that has begun, with a new plan every `HOLD`."""
+        now = frame * period
+        if frame % HOLD == 0:
             walking = [predicted(number, person, age) for number, person in enumerate(people)]
             self._plan, self._since = self._planner.step(now, ego, self._parked + walking).trajectory, now
         command = self._controller.compute(ego, self._plan, now - self._since)
@@ -82,10 +92,37 @@ class Driver:
         throttle = max(0.0, min(1.0, command.accel / MAX_ACCELERATION))
         return steer, throttle, max(0.0, min(1.0, -command.accel / MAX_DECELERATION))
 
-    def _begin(self, scenario: Scenario) -> None:
+    def begin(self, scenario: Scenario) -> None:
+        """Begin an episode."""
         self._planner = planner_for(scenario)
         self._controller.reset()
         self._parked = [parked(-1 - number, *place) for number, place in enumerate(scenario.parked)]
+
+
+class PlannerDriver:
+    """The planner as a class for `--ads-class`; with perception it takes what it sees for the present."""
+
+    def __init__(self) -> None:
+        self._driver = Driver()
+
+    def reset(self, begin: Any) -> None:
+        """Begin an episode."""
+        self._driver.begin(begin.scenario)
+        self._frame, self._speed = 0, math.nan
+
+    def act(self, observation: Any) -> tuple[float, float, float]:
+        """Return steer, throttle and brake."""
+        x, y, yaw, speed, yaw_rate, *_ = observation.vehicle
+        acceleration = 0.0 if self._frame == 0 else (speed - self._speed) / TICK
+        curvature = yaw_rate / speed if speed > 0.0 else 0.0
+        people = [
+            Person(each.x, each.y, each.speed * math.cos(each.yaw), each.speed * math.sin(each.yaw))
+            for each in observation.pedestrians
+        ]
+        ego = fp.EgoState(x, y, yaw, speed, acceleration, curvature)
+        answer = self._driver.follow(ego, people, self._frame, TICK)
+        self._frame, self._speed = self._frame + 1, speed
+        return answer
 
 
 def vehicle() -> fp.VehicleParams:

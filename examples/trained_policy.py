@@ -6,13 +6,22 @@
 
 The node observes what the environment shows: it makes the observation of `/world/state` by the same function. So it
 knows where the pedestrian truly is, whatever perception says, and knows the package's own scenarios only.
+
+The same in one process, many episodes side by side, with the weights that `TRAINED_POLICY` names:
+
+    TRAINED_POLICY=out/policy.safetensors PYTHONPATH=examples vpsci ads-test --params params/ads_test.yaml \
+        -o out/trained --ads-class trained_policy:PolicyDriver
 """
 
 import argparse
 import contextlib
+import functools
+import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import torch
 from safetensors.torch import load_file, save_file
 from stable_baselines3 import PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
@@ -73,6 +82,29 @@ class Driver:
             action, _ = self._policy.predict(observation, deterministic=True)
             self._held = driving.controls(action)[0]
         return self._held
+
+
+class PolicyDriver:
+    """The policy as a class for `--ads-class`: an object drives one car, and all of them share the weights."""
+
+    def reset(self, begin: Any) -> None:
+        """Begin an episode."""
+        self._policy, self._tick = shared_policy(os.environ.get("TRAINED_POLICY", "out/policy.safetensors")), 0
+
+    def act(self, observation: Any) -> np.ndarray:
+        """Return steer, throttle and brake, chosen at every second tick and held at the others."""
+        if self._tick % HOLD == 0:
+            action, _ = self._policy.predict(observation.of_environment()[None], deterministic=True)
+            self._held = driving.controls(action)[0]
+        self._tick += 1
+        return self._held
+
+
+@functools.cache
+def shared_policy(path: str) -> ActorCriticPolicy:
+    """Return the policy of a file, which is read once in a process."""
+    torch.set_num_threads(1)
+    return load(Path(path))
 
 
 def drive(path: Path) -> None:

@@ -3,7 +3,7 @@
 import importlib.util
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from vpsci_ros.nodes.convert import objects_message
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.resources import params_dir
+from vpsci_ros.wire.layout import PlanarMotion, motion_of
 from vpsci_ros.world import EPISODE, RUNNING, load_scenario
 from vpsci_ros.world.kinematics import drive
 from vpsci_ros.world.perception import OBJECT
@@ -48,10 +49,15 @@ def driven(example: ModuleType, number: int, episode: int, people: list[tuple[fl
     state["vehicle_x"], state["vehicle_y"], state["vehicle_speed"] = *path[0], 4.0
     state["vehicle_heading"] = np.arctan2(along[1], along[0])
     driver, standing, rows = example.Driver(), [example.Person(*place, 0.0, 0.0) for place in people], []
+    by_class = example.PlannerDriver()
+    by_class.reset(SimpleNamespace(scenario=load_scenario(number)))
+    pedestrians = [PlanarMotion(*place, 0.0, 0.0, 0.0) for place in people]
     names = [f"vehicle_{name}" for name in ("x", "y", "heading", "speed")]
     for frame in range(240):
         state["frame"] = frame
+        seen = SimpleNamespace(vehicle=motion_of(state, "vehicle"), pedestrians=pedestrians)
         controls = driver.control(state, standing, PERIOD)
+        assert by_class.act(seen) == pytest.approx(controls, abs=1e-9), "the class drives as the node does"
         before = float(state["vehicle_speed"])
         values = drive(*(float(state[name]) for name in names), *controls, PERIOD)
         for name, value in zip(names, values, strict=False):

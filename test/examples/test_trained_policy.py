@@ -3,8 +3,9 @@
 import importlib.util
 import json
 import sys
+from functools import partial
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -47,9 +48,12 @@ def weights(example: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Pa
 
 @pytest.mark.parametrize("pedestrians", [1, 3])
 def test_the_node_does_what_the_policy_does_in_the_environment(
-    example: ModuleType, weights: Path, pedestrians: int
+    example: ModuleType, weights: Path, pedestrians: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     policy = example.load(weights)
+    monkeypatch.setenv("TRAINED_POLICY", str(weights))
+    by_class = example.PolicyDriver()
+    by_class.reset(None)
     driver = example.Driver(policy)
     env = RightTurnEnv([101], pedestrian="autopilot", config=WorldConfig(pedestrians=pedestrians))
     observation, _ = env.reset(seed=4)
@@ -57,6 +61,10 @@ def test_the_node_does_what_the_policy_does_in_the_environment(
     for _ in range(20):
         action, _ = policy.predict(observation, deterministic=True)
         expected = example.driving.controls(action[None])[0]
+        seen = SimpleNamespace(of_environment=partial(np.copy, observation))
+        for _ in range(example.HOLD):
+            np.testing.assert_allclose(by_class.act(seen), expected, atol=1e-6)
+            seen = SimpleNamespace(of_environment=partial(np.zeros, 21))  # at which it holds its action
         state: Any = env._simulation.world.state.copy()
         observed.add(int(env._last.state["pedestrian"][0]))
         state["table"], state["route_s"] = 0, 0.0  # which no message tells
