@@ -11,7 +11,9 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+import browser as real
 import numpy as np
 import pytest
 from fork_server import ForkedNode, ForkServer
@@ -31,6 +33,12 @@ SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], 
 GRAPHS = {"chaos", "examples", "extending", "nodes"}  # rooms whose tests start nodes
 COMPILING = ["world_simulator", "safety_monitor", "vehicle_policy", "perception", "recorder"]  # each kernel once
 SimulatedTick = tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]]
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """Yield one browser for all pages; two at once, Playwright refuses."""
+    yield from real.start()
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -8,7 +8,7 @@ import pytest
 from exam.test_measures import CONFIG, drive
 
 from vpsci_ros.exam.measures import RunResult, episode_table
-from vpsci_ros.exam.page import WORST, worst, write_page
+from vpsci_ros.exam.page import WORST, must_see, worst, write_page
 from vpsci_ros.exam.report import Conduct, make_report
 
 EXAM = {
@@ -52,8 +52,8 @@ def test_the_first_paragraph_counts_the_contacts_with_the_learned_pedestrian(pag
 
 def test_the_page_needs_nothing_from_elsewhere(page):
     sources = re.findall(r'src="?([^"> ]{0,30})', page[0])
-    assert len(sources) == 2, "overview and episode"
-    assert all(link.startswith("view.html#") for link in re.findall(r'href="?([^"> ]*)', page[0]))
+    assert len(sources) == 5, "three episodes to see, overview, and one episode met by all"
+    assert all(link.startswith("view.html") for link in re.findall(r'href="?([^"> ]*)', page[0]))
     assert all(source.startswith("data:image/png;base64,") for source in sources)
 
 
@@ -71,14 +71,51 @@ def test_a_number_opens_the_episodes_that_it_counts(page):
     assert f'#a=ads-walker&amp;b=autopilot-walker&amp;episode={name}">{name}</a>' in page[0]
 
 
+def test_the_system_the_autopilot_and_their_paired_difference_stand_in_one_row(page):
+    text = re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", page[0].split("<td>episodes")[1]))
+    # five of twelve with the walker, the autopilot one of these twelve: four pairs differ, all to the system's cost
+    assert re.search(
+        r"collisions 16\.7% 4\.7 to 44\.8 8\.3% 1\.5 to 35\.4 \+8\.3 -?[\d.]+ to \+[\d.]+, p = 1 41\.7%", text
+    )
+    assert re.search(r"41\.7% [\d.]+ to [\d.]+ 8\.3% [\d.]+ to [\d.]+ \+33\.3 [^c]*p = 0\.12 ", text)
+
+
+def test_the_three_episodes_to_see_are_three_and_each_says_why(page):
+    rows = must_see(page[1])
+    assert [(row["pedestrian"], row["episode"], row["why"]) for row in rows] == [
+        ("walker", 4, "The hardest contact: 5.0 m/s"),
+        ("walker", 3, "A contact at 4.0 m/s, where the autopilot has none"),
+        ("learned", 2, "The nearest without a contact: CurvTTC 3.00 s"),
+    ]
+    cards = page[0].split("<div class=cards>")[1].split("<h2>")[0]
+    assert re.findall(r"episode=([\d:]+)", cards) == [f"{row['scenario']}:{row['episode']}" for row in rows]
+    assert page[0].index('class="verdict') < page[0].index("<div class=cards>") < page[0].index("<table")
+
+
+def test_the_page_is_readable_on_a_phone_a_wide_screen_and_paper(page, browser, tmp_path):
+    (tmp_path / "report.html").write_text(page[0], encoding="utf-8")
+    for width in (390, 1400):
+        tab = browser.new_page(viewport={"width": width, "height": 850})
+        tab.goto((tmp_path / "report.html").as_uri())
+        assert tab.evaluate("document.documentElement.scrollWidth") == width
+        assert tab.evaluate("document.querySelector('.beside').getBoundingClientRect().width") > 0.5 * width
+    assert tab.evaluate("document.documentElement.scrollHeight") < 5200
+    assert tab.pdf(prefer_css_page_size=True).startswith(b"%PDF")
+    tab.emulate_media(media="print")
+    assert tab.evaluate("getComputedStyle(document.querySelector('.wide')).overflowX") == "visible", "nothing is cut"
+    tab.close()
+
+
 def test_a_command_line_with_markup_is_shown_as_it_is(page):
     assert "my &lt;ads&gt;.py&#39; &amp; co" in page[0]
     assert "<ads>" not in page[0]
 
 
 def test_every_row_of_every_table_has_as_many_cells_as_its_head(page):
-    for table in re.findall(r"<table>.*?</table>", page[0], re.DOTALL):
-        rows = [len(re.findall(r"<t[hd]\b", row)) for row in table.split("<tr>")[1:]]
+    for table in re.findall(r"<table\b.*?</table>", page[0], re.DOTALL):
+        cells = [re.findall(r"<t[hd]\b([^>]*)>", row) for row in table.split("<tr>")[1:]]
+        spans = [[re.search(r"colspan=(\d+)", cell) for cell in row] for row in cells]
+        rows = [sum(int(span[1]) if span else 1 for span in row) for row in spans]
         assert len(set(rows)) == 1, table
 
 

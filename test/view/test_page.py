@@ -124,6 +124,85 @@ def test_filters_and_order_choose_the_list(browser: Any, path: Path) -> None:
         assert (names(page), page.is_visible("#nothing")) == ([], True)
 
 
+def test_the_page_opens_on_the_fastest_contact_and_leaves_standing_vehicles_to_the_end(
+    browser: Any, tmp_path: Path
+) -> None:
+    made = [approach("1:0", speed=3.0), approach("1:1", speed=7.0), approach("1:2", speed=9.0)]
+    values = np.zeros((40, len(FIELDS)))
+    values[:, 5] = 2.0
+    stood = shown(episode(values, "1:3", "LocationA_PedCross_S-N", load_scenario(1), "collision", period=0.05))
+    write_view(tmp_path / "page.html", [Source("ads", "the ADS", 0.05, [stood, *made], 4)], "all")
+    with real.opened(browser, tmp_path / "page.html", "#a=ads") as page:
+        assert names(page) == ["1:2", "1:1", "1:0", "1:3"]
+        assert page.evaluate("page.panels[0].episode.name") == "1:2"
+        assert page.text_content("#list .least") == "at 9.0 m/s"
+
+
+def test_space_plays_after_a_click_on_an_episode_a_button_or_a_choice(browser: Any, path: Path) -> None:
+    with real.opened(browser, path, "#a=ads&t=0") as page:
+        for press in ("#list li:nth-child(2) button", "#next", "#trails"):
+            page.click(press)
+            shown_now = page.evaluate("[page.panels[0].index, page.panels[0].scene.options.trails]")
+            page.keyboard.press("Space")
+            assert page.evaluate("page.playing"), press
+            assert page.evaluate("[page.panels[0].index, page.panels[0].scene.options.trails]") == shown_now, press
+            page.keyboard.press("Space")
+            assert not page.evaluate("page.playing")
+        page.focus("#next")  # by a key: Space is the button's
+        before = page.evaluate("page.panels[0].index")
+        page.keyboard.press("p")
+        page.keyboard.press("Space")
+        assert page.evaluate("[page.playing, page.panels[0].index]") == [False, before]
+
+
+def test_the_address_names_the_episode_while_it_plays(browser: Any, path: Path) -> None:
+    with real.opened(browser, path, "#a=ads&b=autopilot&episode=1:2") as page:
+        real.wait_until(page, "page.playing && page.clock > 0")
+        page.evaluate("page.step(1)")
+        address = page.evaluate("[page.playing, location.hash]")
+        assert address == [True, "#a=ads&episode=1%3A1&b=autopilot&beside=1%3A1"]
+    with real.opened(browser, path, address[1]) as page:
+        assert page.evaluate("[page.playing, page.panels[0].episode.name]") == [True, "1:1"]
+
+
+def test_failures_are_filtered_by_their_group_and_found_by_its_words(browser: Any, tmp_path: Path) -> None:
+    made = [
+        approach(f"1:{k}", speed=6.0 + k)._replace(failure=f"hits: {who}") for k, who in enumerate(("child", "adult"))
+    ]
+    write_view(tmp_path / "page.html", [Source("ads", "the ADS", 0.05, [*made, approach("1:9", speed=3.0)], 3)], "all")
+    with real.opened(browser, tmp_path / "page.html", "#a=ads&t=0") as page:
+        page.select_option("#failure", "hits: child")
+        assert names(page) == ["1:0"]
+        assert "failure=hits%3A+child" in page.evaluate("location.hash")
+        page.click("#all")
+        page.fill("#text", "ADULT")
+        assert names(page) == ["1:1"]
+
+
+def test_the_crosswalk_has_stripes_along_the_road(browser: Any, path: Path) -> None:
+    with real.opened(browser, path, "#a=ads&t=0") as page:
+        page.evaluate("""() => {
+          const scene = page.panels[0].scene, canvas = document.createElement("canvas");
+          canvas.width = 60; canvas.height = 200;
+          const colour = { road: "#000000", marking: "#ffffff" }, px = (x) => 20 * x;
+          scene.drawCrosswalk({ context: canvas.getContext("2d"), colour, scale: 20, px, py: px },
+            [[0, 0], [3, 0], [3, 10], [0, 10]]);
+          window.stripes = [...canvas.getContext("2d").getImageData(30, 0, 1, 200).data].filter((_, k) => k % 4 === 0);
+        }""")
+        light = np.array(page.evaluate("window.stripes")) > 127
+        assert np.count_nonzero(np.diff(light.astype(int)) == 1) == 10, "ten stripes on ten metres"
+        assert light.mean() == pytest.approx(0.5, abs=0.02)
+
+
+def test_on_paper_stands_the_episode_without_the_controls(browser: Any, path: Path) -> None:
+    with real.opened(browser, path, "#a=ads&t=1") as page:
+        page.emulate_media(media="print")
+        assert page.is_visible("#panel-a .scene")
+        assert not page.is_visible("#list")
+        assert not page.is_visible("#play")
+        assert page.pdf().startswith(b"%PDF")
+
+
 def test_keys_go_through_episodes_and_frames(browser: Any, path: Path) -> None:
     with real.opened(browser, path, "#a=ads&sort=source&episode=1:1&t=1") as page:
         for key, episode, clock in (

@@ -13,7 +13,7 @@ from vpsci_ros.exam.config import added_pedestrians, title_of
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.report.canvas import blank_figure, save_png
-from vpsci_ros.report.trajectories import save_trajectories
+from vpsci_ros.report.trajectories import draw_episode, save_trajectories
 from vpsci_ros.safety import HORIZON
 
 # Okabe and Ito's colours, which most people can distinguish
@@ -70,6 +70,13 @@ def save_episode(episodes: Mapping[str, Sequence[Episode]], path: Path) -> Key |
     found = [(name, one.pair()) for name, each in episodes.items() for one in each if one.key == worst]
     save_trajectories([(_title(name, one), one) for name, one in found], path)
     return worst
+
+
+def save_one(episode: Episode, path: Path) -> None:
+    """Draw an episode by itself, as a PNG."""
+    figure = blank_figure(4.4, 3.3)
+    draw_episode(figure.subplots(), "", episode.pair())
+    save_png(figure, path)
 
 
 def _draw_rates(axis: Axes, report: Mapping[str, Any], measure: str, names: list[str]) -> None:

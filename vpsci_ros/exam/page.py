@@ -8,7 +8,7 @@ import polars as pl
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.config import ALONE, TITLES, added_pedestrians, title_of
-from vpsci_ros.exam.figures import save_episode, save_overview
+from vpsci_ros.exam.figures import save_episode, save_one, save_overview
 from vpsci_ros.exam.measures import worst_first
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.scores import DIFFERENCES
@@ -18,6 +18,8 @@ from vpsci_ros.report import html
 
 NAMES = {ADS: "The ADS", BASELINE: "The rule-based autopilot"}
 GROUPED = ("collision_rate", "moving_collision_rate", "conflict_rate", "hard_braking_rate", "time_lost")
+SLOW = 1.0  # [s] of time lost, from which on an episode is one to see
+_KEY = ["pedestrian", "scenario", "episode"]
 WORST = 10  # episodes in the list of those to look at
 _TEMPLATE = Path(__file__).resolve().parent / "templates" / "exam.html"
 
@@ -29,13 +31,13 @@ def write_page(
     episodes: Mapping[str, Sequence[Episode]],
     view: str = "",
 ) -> None:
-    """Write the page, and its pictures beside it: overview.png, episode.png.
+    """Write the page, and its pictures beside it: overview.png, episode.png, must_see_1.png to must_see_3.png.
 
     :param report: of `make_report`, with the keys exam, failures and criteria.
     :param table: a row an episode; `episodes`: pedestrian -> episodes of the ADS, frame by frame.
     :param view: the page beside it in which the episodes play; empty: there is none, and so no link.
     """
-    values: dict[str, Any] = {"overview": None, "episode": None, "worst": []}
+    values: dict[str, Any] = {"overview": None, "episode": None, "worst": [], "must_see": []}
     if report["drivers"].get(ADS):
         overview, nearest_one = path.parent / "overview.png", path.parent / "episode.png"
         save_overview(report, table, overview)
@@ -43,6 +45,7 @@ def write_page(
         nearest = save_episode(others, nearest_one)
         values = {"overview": overview, "episode": nearest_one if nearest else None, "nearest": nearest}
         values |= _summary(report) | {"worst": worst(table)}
+        values["must_see"] = _pictured(must_see(table), episodes, path.parent)
     html.write_page(
         path,
         _TEMPLATE,
@@ -79,3 +82,41 @@ def worst(table: pl.DataFrame) -> list[dict[str, Any]]:
     """Return rows of the worst episodes of the ADS, the worst first."""
     rows = table.filter((pl.col("driver") == ADS) & pl.col("critical") & (pl.col("pedestrian") != ALONE))
     return worst_first(rows).head(WORST).with_columns(pl.col("impact_speed").fill_nan(-1.0)).to_dicts()
+
+
+def must_see(table: pl.DataFrame) -> list[dict[str, Any]]:
+    """Return rows of the three episodes of the ADS that one must see, each with the reason as `why`."""
+    rows = worst_first(table.filter((pl.col("driver") == ADS) & (pl.col("pedestrian") != ALONE)))
+    other = table.filter(pl.col("driver") == BASELINE).select(*_KEY, hit=pl.col("collision"))
+    rows = rows.join(other, on=_KEY, how="left", maintain_order="left").with_columns(pl.col("time_lost").fill_nan(0.0))
+    missed, slow = rows.filter(~pl.col("collision")), rows.filter(pl.col("time_lost") > SLOW)
+    found: list[dict[str, Any]] = []
+    for why, those in (
+        ("The hardest contact: {impact_speed:.1f} m/s", rows.filter("moving_collision")),
+        ("A contact at {impact_speed:.1f} m/s, where the autopilot has none",
+         rows.filter(pl.col("moving_collision") & ~pl.col("hit"))),
+        ("The nearest without a contact: CurvTTC {least_curvttc:.2f} s", missed.filter("critical")),
+        ("The hardest braking without a contact: {hardest_braking:.1f} m/s\u00b2",
+         missed.filter("hard_braking").sort("hardest_braking", descending=True, maintain_order=True)),
+        ("The most time lost: {time_lost:.1f} s", slow.sort("time_lost", descending=True, maintain_order=True)),
+        ("No contact, where the autopilot has one", missed.filter("hit")),
+        ("The pedestrian walks into the standing vehicle",
+         rows.filter(pl.col("collision") & ~pl.col("moving_collision"))),
+    ):  # fmt: skip
+        seen = [(row["scenario"], row["episode"]) for row in found]
+        new = next((row for row in those.iter_rows(named=True) if (row["scenario"], row["episode"]) not in seen), None)
+        if new is not None:
+            found.append(new | {"why": why.format(**new)})
+    return found[:3]
+
+
+def _pictured(
+    rows: list[dict[str, Any]], episodes: Mapping[str, Sequence[Episode]], folder: Path
+) -> list[dict[str, Any]]:
+    """Return the rows with a `picture` each, drawn from the episodes of the ADS."""
+    out = []
+    for number, row in enumerate(rows, start=1):
+        key, picture = (row["scenario"], row["episode"]), folder / f"must_see_{number}.png"
+        save_one(next(each for each in episodes[row["pedestrian"]] if each.key == key), picture)
+        out.append(row | {"picture": picture})
+    return out

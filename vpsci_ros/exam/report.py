@@ -72,7 +72,7 @@ GROUPS = {
 def make_report(
     table: pl.DataFrame, conduct: dict[str, Conduct], config: ExamConfig, perception: PerceptionConfig | None = None
 ) -> dict[str, Any]:
-    """Return the scores of an exam.
+    """Return the scores of an exam; `beside` is the ADS less the autopilot on the same episodes.
 
     :param table: a row an episode, `vpsci_ros.exam.measures.COLUMNS`.
     :param conduct: pedestrian (and "alone") -> how the run of the ADS with it went.
@@ -89,6 +89,11 @@ def make_report(
     others = [name for name in config.opponents if name != LEARNED and learned.height]
     return {
         "drivers": drivers,
+        "beside": {
+            name: differences(_of(table, ADS, name), _of(table, BASELINE, name))
+            for name in config.opponents
+            if _of(table, ADS, name).height and _of(table, BASELINE, name).height
+        },
         "differences": {name: differences(_of(table, ADS, name), learned) for name in others},
         "reliance": _reliance(table),
         "groups": _groups(table, config.opponents),

@@ -68,5 +68,16 @@ def _chosen(rows: pl.DataFrame, limit: int) -> Rows:
 
 
 def _marked(each: Shown, row: dict[str, Any]) -> Shown:
-    """Return an episode with who yielded by the exam, and its shares as marks."""
-    return each._replace(yielded=row["yielded"], marks=tuple(name for name in MARKS if row[f"mark {name}"]))
+    """Return an episode with who yielded by the exam, its shares as marks, and the group of its failure."""
+    marks = tuple(name for name in MARKS if row[f"mark {name}"])
+    return each._replace(yielded=row["yielded"], marks=marks, failure=failure_group(row))
+
+
+def failure_group(row: Mapping[str, Any]) -> str:
+    """Return what the contact of a row of the table of episodes has in common with others; empty: no contact."""
+    if row["parked_collision"]:
+        return "hits a parked vehicle"
+    if not row["collision"]:
+        return ""
+    how = "hits while it moves" if row["moving_collision"] else "is walked into while it stands"
+    return f"{how}: {row['kind'] or 'adult'}, {'hidden' if row['hidden'] else 'in sight'}"

@@ -13,7 +13,7 @@ import numpy as np
 from vpsci_ros.data.episode import Episode, Floats
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.view.sources import Source
-from vpsci_ros.world import Scenario
+from vpsci_ros.world import COLLISION, OUTCOME_NAMES, Scenario
 from vpsci_ros.world.scenario import shipped_scenarios
 
 UNKNOWN, INFINITE, LARGEST = -32768, 32767, 32766
@@ -46,7 +46,7 @@ def packed(source: Source) -> dict[str, Any]:
     groups = sorted({shown.episode.group for shown in source.episodes})
     marks = sorted({mark for shown in source.episodes for mark in shown.marks})
     rows, parts, others = [], [], []
-    for episode, yielded, own in source.episodes:
+    for episode, yielded, own, failure in source.episodes:
         values, beside = _values(episode)
         middle = _middle(values)
         values[:, (0, 1)] -= middle
@@ -71,6 +71,8 @@ def packed(source: Source) -> dict[str, Any]:
                 "marks": [marks.index(mark) for mark in own],
             }
             | ({"others": len(beside)} if len(beside) else {})
+            | ({"impact": round(float(values[-1, 3]), 3)} if episode.outcome == OUTCOME_NAMES[COLLISION] else {})
+            | ({"failure": failure} if failure else {})
         )
     frames = np.concatenate(parts)
     steps = _steps(frames)

@@ -20,11 +20,13 @@ class Shown(NamedTuple):
 
     :ivar yielded: who gave way, one of `YIELDED`.
     :ivar marks: names that the page filters by, say "hard_braking".
+    :ivar failure: what its failure has in common with others, in words; empty where it is none.
     """
 
     episode: Episode
     yielded: str
     marks: tuple[str, ...]
+    failure: str = ""
 
 
 @dataclass(frozen=True)

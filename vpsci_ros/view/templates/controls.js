@@ -49,7 +49,7 @@ function listen() {
     page.sort = $("sort").value;
     page.refilter();
   });
-  for (const name of ["text", "group", "outcome", "yielded", "mark", "below"]) {
+  for (const name of ["text", "group", "outcome", "yielded", "failure", "mark", "below"]) {
     $(name).addEventListener("input", () => {
       page.filter[name] = $(name).value.trim();
       page.refilter();
@@ -66,7 +66,17 @@ function listen() {
     });
   }
   $("keys").addEventListener("click", () => $("help").showModal());
+  // What a pointer has pressed does not keep the focus, so that Space and the arrows play; what a key has reached does.
+  let pointed = false;
+  document.addEventListener("pointerdown", () => (pointed = true));
+  for (const kind of ["click", "change"]) {
+    document.addEventListener(kind, ({ target }) => {
+      const kept = kind === "click" ? "button, summary, [type=checkbox], [type=range]" : "select";
+      if (pointed) target.closest(kept)?.blur();
+    });
+  }
   document.addEventListener("keydown", (event) => {
+    pointed = false;
     const busy = event.target.closest("input, select, textarea, dialog") || event.ctrlKey || event.metaKey || event.altKey;
     const pressing = event.key === " " && event.target.closest("button, summary");
     if (busy || pressing || !KEYS[event.key]) return;

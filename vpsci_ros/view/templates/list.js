@@ -2,13 +2,21 @@
 "use strict";
 
 const SYMBOLS = { collision: "✖", goal: "●", timeout: "◷", parked_collision: "▣", recorded: "○", none: "–" };
+// What one must see first: who is hit by a moving vehicle, the fastest first, then who came nearest without a contact,
+// and last who walked into a standing vehicle.
+const MOVING = 0.5; // [m/s]
+function severity(episode) {
+  if (episode.impact > MOVING) return -episode.impact;
+  return episode.outcome === "collision" ? 1000 : episode.least ?? 100;
+}
 const SORTS = {
+  worst: { title: "worst first", order: (a, b) => severity(a) - severity(b) },
   source: { title: "as in the source", order: () => 0 },
   least: { title: "least CurvTTC first", order: (a, b) => (a.least ?? Infinity) - (b.least ?? Infinity) || 0 },
   outcome: { title: "by outcome", order: (a, b) => a.outcome.localeCompare(b.outcome) },
   longest: { title: "longest first", order: (a, b) => b.frames - a.frames },
 };
-const NO_FILTER = { text: "", group: "", outcome: "", yielded: "", mark: "", below: "", names: "" };
+const NO_FILTER = { text: "", group: "", outcome: "", yielded: "", failure: "", mark: "", below: "", names: "" };
 
 // Return the indices of a source's episodes that pass the filter, sorted; ties stay in the source's order.
 function chosen(source, filter, sort) {
@@ -19,9 +27,10 @@ function chosen(source, filter, sort) {
     (!filter.group || source.groups[episode.group] === filter.group) &&
     (!filter.outcome || episode.outcome === filter.outcome) &&
     (!filter.yielded || episode.yielded === filter.yielded) &&
+    (!filter.failure || episode.failure === filter.failure) &&
     (!filter.mark || episode.marks.some((mark) => source.marks[mark] === filter.mark)) &&
     (filter.below === "" || (episode.least ?? Infinity) < below) &&
-    (!text || `${episode.name} ${source.groups[episode.group]}`.toLowerCase().includes(text));
+    (!text || `${episode.name} ${source.groups[episode.group]} ${episode.failure ?? ""}`.toLowerCase().includes(text));
   const { order } = SORTS[sort];
   return [...source.episodes.keys()].filter((index) => passes(source.episodes[index]))
     .sort((a, b) => order(source.episodes[a], source.episodes[b]) || a - b);
@@ -49,7 +58,8 @@ function fillList(list, source, indices, select) {
     part("name", episode.name);
     part("where", shortGroup(source.groups[episode.group]));
     part(`outcome ${episode.outcome}`, `${SYMBOLS[episode.outcome] ?? "–"} ${episode.outcome}`);
-    part("least", seconds(episode.least));
+    part("least", episode.impact > MOVING ? `at ${episode.impact.toFixed(1)} m/s` : seconds(episode.least));
+    if (episode.failure) part("failure", episode.failure);
     button.type = "button";
     button.dataset.index = index;
     button.addEventListener("click", () => select(index));

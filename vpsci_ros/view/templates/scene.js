@@ -114,13 +114,7 @@ class Scene {
     const local = (points) => points.map(([x, y]) => [x - ox, y - oy]);
     context.lineCap = "butt";
     this.line(shape, local(this.ground.lane), colour.road, this.ground.lane_width * scale);
-    if (this.ground.crosswalk.length) {
-      context.beginPath();
-      local(this.ground.crosswalk).forEach(([x, y], k) => context[k ? "lineTo" : "moveTo"](shape.px(x), shape.py(y)));
-      context.closePath();
-      context.fillStyle = colour.marking;
-      context.fill();
-    }
+    if (this.ground.crosswalk.length) this.drawCrosswalk(shape, local(this.ground.crosswalk));
     this.line(shape, local(this.ground.lane), colour.faint, 1, [8, 8]);
     this.line(shape, local(this.ground.route), colour.faint, 1, [2, 5]);
     for (const [x, y, heading, length, width] of this.ground.parked) {
@@ -134,6 +128,29 @@ class Scene {
       context.fill();
     }
     context.lineCap = "round";
+  }
+
+  // Stripes of half a metre, a metre apart, along the road: across the longer side of the crosswalk.
+  drawCrosswalk(shape, corners) {
+    const { context, colour, scale } = shape;
+    const sides = corners.map(([x, y], k) => {
+      const [nx, ny] = corners[(k + 1) % corners.length];
+      return { length: Math.hypot(nx - x, ny - y), ux: nx - x, uy: ny - y };
+    });
+    const { length, ux, uy } = sides.reduce((a, b) => (b.length > a.length ? b : a)), [c, s] = [ux / length, uy / length];
+    const places = corners.map(([x, y]) => c * x + s * y), aside = corners.map(([x, y]) => c * y - s * x);
+    const [near, far] = [Math.min(...aside), Math.max(...aside)];
+    context.save();
+    context.beginPath();
+    corners.forEach(([x, y], k) => context[k ? "lineTo" : "moveTo"](shape.px(x), shape.py(y)));
+    context.closePath();
+    context.fillStyle = colour.road;
+    context.fill();
+    context.clip();
+    for (let at = Math.min(...places) + 0.5; at < Math.max(...places); at += 1) {
+      this.line(shape, [near, far].map((side) => [c * at - s * side, s * at + c * side]), colour.marking, 0.5 * scale);
+    }
+    context.restore();
   }
 
   drawTrails(shape, state) {

@@ -44,7 +44,7 @@ class Panel {
 
 class Page {
   constructor() {
-    Object.assign(this, { clock: 0, rate: 1, playing: false, sort: "least", filter: { ...NO_FILTER }, other: null });
+    Object.assign(this, { clock: 0, rate: 1, playing: false, sort: "worst", filter: { ...NO_FILTER }, other: null });
     this.source = sources[0];
     this.panels = [new Panel("a"), new Panel("b")];
   }
@@ -64,7 +64,7 @@ class Page {
     this.source = byKey(address.get("a")) ?? sources[0];
     const beside = address.has("b") ? byKey(address.get("b")) : address.has("a") ? null : sources[1];
     this.other = beside === this.source ? null : beside ?? null;
-    this.sort = SORTS[address.get("sort")] ? address.get("sort") : "least";
+    this.sort = SORTS[address.get("sort")] ? address.get("sort") : "worst";
     for (const name of FILTERS) this.filter[name] = address.get(name) ?? "";
     this.playing = !address.has("t") && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.refill();
@@ -86,9 +86,9 @@ class Page {
     const address = new URLSearchParams({ a: this.source.key, episode: this.panels[0].episode.name });
     address.set("b", this.other ? this.other.key : "");
     if (this.other) address.set("beside", this.panels[1].episode.name);
-    if (this.sort !== "least") address.set("sort", this.sort);
+    if (this.sort !== "worst") address.set("sort", this.sort);
     for (const name of FILTERS) if (this.filter[name] !== "") address.set(name, this.filter[name]);
-    address.set("t", this.clock.toFixed(2));
+    if (!this.playing) address.set("t", this.clock.toFixed(2)); // without a time it plays when it is opened
     history.replaceState(null, "", `#${address}`);
   }
 
@@ -101,6 +101,9 @@ class Page {
     fillSelect($("group"), every(source.groups, "all places"), filter.group);
     fillSelect($("outcome"), every(source.episodes.map((e) => e.outcome), "all outcomes"), filter.outcome);
     fillSelect($("yielded"), every(source.episodes.map((e) => e.yielded), "whoever yields"), filter.yielded);
+    const failures = source.episodes.map((e) => e.failure).filter(Boolean);
+    fillSelect($("failure"), every(failures, "all failure groups"), filter.failure);
+    $("failure").hidden = failures.length === 0;
     fillSelect($("mark"), every(source.marks, "all kinds").map(([k, t]) => [k, t.replaceAll("_", " ")]), filter.mark);
     fillSelect($("sort"), Object.entries(SORTS).map(([key, { title }]) => [key, title]), this.sort);
     [$("below").value, $("text").value, $("names").hidden] = [filter.below, filter.text, !filter.names];
@@ -129,6 +132,7 @@ class Page {
     $("time").max = this.duration;
     this.goTo(clock);
     this.play(this.playing);
+    this.writeAddress();
   }
 
   alike(index) {
