@@ -32,6 +32,16 @@ def ads_test(
             "episodes side by side in this process, without ROS (docs/ads.md).",
         ),
     ] = None,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            "--socket",
+            min=0,
+            metavar="PORT",
+            help="With --ads: it connects to this TCP port of the loopback instead of ROS (docs/ads.md); 0: a free "
+            "one, which it finds in VPSCI_ADS_PORT.",
+        ),
+    ] = None,
     episodes: Annotated[
         str | None,
         typer.Option(
@@ -104,7 +114,7 @@ def ads_test(
                 "--search goes without --fail-if, --recorded, --episodes and --baseline; put what it finds to an exam "
                 "with these: --episodes failures.json"
             )
-        exam = prepare(sections, ads, ads_class, workers)
+        exam = prepare(sections, ads, ads_class, workers, port)
         with stoppable(output):
             failures = run_search(exam, output, workers=workers, quiet=quiet)
         for reason in failures:
@@ -114,7 +124,7 @@ def ads_test(
     elif budget is not None:
         raise InvalidInput("--budget is of --search; --episodes N says how many episodes an exam has")
     else:
-        exam = prepare(sections, ads, ads_class, workers)
+        exam = prepare(sections, ads, ads_class, workers, port)
         with stoppable(output):
             failures = run_exam(
                 exam, output, fail_if or [], workers=workers, against=baseline, guard=guard, quiet=quiet

@@ -23,7 +23,7 @@ from vpsci_ros.data.episode import Key
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.exam.collect import bag_of, conduct_of, counts_of, episodes_of, joined, label_of, read_run
 from vpsci_ros.exam.config import EXTERNAL, ExamConfig, title_of
-from vpsci_ros.exam.driver_class import find_driver
+from vpsci_ros.exam.driver_class import Driver, find_driver
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_process import SIDE_BY_SIDE, InProcess
 from vpsci_ros.exam.measures import RunResult
@@ -31,6 +31,7 @@ from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
 from vpsci_ros.exam.report import BASELINE, Conduct
 from vpsci_ros.exam.sight import Watcher
+from vpsci_ros.exam.socket_driver import connected
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
 from vpsci_ros.nodes.status import NodeStatus
@@ -110,7 +111,7 @@ def _conductor(parts: Sequence[Exam], folder: Path, titles: Mapping[Run, str]) -
 
 def domain_of(config: ExamConfig) -> contextlib.AbstractContextManager[object]:
     """Return the context in which graphs have a ROS domain of their own; none for a class or an external system."""
-    if config.ads_class or config.ads == EXTERNAL:
+    if config.in_process or config.ads == EXTERNAL:
         return contextlib.nullcontext()
     from vpsci_ros.nodes.domain import own_domain
 
@@ -129,11 +130,12 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
     label = label_of(name, exam.part)
     if conduct_of(exam, folder, name).failure:
         if not quiet:
-            where = f"; the ADS is expected in ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}"
-            external = where if exam.config.examined == EXTERNAL else ""
+            domain, port = os.environ.get("ROS_DOMAIN_ID") or 0, exam.config.socket
+            where = f"at port {port} of 127.0.0.1" if exam.config.in_process else f"in ROS domain {domain}"
+            external = f"; the ADS is expected {where}" if exam.config.examined == EXTERNAL else ""
             print(f"{which}: {title_of(name)}, {len(exam.episodes)} episodes{external}", file=sys.stderr)
         shutil.rmtree(folder / "runs" / label, ignore_errors=True)
-        (_run_class if exam.config.ads_class else _run)(exam, name, folder, quiet)
+        (_run_in_process if exam.config.in_process else _run)(exam, name, folder, quiet)
     return read_run(exam, name, bag_of(folder, label), conduct_of(exam, folder, name))
 
 
@@ -204,16 +206,25 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
         raise VpsciError(f"the run with {title_of(name)}: {result.error}{asks}")
 
 
-def _run_class(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
-    """Have the class meet one pedestrian in this process, and leave a bag and a record as a graph does."""
+def _run_in_process(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
+    """Have the ADS meet one pedestrian in this process, and leave a bag and a record as a graph does.
+
+    A class drives many episodes side by side, a program behind a socket one after the other.
+    """
     begun, label = time.monotonic(), label_of(name, exam.part)
     log = folder / "logs" / f"ads_{label}.log"
     log.unlink(missing_ok=True)
-    loop = loop_with(exam, name, "external", exam.episodes, SIDE_BY_SIDE)
-    drivers = InProcess(find_driver(exam.config.ads_class), loop, exam.perception, log)
-    with Bars(quiet=quiet) as bars:
+    config, patience = exam.config, exam.sections.get(GraphConfig, "graph").progress_timeout
+    loop = loop_with(exam, name, "external", exam.episodes, SIDE_BY_SIDE if config.ads_class else 1)
+    with contextlib.ExitStack() as stack:
+        bars = stack.enter_context(Bars(quiet=quiet))
+        if config.ads_class:
+            make: Callable[[], Driver] = find_driver(config.ads_class)
+        else:
+            make = stack.enter_context(connected(config, log, exam.world.tick, patience))
+        drivers = InProcess(make, loop, exam.perception, log)
         steps = drivers.episodes(exam.episodes, lambda done: bars.bar(title_of(name), done, len(exam.episodes)))
-        made_by = {"made_by": "vpsci ads-test", "ads_class": exam.config.ads_class}
+        made_by = {"made_by": "vpsci ads-test", "ads": config.examined}
         write_ticks(steps, loop.world.config, bag_of(folder, label), made_by, scenarios=exam.scenarios)
     counts = WorldCounts(vehicle_commands=drivers.commands, vehicle_commands_refused=drivers.refused)
     write_record(

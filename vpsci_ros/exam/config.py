@@ -11,6 +11,7 @@ from vpsci_ros.safety import CONFLICT_TTC
 SEVERE_TTC = 1.0  # [s] a severe conflict is one with a CurvTTC below
 MOVING = 0.5  # [m/s] a vehicle slower than this at the contact stood: the pedestrian walked into it
 EXTERNAL = "external"  # an ADS that the user starts himself
+NO_SOCKET = -1
 ALONE = "alone"  # the reference of the time lost: nobody there
 DRIVERS = {
     LEARNED: "policy",
@@ -78,6 +79,13 @@ class ExamConfig:
     ads_class: str = parameter(
         "", "MODULE:CLASS: the ADS is this Python class instead, and drives in this process, without ROS"
     )
+    socket: int = parameter(
+        NO_SOCKET,
+        "TCP port of the loopback to which the ADS connects, instead of ROS (docs/ads.md); 0: a free one, which it "
+        "finds in VPSCI_ADS_PORT; -1: it drives through ROS topics",
+        low=NO_SOCKET,
+        high=65_535,
+    )
     pedestrians: list[str] = parameter(
         [name for name in DRIVERS if name != "recorded"],
         f"pedestrians to meet: {', '.join(DRIVERS)}, and agents that other distributions add (docs/extending.md)",
@@ -126,6 +134,11 @@ class ExamConfig:
             raise InvalidInput(
                 "pedestrians holds recorded, but no recordings are given; set 'recorded' to a near-miss table"
             )
+
+    @property
+    def in_process(self) -> bool:
+        """Whether it drives without ROS: a class, or a program behind a socket."""
+        return bool(self.ads_class) or self.socket != NO_SOCKET
 
     @property
     def examined(self) -> str:

@@ -82,7 +82,7 @@ def _conditions(identity: Mapping[str, Any]) -> dict[str, Any]:
         name: identity.get(name)
         for name in ("world", "scenarios_sha256", "weights_sha256", "agents", "recorded_sha256")
     }
-    left_out = ("ads", "ads_class", "baseline", "only", "recorded")
+    left_out = ("ads", "ads_class", "socket", "baseline", "only", "recorded")
     return kept | {
         section: {name: value for name, value in values.items() if name not in left_out}
         for section, values in identity["parameters"].items()

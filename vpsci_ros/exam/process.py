@@ -6,7 +6,7 @@ import shlex
 import shutil
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from vpsci_ros.errors import InvalidInput
@@ -45,13 +45,14 @@ def files_of(text: str) -> dict[str, str]:
 
 
 @contextlib.contextmanager
-def running(command: list[str], log: Path) -> Iterator[ChildProcess]:
+def running(command: list[str], log: Path, added: Mapping[str, str] | None = None) -> Iterator[ChildProcess]:
     """Start the driving system, and stop it with all that it started when the `with` block is left.
 
+    :param added: variables of its environment, besides those of this process.
     :raises InvalidInput: the program cannot be started.
     """
     try:
-        process = ChildProcess(command, log, _environment())
+        process = ChildProcess(command, log, _environment() | dict(added or {}))
     except OSError as error:
         raise InvalidInput(f"--ads {shlex.join(command)}: cannot be started ({error.strerror})") from None
     try:

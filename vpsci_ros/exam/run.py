@@ -25,7 +25,7 @@ from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.collect import bags_of
 from vpsci_ros.exam.conduct import autopilot_run, run_with_all
-from vpsci_ros.exam.config import ALONE, EXTERNAL, ExamConfig, added_pedestrians, title_of
+from vpsci_ros.exam.config import ALONE, EXTERNAL, NO_SOCKET, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import check, parse
 from vpsci_ros.exam.driver_class import files_of_driver, find_driver
 from vpsci_ros.exam.earlier import Earlier, compare, compared_with, write_junit, write_summary
@@ -59,29 +59,45 @@ _SHOWN = {
 """Measures that are printed, and the heads of their columns."""
 
 
-def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = None, workers: int = 1) -> Exam:
+def prepare(
+    sections: Sections,
+    ads: str | None = None,
+    ads_class: str | None = None,
+    workers: int = 1,
+    port: int | None = None,
+) -> Exam:
     """Check everything that can be checked before anything runs.
 
     :param ads, ads_class: the driving system, instead of the one that the parameters name: a command, or MODULE:CLASS.
     :param workers: runs side by side.
+    :param port: to which the command connects, see `ExamConfig.socket`.
     :raises InvalidInput: a parameter, the command, the class, weights or recordings are refused.
     """
     if ads is not None and ads_class is not None:
         raise InvalidInput("--ads and --ads-class exclude each other: a driving system is a program or a class")
-    given = {"ads": ads, "ads_class": ""} if ads is not None else {"ads_class": ads_class} if ads_class else {}
+    given: dict[str, Any] = {"ads": ads, "ads_class": ""} if ads is not None else {}
+    given |= {"ads_class": ads_class, "socket": NO_SOCKET} if ads_class else {}
+    given |= {"socket": port} if port is not None else {}
     chosen = sections.changed("ads_test", given).changed("world_simulator", {"batch": 1})
     if "weights" not in chosen.values.get("pedestrian_policy", {}):
         chosen = chosen.changed("pedestrian_policy", {"weights": "refined"})
     config = chosen.get(ExamConfig, "ads_test")
     run, world = chosen.get(RunConfig, "world_simulator"), chosen.get(WorldConfig, "world_simulator")
     exam = Exam(chosen, config, run, world)
+    if config.ads_class and config.socket != NO_SOCKET:
+        raise InvalidInput("--socket and --ads-class exclude each other: a class drives in this process")
+    if config.socket != NO_SOCKET and (config.ads.strip() == OWN or (config.ads == EXTERNAL) != (config.socket > 0)):
+        raise InvalidInput(
+            f"--socket {config.socket} with ads = {config.ads}: give a command of your own with port 0, which it finds "
+            "in its environment, or 'external' with the port to which you connect it"
+        )
+    if config.in_process and chosen.get(ExternalConfig, "world_simulator").external_mode != "lock_step":
+        raise InvalidInput(
+            "world_simulator.external_mode = real_time: a class is called at every tick, however long it takes, and so "
+            "is a program behind a socket; examine it as a program that speaks ROS, by --ads"
+        )
     if config.ads_class:
         find_driver(config.ads_class)
-        if chosen.get(ExternalConfig, "world_simulator").external_mode != "lock_step":
-            raise InvalidInput(
-                "world_simulator.external_mode = real_time: a class is called at every tick, however long it takes; "
-                "examine it as a program, by --ads"
-            )
     elif config.ads != EXTERNAL:
         command_of(config.ads)
     elif workers > 1:
@@ -176,7 +192,7 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
     }
     try:
         identity = read_json(folder / IDENTITY)
-        exam = prepare(Sections(identity["parameters"]), ads=EXTERNAL)
+        exam = prepare(Sections(identity["parameters"]), ads=EXTERNAL, port=NO_SOCKET)
         if sha256(exam.weights) != identity["weights_sha256"]:
             raise InvalidInput("the weights of its pedestrian are not those of the exam any more")
         drivers[BASELINE] = lambda name: autopilot_run(exam, name).episodes

@@ -1,0 +1,134 @@
+"""A driving system behind a socket: a client in C++ with the Python class's numbers, and systems that misbehave."""
+
+import json
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.exam.socket_driver import SocketDriver, connected
+from vpsci_ros.resources import params_dir
+
+SOURCE = Path(__file__).parents[2] / "examples" / "socket_ads.cpp"
+EXAMPLE = "vpsci_ros.nodes.example_driver:ExampleDriver"
+CLIENT = """
+import json, os, socket
+wire = socket.create_connection(("127.0.0.1", int(os.environ["VPSCI_ADS_PORT"]))).makefile("rw")
+for message in map(json.loads, wire):
+    if message["type"] == "tick":
+        {act}
+        print(json.dumps({{"tick": message["tick"], "command": command}}), file=wire, flush=True)
+"""
+
+
+def examined(folder: Path, **ads: Any) -> tuple[list[str], Path]:
+    """Put a system to an exam of two episodes, with nobody there and with the learned pedestrian."""
+    short = {"scenarios": [1, 104], "episodes": 1, "episode_time": 3.0}
+    exam = {"pedestrians": ["learned"], "baseline": False}
+    chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", short).changed("ads_test", exam)
+    return run_exam(prepare(chosen, **ads), folder, quiet=True), folder
+
+
+def program(folder: Path, act: str) -> str:
+    """Write a client that does this at a tick, and return the command that starts it."""
+    (folder / "ads.py").write_text(CLIENT.format(act=act))
+    return f"{sys.executable} {folder / 'ads.py'}"
+
+
+def test_the_client_in_cpp_has_the_report_of_the_python_class_to_the_last_bit(tmp_path: Path) -> None:
+    compiler = next(filter(shutil.which, ("c++", "g++", "clang++")))
+    binary = tmp_path / "socket_ads"
+    strict = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run([compiler, *strict, "-o", binary, SOURCE], check=True, timeout=120)
+    failures, by_socket = examined(tmp_path / "socket", ads=str(binary), port=0)
+    assert failures == []
+    _, by_class = examined(tmp_path / "class", ads_class=EXAMPLE)
+    tables = [pl.read_parquet(folder / "episodes.parquet") for folder in (by_socket, by_class)]
+    assert tables[0].height == 4
+    assert tables[0].equals(tables[1])
+    reports = [json.loads((folder / "report.json").read_text()) for folder in (by_socket, by_class)]
+    assert reports[0].pop("exam")["ads_files_sha256"].keys() == {"socket_ads"}
+    reports[1].pop("exam")
+    assert reports[0] == reports[1]
+
+
+def test_a_system_that_dies_loses_what_is_left_and_the_report_has_its_last_words(tmp_path: Path) -> None:
+    act = "command = 1.0 if message['time'] < 1.0 else exit('no plan')"
+    failures, _ = examined(tmp_path / "exam", ads=program(tmp_path, act), port=0)
+    first = "nobody there: the ADS did not drive 1:0 and 1 more to the end: at 1.00 s the ADS ended with exit status 1"
+    assert failures[0].startswith(f"{first}, having said 'no plan'")
+    assert len(failures) == 1, "with a run in which nothing was driven the exam ends"
+
+
+@pytest.mark.parametrize(
+    ("act", "said"),
+    [
+        ("command = 'brake'", "act returned 'brake'; expected an acceleration along the car"),
+        ("command = 1.0; message['tick'] -= 1", 'expected {"tick": 0, "command": ...}, got \'{"tick": -1'),
+        ("command = 1.0; wire.write('{' * 3)", 'expected {"tick": 0, "command": ...}, got \'{{{'),
+    ],
+)
+def test_what_is_no_answer_to_the_tick_loses_its_episode(tmp_path: Path, act: str, said: str) -> None:
+    failures, _ = examined(tmp_path / "exam", ads=program(tmp_path, act), port=0)
+    assert said in failures[0]
+
+
+def a_driver(patience: float) -> tuple[SocketDriver, socket.socket]:
+    """Return a driver, and the other end of its connection."""
+    mine, theirs = socket.socketpair()
+    return SocketDriver(mine, patience, lambda: ""), theirs
+
+
+def test_a_silent_system_and_one_that_floods_are_given_up_once_and_for_all() -> None:
+    silent, theirs = a_driver(0.01)
+    with theirs:
+        for ask in (silent._line, lambda: silent._send({})):
+            with pytest.raises(InvalidInput, match=r"no answer for 0\.01 s"):
+                ask()
+    flooded, theirs = a_driver(5.0)
+    with theirs:
+        sender = threading.Thread(target=theirs.sendall, args=(b"1" * 70_000,))
+        sender.start()
+        with pytest.raises(InvalidInput, match="more than 65536 bytes without an end of line"):
+            flooded._line()
+        sender.join()
+
+
+def test_who_does_not_connect_in_time_has_not_driven_and_a_port_in_use_is_said_so(tmp_path: Path) -> None:
+    config = ExamConfig(ads=f"{sys.executable} -c 'import time; time.sleep(60)'", socket=0)
+    with connected(config, tmp_path / "log", 0.05, 0.3) as make, pytest.raises(InvalidInput, match="did not connect"):
+        make().reset(_begin())
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        external = ExamConfig(ads="external", socket=taken.getsockname()[1])
+        with pytest.raises(InvalidInput, match="cannot listen there"), connected(external, tmp_path, 0.05, 0.3):
+            pass
+
+
+def _begin() -> Any:
+    from vpsci_ros.exam.driver_class import Begin
+    from vpsci_ros.world import load_scenario
+
+    return Begin(load_scenario(1), 0, 0)
+
+
+def test_options_that_do_not_go_together_are_refused() -> None:
+    found = load(params_dir() / "ads_test.yaml")
+    for given, said in (
+        ({"ads_class": EXAMPLE, "port": 0}, "--socket and --ads-class exclude each other"),
+        ({"ads": "example_ads", "port": 0}, "give a command of your own with port 0"),
+        ({"ads": "external", "port": 0}, "'external' with the port to which you connect it"),
+        ({"ads": "sh", "port": 5577}, "give a command of your own with port 0"),
+        ({"ads": "external", "port": 5577, "workers": 2}, "in one graph only"),
+    ):
+        with pytest.raises(InvalidInput, match=said):
+            prepare(found, **given)
