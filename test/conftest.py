@@ -31,6 +31,7 @@ DT, FRAMES = 0.05, 180
 VEHICLE_YIELDS, PEDESTRIAN_YIELDS = "LocationA_PedCross_S-N", "LocationA_PedCross_N-S"
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 GRAPHS = {"chaos", "examples", "extending", "nodes"}  # rooms whose tests start nodes
+LONGEST = {"test_code_style.py", "test_site.py"}  # mypy and the tutorial: most of a minute each
 COMPILING = ["world_simulator", "safety_monitor", "vehicle_policy", "perception", "recorder"]  # each kernel once
 SimulatedTick = tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]]
 
@@ -39,6 +40,11 @@ SimulatedTick = tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]
 def browser() -> Iterator[Any]:
     """Yield one browser for all pages; two at once, Playwright refuses."""
     yield from real.start()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest tests first, so that none of them is the last one, for which all other processes wait."""
+    items.sort(key=lambda item: item.path.name not in LONGEST)
 
 
 @pytest.hookimpl(tryfirst=True)

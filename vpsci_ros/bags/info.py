@@ -99,7 +99,7 @@ def what_is_missing(topics: dict[str, TopicInfo], run: BagRun, records: list[str
 
 
 def escape(text: str) -> str:
-    """Return a text from a bag as it may be printed: without markup, and without what a terminal obeys."""
+    """Return a text from a bag as it may be printed: without markup and without control sequences."""
     return without_markup(printable(text))
 
 

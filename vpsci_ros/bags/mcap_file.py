@@ -240,7 +240,7 @@ class McapFile:
 
 
 def _require_modest(chunk: Chunk) -> None:
-    """Refuse a chunk that unpacks to more than `LARGEST_CHUNK`; what it says of that itself binds nobody.
+    """Refuse a chunk that unpacks to more than `LARGEST_CHUNK`; the size that it declares is not trusted.
 
     :raises McapError: it does.
     """
@@ -276,7 +276,7 @@ def _indexed_topics(reader: SeekingReader) -> Iterable[TopicInfo]:
 
 
 def _reason(error: BaseException) -> str:
-    """Return what the parser says; some of its errors, such as the one for the end of a file, have no words."""
+    """Return what the parser says; some of its errors, such as the one for the end of a file, have no text."""
     return "the end of the file" if isinstance(error, EndOfFile) else str(error) or type(error).__name__
 
 

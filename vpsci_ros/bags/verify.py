@@ -316,6 +316,6 @@ def _deterministic(events: NDArray[np.void]) -> NDArray[np.void]:
 
 
 def _missing_answers(following: Messages) -> set[str]:
-    """Return whose answers the world did without, by the events that it published with the following tick."""
+    """Return whose answers were missing, by the events that the world published with the following tick."""
     kinds = {kind for rows in following.get(EVENTS, ()) for kind in rows["kind"].tolist()}
     return {sender for kind, sender in MISSING_ANSWERS.items() if kind in kinds}

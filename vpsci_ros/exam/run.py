@@ -209,7 +209,7 @@ def _note(text: str) -> None:
 
 
 def identity_of(exam: Exam) -> dict[str, Any]:
-    """Return what makes two exams the same: with equal ones, runs of the one serve the other."""
+    """Return what identifies an exam: runs of exams with equal ones can be reused."""
     left_out = ("fail_if", "search")
     examined = {name: value for name, value in dataclasses.asdict(exam.config).items() if name not in left_out}
     nodes = ("world_simulator", "safety_monitor", "pedestrian_policy", *(["perception"] if exam.perception else []))
@@ -234,7 +234,7 @@ def _files_of(config: ExamConfig) -> dict[str, str]:
 
 
 def take_folder(folder: Path, identity: dict[str, Any], name: str = IDENTITY) -> None:
-    """Make the folder this exam's, or go on in it.
+    """Begin this exam in the folder, or go on with it there.
 
     :param name: of the file that says what it is.
     :raises InvalidInput: it holds something else.

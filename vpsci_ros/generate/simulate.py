@@ -15,7 +15,7 @@ from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.filters import apply_filters
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
-from vpsci_ros.policy.agent import PolicyAgent
+from vpsci_ros.policy.agent import PolicyAgent, learned_agent
 from vpsci_ros.policy.weights import weights_from_bytes
 from vpsci_ros.world import World
 from vpsci_ros.world.loop import Loop
@@ -32,8 +32,7 @@ class Simulator:
         self._batch = batch
         self._agents: dict[str, PolicyAgent] = {}
         for agent, policy in job.policies.items():
-            c = policy.config
-            self._agents[agent] = PolicyAgent(agent, c.seed, c.explore, c.noise, c.temperature, c.people)
+            self._agents[agent] = learned_agent(agent, policy.config)
             self._agents[agent].load(weights_from_bytes(policy.data, policy.name), version=1)
 
     def loop(self, episodes: Iterable[tuple[int, int]]) -> Loop:

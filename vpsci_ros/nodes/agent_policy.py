@@ -83,7 +83,7 @@ class AgentPolicy(GraphNode):
         return self._meter.figures() | {"policy_version": self._version, "frames_recalled": self._recalled}
 
     def parameters_changed(self) -> None:
-        """Take up the exploration and the temperature that were set on the running node."""
+        """Apply the exploration and the temperature that were set on the running node."""
         config = self.config(PolicyConfig)
         if isinstance(self._agent, PolicyAgent):
             self._agent.set_temperature(config.temperature)

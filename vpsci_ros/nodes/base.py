@@ -103,7 +103,7 @@ class GraphNode(Node, metaclass=_Destroying):
         return pick(kind, self._values, self._section)
 
     def parameters_changed(self) -> None:
-        """Take up what `config` returns from now on; called after parameters were set on the running node."""
+        """Apply the values that `config` returns; called after parameters were set on the running node."""
 
     def output(self, topic: str) -> Output:
         """Return an output for a topic of the table."""
@@ -137,12 +137,12 @@ class GraphNode(Node, metaclass=_Destroying):
 
     @property
     def state(self) -> str:
-        """What the node does, in a word or two."""
+        """The node's state for its status, in one or two words."""
         return "running"
 
     @property
     def awaited(self) -> list[str]:
-        """What the node waits for: its peers until all were there."""
+        """What the node waits for; by default its peers, until all have appeared."""
         return self._missing_peers or []
 
     def figures(self) -> dict[str, Any]:
@@ -182,7 +182,7 @@ class GraphNode(Node, metaclass=_Destroying):
         self.report()
 
     def _look_for_peers(self, present: dict[str, bool]) -> None:
-        """Log which peers are missing, and once that none is; a peer that ends later is not waited for."""
+        """Log which peers are missing, and once that all are there; a peer that ends later is not missing."""
         self._missing_peers = [name for name, here in present.items() if not here]
         if self._missing_peers:
             self.get_logger().info(f"waiting for {', '.join(self._missing_peers)}", throttle_duration_sec=5.0)
@@ -191,7 +191,7 @@ class GraphNode(Node, metaclass=_Destroying):
 
     @property
     def quiet(self) -> bool:
-        """Whether a node that is to stop may do so; False as long as messages are on their way to one that `drains`."""
+        """Whether the node may stop now; one that `drains` first receives the messages that are on their way to it."""
         return not self.drains or time.perf_counter() - self.intake.arrived > DRAIN_QUIET
 
     def close(self) -> None:

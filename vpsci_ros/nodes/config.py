@@ -72,7 +72,7 @@ class RecorderConfig:
 
 @dataclass(frozen=True)
 class ReplayerConfig:
-    """Which bag is published, from where on, how fast, and what of it."""
+    """What the replayer publishes: which bag, from which episode on, how fast, and which topics."""
 
     bag: str = parameter("out/bag", "bag to publish: a rosbag2 folder, MCAP or sqlite3, or one of its files")
     rate: float = parameter(

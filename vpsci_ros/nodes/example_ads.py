@@ -1,4 +1,4 @@
-"""A driving system to copy, as a node: takes in odometry, asks `example_driver` what to do, and publishes it.
+"""A driving system to copy, as a node: reads odometry, has `example_driver` choose an acceleration, and publishes it.
 
 It is written as a program of your own would be, with rclpy and public message types alone; docs/ads.md goes through
 it, and shows a C++ user the topics. `vpsci ads-test --ads "python my_ads.py"` puts yours to the exam.

@@ -225,7 +225,7 @@ class NodeProcesses:
         return {node: process.status for node, process in self.running.items() if process.status is not None}
 
     def statuses(self, seconds: float) -> dict[str, NodeStatus]:
-        """Return the latest report of each node that has made one, having waited so long for news."""
+        """Return the latest report of each node that has made one, after reading the pipes for so many seconds."""
         until = time.monotonic() + seconds
         while True:
             left = until - time.monotonic()
@@ -236,7 +236,7 @@ class NodeProcesses:
                 return {node: pipe.latest for node, pipe in self._pipes.items() if pipe.latest}
 
     def stop(self) -> dict[str, int]:
-        """Stop all processes by signals, the recorder last; return their exit statuses. Those that go on are killed."""
+        """Stop all processes, the recorder last; return their exit statuses. Those that do not end are killed."""
         stop([process for node, process in self.running.items() if node != "recorder"], STOP_STEPS)
         stop([process for node, process in self.running.items() if node == "recorder"], STOP_STEPS)
         remove_left_behind()
@@ -288,7 +288,7 @@ def _settle(result: GraphResult, processes: NodeProcesses) -> None:
 
 @contextlib.contextmanager
 def _collecting_errors(result: GraphResult) -> Iterator[None]:
-    """Add the error of a block to the run's errors, and go on: the rest of what a run leaves is to be written, too."""
+    """Collect the error of a block and go on, so that the other files of the run are still written."""
     text = ""
     try:
         yield
@@ -300,7 +300,7 @@ def _collecting_errors(result: GraphResult) -> Iterator[None]:
 
 
 def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Sections) -> list[str]:
-    """Say what a run lacks that seems to have come to its end."""
+    """Return what is missing from a run that ended without an error."""
     missing = [processes.explain(node) for node, status in result.exits.items() if status != 0]
     nodes, requested = list(processes.running), 0
     if "world_simulator" in nodes:

@@ -35,7 +35,7 @@ class _Frame(NamedTuple):
 
 
 class FrameHistory:
-    """The last policy frames of the episodes that were acted in, for as long as an episode can last."""
+    """The policy frames of the running episodes in which a policy has acted, for the longest time of an episode."""
 
     def __init__(self, config: WorldConfig, batch: int) -> None:
         self._most = config.pedestrians

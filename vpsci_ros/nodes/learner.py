@@ -85,7 +85,7 @@ class Learner(GraphNode):
 
     @contextmanager
     def _beginning(self) -> Iterator[None]:
-        """Report that something goes on, and let a request to stop end it wherever it is."""
+        """Report a long preparation as progress; a stop request ends it at once."""
         self._preparations += 1
         self._report({"preparations": self._preparations}, last=True)
         with self.stop.at_once():

@@ -36,7 +36,7 @@ def scene_markers(state: NDArray[np.void], scenarios: Mapping[int, Scenario], he
 
 
 def _pedestrian(header: Header, number: int, record: np.void) -> Marker:
-    """Return a pedestrian's cylinder, or, where an episode has fewer of them, what takes the last episode's away."""
+    """Return a pedestrian's cylinder, or, where an episode has fewer of them, a marker that deletes the last one's."""
     size = (2 * PEDESTRIAN_RADIUS, 2 * PEDESTRIAN_RADIUS, PEDESTRIAN_HEIGHT)
     pedestrian = _solid(header, number, Marker.CYLINDER, size, _RED)
     if record["status"] == IDLE:

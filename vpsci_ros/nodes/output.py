@@ -53,18 +53,18 @@ class Output:
         return names.issuperset(self.expected)
 
     def missing(self) -> list[str]:
-        """Return the expected readers that are not known of, or all of them if one is known of but not matched."""
+        """Return the expected subscribers that are not discovered, or all if one is discovered and not matched."""
         known = {info.node_name for info in self._node.get_subscriptions_info_by_topic(self.full_name)}
         return [name for name in self.expected if name not in known] or self.expected
 
     @property
     def complete(self) -> bool:
-        """Whether, besides, every other reader is there that is known of."""
+        """Whether every other subscriber that was discovered is matched, too."""
         known = self._node.count_subscribers(self.full_name)
         return self.matched and self._publisher.get_subscription_count() >= known
 
     def found(self) -> bool:
-        """Return whether every expected reader is there, for a node that calls this again and again rather than wait.
+        """Return whether every expected reader is there, for a node that polls instead of waiting.
 
         :raises VpsciError: they did not appear within `peer_timeout` of the first time.
         """

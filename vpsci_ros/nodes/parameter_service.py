@@ -1,4 +1,4 @@
-"""The services that set a node's parameters: a request that names no parameter of it, or no value, is refused.
+"""The services that set a node's parameters: unknown parameters and missing values are refused.
 
 rclpy's own services raise an error on an unknown type or a missing value, which ends the node, and accept a parameter
 without a name.

@@ -168,7 +168,7 @@ class Replayer(GraphNode):
 
     @property
     def state(self) -> str:
-        """Whether it plays."""
+        """Whether it plays, is paused, or waits."""
         return "paused" if self._paused else "waiting for readers" if not self._begun else "playing"
 
     def figures(self) -> dict[str, Any]:

@@ -121,7 +121,7 @@ class Respondents:
 
 @contextmanager
 def _named(fields: str) -> Iterator[None]:
-    """Have a refusal say which fields the values are."""
+    """Name the fields of the values in the message of a refusal."""
     try:
         yield
     except InvalidInput as error:

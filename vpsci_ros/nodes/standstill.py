@@ -36,7 +36,7 @@ class Standstill:
 
     @property
     def lasts(self) -> bool:
-        """Whether a policy is awaited."""
+        """Whether the world is paused for a policy that is started again."""
         return bool(self._awaited)
 
     def begin(self, policy: str) -> None:
@@ -45,7 +45,7 @@ class Standstill:
         self._pause.call_async(SetBool.Request(data=True))
 
     def spin(self) -> None:
-        """Resume the world if no policy is awaited any more."""
+        """Resume the world once every such policy publishes again."""
         self._executor.spin_once(timeout_sec=0.0)
         for policy in [name for name, before in self._awaited.items() if self._publishers(name) - before]:
             del self._awaited[policy]

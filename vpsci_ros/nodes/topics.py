@@ -35,7 +35,7 @@ RECORDING = QoSProfile(depth=1000, history=HistoryPolicy.KEEP_ALL, reliability=R
 
 @dataclass(frozen=True)
 class Topic:
-    """A row of the table; `subscribers` are the nodes of this package that listen to it.
+    """A row of the table; `subscribers` are the nodes of this package that subscribe to it.
 
     :ivar shared: stays at the root where a graph has a namespace, since other tools look for it there.
     """

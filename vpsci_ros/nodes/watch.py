@@ -45,7 +45,7 @@ class Watch:
         self._open.close()
 
     def pause_for(self, policy: str, ended: str) -> None:
-        """Have the world stand still until another process of this policy is there, since one has `ended`."""
+        """Pause the world until a new process of this policy publishes, since the old one has `ended`."""
         assert self._standstill is not None, "the graph has restarts"
         self._bars.notice(f"{ended}; it is started again, and the world stands still until it is there")
         self._standstill.begin(policy)

@@ -61,11 +61,11 @@ class WorldOutputs:
         warm_up()
 
     def absent(self) -> set[str]:
-        """Return the nodes that are expected to read something and do not yet."""
+        """Return the nodes that are expected to subscribe and have not."""
         return {name for output in self.all if not output.matched for name in output.missing()}
 
     def unread(self) -> set[str]:
-        """Return readers that are only believed to be on their way."""
+        """Return other subscribers that were discovered and are not matched yet."""
         return {f"a reader of {output.full_name}" for output in self.all if not output.complete}
 
     def tick(self, tick: Tick) -> None:

@@ -107,19 +107,19 @@ class WorldSimulator(GraphNode):
 
     @property
     def state(self) -> str:
-        """Whether it moves."""
+        """Whether the world runs, is paused, or waits."""
         begun = self._lock_step.tick is not None
         return "paused" if self._lock_step.paused else "running" if begun else "waiting"
 
     @property
     def awaited(self) -> list[str]:
-        """Whom the first tick, or the present one, waits for."""
+        """The nodes that the first tick, or the present one, waits for."""
         return sorted(self._awaited)
 
     # ---- pace
 
     def _set_pace(self) -> None:
-        """Have the wall clock say when a tick is due; its beats neither drift nor crowd after a late tick."""
+        """Set the timer by which ticks are due in wall time; a late tick delays no later one."""
         if self._pacer:
             self.destroy_timer(self._pacer)
         factor, external = self._lock_step.config.real_time_factor, self._lock_step.external
@@ -132,7 +132,7 @@ class WorldSimulator(GraphNode):
         self._go_on()
 
     def parameters_changed(self) -> None:
-        """Take up the pace, the patience and the safe stop that were set on the running node."""
+        """Apply real-time factor, timeout and safe stop that were set on the running node."""
         self._lock_step.config = self.config(LockStepConfig)
         if self._lock_step.external:
             self._lock_step.external.config = self.config(ExternalConfig)
@@ -255,7 +255,7 @@ class WorldSimulator(GraphNode):
             self._advance()
 
     def _advance(self) -> None:
-        """Move on with whatever answers there are; the world's rule-based drivers stand in for missing ones."""
+        """Advance with the answers that have come; the rule-based drivers act for missing ones."""
         assessment, actions, notices = self._lock_step.answers()
         if len(notices):
             self.get_logger().warning("no command: the vehicle brakes until commands come", throttle_duration_sec=5.0)
@@ -314,7 +314,7 @@ class WorldSimulator(GraphNode):
         return figures | ({"transitions_not_consumed": self._lock_step.unread} if self._builder else {})
 
     def close(self) -> None:
-        """Say how it went."""
+        """Log the result."""
         if self._lock_step.tick is None:
             return
         totals = ", ".join(f"{name} {count}" for name, count in self.counts.nonzero().items())

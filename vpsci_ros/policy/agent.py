@@ -157,6 +157,11 @@ class PolicyAgent:
         return Draws(self._latent, draw_innovation(key, self._index, active), np.float32(self._temperature))
 
 
+def learned_agent(agent: str, config: PolicyConfig) -> PolicyAgent:
+    """Return the policy of "vehicle" or "pedestrian" by the parameters of its node, without weights yet."""
+    return PolicyAgent(agent, config.seed, config.explore, config.noise, config.temperature, config.people)
+
+
 def policies(
     weights: Weights, world: World, configs: Mapping[str, PolicyConfig] | None = None
 ) -> dict[str, PolicyAgent]:
@@ -168,8 +173,6 @@ def policies(
     for agent in AGENTS:
         if getattr(world.config, f"{agent}_driver") == "policy":
             config = (configs or {}).get(agent, PolicyConfig(seed=world.seed))
-            agents[agent] = PolicyAgent(
-                agent, config.seed, config.explore, config.noise, config.temperature, config.people
-            )
+            agents[agent] = learned_agent(agent, config)
             agents[agent].load(weights, version=1)
     return agents

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.agent import PolicyAgent
+from vpsci_ros.policy.agent import learned_agent
 from vpsci_ros.policy.config import LEARNED, PolicyConfig
 from vpsci_ros.runs.plugins import PluginGroup
 from vpsci_ros.world.loop import Agent
@@ -23,11 +23,7 @@ class AgentType:
     agents: tuple[str, ...] = AGENTS
 
 
-def _learned(agent: str, config: PolicyConfig) -> PolicyAgent:
-    return PolicyAgent(agent, config.seed, config.explore, config.noise, config.temperature, config.people)
-
-
-AGENT_TYPES = PluginGroup("vpsci_ros.agents", "agent", AgentType, {LEARNED: AgentType(_learned)})
+AGENT_TYPES = PluginGroup("vpsci_ros.agents", "agent", AgentType, {LEARNED: AgentType(learned_agent)})
 
 
 def make_agent(agent: str, config: PolicyConfig) -> Agent:

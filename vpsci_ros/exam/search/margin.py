@@ -1,4 +1,4 @@
-"""How near an episode came to a failure: its margin, negative where it is one, to the accuracy of a tick."""
+"""How near an episode came to a failure: its margin, negative for a failure, to the accuracy of a tick."""
 
 from typing import NamedTuple
 

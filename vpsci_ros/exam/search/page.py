@@ -1,4 +1,4 @@
-"""What a search came to, as one page with a picture."""
+"""The result of a search, as one page with a picture."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -21,7 +21,7 @@ Report = Callable[[str, int, int], None]
 
 
 class Driven(NamedTuple):
-    """What a part came to.
+    """The result of a part.
 
     :ivar episodes: that were driven: those requested, or those of the same part before the search was stopped.
     :ivar failed: bool[k].
