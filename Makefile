@@ -35,10 +35,9 @@ docs: setup  ## build the documentation site into out/site; a warning fails it
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "open out/site/index.html"
 
-chaos: setup  ## damage thousands of files and two hundred graphs, and count what does not hold (hours)
-	@$(BIN)/python test/chaos/campaign.py files -o out/chaos/files
-	@$(BIN)/python test/chaos/campaign.py processes -o out/chaos/processes
-	@$(BIN)/python test/chaos/campaign.py strangers -o out/chaos/strangers
+chaos: setup  ## damage thousands of files, hundreds of commands and graphs, and count what does not hold (hours)
+	@for name in files bags folders again processes strangers; do \
+		$(BIN)/python test/chaos/campaign.py $$name -o out/chaos/$$name || exit 1; done
 
 clean:  ## remove .venv and whatever was built, keep out/
 	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,19 +1,29 @@
 #!/usr/bin/env python
-"""Campaigns of faults, from a seed: damaged files and disks, graphs whose processes are killed, or among strangers.
+"""Campaigns of faults, from a seed: damaged and forged files, disks that refuse, limits, commands and graphs disturbed.
 
-    python test/chaos/campaign.py files [--cases 1000] [--seed 0] [--kinds scenario,bag] [-o DIR]
-    python test/chaos/campaign.py disks [--cases 64] [--seed 0] [-o DIR]        (as root, or after unshare -rm)
-    python test/chaos/campaign.py processes [--cases 100] [--seed 0] [-o DIR]
-    python test/chaos/campaign.py strangers [--cases 100] [--seed 0] [-o DIR]
+    python test/chaos/campaign.py CAMPAIGN [--cases N] [--seed 0] [--kinds scenario,bag] [-o DIR]
 
-Case k of a campaign is the same wherever it runs; `--seed 137 --cases 1` runs one again. What must hold is said in
-`chaos.files`, `chaos.processes` and `chaos.strangers`. Exit status 1 where anything does not. With -o, counts.md is the
-page of counts and what was found lies beside it: a damaged file, or the folder of a run. `make chaos` runs all three.
-A campaign that is interrupted counts what it has done.
+| campaign | of what |
+|---|---|
+| files | files of every kind, damaged (`chaos.files`) |
+| bags | bags in whole files whose messages were forged (`chaos.bags`) |
+| disks | every command that writes, on disks that refuse (`chaos.disks`); as root, or after `unshare -rm` |
+| folders | commands whose output folder is taken away (`chaos.taken`) |
+| limits | every command that writes, with few files, little memory, few processes (`chaos.taken`); as root |
+| again | commands that are killed and given once more (`chaos.taken`) |
+| processes | graphs whose processes are killed, stopped and delayed (`chaos.processes`) |
+| strangers | graphs in whose domain a stranger speaks (`chaos.strangers`) |
+
+Case k of a campaign is the same wherever it runs; `--seed 137 --cases 1` runs one again. Exit status 1 where anything
+does not hold. With -o, counts.md is the page of counts, and what was found lies beside it: a damaged file, or a run's
+folder. The same command again goes on after the last case that is in cases.jsonl. `make chaos` runs all that take no
+root.
 """
 
 import argparse
 import collections
+import contextlib
+import json
 import os
 import platform
 import shutil
@@ -21,147 +31,223 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 from rich.console import Console
 from rich.progress import track
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from chaos import disks, files, processes, strangers
+from chaos import bags, commands, disks, files, processes, strangers, taken
 
 from vpsci_ros.runs.provenance import software_versions
 
 
-class Tally:
-    """What a campaign has come to so far: verdicts by name, in how many cases, and the defects."""
+class Result(NamedTuple):
+    """What came of a case: the names that it counts for, a verdict ("defect" for one), and each defect in words."""
 
-    def __init__(self, output: Path | None) -> None:
-        self.counts: dict[str, collections.Counter[str]] = {}
-        self.cases = self.bad = 0
-        self.found: list[str] = []
-        self.output = output
-
-    def add(self, names: Iterable[str], verdict: str, found: Iterable[str] = ()) -> None:
-        """Take in a case, which counts for each of these names."""
-        self.cases, self.bad = self.cases + 1, self.bad + (verdict == "defect")
-        self.found += found
-        for name in names:
-            self.counts.setdefault(name, collections.Counter())[verdict] += 1
-
-    def add_run(self, names: Iterable[str], case: processes.Run, bad: list[str], about: str, folder: str) -> None:
-        """Take in a run of a graph, and keep its folder where something did not hold."""
-        verdict = "defect" if bad else "complete" if case.status == 0 else "reported"
-        self.add(names, verdict, [f"{about}; status {case.status}): {text}" for text in bad])
-        if bad and self.output is not None and case.folder.is_dir():
-            (case.folder / "said.txt").write_text(case.said)
-            shutil.copytree(case.folder, self.output / folder, dirs_exist_ok=True)
+    names: list[str]
+    verdict: str
+    found: tuple[str, ...] = ()
 
 
-def damaged_files(cases: range, kinds: list[str], tally: Tally, console: Console) -> None:
-    """Count the verdicts by kind of file."""
-
-    def report(case: files.Found) -> None:
-        text = f"{case.kind}, case {case.seed}: {case.verdict}"
-        tally.add([case.kind], "defect" if case.defect else case.verdict, [text] if case.defect else [])
-        if case.defect and tally.output is not None:
-            (tally.output / f"{case.kind}_{case.seed}.bin").write_bytes(case.data)
-
-    for name in kinds:
-        files.campaign(name, track(cases, name.ljust(16), console=console, transient=True), report)
+Runner = Callable[[int], Result]
+"""Runs the case of a seed."""
 
 
-def refused_writes(cases: range, tally: Tally, console: Console) -> None:
+def _judged(names: list[str], status: int | None, bad: list[str], about: str) -> Result:
+    verdict = "defect" if bad else "complete" if status == 0 else "told"
+    return Result(names, verdict, tuple(f"{about}; status {status}): {text}" for text in bad))
+
+
+@contextlib.contextmanager
+def of_files(kind: str, output: Path | None) -> Iterator[Runner]:
+    """Count the verdicts on damaged files of a kind."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = files.KINDS[kind].make(Path(folder))
+        whole = path.read_bytes()
+
+        def run(seed: int) -> Result:
+            case = files.case(kind, seed, whole, path)
+            if case.defect and output is not None:
+                (output / f"{kind}_{seed}.bin").write_bytes(case.data)
+            text = f"{kind}, case {seed}: {case.verdict}"
+            return Result([kind], "defect", (text,)) if case.defect else Result([kind], case.verdict)
+
+        yield run
+
+
+@contextlib.contextmanager
+def of_bags(_: Path | None) -> Iterator[Runner]:
+    """Count what came of forged bags by the way in which they were forged."""
+    with tempfile.TemporaryDirectory() as folder:
+        whole = bags.bag(Path(folder))
+
+        def run(seed: int) -> Result:
+            way, verdict = bags.case(seed, whole)
+            good = verdict in ("told", "the same")
+            return Result([way], verdict) if good else Result([way], "defect", (f"case {seed} ({way}): {verdict}",))
+
+        yield run
+
+
+@contextlib.contextmanager
+def of_disks(_: Path | None) -> Iterator[Runner]:
     """Count how commands ended by the disk that they wrote to."""
     with tempfile.TemporaryDirectory() as folder:
-        given = disks.inputs(Path(folder))
-        for seed in track(cases, "disks".ljust(16), console=console, transient=True):
+        given = commands.inputs(Path(folder))
+
+        def run(seed: int) -> Result:
             case = disks.case(seed)
-            ended = disks.run(case, given)
-            verdict = "defect" if ended.defects else "reported" if ended.status else "complete"
-            tally.add([f"{case.place} disk"], verdict, [f"case {seed} ({case}): {text}" for text in ended.defects])
+            status, bad = disks.run(case, given)
+            return _judged([f"{case.place} disk"], status, bad, f"case {seed} ({case}")
+
+        yield run
 
 
-def disturbed_processes(cases: range, tally: Tally, console: Console) -> None:
+@contextlib.contextmanager
+def of_taken(name: str, _: Path | None) -> Iterator[Runner]:
+    """Count how commands ended from which something was taken, by what that was."""
+    draw, attempt = taken.CAMPAIGNS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "inputs").mkdir()
+        Path(folder).chmod(0o755)
+        given = commands.inputs(Path(folder) / "inputs")
+
+        def run(seed: int) -> Result:
+            case = draw(seed)
+            try:
+                status, bad = attempt(case, given, Path(folder) / "case")
+            except AssertionError as error:
+                status, bad = 1, [str(error)]
+            return _judged([case.way], status, bad, f"case {seed} ({case}")
+
+        yield run
+
+
+@contextlib.contextmanager
+def of_processes(output: Path | None) -> Iterator[Runner]:
     """Count how runs ended by signal."""
     whole, lasts = processes.undisturbed()
-    for seed in track(cases, "processes".ljust(16), console=console, transient=True):
+
+    def run(seed: int) -> Result:
         disturbed = processes.disturbance(seed, lasts)
         with tempfile.TemporaryDirectory() as folder:
             case = processes.run(Path(folder), disturbed)
             bad = processes.defects(case, disturbed, whole)
             name = f"{disturbed.number.name} to {disturbed.node}"
-            tally.add_run([name], case, bad, f"case {seed} ({disturbed}", f"processes_{seed}")
+            return _of_run([name], case, bad, f"case {seed} ({disturbed}", output and output / f"processes_{seed}")
+
+    yield run
 
 
-def among_strangers(cases: range, tally: Tally, console: Console) -> None:
+@contextlib.contextmanager
+def of_strangers(output: Path | None) -> Iterator[Runner]:
     """Count how runs ended by what the stranger did; a case counts once for each of its acts."""
     whole, _ = processes.undisturbed()
-    for seed in track(cases, "strangers".ljust(16), console=console, transient=True):
+
+    def run(seed: int) -> Result:
         among = strangers.stranger(seed)
         with tempfile.TemporaryDirectory() as folder:
             case = strangers.run(Path(folder), among)
             bad = strangers.defects(case, among, whole)
-            names = {f"{act.way} to {act.target}" for act in among.acts}
-            tally.add_run(names, case, bad, f"case {seed} ({among}", f"strangers_{seed}")
+            names = sorted({f"{act.way} to {act.target}" for act in among.acts})
+            return _of_run(names, case, bad, f"case {seed} ({among}", output and output / f"strangers_{seed}")
+
+    yield run
 
 
-def page(title: str, tally: Tally, seconds: float) -> str:
+def _of_run(names: list[str], case: processes.Run, bad: list[str], about: str, keep: Path | None) -> Result:
+    """Return what came of a run of a graph, and keep its folder where something did not hold."""
+    if bad and keep is not None and case.folder.is_dir():
+        (case.folder / "said.txt").write_text(case.said)
+        shutil.copytree(case.folder, keep, dirs_exist_ok=True)
+    return _judged(names, case.status, bad, about)
+
+
+CAMPAIGNS: dict[str, tuple[str, int, Callable[[Path | None], contextlib.AbstractContextManager[Runner]]]] = {
+    "bags": ("Forged bags", 1000, of_bags),
+    "disks": ("Refused writes", 5 * len(commands.COMMANDS), of_disks),
+    "folders": ("Folders taken away", 100, lambda output: of_taken("folders", output)),
+    "limits": ("Limits", 100, lambda output: of_taken("limits", output)),
+    "again": ("Killed and given again", 40, lambda output: of_taken("again", output)),
+    "processes": ("Disturbed graphs", 100, of_processes),
+    "strangers": ("Graphs among strangers", 100, of_strangers),
+}
+"""Name -> title, cases unless said otherwise, and what runs one."""
+
+
+def page(title: str, results: list[Result], seconds: float) -> str:
     """Return the page of counts as Markdown."""
-    verdicts = sorted({verdict for counted in tally.counts.values() for verdict in counted} - {"defect"})
-    cases, bad = tally.cases, tally.bad
+    counts: dict[str, collections.Counter[str]] = {}
+    for result in results:
+        for name in result.names:
+            counts.setdefault(name, collections.Counter())[result.verdict] += 1
+    verdicts = sorted({verdict for counted in counts.values() for verdict in counted} - {"defect"})
+    bad = sum(result.verdict == "defect" for result in results)
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     lines = [
-        f"# {title}: {cases:,} cases, {cases - bad:,} survived, {bad:,} defects",
+        f"# {title}: {len(results):,} cases, {len(results) - bad:,} survived, {bad:,} defects",
         "",
         f"{seconds:,.0f} s on {machine}; {software_versions()['vpsci_ros']} of vpsci_ros.",
         "",
         f"| | cases | {' | '.join(verdicts)} | defects |",
         f"|---|{'---|' * (len(verdicts) + 2)}",
     ]
-    for name, counted in sorted(tally.counts.items()):
+    for name, counted in sorted(counts.items()):
         cells = " | ".join(f"{counted[verdict]:,}" for verdict in verdicts)
         lines.append(f"| {name} | {sum(counted.values()):,} | {cells} | {counted['defect']:,} |")
-    return "\n".join([*lines, "", *(f"- {text}" for text in tally.found), ""])
+    return "\n".join([*lines, "", *(f"- {text}" for result in results for text in result.found), ""])
+
+
+def run_cases(name: str, seeds: range, runner: Runner, done: dict[str, Result], output: Path | None) -> None:
+    """Run the cases that are not among `done`, and add each, also to cases.jsonl."""
+    todo = [seed for seed in seeds if f"{name}/{seed}" not in done]
+    for seed in track(todo, name.ljust(16), console=Console(stderr=True), transient=True):
+        result = done[f"{name}/{seed}"] = runner(seed)
+        if output is not None:
+            with (output / "cases.jsonl").open("a", encoding="utf-8") as file:
+                file.write(json.dumps([f"{name}/{seed}", *result]) + "\n")
 
 
 def main() -> None:
-    """Run a campaign, print its counts, and write them to the folder given."""
+    """Run a campaign, print its counts, and leave them where asked to."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("campaign", choices=("files", "disks", "processes", "strangers"))
-    parser.add_argument("--cases", type=int, help="so many (of each kind of file); default: 1000 files, 100 runs")
+    parser.add_argument("campaign", choices=("files", *CAMPAIGNS))
+    parser.add_argument("--cases", type=int, help="so many (of each kind of file)")
     parser.add_argument("--seed", type=int, default=0, help="number of the first case")
     parser.add_argument("--kinds", default=",".join(files.KINDS), help="of files, with commas; default: all")
     parser.add_argument("-o", "--output", type=Path, help="folder for counts.md and what was found")
     given = parser.parse_args()
     if unknown := set(given.kinds.split(",")) - set(files.KINDS):
         parser.error(f"--kinds: {min(unknown)} is unknown; known: {', '.join(files.KINDS)}")
-    cases = range(given.seed, given.seed + (given.cases or {"files": 1000}.get(given.campaign, 100)))
+    title, usual, prepare = CAMPAIGNS.get(given.campaign, ("Damaged files", 1000, None))
+    seeds, begun, done = range(given.seed, given.seed + (given.cases or usual)), time.monotonic(), {}
     if given.output is not None:
         given.output.mkdir(parents=True, exist_ok=True)
-    console, begun, tally = Console(stderr=True), time.monotonic(), Tally(given.output)
+        for line in _lines(given.output / "cases.jsonl"):
+            key, *result = json.loads(line)
+            done[key] = Result(*result)
     for number in (signal.SIGINT, signal.SIGTERM):  # also where a shell has it ignored
         signal.signal(number, signal.default_int_handler)
     try:
-        if given.campaign == "files":
-            damaged_files(cases, given.kinds.split(","), tally, console)
-        else:
-            others = {"disks": refused_writes, "processes": disturbed_processes, "strangers": among_strangers}
-            others[given.campaign](cases, tally, console)
+        for name in given.kinds.split(",") if prepare is None else [given.campaign]:
+            with of_files(name, given.output) if prepare is None else prepare(given.output) as runner:
+                run_cases(name, seeds, runner, done, given.output)
     except KeyboardInterrupt:
-        console.print("cut off: what is counted is what was done")
-    titles = {
-        "files": "Damaged files",
-        "disks": "Refused writes",
-        "processes": "Disturbed graphs",
-        "strangers": "Graphs among strangers",
-    }
-    text = page(titles[given.campaign], tally, time.monotonic() - begun)
+        print("cut off: what is counted is what was done", file=sys.stderr)
+    text = page(title, list(done.values()), time.monotonic() - begun)
     print(text)
     if given.output is not None:
         (given.output / "counts.md").write_text(text, encoding="utf-8")
-    sys.exit(bool(tally.found))
+    sys.exit(any(result.found for result in done.values()))
+
+
+def _lines(path: Path) -> list[str]:
+    """Return the whole lines of a file; the last one may be cut off."""
+    return path.read_text(encoding="utf-8").split("\n")[:-1] if path.is_file() else []
 
 
 if __name__ == "__main__":

@@ -3,48 +3,25 @@
 A command ends with 0 and what it always writes, or not with 0, one line that says why, and nothing that could be taken
 for a result: a file is there whole or not at all, and a folder that holds anything says that the command failed.
 The disks are real: small file systems in memory, mounted for a case. That takes root, or `unshare -rm` before the
-command.
+command. One of them refuses nothing, and every command has to succeed there: one that fails proves nothing elsewhere.
 """
 
 import contextlib
-import io
 import json
 import random
 import resource
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from vpsci_ros.cli.main import main
-from vpsci_ros.resources import weights_path
+from chaos import commands
+
 from vpsci_ros.runs.files import FAILURE
 from vpsci_ros.runs.record import RECORD
 
-ROOT = Path(__file__).parents[2]
-PLACES = ("full", "filling", "read-only", "limited")
-BAG = "bags/LocationA_PedCross_N-S"
-COMMANDS: dict[str, str] = {
-    "import": "import {tracks} --format vci-citr -o {out}.parquet",
-    "bag export": f"bag export {BAG} -o {{out}} --episodes 0-9",
-    "bag plot": f"bag plot {BAG} 2:14 -o {{out}}.png",
-    "dataset bag": "dataset bag {dataset} -o {out} --episode 1:0",
-    "demo": "demo -o {out}",
-    "evaluate": "evaluate --json {out}.json",
-    "export": "export {dataset} --to openscenario,osi,carla-csv -o {out}",
-    "generate": "generate -o {out} --episodes 2 --scenarios 1 --workers 1 "
-    "--set world_simulator.vehicle_driver=autopilot --set world_simulator.pedestrian_driver=autopilot",
-    "graph": "graph --params stage3_generate -o {out} --set world_simulator.scenarios=[1] "
-    "--set world_simulator.episodes=1 --set world_simulator.batch=1",
-    "pretrain": "pretrain --params stage1_pretrain -o {out} --set learner.episodes=3",
-    "realism": "realism -o {out}",
-    "report": "report {dataset} -o {out}",
-    "turing make": "turing make -o {out} --scenes 2",
-    "view": f"view {BAG} -o {{out}}.html",
-    "world show": "world show 1 -o {out}.png",
-}
+PLACES = ("free", "full", "filling", "read-only", "limited")
 
 
 class Case(NamedTuple):
@@ -58,30 +35,11 @@ class Case(NamedTuple):
         return f"{self.command} on a disk that is {self.place}, {self.size} KiB"
 
 
-class Ended(NamedTuple):
-    """How a command ended: exit status, standard error, and what does not hold, one sentence each."""
-
-    status: int
-    said: str
-    defects: list[str]
-
-
-def case(seed: int, commands: tuple[str, ...] = tuple(COMMANDS)) -> Case:
+def case(seed: int, names: tuple[str, ...] = tuple(commands.COMMANDS)) -> Case:
     """Draw a case; in each round every command meets every place once, but for the room that is left there."""
     rng = random.Random(f"disks/{seed}")
-    place = PLACES[seed // len(commands) % len(PLACES)]
-    return Case(commands[seed % len(commands)], place, 0 if place == "full" else round(2 ** rng.uniform(0, 12)))
-
-
-def inputs(folder: Path) -> dict[str, str]:
-    """Make what the commands read, and return where each lies by its name in `COMMANDS`."""
-    from chaos import files
-
-    (folder / "tracks").mkdir()
-    files._tracks(folder / "tracks")
-    files._dataset(folder)
-    paths = {"tracks": folder / "tracks", "dataset": folder / "dataset", "weights": weights_path("refined")}
-    return {name: str(path) for name, path in paths.items()}
+    place = PLACES[seed // len(names) % len(PLACES)]
+    return Case(names[seed % len(names)], place, 0 if place == "full" else round(2 ** rng.uniform(0, 12)))
 
 
 @contextlib.contextmanager
@@ -101,27 +59,15 @@ def disk(case: Case, folder: Path) -> Iterator[Path]:
         subprocess.run(["umount", str(folder)], check=True)
 
 
-def run(case: Case, given: dict[str, str]) -> Ended:
-    """Run the command of a case on its disk, in this process, and look at what it left."""
-    said, status = io.StringIO(), 0
+def run(case: Case, given: dict[str, str]) -> tuple[int, list[str]]:
+    """Run the command of a case on its disk, and return its exit status and what does not hold, one sentence each."""
     with tempfile.TemporaryDirectory() as folder, disk(case, Path(folder)) as place:
-        words = COMMANDS[case.command].format(out=place / "out", **given).split()
-        before = sys.argv, resource.getrlimit(resource.RLIMIT_FSIZE)
-        sys.argv = ["vpsci", *words]
-        if case.place == "limited":
-            resource.setrlimit(resource.RLIMIT_FSIZE, (case.size * 1024, before[1][1]))
-        try:
-            with contextlib.chdir(ROOT), contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
-                main()
-        except SystemExit as ended:
-            status = int(ended.code or 0)
-        except Exception as error:  # noqa: BLE001 - whatever is not in words is a defect
-            status = 1
-            print(f"Traceback (most recent call last): {type(error).__name__}: {error}", file=said)
-        finally:
-            sys.argv = before[0]
-            resource.setrlimit(resource.RLIMIT_FSIZE, before[1])
-        return Ended(status, said.getvalue(), defects(status, said.getvalue(), place))
+        largest = case.size * 1024 if case.place == "limited" else resource.RLIM_INFINITY
+        ended = commands.here(case.command, place / "out", given, largest)
+        found = defects(ended.status, ended.said, place)
+    if case.place == "free" and ended.status and "which is not installed" not in ended.said:
+        found.append(f"status {ended.status} where nothing is refused: {ended.said.strip()[-120:]}")
+    return ended.status, found
 
 
 def defects(status: int, said: str, place: Path) -> list[str]:

@@ -5,10 +5,11 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from chaos import bombs, files, processes, strangers, writes
+from chaos import bags, bombs, files, processes, strangers, writes
 from rich.console import Console
 
 from vpsci_ros.bags.info import bag_info, print_info
+from vpsci_ros.bags.reader import Bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.wire.layout import WORLD
@@ -60,6 +61,25 @@ def test_a_topic_whose_name_a_terminal_obeys_is_printed_escaped(tmp_path: Path) 
     print_info(bag_info(tmp_path), Console(file=text, width=200))
     assert "/\\x1b[2J\\x9bm" in text.getvalue()
     assert not {"\x1b", "\x9b"} & set(text.getvalue())
+
+
+@pytest.fixture(scope="module")
+def whole_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of two episodes by rules."""
+    return bags.bag(tmp_path_factory.mktemp("bag"))
+
+
+def test_a_bag_whose_messages_were_forged_is_never_called_the_same(whole_bag: Path) -> None:
+    found = [bags.case(seed, whole_bag) for seed in range(2 * len(bags.WAYS))]
+    assert [verdict for _, verdict in found] == ["told"] * len(found), found
+
+
+def test_a_forged_bag_that_is_called_the_same_would_be_noticed(
+    whole_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bags, "verify_bag", lambda _: bags.VerifiedBag(ticks=7))
+    forged = bags.written(whole_bag, list(Bag(whole_bag).messages())[:-20], tmp_path / "bag")
+    assert bags.judged(forged, same=False) == "verified as the same to the bit, 7 ticks"
 
 
 def test_a_defect_would_be_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

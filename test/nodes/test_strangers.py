@@ -63,6 +63,7 @@ def refused(node: GraphNode) -> dict[str, int]:
     return {topic.removeprefix("refused "): n for topic, n in node.status().pairs().items() if "refused /" in topic}
 
 
+NO_DISTANCE = safety(2, distance=array("d", [np.nan]))
 BAD_STATES = [state(1, vehicle_x=array("d")), state(1, vehicle_x=array("d", [np.nan])), WorldState(tick=1)]
 
 
@@ -90,12 +91,12 @@ def test_a_policy_refuses_bad_messages_and_a_tick_of_2_to_the_40_and_answers_the
     here.spin_until(lambda: answered == [0])
     for bad in [*BAD_STATES, state(2**40)]:
         policy.intake.receive("/world/state", bad)
-    for bad in (safety(2, curvttc=array("d")), safety(2, curvttc=array("d", [np.nan])), safety(2**40)):
+    for bad in (safety(2, curvttc=array("d")), safety(2, curvttc=array("d", [np.nan])), NO_DISTANCE, safety(2**40)):
         policy.intake.receive("/safety/state", bad)
     policy.intake.receive("/world/state", state(2))
     policy.intake.receive("/safety/state", safety(2))
     here.spin_until(lambda: answered == [0, 2])
-    assert refused(policy) == {"/world/state": 4, "/safety/state": 2}
+    assert refused(policy) == {"/world/state": 4, "/safety/state": 3}
 
 
 def test_a_policy_keeps_to_the_first_state_of_a_tick(

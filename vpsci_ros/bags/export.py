@@ -1,5 +1,6 @@
 """From a bag to a dataset: the episodes that a graph recorded, filtered, as tables, with a summary and a picture."""
 
+import itertools
 from collections.abc import Collection
 from dataclasses import astuple, dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_files import FORMATS
 from vpsci_ros.data.episode import Key
-from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.episode_frames import EpisodeBatch, EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.data.gathered import NO_SCENARIO, group_of
 from vpsci_ros.errors import InvalidInput
@@ -83,14 +84,24 @@ def export_bag(
         formats=formats,
         keep_rejected=keep_rejected,
     ) as writer:
-        writer.add(frames.add(first.state, first.curvttc, first.distance))
-        for tick in ticks:
-            writer.add(frames.add(tick.state, tick.curvttc, tick.distance))
+        unseen = 0
+        for tick in itertools.chain((first,), ticks):
+            batch = frames.add(tick.state, tick.curvttc, tick.distance)
+            unseen += _unseen(batch)
+            writer.add(batch)
         if writer.empty:
             raise InvalidInput(f"{bag}: not one of its {frames.unfinished} episodes ended while it was recorded")
         description = writer.close(unfinished=frames.unfinished)
     report(folder, console)
+    if unseen:
+        console.print(f"the bag lacks states, or the monitor's answers to them, of {unseen} frames: empty cells")
     return description
+
+
+def _unseen(batch: EpisodeBatch) -> int:
+    """Return of how many frames of the episodes something is missing."""
+    there = np.arange(batch.values.shape[1]) < batch.frames[:, None]
+    return int((np.isnan(batch.values).any(axis=2) & there).sum())
 
 
 def _alone(tick: RecordedTick, wanted: Collection[Key]) -> RecordedTick:

@@ -172,14 +172,15 @@ def number_pedestrians(state):  # type: ignore[no-untyped-def]
 def safety_state(message: Any, batch: int, where: str = SAFETY) -> tuple[Array, Array, Array]:
     """Return CurvTTC [s] and distance [m], float64[B], and critical, uint8[B], of a SafetyState.
 
-    :raises InvalidInput: not one of each per episode, or a CurvTTC that is not a number.
+    :raises InvalidInput: not one of each per episode, or a CurvTTC or a distance that is not a number.
     """
     curvttc, distance, critical = (
         checked(getattr(message, name), batch, where, name) for name in ("curvttc", "distance", "critical")
     )
-    if has_nan(curvttc):
-        slot = int(np.argmax(np.isnan(curvttc)))
-        raise InvalidInput(f"{where}: curvttc of slot {slot} is not a number; does another program publish it?")
+    for name, numbers in (("curvttc", curvttc), ("distance", distance)):
+        if has_nan(numbers):
+            slot = int(np.argmax(np.isnan(numbers)))
+            raise InvalidInput(f"{where}: {name} of slot {slot} is not a number; does another program publish it?")
     return curvttc, distance, critical
 
 
