@@ -2,8 +2,8 @@
 
 VENV := .venv
 BIN := $(VENV)/bin
-# Two processes, which take tests from each other in the end: half of the time is spent waiting for graphs. `make test JOBS=0`: one.
-JOBS ?= 2
+# Three processes, which take tests from each other in the end: a third of the time is spent waiting for graphs. JOBS=0: one.
+JOBS ?= 3
 PYTEST_ARGS ?=
 # Recordings (vci_dut/, vci_citr/) for the demo to learn from besides the right turns that the package holds.
 VPSCI_DATA ?= $(wildcard ../shared/data)

@@ -119,7 +119,9 @@ def test_every_node_tells_rate_lag_and_misses(begin: Callable[..., Session]) -> 
         lambda: {"world_simulator", "safety_monitor"} <= set(session.reported) and len(session.ticks) > 30
     )
     session.spin_until(lambda: int(value(session.reported["safety_monitor"][-1], "answers")) > 10)
-    assert 10 <= int(value(session.reported["world_simulator"][-1], "ticks_per_second")) <= 25
+    session.spin_until(  # a report of a second in which the machine was busy may give fewer
+        lambda: 10 <= int(value(session.reported["world_simulator"][-1], "ticks_per_second")) <= 25
+    )
     monitor = session.reported["safety_monitor"][-1]
     assert float(value(monitor, "lag_mean_ms")) > 0.0
     assert float(value(monitor, "lag_max_ms")) >= float(value(monitor, "lag_mean_ms"))
