@@ -54,7 +54,7 @@ def run_demo(folder: Path, data: Path | None, *, force: bool = False) -> None:
 
     console = Console()
     _make_room(folder, force)
-    console.print("three small stages, then a page; on a fresh clone numba compiles first, which takes a minute or two")
+    console.print("three small stages, then a page")
     begun = time.monotonic()
     near_misses = _near_misses(folder, data, console)
     with own_domain():

@@ -37,6 +37,7 @@ from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_pub
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
+from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.progress import Bars
@@ -215,6 +216,7 @@ def _run_in_process(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     log = folder / "logs" / f"ads_{label}.log"
     log.unlink(missing_ok=True)
     config, patience = exam.config, exam.sections.get(GraphConfig, "graph").progress_timeout
+    compile_kernels()
     loop = loop_with(exam, name, "external", exam.episodes, SIDE_BY_SIDE if config.ads_class else 1)
     with contextlib.ExitStack() as stack:
         bars = stack.enter_context(Bars(quiet=quiet))

@@ -17,6 +17,7 @@ from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.journal import Journal, journal_of
 from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
 from vpsci_ros.generate.simulate import computing
+from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.runs.files import changed_files
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
@@ -84,6 +85,8 @@ def generate(
         plan = DatasetPlan(targets, first, journal.unit, config.give_up)
         for scenario in plan.scenarios.values():
             _resume(scenario, journal)
+        if not plan.complete:
+            compile_kernels()
         try:
             computed = 0 if plan.complete else _compute(plan, journal, workers(), report)
             middle = time.monotonic()

@@ -28,6 +28,7 @@ from vpsci_ros.nodes.shared_memory import remove_left_behind
 from vpsci_ros.nodes.status import PIPE, NodeStatus, StatusPipe
 from vpsci_ros.nodes.watch import Watch
 from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, table, values_of
+from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import require_empty_folder, sha256
@@ -99,6 +100,7 @@ def run_graph(
             parameters = folder / "params.yaml"
             layout = as_ros_parameters(resolved.values, any_namespace=bool(chosen.namespace))
             parameters.write_text(dump_yaml(layout), encoding="utf-8")
+            compile_kernels()
             processes = NodeProcesses(chosen.nodes, parameters, folder / "log", chosen.namespace)
             _run_to_the_end(result, resolved, processes, quiet, requested, stop_when, claim)
         result.wall_time = time.monotonic() - begun

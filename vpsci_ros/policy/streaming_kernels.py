@@ -76,6 +76,13 @@ def accumulate(x, w, out, rows):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
+def _copy(row, out):  # type: ignore[no-untyped-def]
+    """Copy a row; numba's own assignment takes seconds to compile, for the error text of shapes that differ."""
+    for j in range(out.shape[0]):
+        out[j] = row[j]
+
+
+@njit(cache=True, nogil=True)
 def exponential(x):  # type: ignore[no-untyped-def]
     """Return exp(x) for x <= 0, float32, to 2 units in the last place; 0 below -80 (Cephes' expf)."""
     if x < np.float32(-80.0):
@@ -176,7 +183,7 @@ def step_rows(  # type: ignore[no-untyped-def]
     logits, lanes = np.empty((window, heads), np.float32), np.empty(LANES, np.float32)
     scale = np.float32(1.0) / np.sqrt(np.float32(depth))
     for i in range(n):
-        x[i] = entry[1]
+        _copy(entry[1], x[i])
         seen[slots[i], counts[slots[i]] % window] = risks[i]
     accumulate(inputs, entry[0], x, n)
     for layer in range(decay.shape[0]):
@@ -192,9 +199,11 @@ def step_rows(  # type: ignore[no-untyped-def]
         for i in range(n):
             slot = slots[i]
             place, filled = counts[slot] % window, min(counts[slot] + 1, window)
-            states[slot, layer] = h[i]
-            values[slot, layer, place] = h[i]
-            keys[slot, layer, place] = k[i].reshape(depth, heads)
+            _copy(h[i], states[slot, layer])
+            _copy(h[i], values[slot, layer, place])
+            for d in range(depth):
+                for each in range(heads):
+                    keys[slot, layer, place, d, each] = k[i, d * heads + each]
             _attend(
                 q[i].reshape(depth, heads), keys[slot, layer], values[slot, layer], seen[slot], gain[layer], scale,
                 filled, logits, context[i],
@@ -205,13 +214,15 @@ def step_rows(  # type: ignore[no-untyped-def]
         accumulate(context, w_attended[layer], mixed, n)
         for i in range(n):
             _normalise(mixed[i], norm_w[layer], norm_b[layer], lanes)
-            x[i] = mixed[i]
+            _copy(mixed[i], x[i])
     latent, noise = drawn
     w1, w_latent, b1, w2, b2, w3, b3 = head
     first, second = np.empty((n, b1.size), np.float32), np.empty((n, b2.size), np.float32)
     answer = np.empty((n, b3.size), np.float32)
     for i in range(n):
-        first[i], second[i], answer[i] = b1, b2, b3
+        _copy(b1, first[i])
+        _copy(b2, second[i])
+        _copy(b3, answer[i])
         counts[slots[i]] += 1
     accumulate(x, w1, first, n)
     if latent.shape[1] > 0:

@@ -165,17 +165,26 @@ def _advance(state, first, count, answers, tables, recordings, settings, pushes,
 
 
 @kernel
-def move(state, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
-    """Move EPISODE[B] to the next tick and end what is over; events uint16[B] gets bits 1 << kind.
+def move_one(state, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
+    """Move EPISODE[B] of one pedestrian each to the next tick and end what is over; events uint16[B] gets 1 << kind.
 
-    :param pushes: float64[B, 2] to work with, of length 0 where each episode has one pedestrian.
+    It is what `move_several` does, compiled without the loops over rows, which costs less; who has one pedestrian an
+    episode never waits until the other one is compiled.
     """
-    events[:] = 0
-    if settings.pedestrians == 1:  # compiled without the loops over rows, it costs what one pedestrian costs
-        for i in range(state.size):
-            if state[i].status == RUNNING:
-                _advance(state, i, 1, answers, tables, recordings, settings, pushes, events)
-        return
+    for i in range(state.size):
+        events[i] = 0
+        if state[i].status == RUNNING:
+            _advance(state, i, 1, answers, tables, recordings, settings, pushes, events)
+
+
+@kernel
+def move_several(state, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
+    """Move EPISODE[B], `settings.pedestrians` rows an episode, and end what is over; events uint16[B] gets 1 << kind.
+
+    :param pushes: float64[B, 2] to work with.
+    """
+    for i in range(state.size):
+        events[i] = 0
     for first in range(0, state.size, settings.pedestrians):
         if state[first].status == RUNNING:
             count = state[first].pedestrians

@@ -124,7 +124,8 @@ class World:
     def _move(self, answers: Inputs, part: slice) -> None:
         own = Inputs(*(array[part] for array in answers))  # type: ignore[arg-type]  # length 0 stays 0
         pushes = self._pushes[part]
-        engine.move(self.state[part], own, self._tables, self._recordings, self._settings, pushes, self._bits[part])
+        move = engine.move_one if self._most == 1 else engine.move_several
+        move(self.state[part], own, self._tables, self._recordings, self._settings, pushes, self._bits[part])
 
     def place(
         self, slots: Sequence[int], episodes: Sequence[tuple[int, int]], seeds: Sequence[int] | None = None

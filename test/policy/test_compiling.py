@@ -1,0 +1,65 @@
+"""What is compiled beforehand is what episodes with policies run, and a part that fails is named."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from vpsci_ros.policy import compiling
+
+CALLED = """
+import json, sys
+from numba.core.registry import CPUDispatcher
+{}
+print(json.dumps(sorted(
+    f"{{module.__name__}}.{{name}} {{signature}}"
+    for module in list(sys.modules.values()) if module.__name__.startswith("vpsci_ros.")
+    for name, value in vars(module).items() if isinstance(value, CPUDispatcher)
+    for signature in value.signatures
+)))
+"""
+EPISODE = """
+from vpsci_ros.generate.job import Unit
+from vpsci_ros.policy.agent import policies
+from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.resources import weights_path
+from vpsci_ros.world import World, WorldConfig, load_scenarios
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.data.episode_frames import EpisodeFrames
+world = World(WorldConfig(), load_scenarios([1]), [(1, number) for number in range(4)], 4, 0)
+loop, frames = Loop(world, agents=policies(load_weights(weights_path("refined")), world)), EpisodeFrames(4, 601)
+for step in loop:
+    frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance)
+"""
+
+
+def called(program: str) -> set[str]:
+    """Return the kernels, with their types, that a program calls from Python."""
+    result = subprocess.run(
+        [sys.executable, "-c", CALLED.format(program)], capture_output=True, text=True, check=True, timeout=300
+    )
+    return set(json.loads(result.stdout.splitlines()[-1]))
+
+
+def test_episodes_with_policies_call_no_kernel_that_was_not_compiled_beforehand():
+    beforehand = called("from vpsci_ros.policy.compiling import PARTS\nfor part in PARTS.values(): part()")
+    later = {kernel for kernel in called(EPISODE) if ".tick._all_finite " not in kernel}  # a fifth of a second
+    assert any(".engine.move_one " in kernel for kernel in later)
+    assert any(".streaming_kernels.step_rows " in kernel for kernel in later)
+    assert later - beforehand == set()
+
+
+def test_it_is_done_once_and_a_part_that_fails_is_named_and_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(compiling, "PARTS", {"no such part": lambda: None})
+    for _ in range(2):
+        compiling.compile_kernels()
+    assert capfd.readouterr().err.count("no such part ended with 1: KeyError: 'no such part'") == 2
+    monkeypatch.setattr(compiling, "PARTS", {})
+    for _ in range(2):
+        compiling.compile_kernels()
+    assert capfd.readouterr().err.count("compiling for this machine, once") == 1

@@ -1,0 +1,75 @@
+"""Compile what every episode runs before it is needed, in processes side by side, once for each state of the sources.
+
+numba compiles a kernel at its first call and keeps it on disk (`vpsci_ros.runs.kernel_cache`). Without this, every node
+and every worker of a new installation would compile the same kernels at the same time, each without a word. Whoever
+finds them compiled imports nothing for it.
+"""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+DONE = "compiled"  # a file of this name in the cache folder: all of it has been compiled
+
+
+def _spawn() -> None:
+    from vpsci_ros.world import World, WorldConfig, load_scenarios
+
+    World(WorldConfig(), load_scenarios([1]), [(1, 0)], 1, 0)
+
+
+def _move() -> None:
+    from vpsci_ros.data.episode_frames import EpisodeFrames
+    from vpsci_ros.world import World, WorldConfig, load_scenarios
+    from vpsci_ros.world.loop import Loop
+
+    step = Loop(World(WorldConfig(), load_scenarios([1]), [], 1, 0, first_tick=1)).step()  # a policy tick would spawn
+    EpisodeFrames(1, 2).add(step.tick.state, step.assessment.curvttc, step.assessment.distance)
+
+
+def _act() -> None:
+    import numpy as np
+
+    from vpsci_ros.policy.agent import policies
+    from vpsci_ros.policy.weights import load_weights
+    from vpsci_ros.resources import weights_path
+    from vpsci_ros.world import World, WorldConfig, load_scenarios
+    from vpsci_ros.world.state import EPISODE, RUNNING
+    from vpsci_ros.world.tick import Tick
+
+    state = np.zeros(1, EPISODE)
+    state["status"] = RUNNING
+    yes = np.ones(1, np.bool_)
+    tick = Tick(number=0, state=state, policy_frame=yes, by_policies=True)
+    world = World(WorldConfig(), load_scenarios([1]), [], 1, 0, first_tick=1)
+    for agent in policies(load_weights(weights_path("refined")), world).values():
+        agent.act(tick, tick.assessed(np.ones(1), np.ones(1), yes))
+
+
+PARTS: dict[str, Callable[[], None]] = {"spawn": _spawn, "move": _move, "act": _act}
+
+
+def compile_kernels() -> None:
+    """Compile the kernels of world, monitor and policies, and say so, unless the cache has them.
+
+    A part that fails is said with its reason; whoever needs its kernels compiles them, or fails in its own words.
+    """
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR", ""))
+    if not folder.is_absolute() or (folder / DONE).exists():
+        return
+    print("compiling for this machine, once: some 15 s on two cores", file=sys.stderr, flush=True)
+    command = [sys.executable, "-m", __name__]
+    running = [subprocess.Popen([*command, part], stderr=subprocess.PIPE, text=True) for part in PARTS]
+    errors = [process.communicate()[1] for process in running]
+    for part, process, error in zip(PARTS, running, errors, strict=True):
+        if process.returncode:
+            last = (error.strip().splitlines() or ["no reason given"])[-1]
+            print(f"note: compiling beforehand: {part} ended with {process.returncode}: {last}", file=sys.stderr)
+    if not any(process.returncode for process in running):
+        (folder / DONE).touch()
+
+
+if __name__ == "__main__":
+    PARTS[sys.argv[1]]()
