@@ -103,6 +103,9 @@ EXTRAS = {
     "video": ["av>=13,<19"],
     # examples/motion_planner.py: a public motion planner, as a driving system in the exam.
     "planner": ["fiss-planner>=1,<2"],
+    # examples/sumo_crossing.py and examples/highway_crossing.py: our pedestrian in other people's engines.
+    "sumo": ["eclipse-sumo>=1.20,<2", "traci>=1.20,<2"],
+    "highway": ["highway-env>=1.10,<2"],
     # `vpsci generate --ray ADDRESS`: the same work over a cluster.
     "ray": ["ray>=2.9,<3"],
     "test": [

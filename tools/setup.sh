@@ -69,9 +69,9 @@ if ! is_done packages constraints.txt setup.py setup.cfg pyproject.toml tools/se
     [ -f "$headers/Python.h" ] ||
         fail "vpsci_ros needs Python's headers to build its messages, and $headers/Python.h is not there: install them \
 (python3-dev on Debian and Ubuntu)"
-    say "installing packages, about 500 MB (minutes)"
+    say "installing packages, about 650 MB (minutes)"
     $pip install -c constraints.txt pip setuptools wheel
-    $pip install -c constraints.txt --no-build-isolation -e '.[learn,ros,messages,rl,realism,search,openscenario,osi,planner,carla,test,docs]'
+    $pip install -c constraints.txt --no-build-isolation -e '.[learn,ros,messages,rl,realism,search,openscenario,osi,planner,sumo,highway,carla,test,docs]'
     done_now
 fi
 

@@ -1,0 +1,63 @@
+"""Our pedestrian in other people's engines, for real: their cars drive, ours crosses, and both react."""
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from vpsci_ros.safety import clearance
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+ENGINES = {"sumo_crossing": "sumo", "highway_crossing": "highway"}
+
+
+def example(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(("name", "extra"), ENGINES.items())
+def test_an_example_has_at_most_a_hundred_lines_and_names_its_extra(name: str, extra: str) -> None:
+    lines = (EXAMPLES / f"{name}.py").read_text("utf-8").splitlines()
+    assert len(lines) <= 100
+    assert any(f"'.[{extra}]'" in line for line in lines)
+
+
+def test_in_sumo_both_pedestrians_cross_before_a_car_that_sumo_stops_for_them(tmp_path: Path) -> None:
+    """Episode 11: the car comes at 2.9 m/s, and the pedestrians walk at 1.2 m/s from 7 m before the crosswalk."""
+    pytest.importorskip("traci", reason="pip install 'vpsci_ros[sumo]'")
+    sumo = example("sumo_crossing")
+    net = sumo.network(tmp_path)
+    try:
+        alone, *met = [sumo.play(net, 11, who) for who in ("nobody", "our", "SUMO's")]
+        again = sumo.play(net, 11, "our")
+    finally:
+        sumo.traci.close()
+    assert np.array_equal(again, met[0]), "to the bit"
+    assert alone[:, 3].min() > 2.0, "nobody stops it"
+    for rows in met:
+        assert rows[:, 3].min() < 0.1, "it gives way"
+        assert clearance(*rows.T[:3], *rows.T[4:6]).min() > 1.0
+        assert rows[:, 5].max() > sumo.CROSSING[1] + 2.0, "across"
+        assert rows[-1, 0] > sumo.CROSSING[0] + 10.0, "the car, too"
+    assert np.abs(np.diff(met[0][:, 4:6], axis=0)).max() < 0.3, "ours nowhere jumps"
+
+
+def test_in_highway_env_its_car_brakes_for_our_pedestrian_and_it_reacts_to_the_car() -> None:
+    pytest.importorskip("highway_env", reason="pip install 'vpsci_ros[highway]'")
+    highway = example("highway_crossing")
+    passed, stopped = (highway.play(episode) for episode in (6, 9))
+    assert passed[:, 3].min() > 4.9, "nobody stands in its lane when it passes"
+    assert stopped[:, 3].min() < 0.5, "IDM stops"
+    for rows in (passed, stopped):
+        assert clearance(*rows.T[:3], *rows.T[4:6], length=5.0, width=2.0).min() > 0.5
+        assert rows[-1, 5] > 2.5, "across"
+        assert len(rows) == 375, "25 s at 15 steps a second"
+    walked = np.hypot(stopped[:, 6], stopped[:, 7])
+    assert walked.max() > 1.5 * walked[0], "it hurries"
