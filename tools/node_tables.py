@@ -16,6 +16,7 @@ from vpsci_ros.parameters import Parameter, table
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.runs.config import PeerConfig, RunConfig
 from vpsci_ros.world.config import WorldConfig
+from vpsci_ros.world.intervention import InterventionConfig
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.perception import PerceptionConfig
@@ -98,7 +99,7 @@ GROUPS: dict[str, tuple[str, tuple[type, ...]]] = {
     ),
     "Exams of a driving system": (
         "With which pedestrians a driving system is tested, what it perceives, and how its commands are used.",
-        (ExamConfig, ExternalConfig, PerceptionConfig),
+        (ExamConfig, ExternalConfig, InterventionConfig, PerceptionConfig),
     ),
     "Graphs and bags": (
         "How nodes run together, and how their messages are recorded and replayed.",

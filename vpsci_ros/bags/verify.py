@@ -33,6 +33,7 @@ from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
 from vpsci_ros.world.counts import MISSING_ANSWERS
+from vpsci_ros.world.intervention import InterventionConfig
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.monitor import MonitorConfig
@@ -107,7 +108,7 @@ def verify_bag(path: str | Path, *, weights: str = "", recover: bool = False) ->
 
 
 RECORDED: dict[str, tuple[type, ...]] = {
-    "world_simulator": (RunConfig, LockStepConfig, ExternalConfig, WorldConfig),
+    "world_simulator": (RunConfig, LockStepConfig, ExternalConfig, InterventionConfig, WorldConfig),
     "safety_monitor": (MonitorConfig,),
     "vehicle_policy": (PolicyConfig,),
     "pedestrian_policy": (PolicyConfig,),

@@ -77,6 +77,14 @@ def ads_test(
             min=0, metavar="N", help="With --baseline: drive its failures and N of its episodes again, not all."
         ),
     ] = None,
+    protocol: Annotated[
+        str | None,
+        typer.Option(
+            "--protocol",
+            metavar="NAME",
+            help="Drive a standard protocol's tests as well, with its points: euro-ncap (docs/ads.md).",
+        ),
+    ] = None,
     fail_if: Annotated[
         list[str] | None,
         typer.Option(
@@ -96,6 +104,7 @@ def ads_test(
     Exit status: 0 passed; 1 a --fail-if holds, or the driving system did not drive all episodes; 2 bad input.
     """
     from vpsci_ros.exam.episode_list import with_episode_list
+    from vpsci_ros.exam.protocol import PROTOCOLS
     from vpsci_ros.exam.run import prepare, run_exam
     from vpsci_ros.exam.search.run import run_search
 
@@ -108,11 +117,13 @@ def ads_test(
         sections = sections.changed("ads_test", {"search.budget": budget})
     if recorded is not None:
         sections = sections.changed("ads_test", {"recorded": str(recorded)})
+    if protocol is not None and protocol not in PROTOCOLS:
+        raise InvalidInput(f"--protocol {protocol}: unknown; expected {', '.join(PROTOCOLS)}")
     if search:
-        if fail_if or recorded or episodes or baseline:
+        if fail_if or recorded or episodes or baseline or protocol:
             raise InvalidInput(
-                "--search goes without --fail-if, --recorded, --episodes and --baseline; put what it finds to an exam "
-                "with these: --episodes failures.json"
+                "--search goes without --fail-if, --recorded, --episodes, --baseline and --protocol; put what it finds "
+                "to an exam with these: --episodes failures.json"
             )
         exam = prepare(sections, ads, ads_class, workers, port)
         with stoppable(output):
@@ -127,7 +138,14 @@ def ads_test(
         exam = prepare(sections, ads, ads_class, workers, port)
         with stoppable(output):
             failures = run_exam(
-                exam, output, fail_if or [], workers=workers, against=baseline, guard=guard, quiet=quiet
+                exam,
+                output,
+                fail_if or [],
+                workers=workers,
+                against=baseline,
+                guard=guard,
+                protocol=protocol or "",
+                quiet=quiet,
             )
     if failures:
         raise typer.Exit(1)

@@ -46,6 +46,7 @@ from vpsci_ros.runs.sections import Sections
 from vpsci_ros.runs.workers import computed, local_workers
 from vpsci_ros.world import Recorded, World
 from vpsci_ros.world.counts import WorldCounts
+from vpsci_ros.world.intervention import InterventionConfig, Interventions
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.monitor import MonitorConfig
 
@@ -166,7 +167,9 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
             agent.load(load_weights(exam.weights), version=1)
     world = World(config, exam.scenarios, episodes, min(batch, len(episodes)), exam.run.seed, recorded)
     monitor = exam.sections.get(MonitorConfig, "safety_monitor")
-    return Loop(world, monitor, agents)
+    changes = exam.sections.get(InterventionConfig, "world_simulator")
+    interventions = Interventions(changes, exam.scenarios, lane_following=config.lane_following)
+    return Loop(world, monitor, agents, interventions=interventions if vehicle == "external" else None)
 
 
 def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:

@@ -12,6 +12,7 @@ SEVERE_TTC = 1.0  # [s] a severe conflict is one with a CurvTTC below
 MOVING = 0.5  # [m/s] a vehicle slower than this at the contact stood: the pedestrian walked into it
 EXTERNAL = "external"  # an ADS that the user starts himself
 NO_SOCKET = -1
+EURO_NCAP = "euro_ncap"  # the target of the protocol's tests
 ALONE = "alone"  # the reference of the time lost: nobody there
 DRIVERS = {
     LEARNED: "policy",
@@ -29,6 +30,7 @@ TITLES = {
     "constant_velocity": "constant velocity",
     "social_force": "social force",
     ALONE: "nobody there",
+    EURO_NCAP: "Euro NCAP's target",
 }
 
 

@@ -121,14 +121,13 @@ def compare(table: pl.DataFrame, earlier: Earlier, exam: Exam) -> dict[str, Any]
     return facts | {"pedestrians": out}
 
 
-def write_summary(path: Path, report: Mapping[str, Any], view: str) -> None:
-    """Write the verdict as Markdown for a merge request, with links to where the episodes play.
+def summary_lines(report: Mapping[str, Any], view: str) -> list[str]:
+    """Return the verdict as Markdown for a merge request, with links to where the episodes play.
 
     :param view: the page in which they play; empty: there is none.
     """
     found = report["against"]
-    text = [f"## {report['exam']['ads']}: {'failed' if report['failures'] else 'passed'}", ""]
-    text += [f"- {reason}" for reason in report["failures"]] + [""] * bool(report["failures"])
+    text = []
     what = MEASURES[f"{found['failure']}_rate"].title
     text.append(
         f"Compared with `{found['ads']}` in {found['folder']}. A failure: {what}. Changes are of {found['guard']} "
@@ -146,7 +145,7 @@ def write_summary(path: Path, report: Mapping[str, Any], view: str) -> None:
         links = [_link(view, name, key) for name, row in found["pedestrians"].items() for key in row[kind]]
         more = f" and {len(links) - _LISTED} more" if len(links) > _LISTED else ""
         text += ["", f"{title}: {', '.join(links[:_LISTED])}{more}"] if links else []
-    write_text(path, "\n".join(text) + "\n")
+    return text
 
 
 def _change(found: Mapping[str, Any], measure: str) -> str:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.exam.config import ALONE, DRIVERS, ExamConfig, added_pedestrians
+from vpsci_ros.exam import euro_ncap
+from vpsci_ros.exam.config import ALONE, DRIVERS, EURO_NCAP, ExamConfig, added_pedestrians
 from vpsci_ros.exam.episode_list import flat
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns
 from vpsci_ros.policy.config import PolicyConfig
@@ -91,9 +92,11 @@ class Exam:
         return dataclasses.replace(world, pedestrian_driver=driver)
 
     def motion(self, pedestrian: str) -> Motion:
-        """Return the motion of a pedestrian that is replayed: recorded people, or nobody."""
+        """Return the motion of a pedestrian that is replayed: recorded people, a protocol's target, or nobody."""
         if pedestrian == ALONE:
             return absent_pedestrians(self.spawns())
+        if pedestrian == EURO_NCAP:
+            return euro_ncap.motion(self.scenarios, self.with_pedestrian(pedestrian, "external"))
         path, world = self.config.recorded, self.with_pedestrian(pedestrian, "external")
         begins = (self.whole or self).spawns()  # each person once before any twice, in whatever parts
         motion = recorded_people(read_near_misses(path), begins, self.scenarios, world, self.run.seed, path)

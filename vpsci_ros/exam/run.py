@@ -23,17 +23,19 @@ from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.episodes import read_episodes
 from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam import protocol as standard
 from vpsci_ros.exam.collect import bags_of
 from vpsci_ros.exam.conduct import autopilot_run, run_with_all
 from vpsci_ros.exam.config import ALONE, EXTERNAL, NO_SOCKET, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import check, parse
 from vpsci_ros.exam.driver_class import files_of_driver, find_driver
-from vpsci_ros.exam.earlier import Earlier, compare, compared_with, write_junit, write_summary
+from vpsci_ros.exam.earlier import Earlier, compare, compared_with, write_junit
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, RunResult, episode_table
 from vpsci_ros.exam.page import write_page
 from vpsci_ros.exam.process import OWN, command_of, files_of
 from vpsci_ros.exam.report import ADS, BASELINE, FAILED_BEFORE, make_report
+from vpsci_ros.exam.summary import write_summary
 from vpsci_ros.exam.view import Driven, exam_sources
 from vpsci_ros.policy.agent_types import AGENT_TYPES
 from vpsci_ros.resources import near_misses_path
@@ -121,6 +123,7 @@ def run_exam(
     workers: int = 1,
     against: Path | None = None,
     guard: int | None = None,
+    protocol: str = "",
     quiet: bool = False,
 ) -> list[str]:
     """Conduct the exam, write and print its report, and return the reasons to fail: none where it is passed.
@@ -128,6 +131,7 @@ def run_exam(
     :param criteria: as for --fail-if, in addition to those of the parameters.
     :param workers: runs side by side.
     :param against: folder of an earlier exam to compare with; `guard`: see `compared_with`.
+    :param protocol: one of `vpsci_ros.exam.protocol.PROTOCOLS`, whose tests are driven as well; empty: none.
     :raises InvalidInput: a criterion is refused, or `folder` holds something else; nothing has been run then.
     :raises VpsciError: a node has failed.
     """
@@ -145,8 +149,13 @@ def run_exam(
     report = make_report(table, {name: run.conduct for name, run in runs[ADS].items()}, exam.config, exam.perception)
     if earlier is not None:
         report["against"] = compare(table, earlier, exam)
+    if protocol:
+        report["protocol"] = standard.conduct_protocol(exam, folder / standard.FOLDER, workers=workers, quiet=quiet)
+        people = next((name for name in pedestrians if name in report["drivers"].get(ADS, {})), "")
+        report["protocol"]["beside"] = standard.beside_people(report["protocol"], report["drivers"], people)
     verdicts = check(parsed, report, pedestrians)
     failures = [run.conduct.failure for run in runs[ADS].values() if run.conduct.failure]
+    failures += [report["protocol"]["failure"]] if protocol and report["protocol"]["failure"] else []
     failures += [verdict.sentence() for verdict in verdicts if verdict.failed]
     report = {"exam": identity, "failures": failures, "criteria": [each.as_json() for each in verdicts]} | report
     write_parquet(table, folder / EPISODES, COLUMNS, content="episodes of an exam", exam=identity)
@@ -157,8 +166,8 @@ def run_exam(
         write_view(folder / VIEW, exam_sources(table, drivers, LIMIT, _note), f"Exam of {exam.config.examined}")
     episodes = {name: run.episodes for name, run in runs[ADS].items()}
     write_page(folder / "report.html", report, table, episodes, VIEW if driven else "")
+    write_summary(folder / SUMMARY, report, VIEW if driven else "")
     if earlier is not None:
-        write_summary(folder / SUMMARY, report, VIEW if driven else "")
         write_junit(folder / JUNIT, report)
     _print(report, folder)
     return failures

@@ -11,6 +11,7 @@ from vpsci_ros.parameters import build, parameter
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.runs.config import PeerConfig, RunConfig
 from vpsci_ros.world.config import WorldConfig
+from vpsci_ros.world.intervention import InterventionConfig
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.perception import PerceptionConfig
@@ -86,7 +87,7 @@ class ReplayerConfig:
 
 SECTIONS: dict[str, tuple[type, ...]] = {
     "graph": (GraphConfig,),
-    "world_simulator": (PeerConfig, RunConfig, LockStepConfig, ExternalConfig, WorldConfig),
+    "world_simulator": (PeerConfig, RunConfig, LockStepConfig, ExternalConfig, InterventionConfig, WorldConfig),
     "safety_monitor": (PeerConfig, MonitorConfig),
     "vehicle_policy": (PeerConfig, PolicyConfig),
     "pedestrian_policy": (PeerConfig, PolicyConfig),

@@ -26,6 +26,7 @@ from vpsci_ros.wire import received
 from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
 from vpsci_ros.world.counts import MISSING_ANSWERS, WorldCounts
+from vpsci_ros.world.intervention import InterventionConfig, Interventions
 from vpsci_ros.world.lockstep import LockStep, LockStepConfig
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.safe_stop import ExternalConfig, ExternalDriver
@@ -56,7 +57,8 @@ class WorldSimulator(GraphNode):
         compiled.advance(compiled.now.unassessed())  # now rather than at the first tick
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
         self._recorded = recorded_from_bag(config.recorded_bag) if config.recorded_bag else None
-        self._loop = Loop(self._new_world())
+        changes = Interventions(self.config(InterventionConfig), scenarios, lane_following=self._config.lane_following)
+        self._loop = Loop(self._new_world(), interventions=changes)
         self.counts = WorldCounts()
         external = None
         if self._config.vehicle_driver == "external":

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.world.intervention import Interventions
 from vpsci_ros.world.monitor import MonitorConfig, assess
 from vpsci_ros.world.state import RUNNING
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Step, Tick
@@ -30,6 +31,7 @@ class Loop:
     :param monitor: None: the defaults.
     :param agents: by "vehicle" and "pedestrian"; called at policy frames.
     :param always_critical: every running episode counts as critical, so that policy drivers act from its first frame.
+    :param interventions: what is changed between an external driver's commands and the car; None: nothing.
     """
 
     def __init__(
@@ -39,11 +41,13 @@ class Loop:
         agents: Mapping[str, Agent] | None = None,
         *,
         always_critical: bool = False,
+        interventions: Interventions | None = None,
     ) -> None:
         self.world = world
         self.agents = agents or {}
         self._monitor = monitor or MonitorConfig()
         self._always_critical = always_critical
+        self._interventions = interventions
         self._assessed: tuple[Tick, Assessment] | None = None
 
     def __iter__(self) -> Iterator[Step]:
@@ -78,6 +82,8 @@ class Loop:
         """Move on with these answers to the present tick, see `World.advance`; the tick returned is a copy."""
         tick = self.world.now
         state = tick.state.view(np.uint8).copy().view(tick.state.dtype)  # whole, sixty times as fast as by fields
+        if self._interventions is not None:
+            actions = self._interventions.applied(tick.state, actions)
         events = self.world.advance(assessment, actions)
         return Step(tick=tick._replace(state=state), assessment=assessment, actions=actions, events=events)
 

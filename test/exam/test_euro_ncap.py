@@ -1,0 +1,162 @@
+"""Euro NCAP's tests: where a car at constant speed hits the target, what cells are worth, and how they are driven."""
+
+import json
+import math
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.data.episode import Episode
+from vpsci_ros.data.gathered import gathered
+from vpsci_ros.exam import euro_ncap
+from vpsci_ros.exam.euro_ncap import KMH, Cell, cells, colour_of, document, impact_speed, motion, rated
+from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.resources import params_dir
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance
+from vpsci_ros.world import Recorded, World, WorldConfig
+from vpsci_ros.world.intervention import InterventionConfig, Interventions
+from vpsci_ros.world.parked import in_sight, parked_from
+from vpsci_ros.world.scenario import scenario_from
+from vpsci_ros.world.tick import Actions
+
+CONFIG = WorldConfig(
+    spawn="paper", vehicle_driver="external", pedestrian_driver="replay", episode_time=euro_ncap.EPISODE_TIME
+)
+SCENARIOS = [scenario_from(document(cell), cell.name) for cell in cells()]
+
+
+@lru_cache
+def driven(braking: float) -> dict[int, Episode]:
+    """Return each cell's episode, by its number, of a car that is commanded this acceleration all the time."""
+    keys = [(scenario.number, 0) for scenario in SCENARIOS]
+    targets = Recorded({key: (np.zeros((len(rows), 5)), rows) for key, rows in motion(SCENARIOS, CONFIG).items()})
+    world = World(CONFIG, SCENARIOS, keys, len(keys), 1, targets)
+    robots = Interventions(InterventionConfig(held_until=euro_ncap.RELEASED), SCENARIOS, lane_following=True)
+    commands, nothing = Actions(vehicle=np.tile([braking, 0.0], (len(keys), 1))), np.full(len(keys), np.inf)
+
+    def ticks() -> Any:
+        while not world.done:
+            state = world.state.copy()
+            world.advance(world.now.unassessed(), robots.applied(world.state, commands))
+            yield state, nothing, nothing
+
+    return {episode.key[0]: episode for episode in gathered(ticks(), CONFIG.tick, SCENARIOS)}
+
+
+@pytest.mark.parametrize("cell", cells(), ids=lambda cell: cell.name)
+def test_at_constant_speed_the_front_hits_the_target_at_the_stated_share_of_the_width(cell: Cell) -> None:
+    """Between the frames before and after the contact everybody moves on straight, so the contact is found there."""
+    seen = driven(0.0)[cell.number]
+    free = clearance(seen.x, seen.y, seen.heading, seen.ped_x[0], seen.ped_y[0])
+    k = int(np.flatnonzero(free <= 0.0)[0])
+    parts = np.linspace(0.0, 1.0, 20_001)
+    track = (seen.x, seen.y, seen.heading, seen.ped_x[0], seen.ped_y[0])
+    x, y, heading, px, py = (each[k - 1] + parts * (each[k] - each[k - 1]) for each in track)
+    first = int(np.flatnonzero(clearance(x, y, heading, px, py) <= 0.0)[0])
+    dx, dy, cos, sin = px[first] - x[first], py[first] - y[first], math.cos(heading[first]), math.sin(heading[first])
+    assert cos * dx + sin * dy == pytest.approx(0.5 * VEHICLE_LENGTH + PEDESTRIAN_RADIUS, abs=1e-3)
+    from_right_edge = 0.5 * VEHICLE_WIDTH + cos * dy - sin * dx
+    assert from_right_edge == pytest.approx(cell.location / 100.0 * VEHICLE_WIDTH, abs=1e-3)
+    assert seen.speed[k - 1] == cell.speed * KMH
+    assert impact_speed(seen) == pytest.approx(cell.speed)
+
+
+def test_the_target_walks_at_the_protocols_speed_and_stands_before() -> None:
+    for cell in cells():
+        walk = motion([SCENARIOS[cell.number - euro_ncap.FIRST_NUMBER]], CONFIG)[cell.number, 0]
+        speed = np.hypot(walk[:, 2], walk[:, 3])
+        assert speed[0] == 0.0
+        assert speed[-1] == pytest.approx(cell.spec.target * KMH)
+        assert np.diff(walk[:, :2], axis=0) == pytest.approx(0.5 * (walk[1:, 2:] + walk[:-1, 2:]) * 0.05, abs=2e-3)
+
+
+def test_a_turn_is_90_degrees_with_the_protocols_radius_at_its_tightest() -> None:
+    for cell in cells():
+        if cell.spec.turn is None:
+            continue
+        path = SCENARIOS[cell.number - euro_ncap.FIRST_NUMBER].vehicle.path
+        side = 1.0 if cell.spec.left else -1.0
+        assert path.heading(path.length - 1.0) == pytest.approx(side * math.pi / 2.0, abs=2e-3)
+        assert 1.0 / np.abs(path.curvature()).max() == pytest.approx(cell.spec.turn[cell.speed].radius, rel=0.02)
+
+
+def test_parked_vehicles_hide_the_child_until_it_steps_out() -> None:
+    for cell in cells():
+        if not cell.spec.obstructed:
+            continue
+        scenario = SCENARIOS[cell.number - euro_ncap.FIRST_NUMBER]
+        walk = motion([scenario], CONFIG)[cell.number, 0]
+        target = Recorded({(cell.number, 0): (np.zeros((len(walk), 5)), walk)})
+        world = World(CONFIG, [scenario], [(cell.number, 0)], 1, 1, target)
+        robots = Interventions(InterventionConfig(held_until=3.0), [scenario], lane_following=True)
+        seen = []
+        while world.state["status"][0] == 1:
+            seen.append(bool(in_sight(world.state, parked_from([scenario]))[0]))
+            world.advance(world.now.unassessed(), robots.applied(world.state, Actions(vehicle=np.zeros((1, 2)))))
+        assert not seen[0]
+        assert seen[-1]
+
+
+@pytest.mark.parametrize(
+    ("speed", "impact", "colour"),
+    [(10, 0.0, "green"), (20, 0.5, "red"), (30, 10.0, "brown"), (30, 10.1, "red"), (40, 10.0, "orange"),
+     (40, 20.0, "brown"), (50, 10.0, "yellow"), (60, 20.0, "orange"), (60, 30.0, "brown"), (60, 30.1, "red")],
+)  # fmt: skip
+def test_a_crossing_cell_has_the_colour_of_its_impact_speed(speed: int, impact: float, colour: str) -> None:
+    assert colour_of(Cell(0, "CPNA", speed, 50), impact) == colour
+
+
+def test_in_a_turn_only_avoidance_counts() -> None:
+    assert [colour_of(Cell(0, "CPTAfs", 20, 50), speed) for speed in (0.0, 0.1)] == ["green", "red"]
+
+
+def test_the_points_are_the_mean_of_the_cells_rounded_to_hundredths() -> None:
+    """CPNA: 18 cells, of which one of 60 km/h at 25 km/h (brown), 0.5 x 17.25 / 18 = 0.479; CPTA: 3 of 4 cells."""
+    speeds = dict.fromkeys((cell.number for cell in cells()), 0.0)
+    named = {cell.name: cell.number for cell in cells()}
+    found = rated(speeds | {named["CPNA-50_60kmh"]: 25.0, named["CPTAns-50_10kmh"]: 1.0})
+    assert found["tests"]["CPNA"]["points"] == 0.48
+    assert found["tests"]["CPTAfs & CPTAns"]["points"] == 0.75
+    assert (found["points"], found["of"], found["passed"]) == (3.73, 4.0, False)
+
+
+def test_an_ideal_brake_gets_full_points_and_one_that_never_brakes_none() -> None:
+    ideal, never = (rated({n: impact_speed(each) for n, each in driven(a).items()}) for a in (-8.88, 0.0))
+    assert (ideal["points"], ideal["passed"], ideal["unmet"]) == (4.0, True, [])
+    assert (never["points"], never["passed"]) == (0.0, False)
+    assert never["unmet"] == ["CPNA-75_10kmh", "slow-75_20kmh"]
+    assert all(row["colour"] == "red" for test in never["tests"].values() for row in test["cells"])
+
+
+def test_without_slowing_for_a_slow_pedestrian_nothing_counts() -> None:
+    speeds = dict.fromkeys((cell.number for cell in cells()), 0.0)
+    slow = next(cell.number for cell in cells() if cell.test == "slow")
+    assert rated(speeds | {slow: 20.0})["points"] == 0.0
+    assert rated(speeds | {slow: 12.0})["points"] == 4.0
+
+
+def test_the_exam_reports_the_protocol_beside_the_learned_pedestrian(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wanted = ("CPNA-75_10kmh", "CPNCO-50_30kmh", "CPTAns-50_10kmh", "slow-75_20kmh")
+    chosen = [cell for cell in cells() if cell.name in wanted]
+    monkeypatch.setattr(euro_ncap, "cells", lambda: chosen)
+    sections = load(params_dir() / "ads_test.yaml").changed("world_simulator", {"scenarios": [1], "episodes": 2})
+    exam = prepare(sections.changed("ads_test", {"pedestrians": ["learned"]}),
+                   ads_class="vpsci_ros.nodes.example_driver:ExampleDriver")  # fmt: skip
+    assert run_exam(exam, tmp_path / "out", protocol="euro-ncap", quiet=True) == []
+    found = json.loads((tmp_path / "out" / "report.json").read_text())["protocol"]
+    assert found["version"].endswith("version 1.1, October 2025")
+    assert {driver: each["points"] for driver, each in found["drivers"].items()} == {"ads": 2.5, "autopilot": 1.75}
+    assert [row["driver"] for row in found["beside"]] == ["ads", "autopilot"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "The parked vehicles of CPNCO hid nobody" in " ".join(page.split())
+    assert "| ads | 2.50 of 2.5 | yes |" in (tmp_path / "out" / "summary.md").read_text()
+    assert (tmp_path / "out" / "protocol" / "view.html").is_file()
+    written = yaml.safe_load((tmp_path / "out" / "protocol" / "scenarios" / "CPNCO-50_30kmh.yaml").read_text())
+    assert len(written["parked"]) == 2

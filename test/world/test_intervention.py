@@ -1,0 +1,110 @@
+"""What is changed between a driving system's command and the car: by robots, and in one episode at a time."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world import World, WorldConfig, load_scenarios
+from vpsci_ros.world.intervention import (
+    NOT_FORCED,
+    Intervention,
+    InterventionConfig,
+    Interventions,
+    as_parameter,
+    from_parameter,
+)
+from vpsci_ros.world.kinematics import MAX_DECELERATION
+from vpsci_ros.world.tick import NO_ACTIONS, Actions
+
+SCENARIOS = load_scenarios([1, 2])
+ONE, TWO = (1, 0), (2, 0)
+
+
+def speeds(changes: dict[tuple[int, int], Intervention], commands: Any, ticks: int = 20, **config: Any) -> np.ndarray:
+    """Return the speeds of the cars of 1:0 and 2:0, float64[ticks, 2], under one command to both at each tick."""
+    world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
+    changed = InterventionConfig(interventions=as_parameter(changes), **config)
+    between = Interventions(changed, SCENARIOS, lane_following=True)
+    found = []
+    for tick in range(ticks):
+        found.append(world.state["vehicle_speed"].copy())
+        command = np.tile(commands(tick), (2, 1))
+        given = Actions(vehicle=command) if command.shape[1] == 2 else Actions(vehicle_control=command)
+        world.advance(world.now.unassessed(), between.applied(world.state, given))
+    return np.array(found)
+
+
+def test_one_episode_is_changed_and_no_other() -> None:
+    as_it_is = speeds({}, lambda _: (0.5, 0.0))
+    changed = speeds({ONE: Intervention(frame=5, speed=-0.7)}, lambda _: (0.5, 0.0))
+    assert changed[:, 1] == pytest.approx(as_it_is[:, 1], abs=0.0)
+    assert changed[:6, 0] == pytest.approx(as_it_is[:6, 0], abs=0.0)
+    assert changed[6:, 0] == pytest.approx(as_it_is[6:, 0] - 0.7, abs=1e-12)
+
+
+def test_a_speed_does_not_fall_below_rest() -> None:
+    assert speeds({ONE: Intervention(frame=3, speed=-50.0)}, lambda _: (0.0, 0.0))[4, 0] == 0.0
+
+
+def test_braking_is_firmer_from_1_m_s2_on_up_to_what_the_car_can() -> None:
+    gentle, firm, fullest = (
+        np.diff(speeds({ONE: Intervention(firmer=2.0)}, lambda _, a=a: (a, 0.0), 3)[:, 0])[0] / 0.05
+        for a in (-0.99, -1.0, -8.0)
+    )
+    assert (gentle, firm, fullest) == pytest.approx((-0.99, -3.0, -MAX_DECELERATION))
+
+
+def test_forced_braking_is_the_least_and_the_system_has_the_car_before_and_after_it() -> None:
+    forced = Intervention(frame=4, forced=(-2.0, NOT_FORCED, -2.0))
+    found = np.diff(speeds({ONE: forced}, lambda k: (-3.0 if k == 6 else 0.4, 0.0), 9)[:, 0]) / 0.05
+    assert found == pytest.approx([0.4] * 4 + [-2.0, 0.4, -3.0, 0.4])
+
+
+def test_throttle_and_brake_are_changed_as_accelerations_are_and_steering_is_left_alone() -> None:
+    change = {ONE: Intervention(firmer=1.0, frame=2, forced=(-4.44,))}
+    found = np.diff(speeds(change, lambda k: (0.0, 0.0, 0.25 if k == 0 else 0.0), 4)[:, 0]) / 0.05
+    assert found == pytest.approx([-(0.25 * 8.88 + 1.0), 0.0, -4.44])
+    command = Actions(vehicle_control=np.array([[0.3, 0.5, 0.0]] * 2))
+    world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
+    between = Interventions(InterventionConfig(interventions=as_parameter({ONE: Intervention(forced=(-8.88,))})),
+                            SCENARIOS, lane_following=True)  # fmt: skip
+    assert between.applied(world.state, command).vehicle_control.tolist() == [[0.3, 0.0, 1.0], [0.3, 0.5, 0.0]]
+
+
+def test_robots_hold_the_first_speed_until_the_system_brakes_firmly_and_then_let_go_for_good() -> None:
+    first = speeds({}, lambda _: (0.0, 0.0), 1)[0, 0]
+    found = speeds({}, lambda k: (-3.0 if k == 6 else -2.9 if k < 6 else -1.0, 0.0), 10, held_until=3.0)[:, 0]
+    assert found[:7] == pytest.approx([first] * 7, abs=0.0)
+    assert np.diff(found[6:]) / 0.05 == pytest.approx([-3.0, -1.0, -1.0])
+
+
+def test_robots_keep_the_lane_of_a_system_that_steers_by_itself() -> None:
+    for lane_following in (True, False):
+        world = World(
+            WorldConfig(spawn="paper", vehicle_driver="external", lane_following=lane_following), SCENARIOS[:1], [ONE],
+            1, 1,
+        )  # fmt: skip
+        between = Interventions(InterventionConfig(held_until=3.0), SCENARIOS, lane_following=lane_following)
+        form = {"vehicle": np.array([[0.0, 40.0]])} if not lane_following else {"vehicle_control": [[1.0, 0.2, 0.0]]}
+        for _ in range(80):
+            given = Actions(**{name: np.array(value) for name, value in form.items()})
+            world.advance(world.now.unassessed(), between.applied(world.state, given))
+        at = world.state[0]
+        assert abs(SCENARIOS[0].vehicle.path.locate(at["vehicle_x"], at["vehicle_y"])[1]) < 0.2
+
+
+def test_without_a_command_there_is_none_to_change() -> None:
+    world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
+    between = Interventions(InterventionConfig(held_until=3.0), SCENARIOS, lane_following=True)
+    assert between.applied(world.state, NO_ACTIONS) is NO_ACTIONS
+
+
+def test_a_list_comes_back_as_it_was_and_one_that_is_cut_is_refused() -> None:
+    changes = {ONE: Intervention(7, -0.5, 0.25, (-1.0, -2.0)), TWO: Intervention()}
+    numbers = as_parameter(changes)
+    assert from_parameter(numbers) == changes
+    for end in (3, 7):
+        with pytest.raises(InvalidInput, match="the list ends within the one that begins at entry 0"):
+            from_parameter(numbers[:end])
