@@ -90,7 +90,7 @@ def parameter(
         "read_only": read_only,
     }
     if isinstance(default, list):
-        return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
+        return dataclasses.field(default_factory=lambda: list(default), metadata=metadata, hash=False)
     return dataclasses.field(default=default, metadata=metadata)
 
 

@@ -85,6 +85,16 @@ def ads_test(
             help="Drive a standard protocol's tests as well, with its points: euro-ncap (docs/ads.md).",
         ),
     ] = None,
+    why: Annotated[
+        int,
+        typer.Option(
+            "--why",
+            min=0,
+            metavar="N",
+            help="Drive the N worst failures with each pedestrian again, one thing changed at a time, and say what "
+            "would have avoided them (docs/ads.md).",
+        ),
+    ] = 0,
     fail_if: Annotated[
         list[str] | None,
         typer.Option(
@@ -120,10 +130,10 @@ def ads_test(
     if protocol is not None and protocol not in PROTOCOLS:
         raise InvalidInput(f"--protocol {protocol}: unknown; expected {', '.join(PROTOCOLS)}")
     if search:
-        if fail_if or recorded or episodes or baseline or protocol:
+        if fail_if or recorded or episodes or baseline or protocol or why:
             raise InvalidInput(
-                "--search goes without --fail-if, --recorded, --episodes, --baseline and --protocol; put what it finds "
-                "to an exam with these: --episodes failures.json"
+                "--search goes without --fail-if, --recorded, --episodes, --baseline, --protocol and --why; put what "
+                "it finds to an exam with these: --episodes failures.json"
             )
         exam = prepare(sections, ads, ads_class, workers, port)
         with stoppable(output):
@@ -145,6 +155,7 @@ def ads_test(
                 against=baseline,
                 guard=guard,
                 protocol=protocol or "",
+                why=why,
                 quiet=quiet,
             )
     if failures:

@@ -8,6 +8,7 @@ import polars as pl
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.config import ALONE, TITLES, added_pedestrians, title_of
+from vpsci_ros.exam.failures import why_reasons
 from vpsci_ros.exam.figures import save_episode, save_one, save_overview
 from vpsci_ros.exam.measures import worst_first
 from vpsci_ros.exam.report import ADS, BASELINE
@@ -57,6 +58,7 @@ def write_page(
         grouped=GROUPED,
         view=view,
         marks=set(MARKS),
+        why_reasons=why_reasons,
         **values,
     )
 

@@ -70,7 +70,7 @@ def protocol_exam(exam: Exam, folder: Path) -> Exam:
         "held_until": euro_ncap.RELEASED,
     }  # fmt: skip
     sections = dataclasses.replace(exam.sections, values={**exam.sections.values, "world_simulator": own | changed})
-    run, world = (sections.get(kind, "world_simulator") for kind in (RunConfig, WorldConfig))
+    run, world = sections.get(RunConfig, "world_simulator"), sections.get(WorldConfig, "world_simulator")
     return dataclasses.replace(exam, sections=sections, run=run, world=world, part=0, whole=None)
 
 

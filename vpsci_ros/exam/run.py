@@ -31,12 +31,14 @@ from vpsci_ros.exam.criteria import check, parse
 from vpsci_ros.exam.driver_class import files_of_driver, find_driver
 from vpsci_ros.exam.earlier import Earlier, compare, compared_with, write_junit
 from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.failures import again_source, export_smallest, groups_of
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, RunResult, episode_table
 from vpsci_ros.exam.page import write_page
 from vpsci_ros.exam.process import OWN, command_of, files_of
 from vpsci_ros.exam.report import ADS, BASELINE, FAILED_BEFORE, make_report
 from vpsci_ros.exam.summary import write_summary
 from vpsci_ros.exam.view import Driven, exam_sources
+from vpsci_ros.exam.why import FOLDER, Search, explain
 from vpsci_ros.policy.agent_types import AGENT_TYPES
 from vpsci_ros.resources import near_misses_path
 from vpsci_ros.runs.config import RunConfig
@@ -124,6 +126,7 @@ def run_exam(
     against: Path | None = None,
     guard: int | None = None,
     protocol: str = "",
+    why: int = 0,
     quiet: bool = False,
 ) -> list[str]:
     """Conduct the exam, write and print its report, and return the reasons to fail: none where it is passed.
@@ -132,6 +135,7 @@ def run_exam(
     :param workers: runs side by side.
     :param against: folder of an earlier exam to compare with; `guard`: see `compared_with`.
     :param protocol: one of `vpsci_ros.exam.protocol.PROTOCOLS`, whose tests are driven as well; empty: none.
+    :param why: how many failures with each pedestrian are driven again, for what would have avoided them.
     :raises InvalidInput: a criterion is refused, or `folder` holds something else; nothing has been run then.
     :raises VpsciError: a node has failed.
     """
@@ -149,6 +153,12 @@ def run_exam(
     report = make_report(table, {name: run.conduct for name, run in runs[ADS].items()}, exam.config, exam.perception)
     if earlier is not None:
         report["against"] = compare(table, earlier, exam)
+    searches: list[Search] = []
+    if why:
+        again = folder / FOLDER
+        report["why"], searches = explain(exam, again, runs[ADS], table, why, workers=workers, quiet=quiet)
+        report["why"]["groups"] = groups_of(exam, runs[ADS], table)
+        report["why"]["not_exported"] = export_smallest(report["why"], runs[ADS], again / "openscenario")
     if protocol:
         report["protocol"] = standard.conduct_protocol(exam, folder / standard.FOLDER, workers=workers, quiet=quiet)
         people = next((name for name in pedestrians if name in report["drivers"].get(ADS, {})), "")
@@ -163,7 +173,10 @@ def run_exam(
     driven = bool(report["drivers"].get(ADS))
     if driven:
         drivers = {driver: _episodes_of(found) for driver, found in runs.items()}
-        write_view(folder / VIEW, exam_sources(table, drivers, LIMIT, _note), f"Exam of {exam.config.examined}")
+        sources = exam_sources(table, drivers, LIMIT, _note)
+        mine = {name: [each for each in searches if each.pedestrian == name] for name in pedestrians}
+        sources += [source for name, found in mine.items() if (source := again_source(name, found))]
+        write_view(folder / VIEW, sources, f"Exam of {exam.config.examined}")
     episodes = {name: run.episodes for name, run in runs[ADS].items()}
     write_page(folder / "report.html", report, table, episodes, VIEW if driven else "")
     write_summary(folder / SUMMARY, report, VIEW if driven else "")

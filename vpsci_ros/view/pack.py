@@ -88,6 +88,7 @@ def packed(source: Source) -> dict[str, Any]:
         "steps": steps.tolist(),
         "grounds": _grounds([source], shipped=False),
         "frames": base64.b64encode(_quantised(frames, steps).tobytes()).decode(),
+        "changes": dict(source.changes),
     } | _packed_others(np.concatenate(others))
 
 

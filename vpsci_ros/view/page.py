@@ -24,7 +24,7 @@ def write_view(path: Path, sources: Sequence[Source], title: str) -> int:
         sources=[packed(source) for source in with_unique_keys(sources)],
         grounds=grounds(sources),
         style=inlined("view.css"),
-        script=inlined(*SCENE, "charts.js", "list.js", "view.js", "controls.js"),
+        script=inlined(*SCENE, "charts.js", "list.js", "changes.js", "view.js", "controls.js"),
     )
     return path.stat().st_size
 

@@ -2,10 +2,10 @@
 
 import dataclasses
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from vpsci_ros.data.episode import YIELDED, Episode
 from vpsci_ros.episodes import open_source
@@ -37,6 +37,8 @@ class Source:
     :ivar title: as people read it.
     :ivar period: time from one frame to the next [s].
     :ivar total: episodes that there are, of which `episodes` may be a part.
+    :ivar changes: name of another source's episode -> what was changed in it, each a list of episodes of this source by
+        the amount: the page has a slider through them.
     """
 
     key: str
@@ -44,6 +46,7 @@ class Source:
     period: float
     episodes: Sequence[Shown]
     total: int
+    changes: Mapping[str, Any] = field(default_factory=dict)
 
 
 def shown(episode: Episode) -> Shown:

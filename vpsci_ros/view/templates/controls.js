@@ -65,6 +65,7 @@ function listen() {
       page.draw();
     });
   }
+  listenToChanges(page);
   $("keys").addEventListener("click", () => $("help").showModal());
   // What a pointer has pressed does not keep the focus, so that Space and the arrows play; what a key has reached does.
   let pointed = false;

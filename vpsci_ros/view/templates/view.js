@@ -124,10 +124,12 @@ class Page {
     main.delay = second.delay = 0;
     if (this.other) {
       const same = main.episode.scenario ? this.other.byName.get(main.episode.name) : undefined;
-      second.show(this.other, beside ?? same ?? this.alike(index));
+      second.show(this.other, beside ?? nearestSuccess(this) ?? same ?? this.alike(index));
       const [a, b] = [main, second].map((panel) => (panel.episode.onset ?? 0) * panel.episode.period);
-      if (second.episode.name !== main.episode.name) [main.delay, second.delay] = [Math.max(0, b - a), Math.max(0, a - b)];
+      const together = second.episode.name === main.episode.name || changesOf(this).length;
+      if (!together) [main.delay, second.delay] = [Math.max(0, b - a), Math.max(0, a - b)];
     }
+    showChanges(this);
     markCurrent($("list"), index);
     $("time").max = this.duration;
     this.goTo(clock);

@@ -1,0 +1,218 @@
+"""Why a failure happened: what is changed in an episode that is driven again, and what is said of it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.data.episode import Episode, Listed
+from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.factors import FACTORS, Span, case_of
+from vpsci_ros.exam.failures import came_first, sentence
+from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.exam.sight import Sight
+from vpsci_ros.exam.why import Search
+from vpsci_ros.resources import params_dir
+from vpsci_ros.world.intervention import NOT_FORCED, Intervention, InterventionConfig, from_parameter
+from vpsci_ros.world.perception import PerceptionConfig, blank, perceive
+from vpsci_ros.world.state import EPISODE, RUNNING
+
+LATE = """
+import math
+
+class Late:
+    def reset(self, begin):
+        pass
+
+    def act(self, observation):
+        car = observation.vehicle
+        for each in observation.pedestrians:
+            dx, dy = each.x - car.x, each.y - car.y
+            ahead = math.cos(car.yaw) * dx + math.sin(car.yaw) * dy - 2.35
+            aside = math.cos(car.yaw) * dy - math.sin(car.yaw) * dx
+            if 0.0 < ahead < 2.0 and abs(aside) < 1.3:
+                return -4.0
+        return 2.0 * (5.0 - car.speed)
+"""
+
+
+def episode(speed: list[float], curvttc: list[float], ahead: float = 2.6, outcome: str = "collision") -> Episode:
+    """Return an episode of a car that ends at the origin, heading east, with a pedestrian so far ahead of it."""
+    frames = len(speed)
+    zeros, one = np.zeros(frames), np.zeros((1, frames))
+    x = np.cumsum(speed) * 0.05
+    return Episode(
+        "test", Listed("1:7", "A", 1, 7, outcome, 0.0), None, 0.05, x - x[-1], zeros, zeros, np.array(speed), zeros,
+        one + ahead, one, one, one, np.array([curvttc]), one, one > 0,
+    )  # fmt: skip
+
+
+BRAKES = episode([5.0, 4.9, 4.9, 4.9, 4.9, 4.7, 4.5, 4.5, 4.3], [9.0, 9.0, 4.0, 3.0, 2.0, 1.0, 0.5, 0.2, 0.0])
+
+
+def exam(**perception: Any) -> Exam:
+    sections = load(params_dir() / "ads_test.yaml").changed("ads_test", {"perception": bool(perception)})
+    return prepare(sections.changed("perception", perception), ads_class="vpsci_ros.nodes.example_driver:ExampleDriver")
+
+
+def test_a_case_knows_its_onset_its_end_and_the_braking_before_it() -> None:
+    case = case_of(BRAKES, Sight())
+    assert (case.name, case.onset, case.end, case.braking) == ("1:7", 2, 8, 7)
+    assert case.accelerations[4:] == pytest.approx([-4.0, -4.0, 0.0, -4.0])
+    early = episode([5.0, 4.0, 4.0, 4.0], [9.0, 9.0, 4.0, 0.0])
+    assert case_of(early, Sight()).braking is None, "it was over before the onset"
+
+
+def changed(factor: str, amount: float, of: Episode = BRAKES, sight: Sight | None = None) -> Exam:
+    case = case_of(of, sight or Sight())
+    return FACTORS[factor].change(exam(latency=0.2), {case.key: (case, amount)})
+
+
+def intervention(factor: str, amount: float) -> Intervention:
+    numbers = changed(factor, amount).sections.get(InterventionConfig, "world_simulator").interventions
+    return from_parameter(numbers)[1, 7]
+
+
+def test_each_factor_changes_one_thing() -> None:
+    earlier = intervention("earlier", 0.1)
+    assert (earlier.frame, earlier.forced) == (5, pytest.approx((-4.0,))), "two frames before frame 7"
+    assert intervention("harder", 1.5) == Intervention(firmer=1.5)
+    assert intervention("full", 0.15) == Intervention(frame=5, forced=(-8.88,) * 3)
+    assert intervention("slower", 0.5) == Intervention(frame=2, speed=-0.5)
+    assert changed("latency", 0.15).latency == pytest.approx(0.05)
+    seen = changed("seen", 0.1, sight=Sight(hidden=True, first_published=6)).perception
+    assert seen is not None
+    assert seen.revealed == [1.0, 7.0, 4.0]
+
+
+def test_frames_between_spells_of_braking_are_not_forced() -> None:
+    gap = episode([5.0, 4.8, 4.6, 4.6, 4.4], [4.0, 3.0, 2.0, 1.0, 0.0])
+    case = case_of(gap, Sight())._replace(braking=0)
+    numbers = FACTORS["earlier"].change(exam(), {case.key: (case, 0.0)}).sections.get(
+        InterventionConfig, "world_simulator").interventions  # fmt: skip
+    assert from_parameter(numbers)[1, 7].forced == pytest.approx((-4.0, -4.0, NOT_FORCED, -4.0))
+
+
+def test_what_cannot_be_varied_says_why() -> None:
+    plain, late = case_of(BRAKES, Sight()), exam(latency=0.2)
+    rolls = case_of(episode([0.0] * 3, [4.0, 3.0, 0.0]), Sight())
+    for factor, case, who, reason in (
+        ("seen", plain, exam(), "ads_test.perception is off"),
+        ("seen", plain, late, "no parked vehicle hid the pedestrian"),
+        ("latency", plain, exam(), "in lock-step a command counts at the tick that it answers"),
+        ("latency", plain, exam(reach=30.0), "perception.latency is 0"),
+        ("earlier", rolls, late, "it did not brake between the onset and the contact"),
+        ("harder", rolls, late, "it did not brake"),
+        ("slower", rolls, late, "the vehicle stood at the onset"),
+    ):
+        span = FACTORS[factor].span(case, who)
+        assert span.most == 0.0
+        assert reason in span.reason
+    assert FACTORS["latency"].span(plain, late) == Span(0.2, 0.05)
+    assert FACTORS["harder"].span(plain, late).most == pytest.approx(8.88 - 4.0)
+
+
+def search(span: Span, fails: Any) -> Search:
+    """Return a search that is over, of a failure that `fails` decides by the amount."""
+    found = Search("walker", case_of(BRAKES, Sight()), "full", span)
+    for halving in range(4):
+        for amount in found.wanted(halving):
+            found.failed[amount] = fails(amount)
+    return found
+
+
+def test_a_boundary_is_found_to_a_32nd_of_the_span_with_seven_episodes() -> None:
+    found = search(Span(3.2), lambda amount: amount < 1.31)
+    assert sorted(found.failed) == pytest.approx([0.8, 1.2, 1.3, 1.4, 1.6, 2.4, 3.2])
+    assert (found.least, found.below) == pytest.approx((1.4, 1.3))
+    assert found.as_json()["fails_again_at"] == []
+
+
+def test_amounts_are_whole_ticks_and_none_is_tried_twice() -> None:
+    found = search(Span(0.2, 0.05), lambda amount: amount < 0.12)
+    assert sorted(found.failed) == pytest.approx([0.05, 0.1, 0.15, 0.2])
+    assert found.least == 0.15
+
+
+def test_a_larger_amount_that_fails_again_is_said_and_so_is_that_none_avoids() -> None:
+    again = search(Span(4.0), lambda amount: amount < 1.5 or amount > 3.5).as_json()
+    assert again["fails_again_at"] == [4.0]
+    never = search(Span(4.0), lambda amount: True).as_json()
+    assert (never["least"], never["reason"]) == (None, "no amount that was tried avoids it")
+    assert len(never["tried"]) == 4, "nothing is halved where nothing avoids it"
+
+
+def test_who_came_first_is_who_is_before_the_front() -> None:
+    assert came_first(episode([5.0] * 3, [1.0] * 3, ahead=2.5)) == "pedestrian"
+    assert came_first(episode([5.0] * 3, [1.0] * 3, ahead=1.0)) == "vehicle"
+    assert came_first(episode([5.0] * 3, [1.0] * 3, outcome="goal")) == "no contact"
+
+
+def test_from_the_frame_on_parked_vehicles_hide_nobody_in_that_episode() -> None:
+    state = np.zeros(2, EPISODE)
+    state["status"], state["scenario"], state["episode"] = RUNNING, 1, [7, 8]
+    config = PerceptionConfig(least_visible=0.5, revealed=[1.0, 7.0, 3.0])
+    hidden, found = pytest.MonkeyPatch(), []
+    hidden.setattr("vpsci_ros.world.perception.visible", lambda *_: np.zeros(2))
+    memory = blank(2, config, 0.05)
+    for frame in range(5):
+        state["frame"] = frame
+        memory, objects = perceive(memory, state, config, 0.05)
+        found.append((objects["status"] == 1).tolist())
+    hidden.undo()
+    assert found == [[False, False]] * 3 + [[True, False]] * 2
+
+
+@pytest.fixture(scope="module")
+def explained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of an exam of a driver that brakes late, with its two worst failures explained."""
+    folder = tmp_path_factory.mktemp("why")
+    (folder / "drivers_of_why.py").write_text(LATE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        world = {"only": [3, 1, 3, 3], "scenarios": [3], "episode_time": 8.0}
+        sections = load(params_dir() / "ads_test.yaml").changed("world_simulator", world)
+        sections = sections.changed("ads_test", {"pedestrians": ["walker"], "baseline": False})
+        chosen = prepare(sections, ads_class="drivers_of_why:Late")
+        assert run_exam(chosen, folder / "exam", why=2, quiet=True) == []
+        before = (folder / "exam" / "report.json").read_bytes()
+        times = {path: path.stat().st_mtime_ns for path in (folder / "exam" / "why").rglob("*.mcap")}
+        assert run_exam(chosen, folder / "exam", why=2, quiet=True) == []
+        assert (folder / "exam" / "report.json").read_bytes() == before
+        assert {path: path.stat().st_mtime_ns for path in times} == times, "what is done is not done again"
+    return folder / "exam"
+
+
+def test_failures_are_explained_grouped_and_exported(explained: Path) -> None:
+    why = json.loads((explained / "report.json").read_text())["why"]
+    table = pl.read_parquet(explained / "episodes.parquet")
+    failed = table.filter((pl.col("pedestrian") == "walker") & pl.col("moving_collision")).height
+    found = why["pedestrians"]["walker"]
+    assert (found["failures"], len(found["analysed"])) == (failed, 2)
+    assert all(row["repeats"] for row in found["analysed"])
+    by_name = {row["episode"]: row["factors"] for row in found["analysed"]}
+    assert 0.0 < by_name["3:3"]["harder"]["least"] < 2.0
+    assert by_name["3:3"]["harder"]["fails_at"] < by_name["3:3"]["harder"]["least"]
+    assert by_name["3:3"]["latency"]["reason"].startswith("nothing comes late")
+    assert why["budget"]["drives"] == len(list((explained / "why" / "walker").glob("1-*"))) * 2 + sum(
+        len(each["tried"]) for row in found["analysed"] for each in row["factors"].values()
+    )
+    assert sum(len(group["episodes"]) for group in why["groups"]) == failed
+    for group in why["groups"]:
+        assert (explained / group["openscenario"]).is_file()
+    assert "avoided by braking earlier" in (explained / "summary.md").read_text()
+    page = (explained / "report.html").read_text()
+    assert "view.html#a=ads-walker&amp;b=why-walker&amp;episode=3:3" in page
+
+
+def test_words_say_what_avoids_a_failure() -> None:
+    none = {name: {"least": None} for name in FACTORS}
+    factors = {name: {"title": each.title, "unit": each.unit} for name, each in FACTORS.items()}
+    row = {"repeats": True, "factors": none | {"slower": {"least": 0.35}, "full": {"least": 0.4}}}
+    assert sentence(row, factors) == "avoided by slower at the onset by 0.35 m/s, or full braking 0.4 s before"
+    assert sentence({"repeats": True, "factors": none}, factors) == "nothing that was tried avoids it"
+    assert sentence({"repeats": False, "factors": none}, factors).startswith("did not fail again")

@@ -1,0 +1,203 @@
+"""What can be changed in an episode that is driven again to see whether a failure is avoided, and how far.
+
+An episode is driven again from its seed with everything as it was but one thing, and the system drives in it. A factor
+that cannot be varied for this system or episode has the reason.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from vpsci_ros.data.episode import Episode, Key
+from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.sight import Sight
+from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.world.intervention import BRAKING, NOT_FORCED, Intervention, as_parameter
+from vpsci_ros.world.kinematics import MAX_DECELERATION
+
+LONGEST = 3.0  # [s] by which braking or sight is made earlier at most
+
+
+class Case(NamedTuple):
+    """A failure.
+
+    :ivar end: frame of the contact, or of the least CurvTTC where there is none.
+    :ivar onset: frame at which CurvTTC first falls below 5 s.
+    :ivar braking: frame at which the last braking before the end begins; None: it does not brake after the onset.
+    :ivar accelerations: of the vehicle from one frame to the next [m/s2].
+    """
+
+    key: Key
+    episode: Episode
+    sight: Sight
+    end: int
+    onset: int
+    braking: int | None
+    accelerations: tuple[float, ...]
+
+    @property
+    def name(self) -> str:
+        """As 1:17."""
+        return f"{self.key[0]}:{self.key[1]}"
+
+
+class Span(NamedTuple):
+    """How far a factor can be varied in a case.
+
+    :ivar most: largest amount; 0: not at all, for the `reason`.
+    :ivar step: amounts are multiples of it; 0: any.
+    """
+
+    most: float
+    step: float = 0.0
+    reason: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Factor:
+    """One thing that is changed.
+
+    :ivar span: how far, of a case and the exam.
+    :ivar change: sections of the exam with an amount for each of some cases, all different episodes.
+    :ivar shared: one amount for all cases of a run.
+    """
+
+    title: str
+    unit: str
+    definition: str
+    span: Callable[[Case, Exam], Span]
+    change: Callable[[Exam, Mapping[Key, tuple[Case, float]]], Exam]
+    shared: bool = False
+
+
+def case_of(episode: Episode, sight: Sight) -> Case:
+    """Return a failure as what is changed in it needs it."""
+    seen = episode.filled()
+    curvttc = np.nan_to_num(seen.curvttc.min(axis=0), nan=np.inf, posinf=np.inf)
+    end = len(seen.speed) - 1 if episode.outcome == "collision" else int(curvttc.argmin())
+    critical = np.flatnonzero(curvttc < CRITICAL_TTC)
+    accelerations = np.diff(seen.speed) / episode.period
+    onset = int(critical[0]) if len(critical) else 0
+    brakes = np.flatnonzero(accelerations[:end] <= -BRAKING)
+    spells = np.split(brakes, np.flatnonzero(np.diff(brakes) > 1) + 1)
+    braking = int(spells[-1][0]) if len(brakes) and brakes[-1] >= onset else None
+    return Case(episode.key, episode, sight, end, onset, braking, tuple(accelerations.tolist()))
+
+
+def _intervened(exam: Exam, changes: Mapping[Key, Intervention]) -> Exam:
+    numbers = as_parameter(dict(changes))
+    return dataclasses.replace(exam, sections=exam.sections.changed("world_simulator", {"interventions": numbers}))
+
+
+def _frames(seconds: float, case: Case) -> int:
+    return round(seconds / case.episode.period)
+
+
+def _span_earlier(case: Case, _: Exam) -> Span:
+    if case.braking is None:
+        return Span(0.0, reason="it did not brake between the onset and the contact")
+    most = min(LONGEST, case.braking * case.episode.period)
+    return Span(most, case.episode.period, "" if most else "it braked from the beginning")
+
+
+def _brake_earlier(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
+    changes = {}
+    for key, (case, amount) in cases.items():
+        assert case.braking is not None
+        forced = tuple(a if a <= -BRAKING else NOT_FORCED for a in case.accelerations[case.braking : case.end])
+        changes[key] = Intervention(case.braking - _frames(amount, case), forced=forced)
+    return _intervened(exam, changes)
+
+
+def _span_harder(case: Case, _: Exam) -> Span:
+    if case.braking is None:
+        return Span(0.0, reason="it did not brake between the onset and the contact")
+    room = MAX_DECELERATION + min(case.accelerations[case.braking : case.end])
+    return Span(room if room > 0.1 else 0.0, reason="" if room > 0.1 else "it braked as hard as the car can")
+
+
+def _brake_harder(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
+    return _intervened(exam, {key: Intervention(firmer=amount) for key, (_, amount) in cases.items()})
+
+
+def _span_full(case: Case, _: Exam) -> Span:
+    most = min(LONGEST, case.end * case.episode.period)
+    return Span(most, case.episode.period, "" if most else "it begins with the contact")
+
+
+def _brake_fully(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
+    forced = {key: _frames(amount, case) for key, (case, amount) in cases.items()}
+    return _intervened(
+        exam,
+        {key: Intervention(case.end - forced[key], forced=(-MAX_DECELERATION,) * forced[key])
+         for key, (case, _) in cases.items()},
+    )  # fmt: skip
+
+
+def _span_slower(case: Case, _: Exam) -> Span:
+    speed = float(case.episode.filled().speed[case.onset])
+    return Span(speed if speed > 0.05 else 0.0, reason="" if speed > 0.05 else "the vehicle stood at the onset")
+
+
+def _slow_down(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
+    return _intervened(exam, {key: Intervention(case.onset, speed=-amount) for key, (case, amount) in cases.items()})
+
+
+def _span_seen(case: Case, exam: Exam) -> Span:
+    if exam.perception is None:
+        return Span(0.0, reason="the system is given the pedestrian's place at every tick (ads_test.perception is off)")
+    if not case.sight.hidden:
+        return Span(0.0, reason="no parked vehicle hid the pedestrian as it became critical")
+    return Span(min(LONGEST, _published(case) * case.episode.period), case.episode.period)
+
+
+def _published(case: Case) -> int:
+    """Return the frame at which the pedestrian was first published, the end where it never was."""
+    return case.sight.first_published if case.sight.first_published >= 0 else case.end
+
+
+def _see_earlier(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
+    revealed = [
+        float(number)
+        for key, (case, amount) in cases.items()
+        for number in (*key, max(0, _published(case) - _frames(amount, case)))
+    ]
+    return dataclasses.replace(exam, sections=exam.sections.changed("perception", {"revealed": revealed}))
+
+
+def _span_latency(_: Case, exam: Exam) -> Span:
+    if exam.latency is None:
+        return Span(0.0, reason="nothing comes late: in lock-step a command counts at the tick that it answers, and "
+                                "ads_test.perception is off")  # fmt: skip
+    return Span(exam.latency, exam.world.tick, "" if exam.latency else "perception.latency is 0")
+
+
+def _sooner(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
+    ((_, amount), *_) = cases.values()
+    late = max(0.0, (exam.latency or 0.0) - amount)
+    return dataclasses.replace(exam, sections=exam.sections.changed("perception", {"latency": round(late, 6)}))
+
+
+FACTORS = {
+    "earlier": Factor(
+        "braking earlier", "s", "the braking before the contact, as it was, begun so much earlier; the system may "
+        "brake more firmly, and has the car before and after it", _span_earlier, _brake_earlier),
+    "harder": Factor(
+        "braking harder", "m/s2", "each deceleration of at least 1 m/s2 that the system commands, so much firmer, up "
+        "to the car's 8.88", _span_harder, _brake_harder),
+    "full": Factor(
+        "full braking before the contact", "s", "8.88 m/s2 from so long before the contact on, whatever the system "
+        "commands: the latest moment at which braking still avoids it", _span_full, _brake_fully),
+    "slower": Factor(
+        "slower at the onset", "m/s", "the speed at the tick at which CurvTTC first falls below 5 s, so much lower, "
+        "with everybody where they were; the system drives on from there", _span_slower, _slow_down),
+    "seen": Factor(
+        "seen earlier", "s", "parked vehicles hide nobody from so long before the tick at which the pedestrian was "
+        "first published to the system", _span_seen, _see_earlier),
+    "latency": Factor(
+        "less latency", "s", "pedestrians are published to the system so much sooner (perception.latency)",
+        _span_latency, _sooner, shared=True),
+}  # fmt: skip
+"""Name of a factor -> what is changed; one at a time."""

@@ -1,0 +1,134 @@
+"""What an exam says of its failures: grouped, exported, played beside what avoids them, and in words."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from vpsci_ros.data.episode import Episode
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.factors import FACTORS
+from vpsci_ros.exam.measures import RunResult
+from vpsci_ros.exam.report import ADS
+from vpsci_ros.exam.why import Search
+from vpsci_ros.export.run import EXPORTERS, Options
+from vpsci_ros.safety import VEHICLE_LENGTH
+from vpsci_ros.view.sources import Shown, Source, shown
+
+
+def came_first(episode: Episode) -> str:
+    """Return who came first where they touch: the pedestrian before the front, or the vehicle, hit in its side."""
+    if episode.outcome != "collision":
+        return "no contact"
+    seen = episode.filled().pair(episode.most_critical)
+    dx, dy = seen.ped_x[0, -1] - seen.x[-1], seen.ped_y[0, -1] - seen.y[-1]
+    forward = math.cos(seen.heading[-1]) * dx + math.sin(seen.heading[-1]) * dy
+    return "pedestrian" if forward >= 0.5 * VEHICLE_LENGTH else "vehicle"
+
+
+def groups_of(exam: Exam, runs: Mapping[str, RunResult], table: pl.DataFrame) -> list[dict[str, Any]]:
+    """Return the failures by what they have in common, the largest group first, each with its smallest case.
+
+    That is the one with the fewest pedestrians, and of these the shortest.
+    """
+    kind = exam.config.search.failure
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    rows = table.filter((pl.col("driver") == ADS) & pl.col("pedestrian").is_in(exam.config.opponents) & pl.col(kind))
+    for row in rows.to_dicts():
+        key = row["scenario"], row["episode"]
+        episode = next((each for each in runs[row["pedestrian"]].episodes if each.key == key), None)
+        if episode is not None:
+            common = row["pedestrian"], row["scenario"], row["kind"], row["hidden"], came_first(episode)
+            groups.setdefault(common, []).append(row)
+    found = []
+    for common, members in groups.items():
+        smallest = min(members, key=lambda row: (row["group_size"], row["duration"], row["episode"]))
+        names = [f"{row['scenario']}:{row['episode']}" for row in members]
+        found.append(dict(zip(("pedestrian", "scenario", "kind", "hidden", "came_first"), common, strict=True))
+                     | {"episodes": names, "smallest": f"{smallest['scenario']}:{smallest['episode']}"})  # fmt: skip
+    return sorted(found, key=lambda group: (-len(group["episodes"]), group["pedestrian"], group["scenario"]))
+
+
+def export_smallest(why: Mapping[str, Any], runs: Mapping[str, RunResult], folder: Path) -> str:
+    """Write the smallest case of each group as OpenSCENARIO, and its file into the group; return why not, if so.
+
+    :param folder: in which each pedestrian gets one of its own.
+    """
+    try:
+        write = EXPORTERS.find("openscenario").load()
+    except InvalidInput as error:
+        return str(error)
+    for group in why["groups"]:
+        episodes = {episode.name: episode for episode in runs[group["pedestrian"]].episodes}
+        smallest, where = episodes[group["smallest"]], folder / group["pedestrian"]
+        where.mkdir(parents=True, exist_ok=True)
+        write([smallest], where, Options(vehicle="trajectory"))
+        group["openscenario"] = f"{where.parent.parent.name}/{where.parent.name}/{where.name}/{smallest.label}.xosc"
+    return ""
+
+
+def again_source(pedestrian: str, searches: Sequence[Search]) -> Source | None:
+    """Return the episodes that were driven again, for the page in which they play; None where there are none.
+
+    Its `changes` say which of them belongs to which failure, factor and amount, so that the page has a slider.
+    """
+    shown_ones: list[Shown] = []
+    changes: dict[str, list[dict[str, Any]]] = {}
+    period = 0.0
+    for search in searches:
+        steps = []
+        for amount in sorted(search.episodes):
+            episode, factor = search.episodes[amount], FACTORS[search.factor]
+            name = f"{search.case.name} {factor.title} by {amount:g} {factor.unit}"
+            renamed = dataclasses.replace(episode, listed=episode.listed._replace(name=name))
+            steps.append({"amount": amount, "name": name, "fails": search.failed[amount]})
+            shown_ones.append(shown(renamed))
+            period = episode.period
+        if steps:
+            nearest = next((n for n, step in enumerate(steps) if not step["fails"]), len(steps) - 1)
+            changes.setdefault(search.case.name, []).append(
+                {"title": factor.title, "unit": factor.unit, "steps": steps, "nearest": nearest}
+            )
+    if not shown_ones:
+        return None
+    for each in changes.values():  # those that avoid it first
+        each.sort(key=lambda change: change["steps"][change["nearest"]]["fails"])
+    title = f"driven again, {title_of(pedestrian)}"
+    return Source(f"why-{pedestrian}", title, period, shown_ones, len(shown_ones), changes)
+
+
+def summary_lines(why: Mapping[str, Any], view: str) -> list[str]:
+    """Return the least changes as Markdown, with links to where failure and nearest success play."""
+    text = [f"Why it fails ({why['failure']}): the least change that avoids each of the worst, one at a time.", ""]
+    for pedestrian, found in why["pedestrians"].items():
+        for row in found["analysed"]:
+            link = f"({view}#a={ADS}-{pedestrian}&b=why-{pedestrian}&episode={row['episode']})"
+            name = f"{pedestrian} {row['episode']}"
+            text.append(f"- {f'[{name}]{link}' if view else name}: {sentence(row, why['factors'])}")
+    return text
+
+
+def sentence(row: Mapping[str, Any], factors: Mapping[str, Any]) -> str:
+    """Return in words what avoids one failure."""
+    if not row["repeats"]:
+        return "did not fail again when driven as it was: it depends on chance, or on the machine"
+    avoids = [f"{factors[name]['title']} by {found['least']:.2g} {factors[name]['unit']}"
+              for name, found in row["factors"].items() if found["least"] is not None and name != "full"]  # fmt: skip
+    full = row["factors"]["full"]["least"]
+    avoids += [f"full braking {full:.2g} s before"] if full is not None else []
+    return f"avoided by {', or '.join(avoids)}" if avoids else "nothing that was tried avoids it"
+
+
+def why_reasons(found: Mapping[str, Any], factor: str) -> dict[str, list[str]]:
+    """Return why a factor was not varied, each reason with the episodes that it is of."""
+    reasons: dict[str, list[str]] = {}
+    for row in found["analysed"]:
+        each = row["factors"][factor]
+        if row["repeats"] and not each["most"]:
+            reasons.setdefault(each["reason"], []).append(row["episode"])
+    return reasons
