@@ -79,14 +79,20 @@ def again_source(pedestrian: str, searches: Sequence[Search]) -> Source | None:
     """
     shown_ones: list[Shown] = []
     changes: dict[str, list[dict[str, Any]]] = {}
-    period = 0.0
+    period, named = 0.0, set[str]()
     for search in searches:
-        steps = []
-        for amount in sorted(search.episodes):
-            episode, factor = search.episodes[amount], FACTORS[search.factor]
-            name = f"{search.case.name} {factor.title} by {amount:g} {factor.unit}"
-            renamed = dataclasses.replace(episode, listed=episode.listed._replace(name=name))
+        steps, factor = [], FACTORS[search.factor]
+        for amount, episode in sorted(search.episodes.items(), key=lambda each: each[0]):
+            name = (
+                f"{search.case.name} {factor.title} by {amount:g} {factor.unit}"
+                if amount
+                else f"{search.case.name} as it was"
+            )
             steps.append({"amount": amount, "name": name, "fails": search.failed[amount]})
+            if name in named:
+                continue
+            named.add(name)
+            renamed = dataclasses.replace(episode, listed=episode.listed._replace(name=name))
             shown_ones.append(shown(renamed))
             period = episode.period
         if steps:

@@ -35,7 +35,7 @@ FOLDER = "why"
 class Search:
     """The amounts of one factor that were tried in one case, with one pedestrian.
 
-    :ivar failed: amount -> whether the episode failed with it.
+    :ivar failed: amount -> whether the episode failed with it, 0 for as it was.
     :ivar episodes: amount -> the episode that came of it.
     """
 
@@ -80,7 +80,9 @@ class Search:
         return {
             "least": least,
             "fails_at": self.below,
-            "tried": {f"{amount:g}": "fails" if failed else "avoids" for amount, failed in sorted(self.failed.items())},
+            "tried": {
+                f"{a:g}": "fails" if failed else "avoids" for a, failed in sorted(self.failed.items()) if a > 0.0
+            },
             "fails_again_at": again,
             "most": self.span.most,
             "reason": self.span.reason or ("" if least is not None else "no amount that was tried avoids it"),
@@ -165,8 +167,11 @@ class _Again:
         self._pool = local_workers(job, min(self._workers, GRID * len(FACTORS)))
         with contextlib.closing(self._pool), Bars(quiet=self._quiet) as bars:
             control = self._unit("", [(case.key, 0.0) for case in cases])
-            failed = {key: fails for _, key, _, fails, _ in self._driven([control])}
-            repeats = {key: failed.get(key, False) for key in known}
+            as_it_was = {key: (fails, episode) for _, key, _, fails, episode in self._driven([control])}
+            repeats = {key: key in as_it_was and as_it_was[key][0] for key in known}
+            for search in searches:
+                if search.span.most and repeats[search.case.key]:
+                    search.failed[0.0], search.episodes[0.0] = as_it_was[search.case.key]
             for halving in range(1 + HALVINGS):
                 wanted = [(search, amount) for search in searches if repeats[search.case.key]
                           for amount in search.wanted(halving)]  # fmt: skip

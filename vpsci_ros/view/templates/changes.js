@@ -1,4 +1,4 @@
-// A failure and what was changed in it: a slider through the amounts that were driven, up to what avoids it.
+// A failure and what was changed in it: a slider through the amounts that were driven, from the failure to what avoids it.
 "use strict";
 
 // What was changed in the episode of the first panel, if the second one shows a source that has it driven again.
@@ -21,7 +21,8 @@ function showChanges(page) {
   const { unit, steps } = changes[at], now = steps.findIndex((step) => step.name === name);
   fillSelect($("factor"), changes.map((one, index) => [String(index), one.title]), String(at));
   [$("amount").max, $("amount").value] = [steps.length - 1, Math.max(0, now)];
-  const said = `by ${steps[Math.max(0, now)].amount} ${unit}: ${steps[Math.max(0, now)].fails ? "still fails" : "avoids it"}`;
+  const { amount, fails } = steps[Math.max(0, now)];
+  const said = amount ? `by ${amount} ${unit}: ${fails ? "still fails" : "avoids it"}` : "as it was: fails";
   $("changed").textContent = said;
   $("amount").setAttribute("aria-valuetext", said);
 }
