@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.models import MODELS, Model
 from vpsci_ros.policy.sst import EncoderLayer
-from vpsci_ros.studies.networks import MODELS, Model
 
 GATED = files_of("Add a network for Table 9")
 SMALL = ("episodes=2", "imitation.rollouts=2", "imitation.rollout_steps=2", "hidden=16", "heads=2", "key_dimension=8")

@@ -1,19 +1,38 @@
+import json
+
 import pytest
 from rich.console import Console
 from synthetic import synthetic_near_misses
 
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.evaluation.errors import CONTROLS, evaluate
-from vpsci_ros.learning.config import ImitationConfig, PretrainConfig
+from vpsci_ros.learning.config import (
+    DdpgConfig,
+    ImitationConfig,
+    OnlineDdpgConfig,
+    OnlineReplayConfig,
+    OnlineUpdatesConfig,
+    PretrainConfig,
+    RefineConfig,
+    RehearsalConfig,
+    ReplayConfig,
+)
 from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.studies.cross_validation import Refinement
 from vpsci_ros.studies.model_comparison import compare_models
-from vpsci_ros.studies.networks import MODELS
+from vpsci_ros.studies.model_table import Hybrid
 from vpsci_ros.studies.tables import print_table_9, save_table_9
+from vpsci_ros.world import WorldConfig, load_scenarios
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
 CONFIG = PretrainConfig(episodes=2, imitation=ImitationConfig(rollouts=2, rollout_steps=2))
+BY_CRITICS = PretrainConfig(objective="ddpg", replay=ReplayConfig(batch_size=32), ddpg=DdpgConfig(critic_head_start=0))
+RECORDED = ["ma_sst", "lstm", "sst", "ddpg", "multipath"]
+SIMULATED = ["ma_sst_ddpg", "social_lstm"]  # also in the hybrid setting
 
 
 @pytest.fixture(scope="module")
@@ -22,33 +41,75 @@ def table():
 
 
 @pytest.fixture(scope="module")
-def whole(table, tmp_path_factory):
-    options = {"models": list(MODELS.built_in), "folds": 2, "seed": 1, "out_dir": tmp_path_factory.mktemp("whole")}
-    return compare_models(table, CONFIG, SMALL, **options)
+def options(table):
+    return {"models": ["ma_sst", "lstm"], "folds": 2, "seed": 1, "reinforcement": BY_CRITICS}
+
+
+@pytest.fixture(scope="module")
+def whole(table, options, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    result = compare_models(table, CONFIG, SMALL, **options | {"models": RECORDED}, out_dir=folder)
+    assert json.loads((folder / "models.json").read_text()) == json.loads(json.dumps(result))
+    return result
+
+
+@pytest.fixture(scope="module")
+def hybrid(table, options, tmp_path_factory):
+    learner = RefineConfig(
+        objective="ddpg",
+        replay=OnlineReplayConfig(batch_size=32),
+        updates=OnlineUpdatesConfig(steps_per_update=0, warm_up_steps=1),
+        ddpg=OnlineDdpgConfig(critic_warm_up=0),
+        rehearsal=RehearsalConfig(weight=0.0),
+    )
+    world = WorldConfig(spawn="paper", episode_time=6.0)
+    simulation = SimulationConfig(load_scenarios([1]), [(1, e) for e in range(6)], 6, 2, world)
+    seen = Hybrid(
+        Refinement(learner, simulation, 2), synthetic_near_misses(interactions=6, seed=4).table, [(1, 0), (1, 1)], 7
+    )
+    folder, more = tmp_path_factory.mktemp("hybrid"), synthetic_near_misses(interactions=60, seed=3).table
+    return folder, compare_models(
+        more, CONFIG, SMALL, **options | {"models": SIMULATED, "seeds": 2}, out_dir=folder, hybrid=seen
+    )
 
 
 def test_every_model_is_measured_beside_the_controls_on_all_interactions(whole, table):
-    assert list(whole["models"]) == [*MODELS.built_in, *CONTROLS]
+    assert list(whole["models"]) == [*RECORDED, *CONTROLS]
     alone = evaluate(table, {}, seed=1)
     assert whole["interactions"] == alone["interactions"]
     for name in CONTROLS:
         theirs, mine = (of["models"][name]["closed_loop"]["ade"] for of in (alone, whole))
         assert mine == pytest.approx(theirs)
-    for protocol in ("reconstruction", "closed_loop"):
-        rows = {name: whole["models"][name][protocol] for name in MODELS.built_in}
-        assert rows["ma_sst"]["share_of_ma_sst"] == (1.0, [1.0, 1.0])
-        value, (low, high) = rows["lstm"]["share_of_ma_sst"]
-        assert value == pytest.approx(rows["lstm"]["ade"] / rows["ma_sst"]["ade"])
-        assert low <= value <= high
     assert whole["models"]["lstm"]["parameters"] != whole["models"]["sst"]["parameters"]
+    assert all(whole["models"][name]["training_seconds"] > 0.0 for name in RECORDED)
 
 
-def test_a_stopped_comparison_goes_on_and_keeps_what_was_trained(tmp_path, table, whole):
+def test_both_settings_of_a_model_stand_in_the_table_with_outcomes_and_what_people_do(hybrid):
+    folder, result = hybrid
+    rows = result["models"]
+    assert list(rows) == [*SIMULATED, *(f"{name}_refined" for name in SIMULATED), *CONTROLS]
+    for name in (*SIMULATED, *(f"{name}_refined" for name in SIMULATED)):
+        rate, low, high = rows[name]["world"]["collision"]
+        assert 0.0 <= low <= rate <= high <= 1.0
+        assert rows[name]["people"]["energy_score"] > 0.0
+        value, (low, high) = rows[name]["closed_loop"]["share_of_ma_sst_ddpg"]
+        assert low <= value <= high
+        assert value == pytest.approx(rows[name]["closed_loop"]["ade"] / rows["ma_sst_ddpg"]["closed_loop"]["ade"])
+    assert rows["ma_sst_ddpg"]["people"]["share_of_ma_sst_ddpg"] == (1.0, [1.0, 1.0])
+    assert rows["ma_sst_ddpg"]["people"]["roll_outs"] == 1
+    assert rows["social_lstm"]["people"]["roll_outs"] > 1
+    first, second = (
+        load_weights(folder / "fold_1" / name / "weights.safetensors") for name in ("social_lstm", "social_lstm_1")
+    )
+    assert first.digest() != second.digest()
+
+
+def test_a_stopped_comparison_goes_on_and_keeps_what_was_trained(tmp_path, table, options, whole):
     def stop(fold, values):
         if (fold, values["episode"]) == ("2", CONFIG.episodes + 1):  # in the second model of the second fold
             raise Stopped
 
-    options = {"models": ["ma_sst", "lstm"], "folds": 2, "seed": 1, "out_dir": tmp_path}
+    options = options | {"out_dir": tmp_path}
     with pytest.raises(Stopped):
         compare_models(table, CONFIG, SMALL, **options, report=stop)
     seen = []
@@ -61,12 +122,22 @@ def test_a_stopped_comparison_goes_on_and_keeps_what_was_trained(tmp_path, table
         compare_models(table, CONFIG, SMALL, **options | {"seed": 2})
 
 
-def test_the_table_fits_eighty_columns_and_the_picture_is_one(tmp_path, whole):
-    console = Console(width=80, record=True)
-    print_table_9(whole, console)
+def test_an_objective_that_the_study_would_ignore_is_refused(tmp_path, table, options):
+    with pytest.raises(InvalidInput, match=r"learner.objective = ddpg: each model of this study has an objective"):
+        compare_models(table, BY_CRITICS, SMALL, **options, out_dir=tmp_path)
+    with pytest.raises(InvalidInput, match="ma_ddpg learns by reinforcement: expected --reinforcement FILE"):
+        alone = options | {"models": ["lstm", "ma_ddpg"], "reinforcement": None}
+        compare_models(table, CONFIG, SMALL, **alone, out_dir=tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_table_fits_eighty_columns_and_the_picture_is_one(tmp_path, whole, hybrid):
+    console, both = Console(width=80, record=True), whole | {"models": whole["models"] | hybrid[1]["models"]}
+    print_table_9(both, console)
     text = console.export_text()
     assert "…" not in text
-    assert all(name in text for name in MODELS.built_in)
+    assert all(name in text for name in [*RECORDED, *SIMULATED])
+    assert "ma_sst_ddpg +" in text
     assert "[1.783]" in text
-    save_table_9(whole, tmp_path / "models.png")
+    save_table_9(both, tmp_path / "models.png")
     assert (tmp_path / "models.png").read_bytes().startswith(b"\x89PNG")

@@ -171,29 +171,48 @@ def models(
     near_misses: NearMisses = None,
     chosen: Annotated[
         str | None,
-        typer.Option("--models", metavar="NAME,...", help="Networks to compare; default: all of the paper's."),
+        typer.Option("--models", metavar="NAME,...", help="Networks to compare; default: all."),
     ] = None,
-    count: Annotated[int, typer.Option("--folds", min=2, metavar="N", help="Trainings of each.")] = 5,
+    count: Annotated[
+        int, typer.Option("--folds", min=2, metavar="N", help="Parts of the clips, each held out once.")
+    ] = 5,
+    seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Trainings of each model in each fold.")] = 1,
+    reinforcement: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Stage 1 of the models that learn by reinforcement.")
+    ] = None,
+    refine: Annotated[Path | None, typer.Option(metavar="FILE", help="Hybrid setting: their stage 2.")] = None,
+    simulated: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Hybrid setting: simulated near misses for the others.")
+    ] = None,
+    fresh_episodes: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Episodes in each scenario that outcomes are measured on.")
+    ] = 40,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Table 9: the SST beside a Transformer, an LSTM and a feed-forward network.
+    """Table 9: its eleven models and five of this package's, in both settings.
 
-    All see the same, learn from the same near misses in the same number of
-    updates, and are measured as by `vpsci study folds`. ma_...: both agents
-    learn on their own predictions, through the kinematics; the others learn
-    the next velocity alone. Leaves models.json, models.png, run.json and a
-    folder for each fold. A study that is stopped (Ctrl-C) goes on when the
-    same command is given again; finished trainings are kept.
+    All see the same and learn from the same near misses in the same number
+    of updates. ma_sst, ma_transformer, ma_lstm, ma_feedforward: both agents
+    imitate on their own predictions, through the kinematics; sst,
+    transformer, lstm, feedforward: the next velocity alone; ..._ddpg and
+    ddpg: by reinforcement, with --reinforcement params/table9_ddpg.yaml;
+    densetnt, multipath, social_lstm: each by its own loss. With --refine
+    params/table9_refine.yaml and --simulated TABLE each goes on in
+    simulation and is measured there, too (..._refined). Leaves models.json,
+    models.png, run.json and a folder for each fold, with weights that act
+    by --weights. A study that is stopped (Ctrl-C) goes on when the same
+    command is given again; finished trainings are kept.
 
-    In full, with params/deterministic_stage1.yaml: about 40 minutes on one free
-    core. A trial of a minute: --models ma_sst,lstm --folds 2
-    --set learner.episodes=20
+    Budgets and their cost: docs/results/2026-11-table-9.md. A trial of a
+    minute: --models ma_sst,lstm --folds 2 --set learner.episodes=20
     """
-    from vpsci_ros.studies.run import run_model_study
+    from vpsci_ros.studies.run import ModelStudy, run_model_study
 
     with stoppable(output):
-        run_model_study(read_sections(params, settings, near_misses), output, _parts(chosen), count, quiet=quiet)
+        others = [None if file is None else read_sections(file, None, near_misses) for file in (reinforcement, refine)]
+        study = ModelStudy(_parts(chosen), count, seeds, others[0], others[1], simulated, fresh_episodes)
+        run_model_study(read_sections(params, settings, near_misses), output, study, quiet=quiet)
 
 
 @study_app.command()

@@ -67,17 +67,33 @@ TABLE_5 = {
 
 
 class PublishedModel(NamedTuple):
-    """A row of Table 9, data-driven learning: the paper's name, errors [m] on its own data."""
+    """A row of Table 9: the paper's name, errors [m] on its own data."""
 
     name: str
     ade: float
     fde: float
 
 
-TABLE_9 = {  # names of vpsci_ros.studies.networks -> row
-    "ma_sst": PublishedModel("MA-SST-DDPG", 0.078, 0.156),
-    "ma_transformer": PublishedModel("MA-Transformer-DDPG", 0.098, 0.196),
-    "ma_feedforward": PublishedModel("MA-DDPG", 0.164, 0.328),
+TABLE_9 = {  # names of vpsci_ros.policy.models, "_refined" for hybrid learning -> row
+    "ma_sst_ddpg_refined": PublishedModel("Refined MA-SST-DDPG", 0.072, 0.142),
+    "ma_transformer_ddpg_refined": PublishedModel("Refined MA-Transformer-DDPG", 0.094, 0.194),
+    "ma_ddpg_refined": PublishedModel("Refined MA-DDPG", 0.157, 0.305),
+    "ma_sst_ddpg": PublishedModel("MA-SST-DDPG", 0.078, 0.156),
+    "ma_transformer_ddpg": PublishedModel("MA-Transformer-DDPG", 0.098, 0.196),
+    "ma_ddpg": PublishedModel("MA-DDPG", 0.164, 0.328),
+    "transformer_ddpg_refined": PublishedModel("Refined Transformer-DDPG", 0.257, 0.505),
+    "ddpg_refined": PublishedModel("Refined DDPG", 0.623, 1.273),
+    "transformer_ddpg": PublishedModel("Transformer-DDPG", 0.271, 0.542),
+    "ddpg": PublishedModel("DDPG", 0.679, 1.357),
+    "densetnt_refined": PublishedModel("Refined DenseTNT", 0.404, 0.805),
+    "multipath_refined": PublishedModel("Refined MultiPath++", 0.424, 0.871),
+    "social_lstm_refined": PublishedModel("Refined Social-LSTM", 0.651, 1.330),
+    "densetnt": PublishedModel("DenseTNT", 0.422, 0.852),
+    "multipath": PublishedModel("MultiPath++", 0.453, 0.923),
+    "social_lstm": PublishedModel("Social-LSTM", 0.654, 1.353),
+    "transformer_refined": PublishedModel("Refined Transformer", 1.203, 2.205),
+    "lstm_refined": PublishedModel("Refined LSTM", 1.771, 2.551),
+    "feedforward_refined": PublishedModel("Refined NN", 2.586, 3.989),
     "transformer": PublishedModel("Transformer", 1.199, 2.398),
     "lstm": PublishedModel("LSTM", 1.783, 2.566),
     "feedforward": PublishedModel("NN", 2.677, 3.955),

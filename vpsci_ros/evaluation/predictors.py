@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.policy.draws import draw_innovation, draw_latent, keys
 from vpsci_ros.policy.residuals import Borrower, moments_of
-from vpsci_ros.policy.streaming import Draws, StreamingActor
+from vpsci_ros.policy.stepped import actor_at_work
+from vpsci_ros.policy.streaming import Draws
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import AGENTS
 
@@ -110,7 +111,7 @@ class PolicyPredictor:
 
     def begin(self, count: int) -> None:
         """See `Predictor.begin`."""
-        self._actors = [StreamingActor(self._weights.actor(agent), count) for agent in AGENTS]
+        self._actors = [actor_at_work(self._weights.actor(agent), count) for agent in AGENTS]
         self._begun = np.zeros(count, bool)
         self._steps = 0
         self._taken = np.zeros(count, np.int64)

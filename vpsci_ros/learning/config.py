@@ -133,7 +133,7 @@ class PretrainConfig:
     READ_BY: ClassVar[Mapping[str, Sequence[str]]] = {
         "imitation": ("closed_loop", "energy_score"),
         "energy_score": ("energy_score",),
-        "ddpg": ("ddpg",),
+        "ddpg": ("ddpg", "single_agent_ddpg"),
     }
     """Group that some of the built-in objectives read alone -> these."""
 
@@ -335,7 +335,10 @@ class ConvergenceConfig:
 class RefineConfig:
     """Stage 2: learning on in simulation (section 3.2)."""
 
-    READ_BY: ClassVar[Mapping[str, Sequence[str]]] = {"foresight": ("closed_loop", "energy_score"), "ddpg": ("ddpg",)}
+    READ_BY: ClassVar[Mapping[str, Sequence[str]]] = {
+        "foresight": ("closed_loop", "energy_score"),
+        "ddpg": ("ddpg", "single_agent_ddpg"),
+    }
     """Group that some of the built-in objectives read alone -> these."""
 
     objective: str = parameter("closed_loop", DESCRIPTION)

@@ -4,16 +4,17 @@ import torch
 from torch import Tensor, nn
 
 from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.models import MODELS
 from vpsci_ros.policy.sst import SSTEncoder
 from vpsci_ros.world.observation import ACTION_SIZE
 
 
 class Critic(nn.Module):
-    """Q(H(t), A_own(t), A_other(t)) of one agent; it has an SST encoder of its own over that agent's history."""
+    """Q(H(t), A_own(t), A_other(t)) of one agent; it has an encoder of its own over that agent's history."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
-        self.encoder = SSTEncoder(config)
+        self.encoder = SSTEncoder(config, MODELS.find(config.encoder).layer)
         self.state = nn.Linear(config.hidden, config.critic_state)
         self.action = nn.Linear(2 * ACTION_SIZE, config.critic_action)
         first, second = config.critic_hidden

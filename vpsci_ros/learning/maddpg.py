@@ -67,6 +67,7 @@ class Maddpg:
     (https://arxiv.org/abs/1706.02275), which Algorithm 1 abbreviates.
 
     :param head_factor: the actors' heads take steps of `actor_learning_rate` times this.
+    :ivar alone: the critics are single agents': whatever the other does, they see zero in its place.
     """
 
     def __init__(
@@ -77,6 +78,7 @@ class Maddpg:
         head_factor: float = 1.0,
     ) -> None:
         self.networks, self.config, self._unit = networks, config, config.value_unit
+        self.alone = False
         self.critic_optimiser = torch.optim.Adam(networks.critic.parameters(), config.critic_learning_rate)
         heads = [p for agent in AGENTS for p in networks.actor[agent].head.parameters()]
         encoders = [p for agent in AGENTS for p in networks.actor[agent].encoder.parameters()]
@@ -110,7 +112,7 @@ class Maddpg:
             critic = self.networks.critic[agent]
             before = previous(batch.action[agent])
             encoded[agent] = critic.encode(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
-            value = critic.value(encoded[agent], scored.action[agent], scored.action[other])
+            value = critic.value(encoded[agent], scored.action[agent], self._others(scored.action[other]))
             delta = (targets[agent] - value) * batch.present
             error_now, config = delta.detach() * self._unit, self.config
             omega = importance(error_now, batch.present, config.importance_temperature, config.importance_limit)
@@ -128,6 +130,10 @@ class Maddpg:
         self.networks.follow(self.config.target_update_rate)
         return UpdateResult(critic_loss, actor_loss, norm, error.double().numpy())
 
+    def _others(self, action: Tensor) -> Tensor:
+        """Return what a critic sees of the other agent's action."""
+        return torch.zeros_like(action) if self.alone else action
+
     @torch.no_grad()
     def _targets(self, batch: Batch, scored: Scored) -> Tensors:
         """Return y(t) = R(t) + gamma Q'(H(t + 1), mu'(H(t + 1)), mu'_other(H(t + 1)))."""
@@ -140,7 +146,7 @@ class Maddpg:
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
             critic = networks.target_critic[agent]
             encoded = critic.encode(batch.observation[agent], before[agent], batch.curvttc)[:, 1:]
-            value = critic.value(encoded, following[agent], following[other])
+            value = critic.value(encoded, following[agent], self._others(following[other]))
             targets[agent] = scored.reward[agent] / self._unit + self.config.discount * value * ~batch.terminal
         return targets
 
@@ -159,7 +165,8 @@ class Maddpg:
         loss: dict[str, float] = {}
         norm: dict[str, float] = {}
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
-            value = self.networks.critic[agent].value(encoded[agent].detach(), actions[agent], actions[other].detach())
+            others = self._others(actions[other].detach())
+            value = self.networks.critic[agent].value(encoded[agent].detach(), actions[agent], others)
             objective = -(value * batch.present).sum() / batch.present.sum()
             parameters = list(self.networks.actor[agent].parameters())
             for parameter, gradient in zip(parameters, torch.autograd.grad(objective, parameters), strict=True):

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from vpsci_ros.learning.critic import Critic
-from vpsci_ros.policy.actor import Actor, Actors
+from vpsci_ros.policy.actor import Actors
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.sst import EncoderLayer, SSTLayer
+from vpsci_ros.policy.models import make_actor
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import AGENTS
 
@@ -31,15 +31,14 @@ class Networks(nn.Module):
     `actor`, `critic`, `target_actor` and `target_critic` map "vehicle" and "pedestrian" to networks. `speed_mean` and
     `speed_deviation` [m/s], float32[2] per agent, are the fixed statistics of rewards (14)-(15).
 
-    :param layer: class of the layers of the actors' encoders; the critics' are always the SST's.
     :ivar residuals: returns the tensors of what recorded people did beside these actors; none where nothing is added.
     """
 
-    def __init__(self, config: NetworkConfig, layer: type[EncoderLayer] = SSTLayer) -> None:
+    def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.config = config
         self.residuals: Callable[[Actors], dict[str, NDArray[np.float32]]] = lambda actors: {}
-        self.actor = Actors({agent: Actor(config, layer) for agent in AGENTS})
+        self.actor = Actors({agent: make_actor(config) for agent in AGENTS})
         self.critic = Critics({agent: Critic(config) for agent in AGENTS})
         self.target_actor, self.target_critic = copy.deepcopy(self.actor), copy.deepcopy(self.critic)
         for parameter in [*self.target_actor.parameters(), *self.target_critic.parameters()]:

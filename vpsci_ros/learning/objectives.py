@@ -29,6 +29,7 @@ OBJECTIVES = {
     "energy_score": "in stage 1 to the distribution of recorded trajectories, by a proper score of roll-outs of "
     "stochastic actors",
     "ddpg": "the critics' policy gradient, as Algorithm 1 of the paper",
+    "single_agent_ddpg": "the same, of critics that do not see the other agent's action",
 }
 DESCRIPTION = (
     "what the actors follow: "

@@ -12,7 +12,7 @@ much of both shows depends on the situation. With z = 0 and without noise the ac
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import torch
 from torch import Tensor, nn
@@ -21,6 +21,9 @@ from torch.nn import functional
 from vpsci_ros.policy.config import LOG_SCALE, NetworkConfig
 from vpsci_ros.policy.sst import EncoderLayer, SSTEncoder, SSTLayer, StepState
 from vpsci_ros.world.observation import ACTION_SIZE
+
+if TYPE_CHECKING:
+    from vpsci_ros.policy.layers import LayerMemory
 
 OUTPUT_INIT = 3e-3  # bound of the last layer's initial weights, so that an untrained actor keeps its velocity
 PERSISTENCE_INIT = 0.9  # of the noise, from step to step
@@ -118,6 +121,26 @@ class Actor(nn.Module):
 
     def _dropped_out(self, x: Tensor) -> Tensor:
         return functional.dropout(x, self.dropout) if self.dropout > 0.0 else x
+
+    def draw(
+        self,
+        observation: Tensor,
+        action_before: Tensor,
+        curvttc: Tensor,
+        states: list[StepState],
+        latent: Tensor | None,
+        noise: Tensor | None = None,
+    ) -> Tensor:
+        """Return float32[B, 2] as `step`, of a network that draws by standard normal numbers; this one draws nothing.
+
+        :param latent: [B, latent], the same all episode; None: the likeliest.
+        :param noise: [B, 2], new at every step; None: none.
+        """
+        return self.step(observation, action_before, curvttc, states)
+
+    def memory(self, rows: int) -> list["LayerMemory"]:
+        """Return the memory of `rows` empty histories, of layers that keep one of fixed shape."""
+        return [layer.empty(rows) for layer in self.encoder.layers]  # type: ignore[operator]
 
     def empty_history(self) -> list[StepState]:
         """Return the state of an empty history."""

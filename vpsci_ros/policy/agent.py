@@ -9,6 +9,7 @@ from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
 from vpsci_ros.policy.draws import Keys, draw_innovation, draw_latent, keys
 from vpsci_ros.policy.exploration import exploration_noise
 from vpsci_ros.policy.residuals import Borrower, Residuals, moments_of, same
+from vpsci_ros.policy.stepped import SteppedActor, actor_at_work
 from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import ActorWeights, Weights
 from vpsci_ros.world import EPISODE, RUNNING, World, observation
@@ -52,7 +53,7 @@ class PolicyAgent:
         self._source = 0
         self._borrower: Borrower | None = None
         self._weights: ActorWeights | None = None
-        self._actor: StreamingActor | None = None
+        self._actor: StreamingActor | SteppedActor | None = None
         self._step = np.zeros(0, np.int64)
         self._latent = np.zeros((0, 0), np.float32)
         self.version = 0
@@ -90,7 +91,7 @@ class PolicyAgent:
         assert self._weights is not None, "act() before load()"
         state, active = tick.state, assessment.acting
         if self._actor is None or len(self._step) != len(state):
-            self._actor = StreamingActor(self._weights, len(state))
+            self._actor = actor_at_work(self._weights, len(state))
             self._step = np.zeros(len(state), np.int64)
             self._latent = np.zeros((len(state), self._weights.network.latent), np.float32)
             self._borrower = None

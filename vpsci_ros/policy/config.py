@@ -8,14 +8,20 @@ from dataclasses import dataclass
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
 
+SST = "sst"
 LEARNED = "learned"  # the agent that acts by weights
 LOG_SCALE = (-4.0, 1.2)  # least and greatest logarithm of the scale of a policy's noise [m/s2]
 
 
 @dataclass(frozen=True)
 class NetworkConfig:
-    """Shape of the SST actors and critics (Table 8)."""
+    """Shape of the actors and critics (Table 8)."""
 
+    encoder: str = parameter(
+        SST,
+        "what stands in place of the paper's state-space Transformer: sst, or a name of `vpsci study models`, such as "
+        "transformer, lstm, feedforward, multipath, densetnt, social_lstm; the last three draw, with latent 1",
+    )
     hidden: int = parameter(256, "width of the SST state", low=8, high=1024)
     layers: int = parameter(2, "SST layers", low=1, high=8)
     heads: int = parameter(8, "attention heads", low=1, high=64)

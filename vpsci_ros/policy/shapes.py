@@ -1,15 +1,18 @@
-"""The tensors that a configuration calls for: name -> shape, known without building a network or importing torch."""
+"""The tensors that a configuration calls for: name -> shape; the SST's without torch."""
 
+import importlib
 import itertools
 
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.config import SST, NetworkConfig
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE
 
 Shapes = dict[str, tuple[int, ...]]
 
 
 def encoder_shapes(config: NetworkConfig) -> Shapes:
-    """Return the tensors of one SST encoder."""
+    """Return the tensors of one encoder with the layers of `config.encoder`."""
+    if config.encoder != SST:
+        return _built(config)[1]
     width = config.hidden
     shapes: Shapes = {
         "observation_mean": (OBSERVATION_SIZE,),
@@ -30,6 +33,8 @@ def encoder_shapes(config: NetworkConfig) -> Shapes:
 
 def actor_shapes(config: NetworkConfig) -> Shapes:
     """Return the tensors of one actor."""
+    if config.encoder != SST:
+        return _built(config)[0]
     shapes = {f"encoder.{name}": shape for name, shape in encoder_shapes(config).items()}
     if config.latent == 0:
         return shapes | _dense("head", [config.hidden, *config.actor_hidden, ACTION_SIZE])
@@ -53,6 +58,12 @@ def weight_shapes(config: NetworkConfig) -> Shapes:
         shapes |= {f"{agent}_critic.{name}": shape for name, shape in critic_shapes(config).items()}
         shapes |= {f"{agent}_speed.mean": (2,), f"{agent}_speed.deviation": (2,)}
     return shapes
+
+
+def _built(config: NetworkConfig) -> tuple[Shapes, Shapes]:
+    """Return the tensors of an actor and of an encoder that are built for it, by torch."""
+    built: tuple[Shapes, Shapes] = importlib.import_module("vpsci_ros.policy.models").tensor_shapes(config)
+    return built
 
 
 def _dense(name: str, widths: list[int]) -> Shapes:

@@ -1,5 +1,10 @@
-"""Table 9 on the near misses at hand: the SST beside other networks, by cross-validation, with naive controls."""
+"""Table 9 on the near misses at hand: all its models in both settings, by cross-validation, with naive controls.
 
+Data-driven: learned from recorded near misses. Hybrid (`..._refined`): gone on from there with simulation, models by
+reinforcement as `vpsci refine` trains them, the others on simulated interactions among the recorded ones.
+"""
+
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -9,20 +14,24 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.data.interactions import from_table, table_hash
-from vpsci_ros.evaluation.errors import compare, share_of
-from vpsci_ros.evaluation.folds import held_out_folds, pooled
-from vpsci_ros.evaluation.protocols import Measured, measure
-from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.folds import held_out_folds
+from vpsci_ros.learning import online
+from vpsci_ros.learning import refine as stage_2
 from vpsci_ros.learning.config import PretrainConfig
-from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.weights import resolved
+from vpsci_ros.policy.models import MODELS
+from vpsci_ros.policy.residuals import people_of
+from vpsci_ros.policy.weights import Weights, load_weights, resolved, save_weights
 from vpsci_ros.runs.files import write_json
-from vpsci_ros.studies.networks import MODELS, predictor, train, untrained
+from vpsci_ros.studies.cross_validation import GUARD
+from vpsci_ros.studies.model_table import COST, Hybrid, Measuring, Pooled
+from vpsci_ros.studies.networks import by_reinforcement, train, whole_tracks
 from vpsci_ros.studies.state import once
 
-RESULT, REFERENCE, ACTORS = "models.json", "ma_sst", "actors.safetensors"
+RESULT, WEIGHTS, REFINED = "models.json", "weights.safetensors", "_refined"
 Row = dict[str, float]
+Report = Callable[[str, Row], None]
 
 
 def compare_models(
@@ -34,63 +43,133 @@ def compare_models(
     folds: int,
     seed: int,
     out_dir: str | Path,
-    report: Callable[[str, Row], None] | None = None,
+    seeds: int = 1,
+    reinforcement: PretrainConfig | None = None,
+    hybrid: Hybrid | None = None,
+    report: Report | None = None,
 ) -> dict[str, Any]:
-    """Train each model once a fold and measure it on the clips held out; write and return `models.json`.
+    """Train each model `seeds` times a fold and measure it on the clips held out; write and return `models.json`.
 
-    The layout is that of `errors.evaluate`. Each trained model also has `parameters`, the number of both actors', and,
-    where `ma_sst` is among the models and by protocol, `share_of_ma_sst`: its ADE as a share of that model's, and the
-    95% interval of the share by resampling clips. A training that is stopped begins again; finished ones are kept.
+    The layout is that of `errors.evaluate`; errors of several seeds are means by interaction. Each model also has
+    `parameters` (of both actors), `training_seconds` (of CPU, one training), `step_microseconds` (of CPU, both actors,
+    one interaction among those of a fold), `people` (`a part of `SameStart.measure`: energy score, minADE6, likelihood,
+    classifier; of the first seed), with `hybrid` `world` (shares of critical episodes that collide, and reach both
+    goals), and, where `ma_sst_ddpg` is among the models, its ADE by protocol and its energy score as shares of that
+    model's, with 95% intervals by clips. A training that is stopped begins again; finished ones are kept.
 
-    :param models: of `vpsci_ros.studies.networks.MODELS`.
+    :param models: of `vpsci_ros.policy.models.MODELS`.
+    :param seeds: trainings a fold, by seeds `seed`, `seed` + 1, ...; the folds are those of `seed`.
+    :param reinforcement: of the models by reinforcement; its `episodes` are those of `config`.
+    :param hybrid: None: data-driven learning alone.
     :param report: called with the fold's name ("1", ...) and what `train` reports, updates counted over all its models.
-    :raises InvalidInput: as `held_out_folds`, `network.carry_state` is false, or `out_dir` holds another study.
+    :raises InvalidInput: as `held_out_folds`; an objective is chosen, which this study would ignore; a model by
+        reinforcement without `reinforcement`; `network.carry_state` is false, or `out_dir` holds another study.
     """
+    if config.objective != PretrainConfig().objective:
+        raise InvalidInput(
+            f"learner.objective = {config.objective}: each model of this study has an objective of its own; expected "
+            "none, leave it out (models by reinforcement take theirs from the file of --reinforcement)"
+        )
+    for name in models:
+        if by_reinforcement(name) and reinforcement is None:
+            raise InvalidInput(
+                f"{name} learns by reinforcement: expected --reinforcement FILE, a parameter file of stage 1 with "
+                "objective ddpg, such as params/table9_ddpg.yaml"
+            )
     parts, together = held_out_folds(near_misses, folds, seed)
-    out_dir = Path(out_dir)
+    measuring, out_dir = Measuring(together, near_misses, seed), Path(out_dir)
     config = replace(config, held_out_clips=[], held_out_fraction=0.0)
     identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses), "folds": folds}
-    measured: dict[str, list[Measured]] = {name: [] for name in models}
+    data_driven: dict[str, Pooled] = {}
+    refined: dict[str, Pooled] = {}
+    trainings = [(name, s) for name in models for s in range(seeds)]
     for number, (training, held_out) in enumerate(parts, 1):
-        for place, name in enumerate(models):
-            folder = out_dir / f"fold_{number}" / name
-            once(folder, identity | {"fold": number, "model": name}, dict)
-            report_model = None if report is None else partial(_pass_on, report, f"{number}", place, len(models))
-            trained = _trained(name, training, config, network, seed, folder / ACTORS, report_model)
-            measured[name].append(measure(predictor(MODELS.find(name), trained), held_out))
-    errors = {name: pooled(parts_of_it) for name, parts_of_it in measured.items()}
-    result = compare(errors, together, seed) | {"folds": folds}
-    for name, own in errors.items():
-        row = result["models"][name]
-        row["parameters"] = sum(p.numel() for p in untrained(MODELS.find(name), network, seed).actor.parameters())
-        if REFERENCE in errors:
-            for protocol, values in own.items():
-                row[protocol]["share_of_ma_sst"] = share_of(values, errors[REFERENCE][protocol], together.clip, seed)
+        for place, (name, s) in enumerate(trainings):
+            own = config
+            if by_reinforcement(name):
+                assert reinforcement is not None
+                own = replace(reinforcement, episodes=config.episodes, held_out_clips=[], held_out_fraction=0.0)
+            folder = out_dir / f"fold_{number}" / (name if s == 0 else f"{name}_{s}")
+            report_model = None if report is None else partial(_pass_on, report, f"{number}", place, len(trainings))
+            run = _Run(name, training, own, network, seed + s, folder, identity | {"fold": number, "model": name})
+            path = run.data_driven(report_model)
+            measuring.add(data_driven.setdefault(name, Pooled()), path, held_out, s, hybrid)
+            if hybrid is not None:
+                measuring.add(refined.setdefault(name + REFINED, Pooled()), run.hybrid(hybrid), held_out, s, hybrid)
+    result = measuring.table(data_driven | refined) | {"folds": folds, "seeds": seeds}
     write_json(out_dir / RESULT, result)
     return result
 
 
-def _pass_on(report: Callable[[str, Row], None], fold: str, place: int, models: int, values: Row) -> None:
+def _pass_on(report: Report, fold: str, place: int, models: int, values: Row) -> None:
     """Pass on what `train` reports, counting the updates of all models of a fold."""
     done, each = values["episode"], values["episodes"]
     report(fold, values | {"episode": place * each + done, "episodes": models * each})
 
 
-def _trained(
-    name: str,
-    training: pl.DataFrame,
-    config: PretrainConfig,
-    network: NetworkConfig,
-    seed: int,
-    path: Path,
-    report: Callable[[Row], None] | None,
-) -> Networks:
-    """Return the trained networks, whose target actors are in `path`, or come to be."""
-    if path.exists():
-        networks = untrained(MODELS.find(name), network, seed)
-        networks.target_actor.load_state_dict(load_checkpoint(path)["actors"])
-        networks.actor.load_state_dict(networks.target_actor.state_dict())
-        return networks
-    networks = train(MODELS.find(name), from_table(training), config, network, seed, report)
-    save_checkpoint(path, {"actors": dict(networks.target_actor.state_dict())})
-    return networks
+class _Run:
+    """One training of one model: what it learns from, and where its weights lie or come to lie."""
+
+    def __init__(
+        self,
+        name: str,
+        training: pl.DataFrame,
+        config: PretrainConfig,
+        network: NetworkConfig,
+        seed: int,
+        folder: Path,
+        identity: dict[str, Any],
+    ) -> None:
+        self._name, self._training, self._config, self._network, self._seed = name, training, config, network, seed
+        self._folder, self._identity = folder, identity | resolved(config) | {"training_seed": seed}
+
+    def data_driven(self, report: Callable[[Row], None] | None) -> Path:
+        """Return the weights learned from recorded near misses."""
+        once(self._folder, self._identity, dict)
+        return self._trained(self._folder / WEIGHTS, self._training, self._config, report, None)
+
+    def hybrid(self, hybrid: Hybrid) -> Path:
+        """Return the weights that have learned on with simulation, half as many updates by smaller steps."""
+        folder, start = self._folder / "refined", load_weights(self._folder / WEIGHTS)
+        once(folder, hybrid.identity() | {"weights": start.digest()}, dict)
+        if not by_reinforcement(self._name):
+            smaller = replace(self._config.imitation, learning_rate=0.3 * self._config.imitation.learning_rate)
+            config = replace(self._config, imitation=smaller, episodes=max(1, self._config.episodes // 2))
+            most = self._training["interaction"].max() + 1  # type: ignore[operator]
+            both = [self._training, hybrid.simulated.with_columns(pl.col("interaction") + most)]
+            return self._trained(folder / WEIGHTS, pl.concat(both), config, None, start)
+        path = folder / stage_2.WEIGHTS
+        if not path.exists() or (folder / stage_2.CHECKPOINT).exists():
+            refinement = hybrid.refinement
+            own = replace(
+                refinement.config,
+                objective=MODELS.find(self._name).learning,
+                refresh=replace(refinement.config.refresh, held_out_fraction=GUARD),
+            )
+            began = time.process_time()
+            online.refine(
+                self._training, own, start, refinement.simulation, learner_seed=self._seed, out_dir=folder, report=None
+            )
+            write_json(folder / COST, {"training_seconds": time.process_time() - began})
+        return path
+
+    def _trained(
+        self,
+        path: Path,
+        table: pl.DataFrame,
+        config: PretrainConfig,
+        report: Callable[[Row], None] | None,
+        start: Weights | None,
+    ) -> Path:
+        if path.exists():
+            return path
+        interactions, began = from_table(table, whole_tracks(self._name)), time.process_time()
+        networks = train(self._name, interactions, config, self._network, self._seed, report, start)
+        write_json(path.with_name(COST), {"training_seconds": time.process_time() - began})
+        facts: dict[str, Any] = {"stage": "pretrained" if start is None else "refined", "seed": self._seed}
+        facts |= {
+            "data": {"sha256": table_hash(table), "people": list(dict.fromkeys(map(people_of, interactions.clip)))}
+        }
+        acting = "actor" if by_reinforcement(self._name) else "target_actor"
+        save_weights(path, networks.weights(resolved(config), facts, actors=acting))
+        return path

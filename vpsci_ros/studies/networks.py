@@ -1,158 +1,119 @@
-"""The models that `vpsci study models` compares: what their networks are, how they learn, and how they predict.
+"""How each network of `vpsci_ros.policy.models` learns for `vpsci study models`.
 
-All see the same observations, actions and risk, have the same heads, and learn from the same near misses in the same
-number of updates. They differ in the layers of the encoder, and in what they learn: agents rolled out together on their
-own predictions through the kinematics (`imitation`; the paper's multi-agent rows), or the next velocity alone from
-recorded histories (its supervised rows). The single-agent rows and the trajectory predictors of Table 9 are not here.
+All learn from the same near misses in the same number of updates. By imitation: agents rolled out together on their own
+predictions through the kinematics, or the next velocity alone from recorded histories (the paper's supervised rows). By
+reinforcement: the paper's multi-agent and single-agent rows, as `vpsci pretrain` trains them. By prediction: the three
+predictors of trajectories, each by its own loss.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from torch import Tensor, nn
 
 from vpsci_ros.data.interactions import Interactions
-from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.predictors import Actions, PolicyPredictor, Predictor
 from vpsci_ros.learning.config import PretrainConfig
 from vpsci_ros.learning.imitation import TrajectoryImitation
+from vpsci_ros.learning.maddpg import Maddpg
 from vpsci_ros.learning.networks import Networks
+from vpsci_ros.learning.objectives import Training, find_objective
+from vpsci_ros.learning.prediction import Prediction
+from vpsci_ros.learning.replay import collate, recorded_histories, up_to_capacity
+from vpsci_ros.learning.rewards import RecordedRewards
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.sst import EncoderLayer, SSTLayer, StepState
-from vpsci_ros.runs.plugins import PluginGroup
-from vpsci_ros.studies.layers import BaselineLayer, FeedForwardLayer, LayerMemory, LSTMLayer, TransformerLayer
-from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
+from vpsci_ros.policy.models import MODELS, network_of
+from vpsci_ros.policy.weights import Weights
+
+Report = Callable[[dict[str, float]], None]
 
 
-@dataclass(frozen=True)
-class Model:
-    """A row of the comparison.
+class _Learning(Protocol):
+    def update(self, rng: np.random.Generator, iteration: int) -> dict[str, float]: ...
 
-    :ivar layer: class of the encoder's layers: `SSTLayer`, or one that derives from `BaselineLayer`.
-    :ivar together: both agents learn on their own predictions, rolled out; False: the next velocity alone.
+
+def by_reinforcement(name: str) -> bool:
+    """Return whether the model of this name learns by the policy gradient of critics."""
+    return MODELS.find(name).learning.endswith("ddpg")
+
+
+def whole_tracks(name: str) -> bool:
+    """Return whether the model of this name learns from whole joint tracks: predictors need 3 s after a step."""
+    return MODELS.find(name).learning == "prediction"
+
+
+def untrained(name: str, network: NetworkConfig, seed: int) -> Networks:
+    """Return the networks of this name; targets start equal to them.
+
+    :raises InvalidInput: see `network_of`.
     """
-
-    layer: type[EncoderLayer]
-    together: bool
-
-    def __post_init__(self) -> None:
-        layer = self.layer
-        if layer is not SSTLayer and not (isinstance(layer, type) and issubclass(layer, BaselineLayer)):
-            raise InvalidInput(f"layer: expected SSTLayer, or a class that derives from BaselineLayer, got {layer!r}")
-
-
-MODELS = PluginGroup(
-    "vpsci_ros.networks",
-    "network",
-    Model,
-    {
-        "ma_sst": Model(SSTLayer, together=True),
-        "ma_transformer": Model(TransformerLayer, together=True),
-        "ma_lstm": Model(LSTMLayer, together=True),
-        "ma_feedforward": Model(FeedForwardLayer, together=True),
-        "sst": Model(SSTLayer, together=False),
-        "transformer": Model(TransformerLayer, together=False),
-        "lstm": Model(LSTMLayer, together=False),
-        "feedforward": Model(FeedForwardLayer, together=False),
-    },
-)
-
-
-def untrained(model: Model, network: NetworkConfig, seed: int) -> Networks:
-    """Return networks whose actors have the model's layers; targets start equal to them. Their critics stay unused.
-
-    :raises InvalidInput: `network.carry_state` is false; the models carry theirs.
-    """
-    if not network.carry_state:
-        raise InvalidInput("carry_state: false; the models of this comparison carry their state: leave it true")
     torch.manual_seed(seed)
-    return Networks(network, model.layer)
+    return Networks(network_of(name, network))
 
 
 def train(
-    model: Model,
+    name: str,
     interactions: Interactions,
     config: PretrainConfig,
     network: NetworkConfig,
     seed: int,
-    report: Callable[[dict[str, float]], None] | None = None,
+    report: Report | None = None,
+    start: Weights | None = None,
 ) -> Networks:
-    """Train `model` as stage 1 by `closed_loop` trains its actors; what predicts is their running average (targets).
+    """Train the model of this name; what predicts is the running average of its actors (targets).
 
+    :param config: by reinforcement its `rewards`, `updates`, `replay` and `ddpg`, else its `imitation`.
     :param report: called after every update with `episode`, `episodes` and the losses by name.
+    :param start: what it goes on from, normalisation and statistics included; None: from nothing.
     """
-    networks = untrained(model, network, seed)
-    networks.set_statistics(*interactions.samples(), config.rewards.least_speed_deviation)
-    if not model.together:
-        config = replace(config, imitation=replace(config.imitation, rollout_steps=0))
-    imitation = TrajectoryImitation(networks, interactions, config)
-    rng = np.random.default_rng(seed)
+    networks = untrained(name, network, seed) if start is None else Networks.from_weights(start)
+    if start is None:
+        networks.set_statistics(*interactions.samples(), config.rewards.least_speed_deviation)
+    torch.manual_seed(seed)
+    model, rng = MODELS.find(name), np.random.default_rng(seed)
+    learning: _Learning
+    if by_reinforcement(name):
+        learning = _Reinforcement(model.learning, networks, interactions, config, rng)
+    elif model.learning == "prediction":
+        learning = Prediction(networks, interactions, config)
+    else:
+        steps = config.imitation.rollout_steps if model.together else 0
+        config = replace(config, imitation=replace(config.imitation, rollout_steps=steps))
+        learning = TrajectoryImitation(networks, interactions, config)
     for episode in range(config.episodes):
-        losses = imitation.update(rng, episode)
-        networks.follow(config.updates.target_update_rate)
+        losses = learning.update(rng, episode)
+        if not by_reinforcement(name):  # there the targets have followed already
+            networks.follow(config.updates.target_update_rate)
         if report is not None:
             report({"episode": episode + 1, "episodes": config.episodes} | losses)
     return networks
 
 
-def predictor(model: Model, networks: Networks) -> Predictor:
-    """Return how the trained `model` predicts; the SST by the same streaming code as the nodes."""
-    if model.layer is SSTLayer:
-        return PolicyPredictor(networks.weights({}, {}, actors="target_actor"))
-    return LayerPredictor(networks)
+class _Reinforcement:
+    """Stage 1 by critics: what `learning.pretrain` does in an iteration."""
 
-
-class LayerPredictor:
-    """Both target actors of networks with baseline layers, step by step in torch; see `Predictor`.
-
-    A row's history is empty until the row is active for the first time; a row that has ended does not begin again.
-    """
-
-    def __init__(self, networks: Networks) -> None:
-        self._networks = networks
-        self.tracked_steps = networks.config.tracked_steps
-
-    def begin(self, count: int) -> None:
-        """See `Predictor.begin`."""
-        self._memories = {agent: [_empty(layer, count) for layer in self._layers(agent)] for agent in AGENTS}
-        self._before = {agent: torch.zeros(count, ACTION_SIZE) for agent in AGENTS}
-        self._begun = torch.zeros(count, dtype=torch.bool)
-
-    @torch.no_grad()
-    def act(
+    def __init__(
         self,
-        vehicle: NDArray[np.float32],
-        pedestrian: NDArray[np.float32],
-        curvttc: NDArray[np.float64],
-        active: NDArray[np.bool_],
-    ) -> Actions:
-        """See `Predictor.act`."""
-        beginning = torch.from_numpy(active) & ~self._begun
-        self._begun |= beginning
-        answers = []
-        for agent, observation in zip(AGENTS, (vehicle, pedestrian), strict=True):
-            memories = self._memories[agent]
-            for memory in memories:
-                memory.clear(beginning)
-            states: list[StepState] = list(memories)
-            actor, seen = self._networks.target_actor[agent], torch.from_numpy(observation)
-            answers.append(actor.step(seen, self._before[agent], torch.from_numpy(curvttc), states).numpy())
-        return answers[0], answers[1]
+        objective: str,
+        networks: Networks,
+        interactions: Interactions,
+        config: PretrainConfig,
+        rng: np.random.Generator,
+    ) -> None:
+        histories = recorded_histories(interactions)
+        self._histories = [histories[i] for i in up_to_capacity(histories, config.replay.capacity, rng)]
+        self._steps = config.replay.batch_size
+        maddpg = Maddpg(networks, config.updates, config.ddpg.actor_learning_rate)
+        training = Training(maddpg, RecordedRewards(config.rewards, networks), interactions, config)
+        self._objective = find_objective(objective).pretrain(training, config)
 
-    def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
-        """See `Predictor.executed`."""
-        rows = torch.from_numpy(active)[:, None]
-        for agent, action in zip(AGENTS, actions, strict=True):
-            done: Tensor = torch.where(rows, torch.from_numpy(action), self._before[agent])
-            self._before[agent] = done
-
-    def _layers(self, agent: str) -> nn.ModuleList:
-        return self._networks.target_actor[agent].encoder.layers
-
-
-def _empty(layer: nn.Module, count: int) -> LayerMemory:
-    assert isinstance(layer, BaselineLayer)
-    return layer.empty(count)
+    def update(self, rng: np.random.Generator, iteration: int) -> dict[str, float]:
+        """Take one step of critics and actors, and return the losses by name."""
+        picked, held = [], 0
+        while held < self._steps:
+            picked.append(self._histories[int(rng.integers(len(self._histories)))])
+            held += len(picked[-1])
+        result = self._objective.update(collate(picked), iteration, rng)
+        critics = {f"{agent}_critic_loss": loss for agent, loss in result.critic_loss.items()}
+        return critics | {f"{agent}_actor_loss": loss for agent, loss in result.actor_loss.items()}

@@ -1,14 +1,18 @@
 """Studies of learning as commands: Tables 3, 5 and 9 beside the paper's values, and cross-validation."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
-from vpsci_ros.data.near_misses import corpus_files
+from vpsci_ros.data.near_misses import corpus_files, read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.error_table import print_errors
 from vpsci_ros.learning.inputs import stage_1_inputs, stage_2_inputs, stage_2_parameters
+from vpsci_ros.parameters import values_of
+from vpsci_ros.policy.models import MODELS
 from vpsci_ros.runs.folder import RunFolder
 from vpsci_ros.runs.progress import StageBar, stopped_between_updates
 from vpsci_ros.runs.sections import Sections
@@ -16,7 +20,8 @@ from vpsci_ros.studies.cross_validation import RESULT, Refinement, cross_validat
 from vpsci_ros.studies.learning import SAMPLE_SIZES, WEIGHTINGS, FreshEpisodes, reward_weight_study, sample_size_study
 from vpsci_ros.studies.model_comparison import RESULT as MODELS_RESULT
 from vpsci_ros.studies.model_comparison import compare_models
-from vpsci_ros.studies.networks import MODELS
+from vpsci_ros.studies.model_table import Hybrid
+from vpsci_ros.studies.networks import by_reinforcement
 from vpsci_ros.studies.tables import (
     print_table_3,
     print_table_5,
@@ -91,36 +96,84 @@ def run_fold_study(
     print(f"written: {folder / RESULT} and run.json beside it")
 
 
-def run_model_study(
-    sections: Sections, folder: Path, models: Sequence[str], folds: int, *, quiet: bool = False
-) -> None:
+@dataclass(frozen=True)
+class ModelStudy:
+    """What `run_model_study` compares, besides the parameters of stage 1.
+
+    :ivar models: names of `vpsci_ros.policy.models.MODELS`; none: this package's.
+    :ivar folds, seeds: trainings of each model: `folds` times `seeds`.
+    :ivar reinforcement: sections of stage 1 for models by reinforcement; None: none of them is compared.
+    :ivar refine, simulated: sections of stage 2 for these, and a near-miss table of simulated interactions for the
+        others; None: data-driven learning alone.
+    :ivar fresh_episodes: in each scenario, by `fresh_seed`, in which every model is measured.
+    """
+
+    models: Sequence[str] = ()
+    folds: int = 5
+    seeds: int = 1
+    reinforcement: Sections | None = None
+    refine: Sections | None = None
+    simulated: Path | None = None
+    fresh_episodes: int = 40
+    fresh_seed: int = 1000
+
+
+def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quiet: bool = False) -> None:
     """Table 9 by `compare_models`; goes on with what a stopped study left in `folder`.
 
-    :param models: names of `MODELS`; none: this package's.
-    :raises InvalidInput: a parameter, a model's name, the number of folds or the near misses are refused, or `folder`
-        holds another study.
+    :raises InvalidInput: a parameter, a model's name, the number of folds or the near misses are refused, one of
+        `refine` and `simulated` is missing, or `folder` holds another study.
     :raises Stopped: a signal stopped it; what is done is in `folder`.
     """
-    models = models or list(MODELS.built_in)
+    models = list(study.models) or [n for n in MODELS.built_in if study.reinforcement or not by_reinforcement(n)]
     for name in models:
         MODELS.find(name)
     learner, config, network, corpus, resolved = stage_1_inputs(sections)
-    with RunFolder(
-        folder, resolved, corpus_files(learner.near_misses), {"study": {"models": list(models), "folds": folds}}
-    ) as run:
+    reinforcement = None if study.reinforcement is None else stage_1_inputs(study.reinforcement).config
+    hybrid, files = _hybrid(study), corpus_files(learner.near_misses)
+    facts: dict[str, Any] = {"models": models, "folds": study.folds, "seeds": study.seeds}
+    if reinforcement is not None:
+        facts["reinforcement"] = values_of(reinforcement)
+    if hybrid is not None:
+        assert study.simulated is not None
+        facts |= {"hybrid": hybrid.identity(), "fresh_episodes": study.fresh_episodes, "fresh_seed": study.fresh_seed}
+        files = [*files, study.simulated]
+    with RunFolder(folder, resolved, files, {"study": facts}) as run:
         with StageBar("models", quiet) as bar, stopped_between_updates() as check:
 
             def report(name: str, values: dict[str, float]) -> None:
-                bar.show(values, f"fold {name} of {folds}")
+                bar.show(values, f"fold {name} of {study.folds}")
                 check()
 
             result = compare_models(
-                corpus, config, network, models=models, folds=folds, seed=learner.seed, out_dir=folder, report=report
+                corpus,
+                config,
+                network,
+                models=models,
+                folds=study.folds,
+                seed=learner.seed,
+                out_dir=folder,
+                seeds=study.seeds,
+                reinforcement=reinforcement,
+                hybrid=hybrid,
+                report=report,
             )
         run.results |= result
         save_table_9(result, folder / "models.png")
     print_table_9(result, Console())
     print(f"written: {folder / MODELS_RESULT}, models.png and run.json beside it")
+
+
+def _hybrid(study: ModelStudy) -> Hybrid | None:
+    if study.refine is None and study.simulated is None:
+        return None
+    if study.refine is None or study.simulated is None:
+        raise InvalidInput("hybrid learning: expected both --refine FILE and --simulated FILE, or neither")
+    learner, config, simulation = stage_2_parameters(study.refine)
+    scenarios = [scenario.number for scenario in simulation.scenarios]
+    episodes = [(s, e) for e in range(study.fresh_episodes) for s in scenarios]
+    refinement = Refinement(config, simulation, learner.seed)
+    return Hybrid(refinement, read_near_misses(study.simulated), episodes, study.fresh_seed)
 
 
 def run_weight_study(

@@ -85,32 +85,58 @@ def print_table_5(table: pl.DataFrame, console: Console) -> None:
 def print_table_9(result: dict[str, Any], console: Console) -> None:
     """Print what `model_comparison.compare_models` returned, in 80 columns; the paper's values in brackets."""
     extent = f"{result['interactions']} interactions of {result['clips']} clips, each held out once; metres"
-    once: list[tuple[str, ...]] = []
-    loop: list[tuple[str, ...]] = []
-    for name, errors in result["models"].items():
-        if name == "constant_velocity":
-            continue  # in closed loop the same as repeat_velocity, in reconstruction as the tracked one
-        paper = TABLE_9.get(name)
-        published = f"[{paper.ade:.3f}]" if paper else ""
-        fde = f"{errors['closed_loop']['fde']:.3f}"
-        for view, of, beside in ((once, errors["reconstruction"], published), (loop, errors["closed_loop"], fde)):
-            shares = [share_text(of["ade_ratio"], of["ade_ratio_interval"])]
-            shares.append(share_text(*of["share_of_ma_sst"]) if "share_of_ma_sst" in of else "")
-            view.append((name, f"{of['ade']:.{4 if view is once else 3}f}", beside, *shares))
-    heads = ["its share of\nthe control's", "of ma_sst's"]
-    console.print(text_table(f"reconstruction, {extent}", ["model", "ADE", "paper's\n[ADE]", *heads], once))
-    console.print(text_table("closed loop", ["model", "ADE", "FDE", *heads], loop))
+    rows = {name.replace("_refined", " +"): of for name, of in result["models"].items() if name != "constant_velocity"}
+    for protocol, digits in (("reconstruction", 4), ("closed_loop", 3)):
+        errors, speeds = [], []
+        for name, of in rows.items():
+            own, paper = of[protocol], TABLE_9.get(name.replace(" +", "_refined"))
+            published = f"[{paper.ade:.3f}]" if paper and protocol == "reconstruction" else ""
+            shares = [share_text(own["ade_ratio"], own["ade_ratio_interval"])]
+            shares.append(share_text(*own["share_of_ma_sst_ddpg"]) if "share_of_ma_sst_ddpg" in own else "")
+            errors.append((name, f"{own['ade']:.{digits}f}", published, *shares))
+            rmse = [f"{own['rmse'][q]:.3f}" for q in list(own["rmse"])[:6]]
+            speeds.append((name, *rmse, f"{own['fde']:.{digits}f}"))
+        title = f"{protocol.replace('_', ' ')}, {extent}"
+        heads = ["its share of\nthe control's", "of\nma_sst_ddpg's"]
+        console.print(
+            text_table(title, ["model", "ADE", "paper's" if protocol == "reconstruction" else "", *heads], errors)
+        )
+        heads = ["v_veh\nlong", "v_veh\nlat", "v_ped\nlong", "v_ped\nlat", "d\nlong", "d\nlat", "FDE"]
+        console.print(text_table("RMSE [m/s, m]", ["model", *heads], speeds))
+    if any("people" in of for of in rows.values()):
+        console.print(text_table("like people, and in simulation", list(_PEOPLE), _people(rows)))
     console.print(
-        "ma_: both agents learn on their own predictions; the others learn the next velocity alone. The control is "
-        "repeat_velocity; constant_velocity_tracked starts its closed loop as the models do. Intervals: 95%, clips "
-        "resampled, one training a fold. The paper's ADE is of its own data.",
+        "+: hybrid learning. ma_sst, ma_transformer, ma_lstm, ma_feedforward: both agents imitate on their own "
+        "predictions; ..ddpg: by reinforcement. The control is repeat_velocity; constant_velocity_tracked starts its "
+        "closed loop as the models do. d: between the two, which is one distance. Intervals: 95%, clips resampled, "
+        f"{result.get('seeds', 1)} training(s) a fold. The paper's ADE is of its own data.",
         highlight=False,
     )
 
 
+_PEOPLE = (
+    *("model", "energy\n[m]", "min\nADE6", "like-\nli-\nhood", "clas-\nsi-\nfier"),
+    *("coll.\n[%]", "goals\n[%]", "para-\nme-\nters", "CPU\n[s]"),
+)
+
+
+def _people(rows: dict[str, Any]) -> list[tuple[str, ...]]:
+    out = []
+    for name, of in rows.items():
+        if "people" not in of:
+            continue
+        people, world = of["people"], of.get("world")
+        cells = [f"{people[k]:.3f}" for k in ("energy_score", "min_ade_6", "likelihood")] + [
+            f"{people['c2st_auc']:.2f}"
+        ]
+        cells += [f"{100.0 * world[k][0]:.0f}" if world else "-" for k in ("collision", "goal")]
+        out.append((name, *cells, f"{of['parameters'] / 1000.0:.0f}k", f"{of['training_seconds']:.0f}"))
+    return out
+
+
 def save_table_9(result: dict[str, Any], path: Path) -> None:
     """Draw both protocols' errors, as shares of the control's with 95% intervals, by model, as a PNG."""
-    figure, (axes,) = new_figure(9.2, 4.2, 1, 2)
+    figure, (axes,) = new_figure(11.0, max(4.2, 0.22 * len(result["models"])), 1, 2)
     for axis, protocol, colour in zip(axes, ("reconstruction", "closed_loop"), (GREEN, ORANGE), strict=True):
         left_out = {"constant_velocity"} | ({"constant_velocity_tracked"} if protocol == "reconstruction" else set())
         rows = [(name, errors[protocol]) for name, errors in result["models"].items() if name not in left_out][::-1]

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.studies.layers import FeedForwardLayer, LSTMLayer, TransformerLayer
+from vpsci_ros.policy.layers import FeedForwardLayer, LSTMLayer, TransformerLayer
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, attention_window=4)
 LAYERS = (FeedForwardLayer, LSTMLayer, TransformerLayer)
