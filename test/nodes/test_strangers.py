@@ -120,7 +120,7 @@ def test_a_policy_that_believed_in_a_tick_to_come_goes_back_to_the_worlds_where_
     policy._known, policy._reply = 500, Future()
     policy._requested_at, policy._received_at = 10.0, 11.0 if heard_since else 9.0
     policy._reply.set_result(History.Response(running=True, tick=3))
-    policy._on_history(policy._known, policy._reply)
+    policy._on_history(History.Request(after_tick=policy._known), policy._reply)
     assert policy._known == known
 
 
@@ -147,42 +147,46 @@ def test_a_policy_of_a_run_believes_the_history_that_its_own_world_has_signed(
     monkeypatch.setenv(VARIABLE, new_secret())
     policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
     stage(policy)
-    reply = sealed(-1, History.Response(running=True, tick=4, states=[state(2)], safeties=[safety(2)]))
+    reply = sealed(
+        History.Request(after_tick=-1), History.Response(running=True, tick=4, states=[state(2)], safeties=[safety(2)])
+    )
     if forge is not None:
         forge(reply)
     policy._reply = Future()
     policy._reply.set_result(reply)
-    policy._on_history(-1, policy._reply)
+    policy._on_history(History.Request(after_tick=-1), policy._reply)
     assert (policy._caught_up, policy._known) == ((True, 2) if forge is None else (False, -1))
     assert refused(policy) == ({} if forge is None else {"/world/history": 1})
 
 
-def test_a_policy_that_is_started_again_refuses_an_older_reply_that_its_world_has_signed(
-    context: Context, stage: Callable[..., Stage], weights: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("known", [-1, 2])
+def test_a_policy_refuses_an_older_reply_that_its_world_has_signed_started_again_or_not(
+    context: Context, stage: Callable[..., Stage], weights: str, monkeypatch: pytest.MonkeyPatch, known: int
 ) -> None:
     class Service:
-        requests: ClassVar[list[int]] = []
+        requests: ClassVar[list[History.Request]] = []
 
         service_is_ready = staticmethod(lambda: True)
         remove_pending_request = staticmethod(lambda _: None)
 
         def call_async(self, request: History.Request) -> Future:
-            self.requests.append(request.after_tick)
+            self.requests.append(request)
             return Future()
 
     monkeypatch.setenv(VARIABLE, new_secret())
     service, frames = Service(), {"running": True, "tick": 4, "states": [state(2)], "safeties": [safety(2)]}
-    for reply_to, taken in ((0, True), (0, False), (-1, True)):  # the first and, to the process after it, the same
+    for reply_to, taken in ((0, True), (0, False), (-1, True)):  # to the second request, the reply to the first
         policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
         stage(policy)
         monkeypatch.setattr(policy, "_history", service)
+        policy._known = known  # it knows the same as when it requested before
         policy._catch_up()
         reply = sealed(service.requests[reply_to], History.Response(**frames))
         policy._reply = Future()
         policy._reply.set_result(reply)
         policy._on_history(service.requests[-1], policy._reply)
         assert (policy._caught_up, refused(policy)) == ((True, {}) if taken else (False, {"/world/history": 1}))
-    assert all(request < 0 for request in service.requests)
+    assert [request.after_tick for request in service.requests] == [known] * 3
 
 
 def test_a_policy_refuses_a_history_of_unequal_lengths_without_a_secret_too(
@@ -192,7 +196,7 @@ def test_a_policy_refuses_a_history_of_unequal_lengths_without_a_secret_too(
     stage(policy)
     policy._reply = Future()
     policy._reply.set_result(History.Response(running=True, tick=4, states=[state(2)]))
-    policy._on_history(-1, policy._reply)
+    policy._on_history(History.Request(after_tick=-1), policy._reply)
     assert refused(policy) == {"/world/history": 1}
 
 

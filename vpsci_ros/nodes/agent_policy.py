@@ -184,9 +184,9 @@ class AgentPolicy(GraphNode):
             if self._reply is not None:
                 self._history.remove_pending_request(self._reply)
             self._requested_at = now
-            after = self._known if self._known >= 0 else -1 - secrets.randbits(62)  # no older reply is signed for this
-            self._reply = self._history.call_async(History.Request(after_tick=after))
-            self._reply.add_done_callback(partial(self._on_history, after))
+            request = History.Request(after_tick=self._known, challenge=secrets.randbits(64))
+            self._reply = self._history.call_async(request)
+            self._reply.add_done_callback(partial(self._on_history, request))
         elif self._first_received_at is not None and now - self._first_received_at > self._service_patience():
             self._caught_up = True  # a world that keeps no history
             self._answer()
@@ -195,12 +195,12 @@ class AgentPolicy(GraphNode):
         writers = self.get_publishers_info_by_topic(self.full_name("/world/state"))
         return OWN_PATIENCE if any(each.node_name == "world_simulator" for each in writers) else FOREIGN_PATIENCE
 
-    def _on_history(self, after_tick: int, reply: Any) -> None:
+    def _on_history(self, request: History.Request, reply: Any) -> None:
         response = reply.result()
         if reply is not self._reply:
             return  # an earlier one, given up
         self._reply = None
-        frames = self.intake.read("/world/history", frames_of, after_tick, response)
+        frames = self.intake.read("/world/history", frames_of, request, response)
         if frames is None:
             return  # another request follows
         if response.running and response.tick < self._known and self._received_at < self._requested_at:

@@ -89,19 +89,21 @@ class FrameHistory:
         return message, convert.safety_message(header, frame.tick, curvttc, distance, critical)
 
 
-def sealed(after_tick: int, response: History.Response) -> History.Response:
+def sealed(request: History.Request, response: History.Response) -> History.Response:
     """Return a reply whose last frame, an empty one, holds its signature, where the run has a secret."""
     if is_signed():
-        seal = Header(frame_id=signature(after_tick, _content(response.running, response.tick, _pairs(response))))
+        content = _content(request, response.running, response.tick, _pairs(response))
+        seal = Header(frame_id=signature(request.after_tick, content))
         response.states = [*response.states, WorldState(header=seal)]
         response.safeties = [*response.safeties, SafetyState()]
     return response
 
 
-def frames_of(after_tick: int, response: History.Response) -> list[tuple[WorldState, SafetyState]]:
+def frames_of(request: History.Request, response: History.Response) -> list[tuple[WorldState, SafetyState]]:
     """Return the frames of a reply.
 
-    :raises InvalidInput: states and answers to them differ in number, or the world of this run did not sign it.
+    :raises InvalidInput: states and answers to them differ in number, or the world of this run did not sign it for
+        this request.
     """
     if len(response.states) != len(response.safeties):
         raise InvalidInput(
@@ -112,7 +114,8 @@ def frames_of(after_tick: int, response: History.Response) -> list[tuple[WorldSt
     if not is_signed():
         return pairs
     frames, seal = pairs[:-1], pairs[-1][0].header.frame_id if pairs else ""
-    require_signature(seal, after_tick, _content(response.running, response.tick, frames), "/world/history")
+    content = _content(request, response.running, response.tick, frames)
+    require_signature(seal, request.after_tick, content, "/world/history")
     return frames
 
 
@@ -120,10 +123,12 @@ def _pairs(response: History.Response) -> list[tuple[WorldState, SafetyState]]:
     return list(zip(response.states, response.safeties, strict=True))
 
 
-def _content(running: bool, tick: int, frames: list[tuple[WorldState, SafetyState]]) -> bytes:
-    """Return what a signature is made of: all that a policy reads of a reply, with the length of each part."""
+def _content(request: History.Request, running: bool, tick: int, frames: list[tuple[WorldState, SafetyState]]) -> bytes:
+    """Return what a signature is made of: the challenge, and all that a policy reads of a reply, part by part."""
     parts = [part for pair in frames for message in pair for part in _parts(message)]
-    return b"/world/history %d %d " % (running, tick) + b"".join(b"%d " % len(part) + part for part in parts)
+    return b"/world/history %d %d %d " % (request.challenge, running, tick) + b"".join(
+        b"%d " % len(part) + part for part in parts
+    )
 
 
 def _parts(message: Any) -> Iterator[bytes]:

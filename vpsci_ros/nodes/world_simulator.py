@@ -177,7 +177,7 @@ class WorldSimulator(GraphNode):
     def _on_history(self, request: History.Request, response: History.Response) -> History.Response:
         response.running = self._lock_step.running
         if not response.running:
-            return sealed(request.after_tick, response)
+            return sealed(request, response)
         now, assessment = self._loop.world.now, self._lock_step.assessment
         response.tick = now.number
         response.states, response.safeties = self._history.since(request.after_tick, now.state)
@@ -187,7 +187,7 @@ class WorldSimulator(GraphNode):
             safety = assessment.curvttc, assessment.distance, assessment.critical
             response.states = [*response.states, state]
             response.safeties = [*response.safeties, convert.safety_message(header, now.number, *safety)]
-        return sealed(request.after_tick, response)
+        return sealed(request, response)
 
     # ---- the loop
 
