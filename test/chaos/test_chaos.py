@@ -5,7 +5,7 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from chaos import bags, bombs, files, processes, strangers, writes
+from chaos import bags, bombs, commands, disks, files, processes, strangers, taken, writes
 from rich.console import Console
 
 from vpsci_ros.bags.info import bag_info, print_info
@@ -80,6 +80,22 @@ def test_a_forged_bag_that_is_called_the_same_would_be_noticed(
     monkeypatch.setattr(bags, "verify_bag", lambda _: bags.VerifiedBag(ticks=7))
     forged = bags.written(whole_bag, list(Bag(whole_bag).messages())[:-20], tmp_path / "bag")
     assert bags.judged(forged, same=False) == "verified as the same to the bit, 7 ticks"
+
+
+def test_what_a_command_left_behind_would_be_noticed(tmp_path: Path) -> None:
+    assert taken.in_words(commands.Ended(1, "Traceback (most recent call last):\nKeyError")) == [
+        "a traceback: KeyError"
+    ]
+    assert taken.in_words(commands.Ended(-11, "")) == ["ended by signal 11: "]
+    assert taken.in_words(commands.Ended(1, "")) == ["ended without a word"]
+    (tmp_path / "a.json").write_text('{"seconds": 1, "n": 2}')
+    before = taken.left(tmp_path)
+    (tmp_path / "a.json").write_text('{"seconds": 3, "n": 2}')
+    assert taken.left(tmp_path) == before
+    (tmp_path / "a.json").write_text('{"seconds": 3, "n": 3}')
+    assert taken.left(tmp_path) != before
+    assert disks.defects(1, "error", tmp_path) == ["status 1, but a.json is there"]
+    assert disks.defects(0, "", tmp_path / "..") == []
 
 
 def test_a_defect_would_be_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -149,3 +149,21 @@ def test_pretraining_writes_weights_that_evaluation_reads(
     again = vpsci("pretrain", *stage, "-o", str(tmp_path / "run"))
     assert again.returncode == 2
     assert "holds a run with learner.episodes = 2, and this one has 300" in again.stderr
+
+
+@pytest.mark.parametrize(("error", "status"), [("", 0), ("3 answers of vehicle_policy are missing", 1)])
+def test_a_graph_that_is_not_complete_ends_the_command_with_1(
+    error: str, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from vpsci_ros.nodes import graph
+
+    monkeypatch.setattr(graph, "run_graph", lambda _, folder, **__: graph.GraphResult(folder, error))
+    monkeypatch.setattr(sys, "argv", ["vpsci", "graph", "--params", "stage3_generate", "-o", str(tmp_path / "run")])
+    monkeypatch.chdir(ROOT)
+    ended = 0
+    try:
+        main()
+    except SystemExit as exits:
+        ended = int(exits.code or 0)
+    assert ended == status
+    assert capsys.readouterr().err.startswith(f"error: {error};" if error else "")
