@@ -2,7 +2,9 @@
 
 import json
 import re
+import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam import conduct
 from vpsci_ros.exam.driver_class import Observation, command_of_answer, find_driver
+from vpsci_ros.exam.patience import NoAnswer, within
 from vpsci_ros.exam.run import prepare, read_exam, run_exam
 from vpsci_ros.resources import params_dir
 
@@ -187,3 +190,30 @@ def test_a_policy_of_the_gymnasium_environment_sees_what_the_environment_shows(t
         assert vector[20] == np.float32(min(observation.curvttc, 10.0))
     later = shown[15][0].vehicle.yaw - shown[0][0].vehicle.yaw
     assert later > 0.0, "steer is positive to the left"
+
+
+def test_a_class_that_never_returns_is_interrupted_and_loses_those_episodes_alone(
+    tmp_path: Path, module: Write
+) -> None:
+    hangs = "if self.begin.scenario.number == 104:\n      import time; time.sleep(1000.0)\n    return 1.0"
+    chosen = load(params_dir() / "ads_test.yaml").changed("graph", {"progress_timeout": 1.0})
+    chosen = chosen.changed("world_simulator", {"scenarios": [1, 104], "episodes": 2, "episode_time": 2.0})
+    chosen = chosen.changed("ads_test", {"pedestrians": ["walker"], "baseline": False})
+    failures = run_exam(prepare(chosen, ads_class=module(mine(hangs))), tmp_path / "exam", quiet=True)
+    assert "did not drive 104:0 and 1 more to the end: at 0.00 s no answer for 1 s" in failures[0]
+    assert pl.read_parquet(tmp_path / "exam" / "episodes.parquet")["scenario"].to_list() == [1, 1] * 2
+
+
+def test_code_that_catches_every_exception_is_interrupted_all_the_same() -> None:
+    def stubborn() -> None:
+        while True:
+            try:
+                time.sleep(1000.0)
+            except Exception:  # noqa: BLE001  # as careless code does
+                continue
+
+    with pytest.raises(NoAnswer, match="no answer for 0.05 s"), within(0.05):
+        stubborn()
+    with within(1000.0):
+        pass
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.episode import Key
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.driver_class import Begin, Driver, Observation, as_object, as_odometry, command_of_answer
+from vpsci_ros.exam.patience import NoAnswer, within
 from vpsci_ros.world import ENDED, IDLE, RUNNING
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.parked import parked_from
@@ -25,6 +26,9 @@ from vpsci_ros.world.tables import tables_from
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Step, Tick
 
 SIDE_BY_SIDE = 256  # episodes, at most
+PATIENCE = 60.0  # [s] for an answer
+_HANGS = 3  # episodes lost for want of an answer, after which others have less time
+_SHORT = 1.0  # [s] that they have
 _SHOWN = 10  # tracebacks in the log
 
 
@@ -35,14 +39,23 @@ class InProcess:
     :param loop: whose world leaves the vehicle to an external driver.
     :param perception: errors of what is published of pedestrians; None: the drivers have their odometry.
     :param log: where the traceback of a driver that raises is written.
+    :param patience: for an answer [s]: a driver that takes longer loses its episode; after three, 1 s at most.
     :ivar commands: that were good.
     :ivar refused: answers that were no commands.
     :ivar lost: episode -> when and why it was lost, in words.
     :raises InvalidInput: the class cannot be made.
     """
 
-    def __init__(self, make: Callable[[], Driver], loop: Loop, perception: PerceptionConfig | None, log: Path) -> None:
-        self._loop, self._perception, self._log = loop, perception, log
+    def __init__(
+        self,
+        make: Callable[[], Driver],
+        loop: Loop,
+        perception: PerceptionConfig | None,
+        log: Path,
+        patience: float = PATIENCE,
+    ) -> None:
+        self._loop, self._perception, self._log, self._patience = loop, perception, log, patience
+        self._hung = 0
         self._period, self._most = loop.world.config.tick, loop.world.config.pedestrians
         rows = len(loop.world.state)
         try:
@@ -116,10 +129,13 @@ class InProcess:
             observed = self._observation(tick.state[rows], assessment, rows, seen)
             begin = self._begin(key) if tick.state["frame"][rows.start] == 0 else None
             try:
-                if begin is not None:
-                    driver.reset(begin)
-                given[rows.start] = self._command(driver.act(observed))
-            except (Exception, SystemExit) as error:  # noqa: BLE001  # whatever a stranger's class raises
+                with within(self._patience if self._hung < _HANGS else min(self._patience, _SHORT)):
+                    if begin is not None:
+                        driver.reset(begin)
+                    answer = driver.act(observed)
+                given[rows.start] = self._command(answer)
+            except (Exception, SystemExit, NoAnswer) as error:  # noqa: BLE001  # whatever a stranger's class raises
+                self._hung += isinstance(error, NoAnswer)
                 self._lose(key, observed.time, error)
         if not self._form:
             return NO_ACTIONS
@@ -165,7 +181,7 @@ class InProcess:
 
     def _lose(self, key: Key, time: float, error: BaseException) -> None:
         """Give an episode up, for a driver that raised or answered with no command."""
-        said = str(error) if isinstance(error, InvalidInput) else f"{type(error).__name__}: {error}"
+        said = str(error) if isinstance(error, InvalidInput | NoAnswer) else f"{type(error).__name__}: {error}"
         self.lost[key] = f"at {time:.2f} s {said}"
         if len(self.lost) <= _SHOWN:
             with self._log.open("a", encoding="utf-8") as log:
