@@ -46,7 +46,7 @@ class InvalidInput(VpsciError, ValueError):
 
 
 class NotInstalled(ImportError, InvalidInput):
-    """What was asked for needs a library that is not installed (also an `ImportError`)."""
+    """What was requested needs a library that is not installed (also an `ImportError`)."""
 
 
 class Stopped(Exception):
