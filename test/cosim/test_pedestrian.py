@@ -41,6 +41,7 @@ def crossing(
     return walked
 
 
+@pytest.mark.timeout(600)  # it compiles kernels where it is the first to need them
 def test_it_is_there_without_ros_and_torch() -> None:
     code = (
         "import sys\n"
@@ -50,7 +51,7 @@ def test_it_is_there_without_ros_and_torch() -> None:
         "drive = Driver(lane=[(-30, 0), (30, 0)]).step(Vehicle(-20.0, 0.0, 0.0, 3.0), {'he': Walker(0.0, -5.0)})\n"
         "print(walk.controlled, drive.controlled)\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=200)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=500)
     assert done.stdout == "False False\n", done.stderr
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vpsci_ros.cosim.inputs import Vehicle, Walker
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.agent import policies
+from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.resources import weights_path
@@ -66,6 +67,7 @@ class Body:
         monitor: MonitorConfig,
         policy: PolicyConfig | None,
     ) -> None:
+        compile_kernels()
         self.monitor, self.parked = monitor, scenario.parked
         drives, walks = ("policy", "external") if agent == "vehicle" else ("external", "policy")
         config = replace(config, vehicle_driver=drives, pedestrian_driver=walks)
