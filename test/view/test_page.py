@@ -242,6 +242,22 @@ def test_recorded_and_generated_ones_are_paired_by_rank_and_meet_at_the_onset(br
         assert not page.is_visible("#panel-b")
 
 
+def test_a_slider_goes_from_a_failure_to_its_nearest_success(browser: Any, tmp_path: Path) -> None:
+    again = [approach(name, speed=speed) for name, speed in (("as it was", 5.0), ("by 1", 4.0), ("by 2", 3.0))]
+    steps = [{"amount": n, "name": each.episode.name, "fails": n < 2} for n, each in enumerate(again)]
+    changes = {"1:0": [{"title": "slower at the onset", "unit": "m/s", "steps": steps, "nearest": 2}]}
+    path = tmp_path / "why.html"
+    failures = Source("ads", "ads", 0.05, [approach("1:0", speed=5.0), approach("1:1", speed=5.0)], 2)
+    write_view(path, [failures, Source("why", "driven again", 0.05, again, 3, changes)], "why")
+    with real.opened(browser, path, "#a=ads&b=why&episode=1:0&t=1") as page:
+        assert page.locator("#changed").inner_text() == "by 2 m/s: avoids it", "it begins at the nearest success"
+        page.locator("#amount").fill("0")
+        assert page.locator("#changed").inner_text() == "as it was: fails"
+        assert page.locator("#clock").inner_text().startswith("1.00"), "at the same time of the episode"
+        page.locator("#next").click()
+        assert not page.locator("#changes").is_visible(), "nothing was changed in this one"
+
+
 def test_an_address_of_something_that_is_not_there_says_so(browser: Any, path: Path) -> None:
     with real.opened(browser, path, "#a=nobody&episode=99:9&t=0") as page:
         assert page.text_content("#notice").startswith("Not on this page: source nobody, episode 99:9 of ")
