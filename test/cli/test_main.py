@@ -167,3 +167,19 @@ def test_a_graph_that_is_not_complete_ends_the_command_with_1(
         ended = int(exits.code or 0)
     assert ended == status
     assert capsys.readouterr().err.startswith(f"error: {error};" if error else "")
+
+
+def test_a_panic_of_a_library_that_gets_no_thread_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class PanicException(BaseException):  # as those of Rust
+        """No Exception."""
+
+    def panics() -> None:
+        raise PanicException('ThreadPoolBuildError { kind: IOError(Os { code: 11, kind: WouldBlock, message: "" }) }')
+
+    monkeypatch.setattr("vpsci_ros.cli.main.app", panics)
+    with pytest.raises(SystemExit, match="1"):
+        main()
+    said = "error: Resource temporarily unavailable; allow more processes (ulimit -u) and try again\n"
+    assert capsys.readouterr().err == said

@@ -160,7 +160,7 @@ def main() -> None:
         _end(2 if isinstance(error, InvalidInput) else 1, f"error: {error}")
     except KeyboardInterrupt:
         _end(130, "stopped")
-    except Exception as error:
+    except BaseException as error:  # polars, in Rust, ends in a panic that is no Exception where it gets no thread
         if not (text := in_words(error)):
             raise
         _end(2 if isinstance(error, ImportError) else 1, f"error: {text}")
