@@ -23,6 +23,7 @@ from std_msgs.msg import Header, UInt64
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, WorldState
 from vpsci_msgs.srv import History
 from vpsci_ros.bags.info import bag_info
+from vpsci_ros.bags.reader import Bag
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.nodes import convert
@@ -267,6 +268,17 @@ def test_a_recorder_refuses_states_and_answers_that_the_other_nodes_refuse(
     recorder.close()
     info = bag_info(tmp_path / "bag")
     assert (info["messages_seen"], info["messages"]) == (11, 3)
+
+
+def test_a_recorder_writes_no_byte_that_says_nothing(
+    context: Context, stage: Callable[..., Stage], tmp_path: Path
+) -> None:
+    recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
+    stage(recorder)
+    recorder._on_message("/world/state", serialize_message(state(1)) + b"\x07\x07\x07")
+    recorder.close()
+    (raw,) = Bag(tmp_path / "bag").messages(["/world/state"])
+    assert bytes(raw.data)[-3:] == bytes(3)
 
 
 CODES = [*range(11), 255]  # of types of a parameter's value; 10 and 255 are none
