@@ -99,6 +99,8 @@ EXTRAS = {
     "commonroad": ["commonroad-io>=2024.3,<2025"],
     # `vpsci_ros.carla` and the node `carla_world`: CARLA's client, whose version is that of the server.
     "carla": ["carla>=0.9.15,<0.10"],
+    # `vpsci drive`: the page in which a person drives.
+    "drive": ["tornado>=6.4,<7"],
     # `vpsci export --to mp4`: H.264 by FFmpeg's libraries, which the wheel has.
     "video": ["av>=13,<19"],
     # examples/motion_planner.py: a public motion planner, as a driving system in the exam.

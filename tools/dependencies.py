@@ -2,7 +2,7 @@
 r"""Write what is installed for what, its licences and its hashes, from a report of pip.
 
     pip install --dry-run --ignore-installed --report report.json -c constraints.txt \
-        '.[learn,ros,messages,rl,realism,search,openscenario,osi,planner,sumo,highway,carla,test,docs]'
+        '.[learn,ros,messages,rl,realism,search,openscenario,osi,planner,sumo,highway,carla,drive,test,docs]'
     .venv/bin/python tools/dependencies.py report.json
 
 Writes docs/dependencies.md, and constraints-hashes.txt: the files that pip chose on this platform, each with its
@@ -23,7 +23,7 @@ ROOT = Path(__file__).parent.parent
 HEAD = """# Dependencies
 
 What `make setup` installs
-(`pip install '.[learn,ros,messages,rl,realism,search,openscenario,osi,planner,sumo,highway,carla,test,docs]'`),
+(`pip install '.[learn,ros,messages,rl,realism,search,openscenario,osi,planner,sumo,highway,carla,drive,test,docs]'`),
 for what, and under which licence, as each package's own metadata say; written by `tools/dependencies.py`: {count}
 packages on {platform}. ROS 2's wheels state no licence; theirs are in their package.xml (Apache-2.0, a few
 BSD-3-Clause or MIT).

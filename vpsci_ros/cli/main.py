@@ -10,6 +10,7 @@ import typer
 from vpsci_ros import __version__
 from vpsci_ros.cli.bag import bag_app
 from vpsci_ros.cli.dataset import dataset_app, generate, report
+from vpsci_ros.cli.drive import drive
 from vpsci_ros.cli.exam import ads_test
 from vpsci_ros.cli.export import export
 from vpsci_ros.cli.learning import evaluate, pretrain, refine, study_app
@@ -33,7 +34,7 @@ app.add_typer(world_app, name="world")
 app.add_typer(dataset_app, name="dataset")
 app.add_typer(study_app, name="study")
 app.add_typer(turing_app, name="turing")
-for command in (pretrain, refine, evaluate, realism, generate, report, ads_test, view, export):
+for command in (pretrain, refine, evaluate, realism, generate, report, ads_test, drive, view, export):
     app.command()(command)
 
 

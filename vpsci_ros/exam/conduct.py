@@ -22,7 +22,7 @@ from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.episode import Key
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.exam.collect import bag_of, conduct_of, counts_of, episodes_of, joined, label_of, read_run
-from vpsci_ros.exam.config import EXTERNAL, ExamConfig, title_of
+from vpsci_ros.exam.config import EXTERNAL, PERSON, ExamConfig, title_of
 from vpsci_ros.exam.driver_class import Driver, find_driver
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_process import SIDE_BY_SIDE, InProcess
@@ -112,8 +112,8 @@ def _conductor(parts: Sequence[Exam], folder: Path, titles: Mapping[Run, str]) -
 
 
 def domain_of(config: ExamConfig) -> contextlib.AbstractContextManager[object]:
-    """Return the context in which graphs have a ROS domain of their own; none for a class or an external system."""
-    if config.in_process or config.ads == EXTERNAL:
+    """Return the context in which graphs have a ROS domain of their own; none without a graph of the exam's."""
+    if config.in_process or config.ads in (EXTERNAL, PERSON):
         return contextlib.nullcontext()
     from vpsci_ros.nodes.domain import own_domain
 
@@ -137,7 +137,7 @@ def run_with(exam: Exam, name: str, folder: Path, which: str, *, quiet: bool) ->
             external = f"; the ADS is expected {where}" if exam.config.examined == EXTERNAL else ""
             print(f"{which}: {title_of(name)}, {len(exam.episodes)} episodes{external}", file=sys.stderr)
         shutil.rmtree(folder / "runs" / label, ignore_errors=True)
-        (_run_in_process if exam.config.in_process else _run)(exam, name, folder, quiet)
+        (_run_in_process if exam.person or exam.config.in_process else _run)(exam, name, folder, quiet)
     return read_run(exam, name, bag_of(folder, label), conduct_of(exam, folder, name))
 
 
@@ -213,7 +213,7 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
 def _run_in_process(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     """Have the ADS meet one pedestrian in this process, and leave a bag and a record as a graph does.
 
-    A class drives many episodes side by side, a program behind a socket one after the other.
+    A class drives many episodes side by side, a program behind a socket, or a person, one after the other.
     """
     begun, label = time.monotonic(), label_of(name, exam.part)
     log = folder / "logs" / f"ads_{label}.log"
@@ -223,8 +223,9 @@ def _run_in_process(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     loop = loop_with(exam, name, "external", exam.episodes, SIDE_BY_SIDE if config.ads_class else 1)
     with contextlib.ExitStack() as stack:
         bars = stack.enter_context(Bars(quiet=quiet))
-        if config.ads_class:
-            make: Callable[[], Driver] = find_driver(config.ads_class)
+        make: Callable[[], Driver]
+        if exam.person or config.ads_class:
+            make = exam.person or find_driver(config.ads_class)
         else:
             make = stack.enter_context(connected(config, log, exam.world.tick, patience))
         drivers = InProcess(make, loop, exam.perception, log, patience)

@@ -11,6 +11,7 @@ from vpsci_ros.safety import CONFLICT_TTC
 SEVERE_TTC = 1.0  # [s] a severe conflict is one with a CurvTTC below
 MOVING = 0.5  # [m/s] a vehicle slower than this at the contact stood: the pedestrian walked into it
 EXTERNAL = "external"  # an ADS that the user starts himself
+PERSON = "you"  # a person drives (`vpsci drive`)
 NO_SOCKET = -1
 EURO_NCAP = "euro_ncap"  # the target of the protocol's tests
 ALONE = "alone"  # the reference of the time lost: nobody there

@@ -1,7 +1,7 @@
 """What is examined, on which episodes, and what each of its runs begins from."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from vpsci_ros.data.episode import Key
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.exam import euro_ncap
 from vpsci_ros.exam.config import ALONE, DRIVERS, EURO_NCAP, ExamConfig, added_pedestrians
+from vpsci_ros.exam.driver_class import Driver
 from vpsci_ros.exam.episode_list import flat
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns
 from vpsci_ros.policy.config import PolicyConfig
@@ -31,6 +32,7 @@ class Exam:
     :ivar sections: the parameters that the graphs are started with.
     :ivar part: which one of an exam in several parts, from 0.
     :ivar whole: that exam; None: it is whole itself.
+    :ivar person: makes the driver that a person is: an episode a run, none of them alone; None: an ADS drives.
     """
 
     sections: Sections
@@ -39,6 +41,12 @@ class Exam:
     world: WorldConfig
     part: int = 0
     whole: "Exam | None" = None
+    person: Callable[[], Driver] | None = None
+
+    @property
+    def opponents(self) -> list[str]:
+        """With whom it is driven, one after the other; first with nobody there, the reference of the time lost."""
+        return [*([] if self.person else [ALONE]), *self.config.opponents]
 
     @property
     def episodes(self) -> list[Key]:
@@ -53,11 +61,11 @@ class Exam:
 
     def parts(self) -> list["Exam"]:
         """Return the exam in parts that are driven in a run each, however many workers there are."""
-        keys = self.episodes
-        if len(keys) <= PART:
+        keys, most = self.episodes, 1 if self.person else PART
+        if len(keys) <= most:
             return [self]
-        starts = enumerate(range(0, len(keys), PART))
-        return [dataclasses.replace(self.only(keys[k : k + PART]), part=n, whole=self.whole or self) for n, k in starts]
+        starts = enumerate(range(0, len(keys), most))
+        return [dataclasses.replace(self.only(keys[k : k + most]), part=n, whole=self.whole or self) for n, k in starts]
 
     @property
     def scenarios(self) -> list[Scenario]:

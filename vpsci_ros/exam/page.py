@@ -7,7 +7,7 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.exam.config import ALONE, TITLES, added_pedestrians, title_of
+from vpsci_ros.exam.config import ALONE, PERSON, TITLES, added_pedestrians, title_of
 from vpsci_ros.exam.failures import why_reasons
 from vpsci_ros.exam.figures import save_episode, save_one, save_overview
 from vpsci_ros.exam.measures import worst_first
@@ -53,7 +53,7 @@ def write_page(
         title=f"Exam of {report['exam']['ads']}",
         report=report,
         titles={name: title_of(name) for name in (*TITLES, *added_pedestrians())},
-        names=NAMES,
+        names=NAMES | ({ADS: "You"} if report["exam"]["ads"] == PERSON else {}),
         differences=DIFFERENCES,
         grouped=GROUPED,
         view=view,

@@ -26,7 +26,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam import protocol as standard
 from vpsci_ros.exam.collect import bags_of
 from vpsci_ros.exam.conduct import autopilot_run, run_with_all
-from vpsci_ros.exam.config import ALONE, EXTERNAL, NO_SOCKET, ExamConfig, added_pedestrians, title_of
+from vpsci_ros.exam.config import ALONE, EXTERNAL, NO_SOCKET, PERSON, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import check, parse
 from vpsci_ros.exam.driver_class import files_of_driver, find_driver
 from vpsci_ros.exam.earlier import Earlier, compare, compared_with, write_junit
@@ -146,7 +146,7 @@ def run_exam(
         exam, earlier = compared_with(exam, identity_of(exam), against, guard)
     identity = identity_of(exam)
     take_folder(folder, identity)
-    runs = {ADS: run_with_all(exam, folder, (ALONE, *pedestrians), workers=workers, quiet=quiet)}
+    runs = {ADS: run_with_all(exam, folder, exam.opponents, workers=workers, quiet=quiet)}
     if exam.config.baseline:
         runs[BASELINE] = {name: autopilot_run(exam, name) for name in (ALONE, *pedestrians)}
     table = pl.concat(_rows(exam, driver, runs[driver]) for driver in runs)
@@ -189,7 +189,7 @@ def run_exam(
 def _rows(exam: Exam, driver: str, runs: Mapping[str, RunResult]) -> pl.DataFrame:
     """Return a row for each episode of a driver; of the baseline, those with nobody there are the reference alone."""
     names = [name for name in runs if driver == ADS or name != ALONE]
-    alone = runs[ALONE].episodes
+    alone = runs[ALONE].episodes if ALONE in runs else []
     tables = [episode_table(runs[name], alone, exam.config, driver=driver, pedestrian=name) for name in names]
     return pl.concat(tables)
 
@@ -252,7 +252,7 @@ def identity_of(exam: Exam) -> dict[str, Any]:
 def _files_of(config: ExamConfig) -> dict[str, str]:
     if config.ads_class:
         return files_of_driver(config.ads_class)
-    return {} if config.ads == EXTERNAL else files_of(config.ads)
+    return {} if config.ads in (EXTERNAL, PERSON) else files_of(config.ads)
 
 
 def take_folder(folder: Path, identity: dict[str, Any], name: str = IDENTITY) -> None:

@@ -19,9 +19,15 @@ _SHARED = Path(__file__).resolve().parent / "templates"
 
 
 def write_page(path: Path, template: Path, **values: Any) -> None:
-    """Write a page whole or not at all.
+    """Write a page whole or not at all, see `page`."""
+    write_text(path, page(template, **values))
+
+
+def page(template: Path, *, connect: bool = False, **values: Any) -> str:
+    """Return a page.
 
     :param template: the template's file; a value that it names and that is not given is an error.
+    :param connect: whether it may talk to the server that it comes from.
     :param values: what the template names; a `Path` to a PNG becomes a picture by its macro `picture`.
     """
     loader = FileSystemLoader([template.parent, _SHARED])
@@ -29,14 +35,14 @@ def write_page(path: Path, template: Path, **values: Any) -> None:
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["base64"] = lambda picture: base64.b64encode(picture.read_bytes()).decode()
-    page = environment.get_template(template.name).render(values)
-    policy = f'<meta http-equiv=Content-Security-Policy content="{_policy(page)}">'
-    write_text(path, page.replace(_CHARSET, f"{_CHARSET}\n{policy}", 1))
+    text = environment.get_template(template.name).render(values)
+    policy = _policy(text) + ("; connect-src 'self'" if connect else "")
+    return text.replace(_CHARSET, f'{_CHARSET}\n<meta http-equiv=Content-Security-Policy content="{policy}">', 1)
 
 
-def _policy(page: str) -> str:
+def _policy(text: str) -> str:
     """Return what a browser lets a page do: run its own scripts, by their hashes, and show its style and pictures."""
-    digests = (hashlib.sha256(text.encode()).digest() for text in re.findall("<script>(.*?)</script>", page, re.DOTALL))
+    digests = (hashlib.sha256(text.encode()).digest() for text in re.findall("<script>(.*?)</script>", text, re.DOTALL))
     scripts = " ".join(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests) or "'none'"
     own = f"script-src {scripts}; style-src 'unsafe-inline'; img-src data:"
     return f"default-src 'none'; {own}; base-uri 'none'; form-action 'none'"

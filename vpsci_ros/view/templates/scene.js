@@ -81,7 +81,11 @@ class Scene {
   }
 
   draw(time) {
-    const { context, width, height } = prepared(this.canvas), colour = colours(), episode = this.episode;
+    this.drawAt(stateAt(this.episode, time));
+  }
+
+  drawAt(state) {
+    const { context, width, height } = prepared(this.canvas), colour = colours();
     const scale = Math.min(width / this.view.wide, height / this.view.tall) * 0.94;
     const shape = { context, colour, scale,
       px: (x) => width / 2 + (x - this.view.x) * scale, py: (y) => height / 2 - (y - this.view.y) * scale };
@@ -89,7 +93,6 @@ class Scene {
     context.fillRect(0, 0, width, height);
     context.lineJoin = context.lineCap = "round";
     if (this.ground) this.drawGround(shape);
-    const state = stateAt(episode, time);
     if (this.options.trails) this.drawTrails(shape, state);
     for (const one of state.people) this.drawPedestrian(shape, one, 1);
     this.drawPedestrian(shape, { x: state.ped_x, y: state.ped_y, vx: state.ped_vx, vy: state.ped_vy }, 1);
