@@ -39,7 +39,8 @@ OPTIONAL = {
     "ray",
     "sklearn",
     "threadpoolctl",
-}  # extras: envs, generation on a cluster, realism, search
+    "tornado",
+}  # extras: envs, generation on a cluster, realism, search, drive
 OPTIONAL |= {
     "av",
     "commonroad",

@@ -15,7 +15,8 @@ TREADING = 4.0  # [1/s] of a pedal's way
 class Person:
     """A driver, see `vpsci_ros.exam.driver_class`.
 
-    :param tick: time from one tick to the next as the person has it [s].
+    :param period: of a tick [s].
+    :param factor: simulated over wall time.
     """
 
     def __init__(self, page: Page, period: float, factor: float) -> None:
