@@ -228,7 +228,7 @@ def _run_in_process(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
             make = exam.person or find_driver(config.ads_class)
         else:
             make = stack.enter_context(connected(config, log, exam.world.tick, patience))
-        drivers = InProcess(make, loop, exam.perception, log, patience)
+        drivers = InProcess(make, loop, exam.perception, log, 0.0 if exam.person else patience)
         steps = drivers.episodes(exam.episodes, lambda done: bars.bar(title_of(name), done, len(exam.episodes)))
         made_by = {"made_by": "vpsci ads-test", "ads": config.examined}
         write_ticks(steps, loop.world.config, bag_of(folder, label), made_by, scenarios=exam.scenarios)

@@ -39,7 +39,7 @@ class InProcess:
     :param loop: whose world leaves the vehicle to an external driver.
     :param perception: errors of what is published of pedestrians; None: the drivers have their odometry.
     :param log: where the traceback of a driver that raises is written.
-    :param patience: for an answer [s]: a driver that takes longer loses its episode; after three, 1 s at most.
+    :param patience: for an answer [s]: who takes longer loses the episode; after three, 1 s at most; 0: no limit.
     :ivar commands: that were good.
     :ivar refused: answers that were no commands.
     :ivar lost: episode -> when and why it was lost, in words.

@@ -15,7 +15,7 @@ class NoAnswer(BaseException):
 
 @contextlib.contextmanager
 def within(seconds: float) -> Iterator[None]:
-    """Interrupt what runs in the `with` block after so long, by the wall clock.
+    """Interrupt what runs in the `with` block after so long, by the wall clock; 0: never.
 
     Python code is interrupted wherever it is, compiled code when it returns to Python. Only the main thread can be:
     in another one there is no limit.
