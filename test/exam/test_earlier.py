@@ -1,5 +1,6 @@
 """Against an earlier exam: what is driven again, what is fixed, newly broken or unchanged, and how that is said."""
 
+import dataclasses
 import json
 import os
 import re
@@ -9,6 +10,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 import pytest
 import yaml
@@ -18,7 +20,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.earlier import Earlier, compare, write_junit
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.report import ADS
-from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.exam.run import exam_of, identity_of, prepare, run_exam
 from vpsci_ros.exam.summary import write_summary
 from vpsci_ros.resources import params_dir
 
@@ -179,3 +181,16 @@ def test_the_workflow_of_the_page_examines_and_then_compares(home: Path, tmp_pat
     subprocess.run(["bash", "-c", script], cwd=tmp_path, env=environment, check=True, capture_output=True)
     assert written.read_text().startswith("## my_driver:MyDriver: passed\n")
     assert (tmp_path / "out" / "exam" / "junit.xml").is_file()
+
+
+def test_recorded_people_of_a_guard_set_are_the_same_ones_when_the_exam_is_read_again(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(home)
+    whole = exam("Careless")
+    whole = dataclasses.replace(whole, config=dataclasses.replace(whole.config, recorded="right_turns"))
+    part = dataclasses.replace(whole.only([(1, 5), (1, 9)]), whole=whole)
+    again = exam_of(json.loads(json.dumps(identity_of(part))))
+    first, second = part.motion("recorded"), again.motion("recorded")
+    assert first.keys() == second.keys() == {(1, 5), (1, 9)}
+    assert all(np.array_equal(first[key], second[key]) for key in first)

@@ -214,7 +214,7 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
     }
     try:
         identity = read_json(folder / IDENTITY)
-        exam = prepare(Sections(identity["parameters"]), ads=EXTERNAL, port=NO_SOCKET)
+        exam = exam_of(identity)
         if sha256(exam.weights) != identity["weights_sha256"]:
             raise InvalidInput("the weights of its pedestrian are not those of the exam any more")
         drivers[BASELINE] = lambda name: autopilot_run(exam, name).episodes
@@ -226,6 +226,19 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
     return found
 
 
+def exam_of(identity: Mapping[str, Any]) -> Exam:
+    """Return the exam that an identity is of, with nobody examined, so that its pedestrians are the same again.
+
+    :raises InvalidInput: its parameters are refused.
+    """
+    sections = Sections(identity["parameters"])
+    exam = prepare(sections, ads=EXTERNAL, port=NO_SOCKET)
+    if "whole" not in identity:
+        return exam
+    everything = sections.changed("world_simulator", {"only": identity["whole"]})
+    return dataclasses.replace(exam, whole=prepare(everything, ads=EXTERNAL, port=NO_SOCKET))
+
+
 def _note(text: str) -> None:
     print(f"note: {text}", file=sys.stderr)
 
@@ -235,7 +248,8 @@ def identity_of(exam: Exam) -> dict[str, Any]:
     left_out = ("fail_if", "search")
     examined = {name: value for name, value in dataclasses.asdict(exam.config).items() if name not in left_out}
     nodes = ("world_simulator", "safety_monitor", "pedestrian_policy", *(["perception"] if exam.perception else []))
-    return {
+    whole = {"whole": list(exam.whole.run.only)} if exam.whole else {}  # of which it is a part
+    return whole | {
         "ads": exam.config.examined,
         "ads_files_sha256": _files_of(exam.config),
         "parameters": {name: dict(exam.sections.values.get(name, {})) for name in nodes} | {"ads_test": examined},
