@@ -223,6 +223,66 @@ def test_a_wrong_description_is_refused_by_key(old, new, said, tmp_path):
         import_trajectories(tmp_path, "described")
 
 
+def with_compass(folder, **layout):
+    """Write the described scene with semicolons, speeds and headings in degrees clockwise from north."""
+    write_described(folder)
+    auto = pl.col("kind") == "auto"
+    yaw, speed = pl.when(auto).then(90.0 - np.degrees(HEADING)), pl.when(auto).then(SPEED / 0.05)
+    rows = pl.read_csv(folder / "one.csv").with_columns(yaw=yaw, v=speed)
+    rows.write_csv(folder / "one.csv", separator=";")
+    columns = "{id: who, frame: n, class: kind, x: px, y: py, heading: yaw, speed: v}"
+    given = {"delimiter": '";"', "degrees": "true", "compass": "true", "columns": columns} | layout
+    text = LAYOUT.replace("columns: {id: who, frame: n, class: kind, x: px, y: py}", "")
+    (folder / "layout.yaml").write_text(text + "".join(f"{key}: {value}\n" for key, value in given.items()))
+
+
+def test_a_delimiter_a_compass_and_a_speed_alone_can_be_described(tmp_path):
+    with_compass(tmp_path)
+    result = import_trajectories(tmp_path, "described")
+    assert result.table["veh_heading"].to_numpy() == pytest.approx(HEADING, abs=1e-6)
+    assert result.table["veh_speed"].to_numpy() == pytest.approx(SPEED, abs=1e-6)
+    assert result.table["ped_vy"].to_numpy() == pytest.approx(WALK * np.cos(HEADING), abs=0.02)
+    assert result.summaries[0].assumed[1:] == ("velocities of pedestrians are slopes of positions over 0.4 s",)
+
+
+@pytest.mark.parametrize(
+    ("layout", "said"),
+    [
+        ({"compass": "false"}, "by 1.57 rad .*; they seem to be measured from y, clockwise$"),
+        ({"compass": "false", "degrees": "false"}, "; they look like degrees and they seem to be measured from y, clo"),
+        ({"delimiter": '"tab"'}, "delimiter: expected one character such as ';', got 'tab'"),
+        (
+            {"vehicles": "[Auto]"},
+            r"vehicles: none of Auto occurs in column kind, which has 'auto' \(1 road users\), 'bike'",
+        ),
+        ({"pedestrians": "[pedestrian]"}, r"pedestrians: none of pedestrian occurs .*, 'person' \(1 road users\)"),
+    ],
+)
+def test_what_contradicts_a_description_is_said_with_what_is_there(layout, said, tmp_path):
+    with_compass(tmp_path, **layout)
+    path = tmp_path / "layout.yaml"
+    for key in layout.keys() & {"vehicles", "pedestrians"}:  # the earlier line of the same key goes
+        path.write_text(
+            "\n".join(line for line in path.read_text().splitlines() if line not in LAYOUT or key not in line)
+        )
+    with pytest.raises(InvalidInput, match=said):
+        import_trajectories(tmp_path, "described")
+
+
+def test_headings_in_radians_from_north_of_cars_that_drive_east_are_not_taken_for_degrees(tmp_path):
+    """90 degrees from north are 1.571; as degrees that would be 0.027 rad, nearly the direction of motion."""
+    write_levelx(tmp_path)
+    path = tmp_path / "07_tracks.csv"
+    east = pl.read_csv(path).with_columns(pl.lit(np.degrees(0.5 * np.pi)).alias("heading"))
+    turn = np.cos(-HEADING), np.sin(-HEADING)
+    for x, y in (("xCenter", "yCenter"), ("xVelocity", "yVelocity")):
+        turned = pl.col(x) * turn[0] - pl.col(y) * turn[1], pl.col(x) * turn[1] + pl.col(y) * turn[0]
+        east = east.with_columns(turned[0].alias(x), turned[1].alias(y))
+    east.write_csv(path)
+    with pytest.raises(InvalidInput, match="; they seem to be measured from y, clockwise$"):
+        import_trajectories(tmp_path, "levelx")
+
+
 def damaged(folder, change):
     """Write the described scene with a second walker, whose rows are changed."""
     write_described(folder)

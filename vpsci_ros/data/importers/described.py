@@ -3,12 +3,15 @@
 `layout.yaml` in the folder of recordings:
 
     files: "*.csv"                 # CSV or Parquet, a clip each
+    delimiter: ";"                 # of CSV; ,
     columns: {id: track, frame: frame, class: kind, x: x, y: y, vx: vx, vy: vy, heading: yaw}  # length, width, time
+    # instead of vx and vy: speed, of vehicles, along their heading
     vehicles: [car, bus]           # values of the column `class`
     pedestrians: [person]
     frame_rate: 25                 # with `frame`; or time_unit: 0.001 [s], with `time`
     metres: 0.05                   # in one unit of positions, speeds and sizes; 1
     degrees: true                  # headings; false
+    compass: true                  # headings clockwise from north; false
     y_down: true                   # false
     length: 4.5                    # [m] of vehicles whose tracks do not say
     width: 1.8
@@ -24,7 +27,7 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.importer import Clip, Importer
-from vpsci_ros.data.importers.layout import Layout, clip_of, read_csv
+from vpsci_ros.data.importers.layout import Layout, classes_in, clip_of, read_csv
 from vpsci_ros.data.near_misses import TURN_LIMIT
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import read_yaml, require_form, shown
@@ -33,9 +36,10 @@ from vpsci_ros.parameters import refuse_unknown
 
 FILE = "layout.yaml"
 UNREADABLE = "road users that cannot be read"  # a count of `Clip.left_out`
-_COLUMNS = ("id", "frame", "time", "class", "x", "y", "vx", "vy", "heading", "length", "width")
+_COLUMNS = ("id", "frame", "time", "class", "x", "y", "vx", "vy", "speed", "heading", "length", "width")
 _KEYS: dict[str, Any] = {
     "files": "*.csv",
+    "delimiter": ",",
     "columns": {},
     "vehicles": [],
     "pedestrians": [],
@@ -43,6 +47,7 @@ _KEYS: dict[str, Any] = {
     "time_unit": 1.0,
     "metres": 1.0,
     "degrees": False,
+    "compass": False,
     "y_down": False,
     "length": 4.5,
     "width": 1.8,
@@ -52,7 +57,8 @@ _KEYS: dict[str, Any] = {
 def described(folder: Path) -> Iterator[Clip]:
     """Yield a clip for each file that the layout in the folder names.
 
-    :raises InvalidInput: no layout, or one with a key that is missing, unknown or wrong; or see `_readable`.
+    :raises InvalidInput: no layout, or one with a key that is missing, unknown or wrong, or whose classes do not occur;
+        or see `_readable`.
     """
     path = folder / FILE
     values = _values(path)
@@ -60,14 +66,25 @@ def described(folder: Path) -> Iterator[Clip]:
     files = sorted(folder.glob(values["files"]))
     if not files:
         raise InvalidInput(f"{path}: files: {values['files']!r} names none in {folder}")
-    size = float(values["length"]), float(values["width"])
+    size, seen = (float(values["length"]), float(values["width"])), Counter[str]()
     for file in files:
-        table = read_parquet(file, "a table of tracks") if file.suffix == ".parquet" else read_csv(file)
+        parquet = file.suffix == ".parquet"
+        table = read_parquet(file, "a table of tracks") if parquet else read_csv(file, values["delimiter"])
         yield _without_jumps(_readable(file, table, layout)).with_size(*size)
+        seen.update(classes_in(table, layout))
+    for key, wanted in (("vehicles", layout.vehicles), ("pedestrians", layout.pedestrians)):
+        if not wanted & seen.keys():
+            counted = ", ".join(f"{name!r} ({count} road users)" for name, count in sorted(seen.items()))
+            raise InvalidInput(
+                f"{path}: {key}: none of {', '.join(sorted(wanted))} occurs in column {layout.columns['class']}, which "
+                f"has {counted}"
+            )
 
 
 def _readable(path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
-    """Return the clip of a table without the road users that cannot be read, as long as they are fewer than half.
+    """Return the clip of a table without the road users that cannot be read.
+
+    They have to be fewer than half, and neither all vehicles nor all pedestrians.
 
     :raises InvalidInput: see `clip_of`.
     """
@@ -79,13 +96,16 @@ def _readable(path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
             raise
         known = table.drop_nulls(column)
         numbered = known.with_columns(known[column].cast(pl.String).rank("dense").cast(pl.Int64).alias(column))
-        clips, bad = [], 0
+        clips, bad, classes = [], 0, set[str]()
         for track in numbered.partition_by(column, maintain_order=True):
             try:
                 clips.append(clip_of(path.stem, {path: (track, layout)}))
             except InvalidInput:
                 bad += 1
-        if bad >= len(clips):
+                classes |= classes_in(track, layout).keys()
+        no_vehicle = classes & layout.vehicles and not any(clip.vehicles for clip in clips)
+        no_pedestrian = classes & layout.pedestrians and not any(clip.pedestrians for clip in clips)
+        if bad >= len(clips) or no_vehicle or no_pedestrian:
             raise
         left_out = Counter({UNREADABLE: bad, "rows without an id": table.height - known.height})
         for clip in clips:
@@ -122,6 +142,11 @@ def _layout(values: dict[str, Any], path: Path) -> Layout:
         raise InvalidInput(
             f"{path}: columns: expected id, x, y and others of {', '.join(_COLUMNS)}, got {shown(columns)}"
         )
+    delimiter = values["delimiter"]
+    if not isinstance(delimiter, str) or len(delimiter.encode()) != 1:
+        raise InvalidInput(f"{path}: delimiter: expected one character such as ';', got {shown(delimiter)}")
+    if {"speed", "vx"} <= set(columns):
+        raise InvalidInput(f"{path}: columns: expected either speed or vx and vy")
     pairs = [("vx", "vy"), ("length", "width")]
     for one, other in pairs:
         if (one in columns) != (other in columns):
@@ -146,6 +171,7 @@ def _layout(values: dict[str, Any], path: Path) -> Layout:
         time_unit=float(values["time_unit"]),
         metres=float(values["metres"]),
         degrees=bool(values["degrees"]),
+        compass=bool(values["compass"]),
         y_down=bool(values["y_down"]),
     )
 

@@ -23,6 +23,7 @@ WALKING = 0.5  # [m/s] above it speeds show the frame rate and the units
 RATE_TOLERANCE = 0.1  # by which way and speed may differ (median)
 ASKEW = 0.5  # [rad] by which headings may differ from the motion (median)
 _STANDING = 0.3  # [m/s] below which a direction of motion is noise
+_COMPASS = "they seem to be measured from y, clockwise"
 _TICKS = 1e6  # [1/s] resolution of times that are no frame numbers
 
 
@@ -38,7 +39,8 @@ class Layout:
     :ivar time_unit: seconds in one unit of `time`.
     :ivar metres: metres in one unit of positions, speeds (a second) and sizes.
     :ivar degrees: headings are in degrees.
-    :ivar y_down: y points down or right of x, so it changes its sign, as headings do.
+    :ivar compass: headings are measured clockwise from north, which is up in pictures, too.
+    :ivar y_down: y points down or right of x, so it changes its sign, as headings that are measured from x do.
     :ivar rates: frames a second of the formats for which this one may be mistaken, by their names.
     :ivar speeds_agree: with positions, so that a wrong frame rate or unit shows; those of online tracking may not.
     """
@@ -50,17 +52,18 @@ class Layout:
     time_unit: float = 1.0
     metres: float = 1.0
     degrees: bool = False
+    compass: bool = False
     y_down: bool = False
     rates: Mapping[str, float] = field(default_factory=dict)
     speeds_agree: bool = True
 
 
-def read_csv(path: Path) -> pl.DataFrame:
+def read_csv(path: Path, delimiter: str = ",") -> pl.DataFrame:
     """Return a CSV file as text.
 
     :raises InvalidInput: it cannot be read, or is empty.
     """
-    text = read_text(path)
+    text = read_text(path, delimiter)
     if text.is_empty():
         raise InvalidInput(f"{path}: expected one row a frame and road user, got none; remove the file or restore it")
     return text
@@ -89,13 +92,20 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
             vehicles += [_vehicle(track) for track in resample(forward, _rate(layout), angle="heading")]
             assumed += ["headings are directions of motion"] if "heading" not in cars.columns else []
             assumed += ["sizes of vehicles are the format's"] if "length" not in cars.columns else []
-        measured = {"vx", "speed"} & set(layout.columns)
-        assumed += [] if measured else ["velocities are slopes of positions over 0.4 s"]
+        if "vx" not in layout.columns:
+            whose = "velocities of pedestrians" if "speed" in layout.columns else "velocities"
+            assumed += [f"{whose} are slopes of positions over 0.4 s"]
     return Clip(name, vehicles, pedestrians, left_out, tuple(dict.fromkeys(assumed)))
 
 
 def _rate(layout: Layout) -> float:
     return layout.frame_rate if "frame" in layout.columns else _TICKS
+
+
+def classes_in(table: pl.DataFrame, layout: Layout) -> Counter[str]:
+    """Return how many road users each value of the class has."""
+    rows = pl.DataFrame({"class": _classes(table, layout), "id": table[layout.columns["id"]]})
+    return Counter(dict(rows.group_by("class").agg(pl.col("id").n_unique()).sort("class").rows()))
 
 
 def _classes(table: pl.DataFrame, layout: Layout) -> pl.Series:
@@ -106,11 +116,9 @@ def _classes(table: pl.DataFrame, layout: Layout) -> pl.Series:
 
 def _other_classes(table: pl.DataFrame, layout: Layout) -> dict[str, int]:
     """Return of classes that are neither vehicles nor pedestrians how many road users they have."""
-    known = list(layout.vehicles | layout.pedestrians)
-    rows = pl.DataFrame({"class": _classes(table, layout), "id": table[layout.columns["id"]]})
-    rows = rows.filter(~pl.col("class").is_in(known))
-    counts = rows.group_by("class").agg(pl.col("id").n_unique()).sort("class")
-    return {f"road users of class {name}": count for name, count in counts.rows()}
+    known = layout.vehicles | layout.pedestrians
+    counts = classes_in(table, layout)
+    return {f"road users of class {name}": count for name, count in counts.items() if name not in known}
 
 
 def _canonical(table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path: Path) -> pl.DataFrame:
@@ -131,8 +139,11 @@ def _canonical(table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path:
         found[name] = _numbers(rows, line, layout.columns[name], path) * (1.0 if name == "heading" else layout.metres)
     if "heading" in found and layout.degrees:
         found["heading"] = found["heading"].radians()
+    if "heading" in found and layout.compass:
+        found["heading"] = 0.5 * np.pi - found["heading"]
     if layout.y_down:
-        found |= {name: -found[name] for name in ("y", "vy", "heading") if name in found}
+        turned = ("y", "vy") if layout.compass else ("y", "vy", "heading")
+        found |= {name: -found[name] for name in turned if name in found}
     tracks = pl.DataFrame(found).with_columns(line=line).sort("id", "frame", maintain_order=True)
     twice = tracks.filter(pl.struct("id", "frame").is_duplicated())
     if twice.height:
@@ -223,15 +234,23 @@ def _check_heading(cars: pl.DataFrame, layout: Layout, path: Path) -> None:
     apart, as_degrees = median_angle(direction - heading), median_angle(direction - np.radians(heading))
     if apart <= ASKEW and not (np.abs(heading).max() > 2.0 * np.pi and as_degrees < apart):
         return
-    guesses = {
-        "they look like degrees": np.radians(heading),
-        "y seems to point down": -heading,
-        "they seem to be measured from y, clockwise": 0.5 * np.pi - heading,
-    }
-    fits = [guess for guess, angles in guesses.items() if median_angle(direction - angles) < ASKEW]
+    units = {"": heading}
+    if not layout.degrees and np.abs(heading).max() > 2.0 * np.pi:  # small numbers would fit whoever drives along x
+        units["they look like degrees"] = np.radians(heading)
+    if layout.degrees and np.degrees(np.abs(heading).max()) <= 2.0 * np.pi:
+        units["they look like radians"] = np.degrees(heading)
+    guesses = {}
+    for unit, angles in units.items():
+        guesses[unit or "they are measured otherwise"] = angles
+        as_given = -angles if layout.y_down and not layout.compass else angles
+        for axes, turned in (("y seems to point down", -angles), (_COMPASS, 0.5 * np.pi - as_given)):
+            guesses[" and ".join(filter(None, (unit, axes)))] = turned
+    off = {guess: median_angle(direction - angles) for guess, angles in guesses.items()}
+    best = min(off, key=off.__getitem__)
     raise InvalidInput(
         f"{path}: column {layout.columns['heading']}: headings differ from the direction of motion by {apart:.2f} rad "
-        f"(median); expected radians counter-clockwise from x; {fits[0] if fits else 'they are measured otherwise'}"
+        f"(median); expected radians counter-clockwise from x; "
+        f"{best if off[best] < ASKEW else 'they are measured otherwise'}"
     )
 
 
@@ -264,7 +283,8 @@ def _pedestrian(track: Track) -> Track:
 def _vehicle(track: Track) -> Track:
     own, size = track.values, None
     if "speed" in own:
-        heading, speed = own["heading"], np.maximum(own["speed"], 0.0)
+        heading = own["heading"] if "heading" in own else _courses(*_velocity(own))
+        speed = np.maximum(own["speed"], 0.0)
     else:
         vx, vy = _velocity(own)
         heading = own["heading"] if "heading" in own else _courses(vx, vy)

@@ -39,14 +39,14 @@ class Track:
         return self.first + len(next(iter(self.values.values()))) - 1
 
 
-def read_text(path: Path) -> pl.DataFrame:
+def read_text(path: Path, delimiter: str = ",") -> pl.DataFrame:
     """Return a CSV file with every value as text.
 
     :raises InvalidInput: it cannot be read.
     """
     require_regular(path)
     try:
-        return pl.read_csv(path, infer_schema=False)
+        return pl.read_csv(path, infer_schema=False, separator=delimiter)
     except (pl.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
         raise InvalidInput(f"{path}: not readable as CSV: {reason(error)}; take the file as published") from None
 
