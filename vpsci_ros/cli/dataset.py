@@ -185,9 +185,10 @@ def bag(
 def _workers(ray: str | None, count: int | None) -> "Callable[[Job, int], Workers[Unit, bytes]]":
     """Return a function that starts the workers chosen by the options, given a job and a batch."""
     if ray is not None:
-        from vpsci_ros.generate.ray_workers import RayWorkers
+        from vpsci_ros.generate.simulate import computing
+        from vpsci_ros.runs.ray_workers import RayWorkers
 
-        return lambda job, batch: RayWorkers(job, batch, ray, count)
+        return lambda job, batch: RayWorkers(partial(computing, job, batch), ray, count)
     from vpsci_ros.generate.run import simulators
 
     return lambda job, batch: simulators(job, batch, count or len(os.sched_getaffinity(0)))

@@ -104,8 +104,13 @@ def ads_test(
         ),
     ] = None,
     workers: Annotated[
-        int, typer.Option(min=1, metavar="N", help="Graphs (or processes of a class) side by side; all else is equal.")
-    ] = 1,
+        int | None,
+        typer.Option(min=1, metavar="N", help="Graphs (or processes of a class) side by side; all else is equal."),
+    ] = None,
+    ray: Annotated[
+        str | None,
+        typer.Option("--ray", metavar="ADDRESS", help="On the hosts of a Ray cluster: its address, auto or local."),
+    ] = None,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
@@ -130,14 +135,14 @@ def ads_test(
     if protocol is not None and protocol not in PROTOCOLS:
         raise InvalidInput(f"--protocol {protocol}: unknown; expected {', '.join(PROTOCOLS)}")
     if search:
-        if fail_if or recorded or episodes or baseline or protocol or why:
+        if fail_if or recorded or episodes or baseline or protocol or why or ray:
             raise InvalidInput(
-                "--search goes without --fail-if, --recorded, --episodes, --baseline, --protocol and --why; put what "
-                "it finds to an exam with these: --episodes failures.json"
+                "--search goes without --fail-if, --recorded, --episodes, --baseline, --protocol, --why and --ray; put "
+                "what it finds to an exam with these: --episodes failures.json"
             )
-        exam = prepare(sections, ads, ads_class, workers, port)
+        exam = prepare(sections, ads, ads_class, workers or 1, port)
         with stoppable(output):
-            failures = run_search(exam, output, workers=workers, quiet=quiet)
+            failures = run_search(exam, output, workers=workers or 1, quiet=quiet)
         for reason in failures:
             print(f"failed: {reason}", file=sys.stderr)
     elif guard is not None and baseline is None:
@@ -145,13 +150,14 @@ def ads_test(
     elif budget is not None:
         raise InvalidInput("--budget is of --search; --episodes N says how many episodes an exam has")
     else:
-        exam = prepare(sections, ads, ads_class, workers, port)
+        exam = prepare(sections, ads, ads_class, workers or 1, port)
         with stoppable(output):
             failures = run_exam(
                 exam,
                 output,
                 fail_if or [],
                 workers=workers,
+                ray=ray,
                 against=baseline,
                 guard=guard,
                 protocol=protocol or "",

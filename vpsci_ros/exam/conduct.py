@@ -27,6 +27,7 @@ from vpsci_ros.exam.driver_class import Driver, find_driver
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_process import SIDE_BY_SIDE, InProcess
 from vpsci_ros.exam.measures import RunResult
+from vpsci_ros.exam.on_hosts import elsewhere, files_needed, unpack
 from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
 from vpsci_ros.exam.report import BASELINE, Conduct
@@ -41,9 +42,10 @@ from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.progress import Bars
+from vpsci_ros.runs.ray_workers import RayWorkers
 from vpsci_ros.runs.record import RECORD, write_record
 from vpsci_ros.runs.sections import Sections
-from vpsci_ros.runs.workers import computed, local_workers
+from vpsci_ros.runs.workers import Workers, computed, local_workers
 from vpsci_ros.world import Recorded, World
 from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.intervention import InterventionConfig, Interventions
@@ -66,13 +68,21 @@ class Run(NamedTuple):
 
 
 def run_with_all(
-    exam: Exam, folder: Path, pedestrians: Sequence[str], *, workers: int = 1, quiet: bool, what: str = ""
+    exam: Exam,
+    folder: Path,
+    pedestrians: Sequence[str],
+    *,
+    workers: int | None = None,
+    ray: str | None = None,
+    quiet: bool,
+    what: str = "",
 ) -> dict[str, RunResult]:
     """Have the ADS meet one pedestrian after the other; what is done in `folder` is not done again.
 
     With a run in which not one episode is driven it ends: no need to have that said once for each.
 
     :param workers: runs side by side, each in a process of its own; what comes out does not depend on their number.
+    :param ray: address of the cluster on whose hosts they run, see `on_hosts`; None: on this machine.
     :param what: these runs are, for who waits.
     :raises VpsciError: a node has failed, or workers die again and again.
     :raises KeyboardInterrupt: stopped on request.
@@ -80,14 +90,26 @@ def run_with_all(
     parts = exam.parts()
     runs = [Run(name, number) for name in pedestrians for number in range(len(parts))]
     waiting, found, begun = iter(runs), dict[Run, RunResult](), time.monotonic()
-    titles = {run: f"{what}{n} of {len(runs)}" for n, run in enumerate(runs, 1)} if workers == 1 and not quiet else {}
+    alone = ray is None and (workers or 1) == 1
+    titles = {run: f"{what}{n} of {len(runs)}" for n, run in enumerate(runs, 1)} if alone and not quiet else {}
+    here = partial(conductor, parts, titles)
 
     def following() -> Run | None:
         return None if any(not result.episodes for result in found.values()) else next(waiting, None)
 
-    pool = local_workers(partial(_conductor, parts, folder, titles), min(workers, len(runs)))
-    with contextlib.closing(pool), Bars(quiet=quiet or workers == 1) as bars:
+    pool: Workers[Run, RunResult | bytes]
+    if ray is None:
+        pool = local_workers(partial(here, folder), min(workers or 1, len(runs)))
+    else:
+        done_before = [run for run in runs if not conduct_of(parts[run.part], folder, run.pedestrian).failure]
+        found |= {run: here(folder)(run) for run in done_before}
+        waiting = iter([run for run in runs if run not in found])
+        pool = RayWorkers(partial(elsewhere, here, parts[0], files_needed(parts[0])), ray, workers)
+    with contextlib.closing(pool), Bars(quiet=quiet or alone) as bars:
         for run, result in computed(pool, following, ahead=0):
+            if isinstance(result, bytes):
+                unpack(result, folder)
+                result = here(folder)(run)  # noqa: PLW2901 - now that it has been driven, it is read
             found[run] = result
             done, wanted = sum(parts[each.part].run.total for each in found), len(exam.episodes) * len(pedestrians)
             bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(run.pedestrian)}")
@@ -98,7 +120,7 @@ def run_with_all(
     return {name: joined(results, len(exam.episodes)) for name, results in taken.items() if results}
 
 
-def _conductor(parts: Sequence[Exam], folder: Path, titles: Mapping[Run, str]) -> Callable[[Run], RunResult]:
+def conductor(parts: Sequence[Exam], titles: Mapping[Run, str], folder: Path) -> Callable[[Run], RunResult]:
     """Return what conducts the runs of an exam's parts, in a process of its own or not.
 
     :param titles: of the runs, for who waits; a run without one is quiet.

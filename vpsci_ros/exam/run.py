@@ -28,13 +28,14 @@ from vpsci_ros.exam.collect import bags_of
 from vpsci_ros.exam.conduct import autopilot_run, run_with_all
 from vpsci_ros.exam.config import ALONE, EXTERNAL, NO_SOCKET, PERSON, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import check, parse
-from vpsci_ros.exam.driver_class import files_of_driver, find_driver
+from vpsci_ros.exam.driver_class import find_driver
 from vpsci_ros.exam.earlier import Earlier, compare, compared_with, write_junit
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.failures import again_source, export_smallest, groups_of
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, RunResult, episode_table
+from vpsci_ros.exam.on_hosts import driver_files
 from vpsci_ros.exam.page import write_page
-from vpsci_ros.exam.process import OWN, command_of, files_of
+from vpsci_ros.exam.process import OWN, command_of
 from vpsci_ros.exam.report import ADS, BASELINE, FAILED_BEFORE, make_report
 from vpsci_ros.exam.summary import write_summary
 from vpsci_ros.exam.view import Driven, exam_sources
@@ -122,7 +123,8 @@ def run_exam(
     folder: Path,
     criteria: Sequence[str] = (),
     *,
-    workers: int = 1,
+    workers: int | None = None,
+    ray: str | None = None,
     against: Path | None = None,
     guard: int | None = None,
     protocol: str = "",
@@ -132,13 +134,15 @@ def run_exam(
     """Conduct the exam, write and print its report, and return the reasons to fail: none where it is passed.
 
     :param criteria: as for --fail-if, in addition to those of the parameters.
-    :param workers: runs side by side.
+    :param workers: runs side by side; `ray`: on the hosts of this cluster, on all of its cores unless `workers` says.
     :param against: folder of an earlier exam to compare with; `guard`: see `compared_with`.
     :param protocol: one of `vpsci_ros.exam.protocol.PROTOCOLS`, whose tests are driven as well; empty: none.
     :param why: how many failures with each pedestrian are driven again, for what would have avoided them.
     :raises InvalidInput: a criterion is refused, or `folder` holds something else; nothing has been run then.
     :raises VpsciError: a node has failed.
     """
+    if ray is not None and exam.config.ads in (EXTERNAL, PERSON) and not exam.config.ads_class:
+        raise InvalidInput(f"--ray {ray}: a system that you start yourself (external) drives on this machine only")
     pedestrians = exam.config.opponents
     parsed = [parse(text, pedestrians, compared=against is not None) for text in (*exam.config.fail_if, *criteria)]
     earlier: Earlier | None = None
@@ -146,7 +150,7 @@ def run_exam(
         exam, earlier = compared_with(exam, identity_of(exam), against, guard)
     identity = identity_of(exam)
     take_folder(folder, identity)
-    runs = {ADS: run_with_all(exam, folder, exam.opponents, workers=workers, quiet=quiet)}
+    runs = {ADS: run_with_all(exam, folder, exam.opponents, workers=workers, ray=ray, quiet=quiet)}
     if exam.config.baseline:
         runs[BASELINE] = {name: autopilot_run(exam, name) for name in (ALONE, *pedestrians)}
     table = pl.concat(_rows(exam, driver, runs[driver]) for driver in runs)
@@ -156,11 +160,13 @@ def run_exam(
     searches: list[Search] = []
     if why:
         again = folder / FOLDER
-        report["why"], searches = explain(exam, again, runs[ADS], table, why, workers=workers, quiet=quiet)
+        report["why"], searches = explain(exam, again, runs[ADS], table, why, workers=workers or 1, quiet=quiet)
         report["why"]["groups"] = groups_of(exam, runs[ADS], table)
         report["why"]["not_exported"] = export_smallest(report["why"], runs[ADS], again / "openscenario")
     if protocol:
-        report["protocol"] = standard.conduct_protocol(exam, folder / standard.FOLDER, workers=workers, quiet=quiet)
+        report["protocol"] = standard.conduct_protocol(
+            exam, folder / standard.FOLDER, workers=workers or 1, quiet=quiet
+        )
         people = next((name for name in pedestrians if name in report["drivers"].get(ADS, {})), "")
         report["protocol"]["beside"] = standard.beside_people(report["protocol"], report["drivers"], people)
     verdicts = check(parsed, report, pedestrians)
@@ -251,7 +257,7 @@ def identity_of(exam: Exam) -> dict[str, Any]:
     whole = {"whole": list(exam.whole.run.only)} if exam.whole else {}  # of which it is a part
     return whole | {
         "ads": exam.config.examined,
-        "ads_files_sha256": _files_of(exam.config),
+        "ads_files_sha256": driver_files(exam),
         "parameters": {name: dict(exam.sections.values.get(name, {})) for name in nodes} | {"ads_test": examined},
         "world": dataclasses.asdict(exam.world),
         "scenarios_sha256": {scenario.name: scenario.sha256 for scenario in exam.scenarios},
@@ -261,12 +267,6 @@ def identity_of(exam: Exam) -> dict[str, Any]:
         "software": software_versions(),
         "cpu": cpu_name(),
     }
-
-
-def _files_of(config: ExamConfig) -> dict[str, str]:
-    if config.ads_class:
-        return files_of_driver(config.ads_class)
-    return {} if config.ads in (EXTERNAL, PERSON) else files_of(config.ads)
 
 
 def take_folder(folder: Path, identity: dict[str, Any], name: str = IDENTITY) -> None:

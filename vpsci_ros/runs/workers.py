@@ -1,7 +1,7 @@
 """Processes that do units of work: started fresh, replaced when they die.
 
 A worker gets the job once, then units, and gives back what each came to. `Serial` is the same without processes,
-`generate.ray_workers` the same over a cluster.
+`ray_workers` the same over a cluster.
 """
 
 import contextlib
