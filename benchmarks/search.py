@@ -45,33 +45,34 @@ State = NDArray[np.void]
 
 
 class LateDriver:
-    """Brakes for a contact within the horizon, at what it saw some ticks ago; else keeps its speed."""
+    """Brakes for a contact within the horizon [s], at what it saw `late` ticks ago; else keeps its speed."""
 
-    def __init__(self) -> None:
+    def __init__(self, late: int = LATE, horizon: float = HORIZON) -> None:
+        self._late, self._horizon = late, horizon
         self._past: list[State] = []
 
     def act(self, state: State) -> NDArray[np.float64]:
         """Return accelerations, float64[B, 2] [m/s2], for EPISODE[B]."""
-        self._past = [*self._past[-LATE:], state.copy()]
+        self._past = [*self._past[-self._late :], state.copy()]
         old, seen = self._past[0], state.copy()
         same = (old["episode"] == state["episode"]) & (old["scenario"] == state["scenario"]) & (old["status"] != IDLE)
         for name in _PLACE:
             unseen = 1e4 if name == "pedestrian_x" else state[name]
             seen[name] = np.where(same, old[name], unseen)
         speed = state["vehicle_speed"]
-        time_left = contact_time(seen, np.maximum(speed, 1.0))
+        time_left = contact_time(seen, np.maximum(speed, 1.0), self._horizon)
         braking = -np.minimum(8.0, np.maximum(3.0, 0.5 * speed / np.maximum(time_left, 0.1)))
-        along = np.where(time_left < HORIZON, braking, np.clip((CRUISE - speed) / 0.5, -2.0, 2.0))
+        along = np.where(time_left < self._horizon, braking, np.clip((CRUISE - speed) / 0.5, -2.0, 2.0))
         return np.stack([along, np.zeros_like(along)], axis=1)
 
 
-def contact_time(state: State, speed: NDArray[np.float64]) -> NDArray[np.float64]:
+def contact_time(state: State, speed: NDArray[np.float64], horizon: float) -> NDArray[np.float64]:
     """Return when the two come within the margin if both go on so [s], float64[B]; infinity: not within the horizon."""
     x, y, heading = (state[name].copy() for name in ("vehicle_x", "vehicle_y", "vehicle_heading"))
     px, py = state["pedestrian_x"].copy(), state["pedestrian_y"].copy()
     turning = state["vehicle_curvature"] * state["vehicle_speed"]
     found, step = np.full(len(state), np.inf), 0.1
-    for number in range(round(HORIZON / step)):
+    for number in range(round(horizon / step)):
         cos, sin = np.cos(heading), np.sin(heading)
         forward, left = cos * (px - x) + sin * (py - y), cos * (py - y) - sin * (px - x)
         met = (abs(forward) < _LENGTH) & (abs(left) < _WIDTH) & np.isinf(found)
