@@ -16,6 +16,7 @@ VERSION = re.search(r'^__version__ = "(.+)"$', (HERE / NAME / "__init__.py").rea
 
 # `ros2 run vpsci_ros EXECUTABLE` runs vpsci_ros/nodes/EXECUTABLE.py; test/test_packaging.py compares the two.
 EXECUTABLES = [
+    "carla_world",
     "example_ads",
     "learner",
     "pedestrian_policy",

@@ -43,6 +43,7 @@ OPTIONAL = {
 }  # extras: envs, generation on a cluster, realism, search, drive
 OPTIONAL |= {
     "av",
+    "carla",
     "commonroad",
     "google",
     "osi3",

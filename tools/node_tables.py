@@ -5,6 +5,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from vpsci_ros.carla.config import EngineConfig
 from vpsci_ros.cli.parameter_file import ELSEWHERE
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.exam.config import ExamConfig
@@ -103,7 +104,7 @@ GROUPS: dict[str, tuple[str, tuple[type, ...]]] = {
     ),
     "Graphs and bags": (
         "How nodes run together, and how their messages are recorded and replayed.",
-        (GraphConfig, PeerConfig, LockStepConfig, RecorderConfig, ReplayerConfig),
+        (GraphConfig, PeerConfig, LockStepConfig, EngineConfig, RecorderConfig, ReplayerConfig),
     ),
     "Learning from your own recordings": (
         "From which near misses the policies learn, and where the weights go. Parameter files set the rest.",

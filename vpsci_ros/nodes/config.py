@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vpsci_ros.bags.writer import CHUNK_SIZE
+from vpsci_ros.carla.config import EngineConfig
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
 from vpsci_ros.parameters import build, parameter
@@ -26,7 +27,7 @@ NODES = (
     "perception",
     "recorder",
 )
-EXECUTABLES = (*NODES, "replayer", "example_ads")  # of `ros2 run vpsci_ros` and `vpsci node`
+EXECUTABLES = (*NODES, "replayer", "example_ads", "carla_world")  # of `ros2 run vpsci_ros` and `vpsci node`
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,10 @@ class ReplayerConfig:
 
 SECTIONS: dict[str, tuple[type, ...]] = {
     "graph": (GraphConfig,),
-    "world_simulator": (PeerConfig, RunConfig, LockStepConfig, ExternalConfig, InterventionConfig, WorldConfig),
+    "world_simulator": (
+        *(PeerConfig, RunConfig, LockStepConfig, ExternalConfig),
+        *(InterventionConfig, EngineConfig, WorldConfig),
+    ),
     "safety_monitor": (PeerConfig, MonitorConfig),
     "vehicle_policy": (PeerConfig, PolicyConfig),
     "pedestrian_policy": (PeerConfig, PolicyConfig),

@@ -4,6 +4,7 @@ What an answer is, when to wait and when to go on is in `world.lockstep`, the lo
 """
 
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from vpsci_msgs.srv import History
 from vpsci_ros.bags.recorded import recorded_from_bag
+from vpsci_ros.carla.config import EngineConfig
+from vpsci_ros.carla.server import LiveServer, Server
+from vpsci_ros.carla.world import EngineWorld
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.nodes import convert
@@ -41,13 +45,15 @@ LOG_PERIOD = 10.0  # [s] of wall time between lines about an episode's end
 class WorldSimulator(GraphNode):
     """`/safety/state` and the agents' actions in; `/clock`, `/world/state`, `/episode/event` and views of it out.
 
+    :param server: that moves the agents; None: that of the parameter `engine`.
+
     Finished when every episode of its queue has ended. Services: `/world/pause`, `/world/step`, `/world/reset`, and
     `/world/history` for policies that are started again on the way.
     """
 
     counts: WorldCounts
 
-    def __init__(self, **given: Any) -> None:
+    def __init__(self, *, server: Server | None = None, **given: Any) -> None:
         super().__init__("world_simulator", **given)
         self._run = self.config(RunConfig)
         self._config = self.config(WorldConfig)
@@ -57,6 +63,8 @@ class WorldSimulator(GraphNode):
         compiled.advance(compiled.now.unassessed())  # now rather than at the first tick
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
         self._recorded = recorded_from_bag(config.recorded_bag) if config.recorded_bag else None
+        engine = self.config(EngineConfig)
+        self._server = server or (LiveServer(engine, self._config.tick) if engine.engine == "carla" else None)
         changes = Interventions(self.config(InterventionConfig), scenarios, lane_following=self._config.lane_following)
         self._loop = Loop(self._new_world(), interventions=changes)
         self.counts = WorldCounts()
@@ -101,9 +109,16 @@ class WorldSimulator(GraphNode):
         self._set_pace()
         self.wall_timer(min(0.05, config.action_timeout / 4), self._on_timer)
 
+    def destroy_node(self) -> None:
+        """Leave the engine as it was found, also where making the node has failed."""
+        if server := self.__dict__.get("_server"):
+            server.close()
+        super().destroy_node()
+
     def _new_world(self, first_tick: int = 0) -> World:
         run, scenarios = self._run, list(self._scenarios.values())
-        return World(
+        make = World if self._server is None else partial(EngineWorld, self._server)
+        return make(
             self._config, scenarios, run.queue(), run.batch, run.seed, recorded=self._recorded, first_tick=first_tick
         )
 

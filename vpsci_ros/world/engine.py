@@ -154,14 +154,20 @@ def decide(state, answers, settings, events):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _advance(state, first, count, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
-    """Move a running episode in rows `first` to `first + count` to the next tick, and end it if it is over."""
-    _move(state, first, count, answers, tables, recordings, settings, pushes)
+def _finish(state, first, count, tables, settings, events):  # type: ignore[no-untyped-def]
+    """Locate everybody of a running episode at the new frame, and end it if it is over."""
     outcome = _arrive(state, first, count, tables, settings)
     if outcome != NONE:
         for i in range(first, first + count):
             state[i].outcome, state[i].status = outcome, ENDED
             events[i] = 1 << FINISHED
+
+
+@inlined
+def _advance(state, first, count, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
+    """Move a running episode in rows `first` to `first + count` to the next tick, and end it if it is over."""
+    _move(state, first, count, answers, tables, recordings, settings, pushes)
+    _finish(state, first, count, tables, settings, events)
 
 
 @kernel
@@ -189,3 +195,12 @@ def move_several(state, answers, tables, recordings, settings, pushes, events): 
         if state[first].status == RUNNING:
             count = state[first].pedestrians
             _advance(state, first, count, answers, tables, recordings, settings, pushes, events)
+
+
+@kernel
+def arrive(state, tables, settings, events):  # type: ignore[no-untyped-def]
+    """Locate everybody of EPISODE[B], of one pedestrian each, where another engine has put them, as `move` does."""
+    events[:] = 0
+    for i in range(state.size):
+        if state[i].status == RUNNING:
+            _finish(state, i, 1, tables, settings, events)

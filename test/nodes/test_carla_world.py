@@ -1,0 +1,60 @@
+"""A graph whose world is in a server: policies, monitor and recorder work on its car, and the bag holds its episodes."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+carla = pytest.importorskip("carla", reason="pip install 'vpsci_ros[carla]'")
+pytest.importorskip("scenariogeneration", reason="pip install 'vpsci_ros[openscenario]'")
+
+from carla_stand_in import StandInServer  # noqa: E402
+from nodes.stage import Stage, overrides  # noqa: E402
+from rclpy.context import Context  # noqa: E402
+from rclpy.experimental import EventsExecutor  # noqa: E402
+
+from vpsci_ros.bags.episodes import read_episodes  # noqa: E402
+from vpsci_ros.carla.config import EngineConfig  # noqa: E402
+from vpsci_ros.carla.server import LiveServer  # noqa: E402
+from vpsci_ros.nodes.agent_policy import PedestrianPolicy, VehiclePolicy  # noqa: E402
+from vpsci_ros.nodes.carla_world import CarlaWorld  # noqa: E402
+from vpsci_ros.nodes.recorder import Recorder  # noqa: E402
+from vpsci_ros.nodes.safety_monitor import SafetyMonitor  # noqa: E402
+from vpsci_ros.world import load_scenario  # noqa: E402
+
+PEERS = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
+
+
+def test_policies_monitor_and_recorder_work_on_the_car_of_a_server_and_the_bag_holds_its_episodes(
+    context: Context, closed: Callable[[Any], Any], weights: str, tmp_path: Path
+) -> None:
+    from vpsci_ros.export.opendrive import write_map
+
+    write_map(load_scenario(1), tmp_path / "road.xodr")
+    stand_in = StandInServer((tmp_path / "road.xodr").read_text())
+    server = LiveServer(EngineConfig(), 0.05, connect=lambda host, port: stand_in)
+    run = {"scenarios": [1], "episodes": 2, "batch": 1, "episode_time": 3.0, "spawn": "paper"}
+
+    def given(**values: Any) -> dict[str, Any]:
+        return {"context": context, "parameter_overrides": overrides(peers=PEERS, **values)}
+
+    world = CarlaWorld(server=server, **given(**run))
+    recorder = Recorder(**given(bag=str(tmp_path / "bag")))
+    policies = VehiclePolicy(**given(weights=weights)), PedestrianPolicy(**given(weights=weights))
+    nodes = world, SafetyMonitor(**given(critical_threshold=9.9)), *policies, recorder
+    session = closed(Stage(context, *nodes, executor=EventsExecutor))
+    session.spin_until(lambda: world.finished)
+    session.spin_until(lambda: recorder.quiet)
+    recorder.close()
+    assert world.counts.nonzero().keys() <= {"tick", "episodes_ended", "timeout", "collision", "goal"}, "no fault"
+    episodes = list(read_episodes(tmp_path / "bag"))
+    assert [episode.name for episode in episodes] == ["1:0", "1:1"]
+    driven = np.hypot(*np.diff([episodes[1].x, episodes[1].y])).sum()
+    assert driven > 0.5
+    car = stand_in.actors[0].get_transform().location
+    middle = np.hypot(car.x - episodes[1].x[-1], -car.y - episodes[1].y[-1])
+    assert middle == pytest.approx(0.2, abs=1e-3), (
+        "the bag has the server's car, whose origin is 0.2 m behind its middle"
+    )
