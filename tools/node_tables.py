@@ -5,7 +5,6 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from vpsci_ros.carla.config import EngineConfig
 from vpsci_ros.cli.parameter_file import ELSEWHERE
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.exam.config import ExamConfig
@@ -18,6 +17,7 @@ from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.runs.config import PeerConfig, RunConfig
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.intervention import InterventionConfig
+from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.perception import PerceptionConfig

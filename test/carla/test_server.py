@@ -10,12 +10,17 @@ pytest.importorskip("scenariogeneration", reason="pip install 'vpsci_ros[opensce
 
 from carla_stand_in import StandInServer  # noqa: E402
 
-from vpsci_ros.carla.config import EngineConfig  # noqa: E402
 from vpsci_ros.carla.server import Controls, LiveServer  # noqa: E402
 from vpsci_ros.carla.world import EngineWorld  # noqa: E402
+from vpsci_ros.cli.parameter_file import load  # noqa: E402
 from vpsci_ros.cosim import Vehicle, Walker  # noqa: E402
 from vpsci_ros.errors import InvalidInput, VpsciError  # noqa: E402
+from vpsci_ros.exam.run import prepare  # noqa: E402
+from vpsci_ros.generate.job import job_from  # noqa: E402
+from vpsci_ros.policy.simulation import simulation_of  # noqa: E402
+from vpsci_ros.resources import params_dir  # noqa: E402
 from vpsci_ros.world import ENDED, RUNNING, World, WorldConfig, load_scenario  # noqa: E402
+from vpsci_ros.world.engines import EngineConfig  # noqa: E402
 from vpsci_ros.world.loop import Loop  # noqa: E402
 
 AUTOPILOT = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", spawn="paper")
@@ -112,3 +117,19 @@ def test_what_a_server_cannot_hold_is_refused(stand_in):
         config = dataclasses.replace(AUTOPILOT, **change)
         with pytest.raises(InvalidInput, match="expected batch = 1, pedestrians = 1, no parked vehicles"):
             EngineWorld(live(stand_in), config, [scenario], [], batch, 1)
+
+
+def test_an_exam_that_would_not_drive_in_the_server_is_refused():
+    found = load(params_dir() / "ads_test.yaml").changed("world_simulator", {"engine": "carla"})
+    for chosen, ads in ((found, {}), (found.changed("ads_test", {"baseline": False}), {"ads": "sh", "port": 0})):
+        with pytest.raises(InvalidInput, match=r"engine = carla: .*\(ads_test\.baseline\) drive in this process"):
+            prepare(chosen, **ads)
+    assert prepare(found.changed("ads_test", {"baseline": False}), "sh").config.examined == "sh"
+
+
+def test_what_simulates_in_its_own_process_refuses_another_engine():
+    found = load(params_dir() / "stage3_generate.yaml").changed("world_simulator", {"engine": "carla"})
+    with pytest.raises(InvalidInput, match="engine = carla: a dataset is generated in this process"):
+        job_from(found)
+    with pytest.raises(InvalidInput, match="engine = carla: episodes are simulated in this process"):
+        simulation_of(found)

@@ -1,4 +1,4 @@
-"""A graph whose world is in a server: policies, monitor and recorder work on its car, and the bag holds its episodes."""
+"""A graph whose world is in a server: policies, monitor and recorder work on its car, and the bag holds it."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,13 +16,15 @@ from rclpy.context import Context  # noqa: E402
 from rclpy.experimental import EventsExecutor  # noqa: E402
 
 from vpsci_ros.bags.episodes import read_episodes  # noqa: E402
-from vpsci_ros.carla.config import EngineConfig  # noqa: E402
+from vpsci_ros.bags.verify import verify_bag  # noqa: E402
 from vpsci_ros.carla.server import LiveServer  # noqa: E402
+from vpsci_ros.errors import InvalidInput  # noqa: E402
 from vpsci_ros.nodes.agent_policy import PedestrianPolicy, VehiclePolicy  # noqa: E402
 from vpsci_ros.nodes.carla_world import CarlaWorld  # noqa: E402
 from vpsci_ros.nodes.recorder import Recorder  # noqa: E402
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor  # noqa: E402
 from vpsci_ros.world import load_scenario  # noqa: E402
+from vpsci_ros.world.engines import EngineConfig  # noqa: E402
 
 PEERS = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
 
@@ -53,8 +55,8 @@ def test_policies_monitor_and_recorder_work_on_the_car_of_a_server_and_the_bag_h
     assert [episode.name for episode in episodes] == ["1:0", "1:1"]
     driven = np.hypot(*np.diff([episodes[1].x, episodes[1].y])).sum()
     assert driven > 0.5
+    with pytest.raises(InvalidInput, match="engine = carla, which cannot be simulated again here"):
+        verify_bag(tmp_path / "bag")
     car = stand_in.actors[0].get_transform().location
     middle = np.hypot(car.x - episodes[1].x[-1], -car.y - episodes[1].y[-1])
-    assert middle == pytest.approx(0.2, abs=1e-3), (
-        "the bag has the server's car, whose origin is 0.2 m behind its middle"
-    )
+    assert middle == pytest.approx(0.2, abs=1e-3), "the server's car, whose origin is 0.2 m behind"

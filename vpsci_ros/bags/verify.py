@@ -34,6 +34,7 @@ from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
 from vpsci_ros.world.counts import MISSING_ANSWERS
 from vpsci_ros.world.intervention import InterventionConfig
+from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.monitor import MonitorConfig
@@ -108,7 +109,7 @@ def verify_bag(path: str | Path, *, weights: str = "", recover: bool = False) ->
 
 
 RECORDED: dict[str, tuple[type, ...]] = {
-    "world_simulator": (RunConfig, LockStepConfig, ExternalConfig, InterventionConfig, WorldConfig),
+    "world_simulator": (RunConfig, LockStepConfig, ExternalConfig, InterventionConfig, EngineConfig, WorldConfig),
     "safety_monitor": (MonitorConfig,),
     "vehicle_policy": (PolicyConfig,),
     "pedestrian_policy": (PolicyConfig,),
@@ -133,6 +134,10 @@ class _Simulation:
         for node, kinds in RECORDED.items():
             known = {row.name: row for kind in (PeerConfig, *kinds) for row in table(kind)} | {"queue": None}
             refuse_unknown(run.parameters.get(node, {}), known, f"{self._where}: {node}")
+        if (engine := pick(EngineConfig, world, "world_simulator").engine) != "vpsci":
+            raise InvalidInput(
+                f"{self._where}: its agents were moved by engine = {engine}, which cannot be simulated again here"
+            )
         config = pick(WorldConfig, world, "world_simulator")
         self.cpu = run.software.get("cpu", "")
         external = [agent for agent in AGENTS if getattr(config, f"{agent}_driver") == "external"]

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from vpsci_ros.carla.actors import vehicle_control, vehicle_of, vehicle_transform, walker_control, walker_of
-from vpsci_ros.carla.config import EngineConfig
 from vpsci_ros.cosim import Vehicle, Walker
 from vpsci_ros.errors import VpsciError
+from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.kinematics import MAX_STEERING_ANGLE
 
 PATIENCE = 20.0  # [s] for an answer of the server; loading a map takes the longest

@@ -50,6 +50,7 @@ from vpsci_ros.runs.sections import Sections
 from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import LIMIT, Source
 from vpsci_ros.world import WorldConfig
+from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.safe_stop import ExternalConfig
 
 IDENTITY, VIEW, SUMMARY, JUNIT = EXAM, "view.html", "summary.md", "junit.xml"
@@ -101,6 +102,9 @@ def prepare(
             "world_simulator.external_mode = real_time: a class is called at every tick, however long it takes, and so "
             "is a program behind a socket; examine it as a program that speaks ROS, by --ads"
         )
+    if config.in_process or config.baseline:
+        what = "a class, a program behind a socket and the autopilot (ads_test.baseline) drive"
+        chosen.get(EngineConfig, "world_simulator").require_own(what)
     if config.ads_class:
         find_driver(config.ads_class)
     elif config.ads != EXTERNAL:

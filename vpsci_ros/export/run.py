@@ -67,6 +67,7 @@ EXPORTERS = PluginGroup(
     {
         "openscenario": Exporter("vpsci_ros.export.openscenario", "openscenario"),
         "commonroad": Exporter("vpsci_ros.export.commonroad", "commonroad"),
+        "lanelet2": Exporter("vpsci_ros.export.lanelet2"),
         "osi": Exporter("vpsci_ros.export.osi", "osi"),
         "scenarionet": Exporter("vpsci_ros.export.scenarionet"),
         "minari": Exporter("vpsci_ros.export.minari"),

@@ -17,6 +17,7 @@ from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.provenance import cpu_name
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
+from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.scenario import own_documents
@@ -107,6 +108,7 @@ def job_from(
     """
     run = sections.get(RunConfig, "world_simulator")
     world = sections.get(WorldConfig, "world_simulator")
+    sections.get(EngineConfig, "world_simulator").require_own("a dataset is generated")
     if run.only:
         raise InvalidInput("world_simulator.only: a dataset has the episodes that it keeps; take it out")
     policies = {}

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from vpsci_ros.bags.writer import CHUNK_SIZE
-from vpsci_ros.carla.config import EngineConfig
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
 from vpsci_ros.parameters import build, parameter
@@ -13,6 +12,7 @@ from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.runs.config import PeerConfig, RunConfig
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.intervention import InterventionConfig
+from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.perception import PerceptionConfig

@@ -15,7 +15,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from vpsci_msgs.srv import History
 from vpsci_ros.bags.recorded import recorded_from_bag
-from vpsci_ros.carla.config import EngineConfig
 from vpsci_ros.carla.server import LiveServer, Server
 from vpsci_ros.carla.world import EngineWorld
 from vpsci_ros.errors import InvalidInput
@@ -31,6 +30,7 @@ from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
 from vpsci_ros.world.counts import MISSING_ANSWERS, WorldCounts
 from vpsci_ros.world.intervention import InterventionConfig, Interventions
+from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.lockstep import LockStep, LockStepConfig
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.safe_stop import ExternalConfig, ExternalDriver

@@ -10,6 +10,7 @@ from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
+from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.observation import AGENTS
@@ -61,6 +62,7 @@ def simulation_of(sections: Sections) -> SimulationConfig:
     :raises InvalidInput: a parameter or a scenario is refused.
     """
     run = sections.get(RunConfig, "world_simulator")
+    sections.get(EngineConfig, "world_simulator").require_own("episodes are simulated")
     return SimulationConfig(
         load_scenarios(run.scenarios, run.scenario_files),
         list(run.queue()),
