@@ -66,7 +66,7 @@ def imported(folder: str) -> set[str]:
     return {name.partition(".")[0] for name in names} - set(sys.stdlib_module_names) - {"vpsci_ros"}
 
 
-NODE_CLASSES, ABSTRACT = {"Node", "GraphNode", "AgentPolicy"}, {"graph_node", "agent_policy"}
+NODE_CLASSES, ABSTRACT = {"Node", "GraphNode", "AgentPolicy", "WorldSimulator"}, {"graph_node", "agent_policy"}
 
 
 def manifest(path: str = "package.xml") -> ET.Element:
