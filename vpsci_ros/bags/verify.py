@@ -33,8 +33,8 @@ from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
 from vpsci_ros.world.counts import MISSING_ANSWERS
-from vpsci_ros.world.intervention import InterventionConfig
 from vpsci_ros.world.engines import EngineConfig
+from vpsci_ros.world.intervention import InterventionConfig
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.monitor import MonitorConfig

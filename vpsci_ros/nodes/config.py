@@ -11,8 +11,8 @@ from vpsci_ros.parameters import build, parameter
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.runs.config import PeerConfig, RunConfig
 from vpsci_ros.world.config import WorldConfig
-from vpsci_ros.world.intervention import InterventionConfig
 from vpsci_ros.world.engines import EngineConfig
+from vpsci_ros.world.intervention import InterventionConfig
 from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.perception import PerceptionConfig

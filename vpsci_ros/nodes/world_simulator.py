@@ -29,8 +29,8 @@ from vpsci_ros.wire import received
 from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
 from vpsci_ros.world.counts import MISSING_ANSWERS, WorldCounts
-from vpsci_ros.world.intervention import InterventionConfig, Interventions
 from vpsci_ros.world.engines import EngineConfig
+from vpsci_ros.world.intervention import InterventionConfig, Interventions
 from vpsci_ros.world.lockstep import LockStep, LockStepConfig
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.safe_stop import ExternalConfig, ExternalDriver
