@@ -58,7 +58,7 @@ def test_the_page_needs_nothing_from_elsewhere(page):
 
 
 def test_the_page_may_run_no_script_and_send_nothing(page):
-    (policy,) = re.findall('Content-Security-Policy content="([^"]*)"', page[0])
+    (policy,) = re.findall('http-equiv=Content-Security-Policy content="([^"]*)"', page[0])
     assert policy.startswith("default-src 'none'; script-src 'none'; ")
 
 
