@@ -91,7 +91,7 @@ def test_a_map_of_ones_own_is_referred_to_and_none_is_written(own_bag, tmp_path)
 def test_an_episode_without_a_road_is_refused(episodes):
     from dataclasses import replace
 
-    with pytest.raises(InvalidInput, match="does not tell the road"):
+    with pytest.raises(InvalidInput, match="does not hold the road"):
         road_of(replace(episodes[0], scenario=None))
 
 

@@ -91,8 +91,9 @@ def test_an_exam_leaves_episodes_report_and_provenance_and_goes_on_without_drivi
     assert report["conduct"]["learned"]["commands_refused"] == 0
     assert len(report["exam"]["weights_sha256"]) == 64
     assert report["exam"]["ads_files_sha256"].keys() == {"example_ads.py", "example_driver.py"}
+    # An overview, an episode, and the one episode of those in which the ADS drove that is one to see.
     images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert [base64.b64decode(image)[:8] for image in images] == [b"\x89PNG\r\n\x1a\n"] * 2
+    assert [base64.b64decode(image)[:8] for image in images] == [b"\x89PNG\r\n\x1a\n"] * 3
     assert page.count("src=") == len(images), "nothing from elsewhere"
     assert "<b>Passed</b>" in page
 
