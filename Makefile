@@ -24,7 +24,7 @@ demo: setup  ## run all three stages, small; leaves bags, tables and a page that
 	@$(BIN)/vpsci demo --force $(if $(VPSCI_DATA),--data $(VPSCI_DATA))
 
 test: setup  ## run the tests
-	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest -q -rs --durations 20 -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
 
 check: setup  ## what a change has to pass: ruff, mypy, tests, each once
 	@$(BIN)/ruff check .

@@ -192,7 +192,7 @@ def main() -> None:
     watches.watch(loop, "assess", "CurvTTC")
     watches.watch(World, "advance", "world")
     watches.watch(simulate.EpisodeFrames, "add", "collecting")
-    watches.watch(simulate, "judge", "collecting")
+    watches.watch(simulate, "apply_filters", "collecting")
     watches.watch(simulate, "block_of", "collecting")
     watches.watch(simulate, "joined", "collecting")
     tables = []

@@ -3,6 +3,7 @@
 import os
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from exam.test_parts import EXAMPLE, report_of, small
@@ -38,6 +39,13 @@ def test_a_system_that_is_started_by_hand_is_not_on_a_cluster(tmp_path: Path) ->
     exam = prepare(small().sections.changed("ads_test", {"ads_class": ""}), ads="external")
     with pytest.raises(InvalidInput, match="drives on this machine only"):
         run_exam(exam, tmp_path / "exam", ray="local")
+    assert not (tmp_path / "exam").exists()
+
+
+@pytest.mark.parametrize("more", [{"why": 1}, {"protocol": "euro-ncap"}])
+def test_what_is_not_driven_on_a_cluster_is_refused_there(tmp_path: Path, more: dict[str, Any]) -> None:
+    with pytest.raises(InvalidInput, match="--protocol and --why drive on this machine only"):
+        run_exam(small(), tmp_path / "exam", ray="local", **more)
     assert not (tmp_path / "exam").exists()
 
 

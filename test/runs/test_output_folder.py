@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from vpsci_ros.cli.main import app
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
-from vpsci_ros.runs.files import FAILURE, ROOM_FILE, require_empty_folder
+from vpsci_ros.runs.files import FAILURE, ROOM_FILE, require_empty_folder, write_text
 from vpsci_ros.runs.output_folder import output_folder
 
 
@@ -49,6 +49,16 @@ def test_a_folder_that_was_taken_away_ends_the_command_and_nothing_is_written_in
         if away == "link":
             out.symlink_to(other)
     assert list(other.iterdir()) == []
+
+
+def test_no_file_is_written_through_a_link_that_took_the_folders_place(tmp_path: Path) -> None:
+    out, other = tmp_path / "out", tmp_path / "other"
+    (other / "inside").mkdir(parents=True)
+    with pytest.raises(VpsciError, match="out: this folder was deleted, moved or replaced"), output_folder(out):
+        out.rename(tmp_path / "moved")
+        out.symlink_to(other)
+        write_text(out / "inside" / "late", "late")
+    assert [path for path in other.rglob("*") if path.is_file()] == []
 
 
 def test_what_a_failed_command_left_says_so_until_the_command_succeeds(tmp_path: Path) -> None:

@@ -147,6 +147,8 @@ def run_exam(
     """
     if ray is not None and exam.config.ads in (EXTERNAL, PERSON) and not exam.config.ads_class:
         raise InvalidInput(f"--ray {ray}: a system that you start yourself (external) drives on this machine only")
+    if ray is not None and (protocol or why):
+        raise InvalidInput(f"--ray {ray}: --protocol and --why drive on this machine only; give them without --ray")
     pedestrians = exam.config.opponents
     parsed = [parse(text, pedestrians, compared=against is not None) for text in (*exam.config.fail_if, *criteria)]
     earlier: Earlier | None = None

@@ -9,8 +9,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import InvalidInput, VpsciError
 
+CLAIMED: dict[tuple[int, int], Path] = {}
+"""Device and inode of each folder that this process has claimed -> the path by which it writes there."""
 FAILURE = "failed.json"  # why a command left a folder unfinished
 ROOM_FILE = ".run.json.room"  # which keeps room for a record
 
@@ -36,8 +38,10 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     Content and name are on the disk when this returns, so that neither a crash nor a power cut leaves less.
 
     :raises InvalidInput: the parent folder does not exist, or `path` is a folder.
+    :raises VpsciError: an output folder above it was deleted, moved or replaced since it was claimed.
     """
     path = Path(path)
+    _require_claimed(path)
     if not path.parent.is_dir():
         raise InvalidInput(f"{path}: folder {path.parent} does not exist; make it or choose another output path")
     if path.is_dir():
@@ -51,10 +55,26 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
         _to_disk(temporary)
+        _require_claimed(path)
         temporary.replace(path)
         _to_disk(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _require_claimed(path: Path) -> None:
+    """Refuse to write by a path that leads out of the output folder it names."""
+    for identity, folder in CLAIMED.items():
+        if path.absolute().is_relative_to(folder) and not is_at(identity, folder):
+            raise VpsciError(f"{folder}: this folder was deleted, moved or replaced while it was being written")
+
+
+def is_at(identity: tuple[int, int], path: Path) -> bool:
+    """Return whether the folder of this device and inode is still what the path names."""
+    with contextlib.suppress(OSError):
+        status = path.stat()
+        return (status.st_dev, status.st_ino) == identity
+    return False
 
 
 def _to_disk(path: Path) -> None:

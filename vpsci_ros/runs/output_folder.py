@@ -9,10 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
-from vpsci_ros.runs.files import FAILURE, is_empty_folder, require_empty_folder
+from vpsci_ros.runs.files import CLAIMED, FAILURE, is_at, is_empty_folder, require_empty_folder
 from vpsci_ros.runs.record import RECORD, keep_room, read_record, release_room, write_record
-
-_CLAIMED: set[tuple[int, int]] = set()  # device and inode of the folders that this process has claimed
 
 
 class Claim:
@@ -29,8 +27,9 @@ class Claim:
             require_empty_folder(self.path)  # says that it is no folder
         self.path.mkdir(parents=True, exist_ok=True)
         handle = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
-        self._identity = _identity(os.fstat(handle))
-        self._first = self._identity not in _CLAIMED
+        status = os.fstat(handle)
+        self._identity = status.st_dev, status.st_ino
+        self._first = self._identity not in CLAIMED
         self.close = weakref.finalize(self, _release, handle, self._identity if self._first else None)
         """Give the folder up."""
         if self._first:
@@ -43,15 +42,12 @@ class Claim:
                 ) from None
             except OSError:  # a file system without locks
                 pass
-            _CLAIMED.add(self._identity)
+            CLAIMED[self._identity] = self.path.absolute()
 
     @property
     def there(self) -> bool:
         """Whether the path still names the folder that was claimed."""
-        try:
-            return _identity(self.path.stat()) == self._identity
-        except OSError:
-            return False
+        return is_at(self._identity, self.path)
 
     def require_there(self) -> None:
         """Refuse to go on by a path that names something else by now.
@@ -62,13 +58,9 @@ class Claim:
             raise VpsciError(f"{self.path}: this folder was deleted, moved or replaced while it was being written")
 
 
-def _identity(status: os.stat_result) -> tuple[int, int]:
-    return status.st_dev, status.st_ino
-
-
 def _release(handle: int, identity: tuple[int, int] | None) -> None:
     if identity is not None:
-        _CLAIMED.discard(identity)
+        CLAIMED.pop(identity, None)
     os.close(handle)
 
 
