@@ -113,8 +113,8 @@ def breakdown(job: Job, batch: int, episodes: int, watches: Stopwatches) -> dict
     for scenario in job.scenarios:
         part = simulator.run(Unit(scenario.number, range(episodes)))
         kept += int(part.kept.sum())
-        frames += int(part.frames.sum())
-        uncritical_frames += int(part.frames[part.failed[:, 0]].sum())
+        frames += int(part.records["frames"].sum())
+        uncritical_frames += int(part.records["frames"][part.records["failed"][:, 0]].sum())
     total = time.process_time() - begin
     parts = {name: watches.seconds[name] for name in ("policy", "CurvTTC", "world", "collecting")}
     uncritical = (total - parts["policy"]) * uncritical_frames / frames
