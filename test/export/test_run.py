@@ -59,7 +59,7 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(own_bag, t
 
 
 def test_an_unknown_format_vehicle_or_episode_is_refused_with_what_there_is(own_bag, tmp_path):
-    with pytest.raises(InvalidInput, match="unknown format 'osm'; expected one of openscenario, commonroad, lanelet2, osi"):
+    with pytest.raises(InvalidInput, match="unknown format 'osm'; expected one of openscenario, commonroad, lanelet2"):
         export(own_bag, ["osm"], tmp_path / "out")
     with pytest.raises(InvalidInput, match="vehicle 'parked': expected controllable or trajectory"):
         export(own_bag, ["carla-csv"], tmp_path / "out", Options(vehicle="parked"))

@@ -71,7 +71,7 @@ def _packed(folder: Path) -> bytes:
 
 
 def unpack(files: bytes, folder: Path) -> None:
-    """Put the files of a run where it would have left them; what tells that it is done comes last."""
+    """Put the files of a run where it would have left them; what marks it as done comes last."""
     with tempfile.TemporaryDirectory(prefix=".arriving-", dir=folder) as beside:
         with tarfile.open(fileobj=io.BytesIO(files)) as archive:
             archive.extractall(beside, filter="data")

@@ -41,7 +41,7 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     :raises VpsciError: an output folder above it was deleted, moved or replaced since it was claimed.
     """
     path = Path(path)
-    _require_claimed(path)
+    require_claimed(path)
     if not path.parent.is_dir():
         raise InvalidInput(f"{path}: folder {path.parent} does not exist; make it or choose another output path")
     if path.is_dir():
@@ -55,15 +55,18 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
         _to_disk(temporary)
-        _require_claimed(path)
+        require_claimed(path)
         temporary.replace(path)
         _to_disk(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def _require_claimed(path: Path) -> None:
-    """Refuse to write by a path that leads out of the output folder it names."""
+def require_claimed(path: Path) -> None:
+    """Refuse to write by a path that leads out of the output folder it names.
+
+    :raises VpsciError: an output folder above it was deleted, moved or replaced since it was claimed.
+    """
     for identity, folder in CLAIMED.items():
         if path.absolute().is_relative_to(folder) and not is_at(identity, folder):
             raise VpsciError(f"{folder}: this folder was deleted, moved or replaced while it was being written")
@@ -105,8 +108,10 @@ def require_empty_folder(path: str | Path) -> Path:
     """Create folder `path` if need be and return it.
 
     :raises InvalidInput: it exists and holds anything, or is not a folder.
+    :raises VpsciError: it lies in an output folder that was deleted, moved or replaced.
     """
     path = Path(path)
+    require_claimed(path)
     if path.exists() and not path.is_dir():
         raise InvalidInput(f"{path}: expected a folder for the output, found a file; choose another path")
     if path.is_dir() and not is_empty_folder(path):

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
-from vpsci_ros.runs.files import CLAIMED, FAILURE, is_at, is_empty_folder, require_empty_folder
+from vpsci_ros.runs.files import CLAIMED, FAILURE, is_at, is_empty_folder, require_claimed, require_empty_folder
 from vpsci_ros.runs.record import RECORD, keep_room, read_record, release_room, write_record
 
 
@@ -18,10 +18,12 @@ class Claim:
 
     :param path: made if need be.
     :raises InvalidInput: it is no folder, or another process has claimed it.
+    :raises VpsciError: it lies in an output folder that was deleted, moved or replaced.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
+        require_claimed(self.path)
         self.made = not self.path.exists()
         if not self.made and not self.path.is_dir():
             require_empty_folder(self.path)  # says that it is no folder
