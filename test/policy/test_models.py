@@ -102,6 +102,13 @@ def test_a_predictor_draws_other_actions_by_other_numbers_and_none_at_temperatur
     np.testing.assert_array_equal(acted(0.0), acted(0.0))
 
 
+def test_residuals_that_only_an_sst_acts_with_are_refused_rather_than_left_out():
+    actor, every = SteppedActor(weights("multipath").actor("vehicle"), 1), np.ones(1, bool)
+    seen, _, _ = histories(rows=1, steps=1)
+    with pytest.raises(InvalidInput, match="hold residuals of people, which an SST alone acts with"):
+        actor.step(seen[:, 0], np.ones(1), every, every, residual=np.zeros((1, 2), np.float32))
+
+
 def test_pooling_does_not_depend_on_the_order_of_the_others_and_leaves_out_who_is_far_or_absent():
     torch.manual_seed(0)
     place, hidden, order = 6.0 * torch.randn(5, 4, 2), torch.randn(5, 4, 3), torch.tensor([2, 0, 3, 1])

@@ -66,12 +66,10 @@ class SocketDriver:
         rest = {"curvttc": curvttc, "distance": observation.distance}
         self._send({"type": "tick", "tick": tick, "time": observation.time} | seen | rest)
         line = self._line()
-        try:
+        with contextlib.suppress(ValueError, LookupError, TypeError, RecursionError):
             answer = json.loads(line)
             if answer["tick"] == tick:
                 return answer["command"]
-        except (ValueError, LookupError, TypeError, RecursionError):
-            pass
         raise InvalidInput(f'expected {{"tick": {tick}, "command": ...}}, got {line[:_SHOWN]!r}')
 
     def _send(self, message: dict[str, Any]) -> None:

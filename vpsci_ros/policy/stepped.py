@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Union
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.config import SST
 from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import ActorWeights
@@ -53,7 +54,12 @@ class SteppedActor:
         draws: Draws | None = None,
         residual: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
-        """See `StreamingActor.step`; residuals are the SST's alone."""
+        """See `StreamingActor.step`.
+
+        :raises InvalidInput: residuals are given, which the SST alone takes.
+        """
+        if residual is not None:
+            raise InvalidInput("these weights hold residuals of people, which an SST alone acts with; learn without")
         import torch
 
         from vpsci_ros.policy.layers import LayerMemory
