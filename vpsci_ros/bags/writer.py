@@ -109,7 +109,8 @@ class BagWriter:
         :raises VpsciError: the disk refuses it.
         """
         row = self.topics[topic]
-        with self._on_disk():
+        self._require_whole()
+        try:  # rather than `_on_disk`, which takes as long as half a small message
             if self._split_size and self._file.tell() >= self._split_size and self.files[-1].messages:
                 self._claim.require_there()
                 self._finish()
@@ -117,6 +118,8 @@ class BagWriter:
             row.seen += 1
             self._writer.add_message(row.channel, log_time, data, publish_time, row.messages)
             self._file.flush()  # a chunk that has just filled goes to the operating system at once
+        except OSError as error:
+            raise self._refused(error) from error
         row.messages += 1
         self.files[-1].count(log_time)
 
@@ -150,15 +153,21 @@ class BagWriter:
 
     @contextlib.contextmanager
     def _on_disk(self) -> Iterator[None]:
-        if self._refusal:
-            raise VpsciError(f"{self.path}: not complete, since the disk refused a part of it ({self._refusal})")
+        self._require_whole()
         try:
             yield
         except OSError as error:
-            self._refusal = error.strerror or repr(error)
-            with contextlib.suppress(OSError):  # which the disk refuses as well
-                self._file.close()
-            raise VpsciError(f"{self.path}: cannot write ({self._refusal}); free some space, record again") from error
+            raise self._refused(error) from error
+
+    def _require_whole(self) -> None:
+        if self._refusal:
+            raise VpsciError(f"{self.path}: not complete, since the disk refused a part of it ({self._refusal})")
+
+    def _refused(self, error: OSError) -> VpsciError:
+        self._refusal = error.strerror or repr(error)
+        with contextlib.suppress(OSError):  # which the disk refuses as well
+            self._file.close()
+        return VpsciError(f"{self.path}: cannot write ({self._refusal}); free some space, record again")
 
     def _open(self) -> None:
         self.files.append(BagFile(f"{self.folder.name}_{len(self.files)}.mcap"))

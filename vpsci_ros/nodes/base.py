@@ -1,8 +1,9 @@
 """The form that all nodes share: parameters from configuration classes, topics from the table, one main."""
 
+import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, TypeVar
 
@@ -16,6 +17,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
@@ -68,6 +70,7 @@ class GraphNode(Node, metaclass=_Destroying):
 
     essential_peers: tuple[str, ...] = ("world_simulator",)
     drains = False  # whether a node that is to stop first receives what is on its way to it
+    niceness = 0  # of a process of its own, above 0 where nobody waits for the node
     in_the_graph = False  # from when there is something to destroy
     counts: WorldCounts | None = None  # of the world simulator, in its reports
 
@@ -97,6 +100,11 @@ class GraphNode(Node, metaclass=_Destroying):
         self.input = self.intake.add
         self.diagnostics = self.output("/diagnostics")
         self.wall_timer(DIAGNOSTICS_PERIOD, self._report_and_look_for_peers)
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """Those that an executor takes messages of: all but the polled ones."""
+        return (each for each in super().subscriptions if each not in self.intake.polled)
 
     def config(self, kind: type[T]) -> T:
         """Return one of the section's configuration classes, filled with this node's parameters."""
@@ -237,7 +245,7 @@ class GraphNode(Node, metaclass=_Destroying):
         return chosen
 
 
-def run(node_class: Callable[..., GraphNode], args: list[str] | None = None) -> int:
+def run(node_class: type[GraphNode], args: list[str] | None = None) -> int:
     """Run one node until it has finished or gets a signal to stop; return the exit status.
 
     0: finished or stopped on request; 1: it failed; 2: a parameter or an input file was refused.
@@ -251,6 +259,7 @@ def run(node_class: Callable[..., GraphNode], args: list[str] | None = None) -> 
     except VpsciError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    os.nice(node_class.niceness)  # now, so that the threads of the middleware have it, too
     context = Context()
     with stop_requested_by_signals(to_the_end=True) as stop:
         rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)

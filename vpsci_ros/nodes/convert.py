@@ -95,16 +95,12 @@ def odometry_messages(record: np.void, header: Header, prefix: str = "") -> tupl
     """Return vehicle and pedestrian of one EPISODE record as odometry; `prefix` comes before their frames' names."""
     frames = (f"{prefix}{agent}" for agent in AGENTS)
     motions = (layout.motion_of(record, agent) for agent in AGENTS)
-    vehicle, pedestrian = (_odometry(motion, frame, header) for motion, frame in zip(motions, frames, strict=True))
+    vehicle, pedestrian = (odometry(motion, frame, header) for motion, frame in zip(motions, frames, strict=True))
     return vehicle, pedestrian
 
 
-def pedestrian_odometry(record: np.void, header: Header, prefix: str = "") -> Odometry:
-    """Return one of several pedestrians, an EPISODE record, as odometry in a frame with its number."""
-    return _odometry(layout.motion_of(record, "pedestrian"), f"{prefix}pedestrian_{record['pedestrian']}", header)
-
-
-def _odometry(motion: layout.PlanarMotion, frame: str, header: Header) -> Odometry:
+def odometry(motion: layout.PlanarMotion, frame: str, header: Header) -> Odometry:
+    """Return a motion as the odometry of who has this frame, such as "vehicle"."""
     message = Odometry(header=header, child_frame_id=f"{frame}/base_link")
     message.pose.pose.position = Point(x=motion.x, y=motion.y)
     message.pose.pose.orientation = yaw_quaternion(motion.yaw)

@@ -5,6 +5,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable
 from functools import partial
+from operator import itemgetter
 from typing import Any, TypeVar
 
 from rclpy.node import Node
@@ -16,6 +17,7 @@ from vpsci_ros.nodes.config import NODES
 from vpsci_ros.nodes.topics import TOPICS, speakers
 
 T = TypeVar("T")
+MOST_AT_ONCE = 1000  # messages of a topic in one poll
 LOG_PERIOD = 5.0  # [s] between lines about refused messages of a topic
 UNKNOWN = "_NODE_NAME_UNKNOWN_"  # so the middleware calls a node of which it knows only the publisher yet
 
@@ -24,6 +26,7 @@ class Intake:
     """The subscriptions of a node, by topic of the table.
 
     :ivar arrived: `time.perf_counter()` when the latest message came.
+    :ivar polled: subscription -> topic of those that the node polls itself.
     :ivar refused: topic -> messages that were refused.
     """
 
@@ -31,6 +34,7 @@ class Intake:
         self._node = node
         self._inputs: dict[str, Subscription] = {}
         self._receivers: dict[str, tuple[Callable[[Any], Any], Callable[[Any], None]]] = {}
+        self.polled: dict[Subscription, str] = {}
         self._second: set[str] = set()
         self._sharing: set[str] = set()
         self.refused: Counter[str] = Counter()
@@ -45,19 +49,40 @@ class Intake:
         qos: QoSProfile | None = None,
         *,
         raw: bool = False,
+        polled: bool = False,
     ) -> Subscription:
         """Subscribe to a topic of the table.
 
         :param decode: called with each message, or its bytes where `raw`; refuses one by `InvalidInput`, and the
             refusal is counted and logged.
         :param handle: called with what `decode` returned.
+        :param polled: messages, `raw` ones, come when the node calls `poll`, and wake no executor.
         """
         row, self._receivers[topic] = TOPICS[topic], (decode, handle)
         receive = partial(self.receive, topic)
         self._inputs[topic] = self._node.create_subscription(
             row.type, row.ros_name, receive, raw=raw, **row.quality(qos)
         )
+        if polled:
+            self.polled[self._inputs[topic]] = topic
         return self._inputs[topic]
+
+    def poll(self) -> None:
+        """Take in all that has come on the polled topics, in the order in which it was published.
+
+        A wake of the executor and a call for each message costs a reader of everything several times as much.
+        """
+        came = []
+        for subscription, topic in self.polled.items():
+            with subscription.handle:
+                for _ in range(MOST_AT_ONCE):
+                    taken = subscription.handle.take_message(subscription.msg_type, True)
+                    if taken is None:
+                        break
+                    came.append((taken[1]["source_timestamp"], topic, taken[0]))
+        came.sort(key=itemgetter(0))
+        for _, topic, message in came:
+            self.receive(topic, message)
 
     def receive(self, topic: str, message: Any) -> None:
         """Take a message of a topic in, or refuse it."""

@@ -5,12 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Header, String
+from std_msgs.msg import String
 
-from vpsci_ros.nodes import convert
+from vpsci_ros.nodes import convert, views
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.markers import scene_markers
+from vpsci_ros.nodes.views import Scene
 from vpsci_ros.resources import robot_description
+from vpsci_ros.wire import layout
 from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.layout import MAP
 from vpsci_ros.wire.world_state import SerializedState, warm_up, write_world_state
@@ -41,7 +42,7 @@ class WorldOutputs:
     ) -> None:
         self._node = node
         self._period = config.tick
-        self._scenarios = scenarios
+        self._scene = Scene(scenarios)
         self._time = node.output("/clock")
         self._state = node.output("/world/state")
         self._event = node.output("/episode/event")
@@ -72,36 +73,36 @@ class WorldOutputs:
         """Publish a tick."""
         self._node.simulated_time = convert.stamp(tick.number, self._period)
         self._time.publish(Clock(clock=self._node.simulated_time))
-        header = Header(stamp=self._node.simulated_time, frame_id=MAP)
-        serialized = WireHeader(header.stamp.sec, header.stamp.nanosec, MAP)
-        self._state.publish(write_world_state(SerializedState(serialized, tick, self._period)))
+        header = WireHeader(self._node.simulated_time.sec, self._node.simulated_time.nanosec, MAP)
+        self._state.publish(write_world_state(SerializedState(header, tick, self._period)))
         for output in self._fixed if not self._fixed_published else ():
             output.publish(convert.fixed_transforms(self._node.frame_prefix))
         self._fixed_published = True
-        self._publish_motion(tick, header)
+        self._publish_motion(tick)
         for output in self._markers:
             if output.has_readers:
-                output.publish(scene_markers(tick.state, self._scenarios, header))
+                output.publish(self._scene.markers(tick.state, self._node.simulated_time))
 
     def repeat(self, tick: Tick) -> None:
         """Publish odometry and transforms of a tick once more, for readers that were not subscribed yet."""
-        self._publish_motion(tick, Header(stamp=self._node.simulated_time, frame_id=MAP))
+        self._publish_motion(tick)
 
-    def _publish_motion(self, tick: Tick, header: Header) -> None:
+    def _publish_motion(self, tick: Tick) -> None:
         """Publish odometry and the same as transforms, while there are readers."""
-        record, prefix = tick.state[0], self._node.frame_prefix
+        record, prefix, stamp = tick.state[0], self._node.frame_prefix, self._node.simulated_time
         moving = (*self._odometry, *self._pedestrians, *self._transforms)
         if record["status"] == IDLE or not any(output.has_readers for output in moving):
             return
-        published = list(convert.odometry_messages(record, header, prefix)[: len(self._odometry)])
-        for output, odometry in zip(self._odometry, published, strict=True):
-            output.publish(odometry)
+        motions = {f"{prefix}{agent}": layout.motion_of(record, agent) for agent in AGENTS[: len(self._odometry)]}
+        for output, (frame, motion) in zip(self._odometry, motions.items(), strict=True):
+            output.publish(views.odometry(frame, motion, stamp))
         for output in self._pedestrians:
             for pedestrian in tick.state[tick.state["status"] != IDLE]:
-                published.append(convert.pedestrian_odometry(pedestrian, header, prefix))
-                output.publish(published[-1])
+                frame = f"{prefix}pedestrian_{pedestrian['pedestrian']}"
+                motions[frame] = layout.motion_of(pedestrian, "pedestrian")
+                output.publish(views.odometry(frame, motions[frame], stamp))
         for output in self._transforms:
-            output.publish(convert.transforms(published))
+            output.publish(views.transforms(motions, stamp))
 
     def events(self, events: NDArray[np.void], number: int) -> None:
         """Publish what happened up to the tick of this number, EVENT[n], n > 0."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
+from vpsci_ros.wire.header import aligned
 from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.wire.signature import require_signature
 from vpsci_ros.world.compiled import kernel
@@ -18,6 +19,8 @@ from vpsci_ros.world.state import ENDED
 from vpsci_ros.world.tick import Tick
 
 _SEQUENCES = ("/markers", "/tf", "/tf_static")  # topics of messages that are sequences
+_LENGTH = struct.Struct("<I")
+_TRANSFORM = 56  # [bytes] of its numbers
 FARTHEST = 1e8  # [m], [m/s], [rad]: nothing in a world is beyond
 NEAR = 1000  # ticks: a reader's queue holds as many
 _MOTION = (
@@ -115,6 +118,29 @@ def stamp(topic: str, data: bytes) -> int:
             "does another program publish it?"
         )
     return int(seconds * 1_000_000_000 + nanoseconds)
+
+
+def child_frames(data: bytes, where: str) -> list[str]:
+    """Return the child frames of a serialized TFMessage.
+
+    :raises InvalidInput: it is none.
+    """
+    frames, at = [], 8
+    try:
+        for _ in range(_LENGTH.unpack_from(data, 4)[0]):
+            for ahead in (8, 0):  # behind the stamp the frame, behind that the child frame
+                at = aligned(at, 4) + ahead
+                begin = at + 4
+                at = begin + _LENGTH.unpack_from(data, at)[0]
+            frames.append(str(data[begin : at - 1], "utf-8"))
+            at = aligned(at, 8) + _TRANSFORM
+            if at > len(data):
+                break
+    except (struct.error, UnicodeDecodeError):
+        at = len(data) + 1
+    if at > len(data):
+        raise InvalidInput(f"{where}: {len(data)} bytes that are no TFMessage")
+    return frames
 
 
 class TickSequence:
