@@ -28,10 +28,12 @@ from vpsci_ros.resources import weights_path
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.filters import FilterConfig, apply_filters
 world = World(WorldConfig(), load_scenarios([1]), [(1, number) for number in range(4)], 4, 0)
 loop, frames = Loop(world, agents=policies(load_weights(weights_path("refined")), world)), EpisodeFrames(4, 601)
 for step in loop:
-    frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance)
+    frames.store(step.tick.state, step.assessment.curvttc, step.assessment.distance)
+apply_filters(frames.take(), FilterConfig())
 """
 
 
@@ -47,7 +49,7 @@ def test_episodes_with_policies_call_no_kernel_that_was_not_compiled_beforehand(
     beforehand = called("from vpsci_ros.policy.compiling import PARTS\nfor part in PARTS.values(): part()")
     later = {kernel for kernel in called(EPISODE) if ".tick._all_finite " not in kernel}  # a fifth of a second
     assert any(".engine.move_one " in kernel for kernel in later)
-    assert any(".streaming_kernels.step_rows " in kernel for kernel in later)
+    assert any(".streaming_kernels.step_slots " in kernel for kernel in later)
     assert later - beforehand == set()
 
 

@@ -8,10 +8,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.state import ENDED, IDLE
 
 QUANTITIES = (
@@ -69,80 +69,116 @@ class EpisodeBatch:
 class EpisodeFrames:
     """Collector of `batch` parallel episodes.
 
+    The frames of an episode are written once, to a place of its own, and stay there until they are taken.
+
     :param frames: room for so many frames an episode at first; it grows by itself.
+    :param waiting: room for so many ended episodes that are not taken yet; it grows by itself.
     """
 
-    def __init__(self, batch: int, frames: int = 256) -> None:
-        self._values: Floats32 = np.full((batch, frames, len(QUANTITIES)), np.nan, np.float32)
-        self._scenario = np.zeros(batch, np.uint8)
-        self._episode = np.full(batch, -1, np.int64)  # no episode has this number
-        self._open = np.zeros(batch, bool)
-        self._used = np.zeros(batch, np.int64)
-        self.broken_off = 0
+    def __init__(self, batch: int, frames: int = 256, waiting: int = 0) -> None:
+        self._batch = batch
+        self._values: Floats32 = np.full((batch + waiting, frames, len(QUANTITIES)), np.nan, np.float32)
+        self._slots, self._places = np.zeros(batch, _SLOT), np.zeros(batch + waiting, _PLACE)
+        self._slots["episode"] = -1  # no episode has this number
+        self._free, self._ended = np.arange(batch + waiting), np.zeros(batch + waiting, np.int64)
+        self._counts = np.array([batch + waiting, 0, 0])  # of `_free`, of `_ended`, of episodes broken off
 
     @property
     def unfinished(self) -> int:
         """Episodes seen so far of which the end is not (yet) seen: still running, or broken off by another one."""
-        return int(self._open.sum()) + self.broken_off
+        return int(self._slots["open"].sum() + self._counts[2])
 
     def add(self, state: NDArray[np.void], curvttc: NDArray[np.float64], distance: NDArray[np.float64]) -> EpisodeBatch:
-        """Take one tick and return the episodes that end with it (none, usually).
+        """Take one tick and return the episodes that end with it (none, usually); see `store`."""
+        self.store(state, curvttc, distance)
+        return self.take()
+
+    def store(self, state: NDArray[np.void], curvttc: NDArray[np.float64], distance: NDArray[np.float64]) -> int:
+        """Take one tick and return how many episodes have ended and wait for `take`.
 
         :param state: EPISODE[batch] records of the tick; an ended one counts once, however often it is shown.
         :param curvttc: float64[batch] [s], `distance`: float64[batch] [m], of the same tick.
         :raises InvalidInput: arrays that are not of the collector's batch.
         """
-        if not len(state) == len(curvttc) == len(distance) == len(self._open):
+        if not len(state) == len(curvttc) == len(distance) == self._batch:
             raise InvalidInput(
-                f"expected {len(self._open)} parallel episodes, got {len(state)} states, {len(curvttc)} CurvTTC and "
+                f"expected {self._batch} parallel episodes, got {len(state)} states, {len(curvttc)} CurvTTC and "
                 f"{len(distance)} distances; one collector serves one batch size"
             )
-        self._make_room(int(state["frame"].max(initial=0)) + 1)
-        finished, broken_off = _store(
-            state, curvttc, distance, self._scenario, self._episode, self._open, self._used, self._values
-        )
-        self.broken_off += broken_off
-        return self._give(np.flatnonzero(finished), state)
+        self._make_room(int(self._counts[1]) + self._batch, int(state["frame"].max(initial=0)) + 1)
+        _store(state, curvttc, distance, self._slots, self._places, self._values, self._free, self._ended, self._counts)
+        return int(self._counts[1])
 
-    def _make_room(self, frames: int) -> None:
-        batch, room, width = self._values.shape
-        if frames > room:
-            more = np.full((batch, max(frames - room, room), width), np.nan, np.float32)
-            self._values = np.concatenate([self._values, more], axis=1)
+    def take(self) -> EpisodeBatch:
+        """Return the episodes that wait, in the order in which they ended."""
+        free, count, _ = self._counts.tolist()
+        if not count:
+            return self._given(self._ended[:0], np.zeros(256, np.int64))
+        open_from = np.full(256, NOT_OPEN, np.int64)
+        running = self._slots[self._slots["open"]]
+        np.minimum.at(open_from, running["scenario"], running["episode"])
+        self._free[free : free + count] = self._ended[:count]
+        self._counts[:2] = free + count, 0
+        return self._given(self._ended[:count], open_from)
 
-    def _give(self, slots: NDArray[np.int64], state: NDArray[np.void]) -> EpisodeBatch:
-        open_from = np.zeros(256, np.int64)
-        if len(slots):
-            open_from[:] = NOT_OPEN
-            np.minimum.at(open_from, self._scenario[self._open], self._episode[self._open])
-        used = self._used[slots]
+    def _given(self, places: NDArray[np.int64], open_from: NDArray[np.int64]) -> EpisodeBatch:
+        of = self._places[places]
         return EpisodeBatch(
-            self._scenario[slots],
-            self._episode[slots],
-            state["outcome"][slots],
-            used,
-            self._values[slots, : used.max(initial=0)],
+            of["scenario"],
+            of["episode"],
+            of["outcome"],
+            np.ascontiguousarray(of["frames"]),
+            self._values[places, : of["frames"].max(initial=0)],
             open_from,
-            state["pedestrian"][slots],
+            of["pedestrian"],
         )
 
+    def _make_room(self, places: int, frames: int) -> None:
+        """Have room for so many places and frames in each."""
+        before, room, width = self._values.shape
+        if places <= before and frames <= room:
+            return
+        shape = max(places, before), room if frames <= room else max(frames, 2 * room)
+        values = np.full((*shape, width), np.nan, np.float32)
+        values[:before, :room] = self._values
+        more = np.arange(before, shape[0])
+        self._free = np.concatenate([self._free[: self._counts[0]], more, self._free[self._counts[0] :]])
+        self._counts[0] += len(more)
+        self._ended = np.concatenate([self._ended, more])
+        self._places = np.concatenate([self._places, np.zeros(len(more), _PLACE)])
+        self._values = values
 
-@njit(cache=True)
-def _store(state, curvttc, distance, scenario, episode, is_open, used, values):  # type: ignore[no-untyped-def]
-    """Put one tick into the buffer; return which slots' episodes end (bool[B]) and how many were broken off."""
-    finished = np.zeros(len(state), np.bool_)
-    broken_off = 0
-    for i in range(len(state)):
-        record = state[i]
+
+_SLOT = np.dtype([("episode", "i8"), ("place", "i8"), ("scenario", "u1"), ("open", "?")], align=True)
+_PLACE = np.dtype(
+    [("episode", "i8"), ("frames", "i8"), ("scenario", "u1"), ("outcome", "u1"), ("pedestrian", "u1")], align=True
+)
+
+
+@kernel
+def _store(state, curvttc, distance, slots, places, values, free, ended, counts):  # type: ignore[no-untyped-def]
+    """Put one tick where its episodes have their places, which they get as they begin; note those that end."""
+    for i in range(state.size):
+        record, slot = state[i], slots[i]
         if record.status == IDLE:
             continue
-        if record.episode != episode[i] or record.scenario != scenario[i]:
-            broken_off += is_open[i]
-            values[i, : used[i]] = np.nan
-            scenario[i], episode[i], is_open[i], used[i] = record.scenario, record.episode, True, 0
-        elif not is_open[i]:
+        if record.episode != slot.episode or record.scenario != slot.scenario:
+            if slot.open:
+                counts[2] += 1
+            else:
+                counts[0] -= 1
+                slot.place = free[counts[0]]
+            place = places[slot.place]
+            for f in range(place.frames):
+                for k in range(values.shape[2]):
+                    values[slot.place, f, k] = np.nan
+            place.scenario, place.episode, place.pedestrian, place.frames = (
+                record.scenario, record.episode, record.pedestrian, 0,
+            )  # fmt: skip
+            slot.scenario, slot.episode, slot.open = record.scenario, record.episode, True
+        elif not slot.open:
             continue
-        row = values[i, record.frame]
+        place, row = places[slot.place], values[slot.place, record.frame]
         # the vehicle moves along its heading, so that is where its velocity points
         row[0], row[1] = record.vehicle_x, record.vehicle_y
         row[2] = record.vehicle_speed * math.cos(record.vehicle_heading)
@@ -150,8 +186,8 @@ def _store(state, curvttc, distance, scenario, episode, is_open, used, values): 
         row[4], row[5] = record.pedestrian_x, record.pedestrian_y
         row[6], row[7] = record.pedestrian_vx, record.pedestrian_vy
         row[8], row[9] = distance[i], curvttc[i]
-        used[i] = max(used[i], record.frame + 1)
+        place.frames = max(place.frames, record.frame + 1)
         if record.status == ENDED:
-            finished[i] = True
-            is_open[i] = False
-    return finished, broken_off
+            place.outcome, slot.open = record.outcome, False
+            ended[counts[1]] = slot.place
+            counts[1] += 1

@@ -5,14 +5,17 @@ is counted. The third condition also drops each collision before the 100th frame
 how many is in the counts. An episode with several pedestrians is classified by one of them: it is kept if a pair is.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import float64
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode_frames import QUANTITIES, EpisodeBatch
 from vpsci_ros.parameters import parameter
 from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.world.compiled import kernel
 
 KEPT = 0
 REASONS = (
@@ -23,8 +26,7 @@ REASONS = (
     "vehicle hardly moved",  # (4) 10 m or less from the first to the last frame
     "pedestrian hardly moved",  # (4) 4 m or less
 )
-_VELOCITIES = [QUANTITIES.index(name) for name in QUANTITIES if name.startswith("velocity")]
-_VEHICLE = QUANTITIES.index("position_x_av")
+_VEHICLE = QUANTITIES.index("position_x_av")  # then y and the velocity
 _PEDESTRIAN = QUANTITIES.index("position_x_ped")
 _TTC = QUANTITIES.index("CurvTTC")
 
@@ -86,50 +88,63 @@ def apply_filters(batch: EpisodeBatch, config: FilterConfig) -> NDArray[np.void]
 
 def _judge_pairs(batch: EpisodeBatch, config: FilterConfig) -> NDArray[np.void]:
     """Return RECORD[n] of each pair as if it were alone."""
-    values, pairs = batch.values, np.zeros(len(batch), RECORD)
+    pairs = np.zeros(len(batch), RECORD)
     pairs["scenario"], pairs["count"], pairs["outcome"] = batch.scenario, batch.episode, batch.outcome
     pairs["frames"], pairs["pedestrians"] = batch.frames, 1
-    counted = np.arange(values.shape[1]) < batch.frames[:, None]
-    ttc = np.where(counted & ~np.isnan(values[..., _TTC]), values[..., _TTC], np.inf)
-    pairs["least_curvttc"] = ttc.min(axis=1, initial=np.inf)
-    missing = counted & np.isnan(values[..., _VELOCITIES]).any(axis=-1)
+    measures = np.zeros((len(batch), 6))
+    _measure(batch.values, batch.frames, measures)
+    least, missing, *paths, vehicle_moved, pedestrian_moved = measures.T
+    pairs["least_curvttc"], (pairs["vehicle_path"], pairs["pedestrian_path"]) = least, paths
     pairs["failed"] = np.column_stack(
         [
             ~(pairs["least_curvttc"] < config.critical_ttc),
-            _longest_run(missing) >= config.missing_frames,
+            missing >= config.missing_frames,
             batch.frames < config.least_frames,
-            _moved(values, _VEHICLE, counted) <= config.vehicle_distance,
-            _moved(values, _PEDESTRIAN, counted) <= config.pedestrian_distance,
+            vehicle_moved <= config.vehicle_distance,
+            pedestrian_moved <= config.pedestrian_distance,
         ]
     )
     pairs["reason"] = np.where(pairs["failed"].any(axis=1), pairs["failed"].argmax(axis=1) + 1, KEPT)
-    pairs["vehicle_path"], pairs["pedestrian_path"] = (_path_length(values, who) for who in (_VEHICLE, _PEDESTRIAN))
     return pairs
 
 
-def _longest_run(missing: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return int64[n], the longest run of True along the rows of bool[n, F]."""
-    if not missing.any():
-        return np.zeros(len(missing), np.int64)
-    step = np.arange(missing.shape[1])
-    last_seen = np.maximum.accumulate(np.where(missing, -1, step), axis=1)
-    run: NDArray[np.int64] = np.where(missing, step - last_seen, 0).max(axis=1)
-    return run
+@kernel
+def _measure(values, frames, out):  # type: ignore[no-untyped-def]
+    """Measure episodes, float32[n, F, 10], of which the first `frames` int64[n] count.
+
+    :param out: float64[n, 6]: least CurvTTC [s]; the longest run of frames without velocities; the lengths of both
+        trajectories, and how far both were at last from where they were first [m].
+    """
+    for i in range(frames.size):
+        rows, count = values[i], frames[i]
+        out[i, 0], run = math.inf, 0
+        for f in range(count):
+            row = rows[f]
+            if row[_TTC] < out[i, 0]:
+                out[i, 0] = row[_TTC]
+            vehicle = math.isnan(row[_VEHICLE + 2]) or math.isnan(row[_VEHICLE + 3])
+            pedestrian = math.isnan(row[_PEDESTRIAN + 2]) or math.isnan(row[_PEDESTRIAN + 3])
+            run = run + 1 if vehicle or pedestrian else 0
+            out[i, 1] = max(out[i, 1], run)
+        out[i, 2], out[i, 4] = _way(rows, count, _VEHICLE)
+        out[i, 3], out[i, 5] = _way(rows, count, _PEDESTRIAN)
 
 
-def _moved(values: NDArray[np.float32], first: int, counted: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return float64[n] [m], the distance between the first and the last position that were seen."""
-    if len(values) == 0:
-        return np.zeros(0)
-    seen = counted & ~np.isnan(values[..., first])
-    rows = np.arange(len(values))
-    begin = values[rows, seen.argmax(axis=1), first : first + 2].astype(np.float64)
-    end = values[rows, seen.shape[1] - 1 - seen[:, ::-1].argmax(axis=1), first : first + 2]
-    moved: NDArray[np.float64] = np.nan_to_num(np.hypot(*(end - begin).T))
-    return moved
+@kernel
+def _way(rows, count, first):  # type: ignore[no-untyped-def]
+    """Return the length of a trajectory and the distance of its ends [m], whose positions begin at a column."""
+    length, begin, end = 0.0, -1, 0
+    for f in range(count):
+        if not math.isnan(rows[f, first]):
+            begin, end = f if begin < 0 else begin, f
+        if f > 0:
+            step = _apart(rows, f - 1, f, first)
+            length += 0.0 if math.isnan(step) else step
+    moved = _apart(rows, begin, end, first) if begin >= 0 else 0.0
+    return length, 0.0 if math.isnan(moved) else moved
 
 
-def _path_length(values: NDArray[np.float32], first: int) -> NDArray[np.float64]:
-    steps = np.diff(values[..., first : first + 2].astype(np.float64), axis=1)
-    length: NDArray[np.float64] = np.nansum(np.hypot(steps[..., 0], steps[..., 1]), axis=1)
-    return length
+@kernel
+def _apart(rows, one, other, first):  # type: ignore[no-untyped-def]
+    dx = float64(rows[other, first]) - float64(rows[one, first])
+    return math.hypot(dx, float64(rows[other, first + 1]) - float64(rows[one, first + 1]))

@@ -20,6 +20,8 @@ from vpsci_ros.policy.weights import weights_from_bytes
 from vpsci_ros.world import World
 from vpsci_ros.world.loop import Loop
 
+TOGETHER = 256  # episodes, ended, that the filters see at once
+
 
 class Simulator:
     """Computes units of a job; the episodes' bits do not depend on `batch`, nor on which units came before.
@@ -35,19 +37,22 @@ class Simulator:
             self._agents[agent] = learned_agent(agent, policy.config)
             self._agents[agent].load(weights_from_bytes(policy.data, policy.name), version=1)
 
-    def loop(self, episodes: Iterable[tuple[int, int]]) -> Loop:
-        """Return the loop over every tick of episodes, (scenario, number) each."""
-        world = World(self._job.world, self._job.scenarios, episodes, self._batch, self._job.seed)
+    def loop(self, episodes: Iterable[tuple[int, int]], scenario: int = 0) -> Loop:
+        """Return the loop over every tick of episodes, (scenario, number) each; all of one scenario, where given."""
+        scenarios = [own for own in self._job.scenarios if own.number == scenario] or self._job.scenarios
+        world = World(self._job.world, scenarios, episodes, self._batch, self._job.seed)
         return Loop(world, self._job.monitor, self._agents)
 
     def run(self, unit: Unit) -> EpisodeBlock:
         """Simulate the unit's episodes and apply the filters to them."""
         job = self._job
-        frames = EpisodeFrames(self._batch * job.world.pedestrians, job.world.episode_ticks + 1)
-        blocks = []
-        for step in self.loop((unit.scenario, number) for number in unit.numbers):
-            ended = frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance)
-            if len(ended):
+        frames = EpisodeFrames(self._batch * job.world.pedestrians, job.world.episode_ticks + 1, TOGETHER)
+        loop, blocks = self.loop(((unit.scenario, number) for number in unit.numbers), unit.scenario), []
+        while not loop.world.done:
+            waiting = frames.store(loop.world.now.state, loop.assessment.curvttc, loop.assessment.distance)
+            loop.move()
+            if waiting >= TOGETHER or loop.world.done:
+                ended = frames.take()
                 blocks.append(block_of(ended, apply_filters(ended, job.filters), job.keep_rejected, unit.scenario))
         whole = joined(blocks)
         if not np.array_equal(whole.records["count"], unit.numbers):

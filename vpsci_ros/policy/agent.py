@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
-from vpsci_ros.policy.draws import Keys, draw_innovation, draw_latent, keys
+from vpsci_ros.policy.draws import Keys, draw_innovation, draw_latent, keys_of
 from vpsci_ros.policy.exploration import exploration_noise
-from vpsci_ros.policy.residuals import Borrower, Residuals, moments_of, same
+from vpsci_ros.policy.residuals import Borrower, Residuals, moments_in, same
 from vpsci_ros.policy.stepped import SteppedActor, actor_at_work
 from vpsci_ros.policy.streaming import Draws, StreamingActor
 from vpsci_ros.policy.weights import ActorWeights, Weights
@@ -100,15 +100,14 @@ class PolicyAgent:
         if not active.any():
             return np.zeros((len(state), 2), np.float32)
         reset = active & (state["controlled"] == 0)
-        self._step = np.where(reset, 0, self._step + active)
-        names = "scenario", "episode", "pedestrian", "frame"
-        key = keys(len(state), self._seed, *(state[name] for name in names))
+        self._step += active
+        self._step[reset] = 0
+        key = keys_of(state, self._seed)
         draws = self._draws(key, reset, active)
         seen = observation.observe(state)
         residual = None
         if self._borrower is not None:
-            yaw_rate = state["vehicle_curvature"] * state["vehicle_speed"]
-            moment = moments_of(seen[0], state["vehicle_acceleration"], yaw_rate)  # by which both find the same person
+            moment = moments_in(state, seen[0])  # by which both find the same person
             residual = self._borrower.step(moment, key, reset, active) * np.float32(self._temperature)
         action = self._actor.step(seen[self._index], assessment.curvttc, reset, active, draws, residual)
         if self._explore:

@@ -22,11 +22,13 @@ def _spawn() -> None:
 
 def _move() -> None:
     from vpsci_ros.data.episode_frames import EpisodeFrames
+    from vpsci_ros.data.filters import FilterConfig, apply_filters
     from vpsci_ros.world import World, WorldConfig, load_scenarios
     from vpsci_ros.world.loop import Loop
 
     step = Loop(World(WorldConfig(), load_scenarios([1]), [], 1, 0, first_tick=1)).step()  # a policy tick would spawn
-    EpisodeFrames(1, 2).add(step.tick.state, step.assessment.curvttc, step.assessment.distance)
+    ended = EpisodeFrames(1, 2).add(step.tick.state, step.assessment.curvttc, step.assessment.distance)
+    apply_filters(ended, FilterConfig())
 
 
 def _act() -> None:

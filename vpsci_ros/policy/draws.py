@@ -31,6 +31,21 @@ def keys(
     return made
 
 
+def keys_of(state: NDArray[np.void], seed: ArrayLike) -> Keys:
+    """Return the `keys` of EPISODE[B] records, each at its own frame."""
+    made = np.empty((len(state), 5), np.uint64)
+    made[:, 0] = seed
+    _keys(state, made)
+    return made
+
+
+@kernel
+def _keys(state, out):  # type: ignore[no-untyped-def]
+    for i in range(state.size):
+        slot = state[i]
+        out[i, 1], out[i, 2], out[i, 3], out[i, 4] = slot.scenario, slot.episode, slot.pedestrian, slot.frame
+
+
 def draw_latent(
     seed: ArrayLike, scenario: ArrayLike, episode: ArrayLike, agent: int, size: int, pedestrian: ArrayLike = 0
 ) -> NDArray[np.float32]:

@@ -132,6 +132,23 @@ def moments_of(observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: NDA
     return np.concatenate([*parts, -seen[..., 2:4], seen[..., 0:2] - seen[..., 4:6]], axis=-1, dtype=np.float64)
 
 
+def moments_in(state: NDArray[np.void], observed: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return `moments_of` EPISODE[B] records, float64[B, 7]; `observed` float32[B, 6] is what the vehicle observes."""
+    out = np.empty((len(state), 7))
+    _moments(state, observed, out)
+    return out
+
+
+@kernel
+def _moments(state, observed, out):  # type: ignore[no-untyped-def]
+    for i in range(state.size):
+        slot, seen = state[i], observed[i]
+        out[i, 0], out[i, 1] = seen[0], slot.vehicle_acceleration
+        out[i, 2] = slot.vehicle_curvature * slot.vehicle_speed
+        out[i, 3], out[i, 4] = -seen[2], -seen[3]
+        out[i, 5], out[i, 6] = float64(seen[0]) - float64(seen[4]), float64(seen[1]) - float64(seen[5])
+
+
 def describe(moments: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return `features_of` moments, float64[n, 8], and the pedestrians' sides, float64[n].
 

@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.streaming_kernels import step_rows, take_draws
+from vpsci_ros.policy.streaming_kernels import step_slots, take_draws, take_in
 from vpsci_ros.policy.weights import ActorWeights
-from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
 
 ROWS = 64  # rows worked together, layer by layer, so that a layer's weights are read from memory once for all of them
-NORMALISED_LIMIT = 6.0  # as in `vpsci_ros.policy.sst`
 
 
 class Draws(NamedTuple):
@@ -66,7 +64,7 @@ class StreamingActor:
         memory = 0 if network.carry_state else self._window
         self._inputs = np.zeros((memory, capacity, OBSERVATION_SIZE + ACTION_SIZE + network.risk_input), np.float32)
         self._past_risks = np.zeros((memory, capacity), np.float32)
-        self._taken = np.zeros(capacity, np.int64)
+        self._taken = np.full(capacity, -1)  # steps before the last one, for the same
         self._threads = threads
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
         self._work = [np.empty((6, ROWS, width), np.float32) for _ in range(threads)]
@@ -79,8 +77,8 @@ class StreamingActor:
         """
         if weights.network != self._network:
             raise InvalidInput(f"weights: expected networks of {self._network}, got {weights.network}")
-        self._mean = weights.tensors["encoder.observation_mean"].copy()
-        self._scale = weights.tensors["encoder.observation_scale"].copy()
+        names = "encoder.observation_mean", "encoder.observation_scale"
+        self._scaling = tuple(weights.tensors[name].copy() for name in names)
         if self._network.latent:
             kept = 1.0 / (1.0 + np.exp(-weights.tensors["persistence_logit"].astype(np.float64)))
             still = weights.tensors["stillness"]
@@ -107,31 +105,33 @@ class StreamingActor:
         :param residual: float32[B, 2] [m/s2], added to the actions of a network without latent numbers.
         :raises InvalidInput: wrong shapes, or an active observation or CurvTTC that is not a number.
         """
-        rows = self._rows(observation, curvttc, reset, active)
+        for name, value, *more in (
+            ("observation", observation, OBSERVATION_SIZE), ("curvttc", curvttc), ("reset", reset), ("active", active),
+        ):  # fmt: skip
+            if np.shape(value) != (self.capacity, *more):
+                shape = self.capacity, *more
+                raise InvalidInput(f"StreamingActor.step: {name}: expected shape {shape}, got {np.shape(value)}")
         actions = np.zeros((self.capacity, ACTION_SIZE), np.float32)
-        if rows.size == 0:
-            return actions
-        begun = rows[reset[rows]]
-        self._begin(begun)
-        self._action[begun] = 0.0
-        self._taken[begun] = 0
-        scaled = (np.asarray(observation, np.float32)[rows] - self._mean) / self._scale
-        risks = np.clip(np.float32(1.0) - np.asarray(curvttc, np.float32)[rows] / np.float32(CRITICAL_TTC), 0.0, 1.0)
-        parts = [np.clip(scaled, -NORMALISED_LIMIT, NORMALISED_LIMIT), self._action[rows]]
-        if self._network.risk_input:
-            parts.append(risks[:, None].astype(np.float32))
-        inputs = np.concatenate(parts, axis=1)
+        rows: NDArray[np.int64] = np.flatnonzero(active)
+        inputs = np.empty((rows.size, self._inputs.shape[2]), np.float32)
+        risks = np.empty(rows.size, np.float32)
+        seen, ttc = np.ascontiguousarray(observation, np.float32), np.ascontiguousarray(curvttc, np.float64)
+        bad = take_in(rows, seen, ttc, reset, self._scaling, self._action, self._states, self._counts, inputs, risks)
+        if bad >= 0:
+            raise InvalidInput(
+                f"StreamingActor.step: row {bad}: expected numbers, got observation {observation[bad]} "
+                f"and CurvTTC {curvttc[bad]}"
+            )
         if draws is not None and self._network.latent:
             self._take_draws(draws, rows, reset)
         else:
             self._latent[rows] = 0.0
             self._burst[rows] = 0.0 if residual is None else residual[rows]
         if self._network.carry_state:
-            actions[rows] = self._advance(rows, inputs, risks.astype(np.float32))
+            self._advance(rows, inputs, risks, actions)
         else:
-            actions[rows] = self._windowed(rows, inputs, risks.astype(np.float32))
-        self._taken[rows] += 1
-        self._action[rows] = actions[rows]
+            self._windowed(rows, inputs, risks, reset, actions)
+        self.executed(actions, active)
         return actions
 
     def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:
@@ -139,80 +139,52 @@ class StreamingActor:
 
         Without this call the returned actions enter it.
         """
-        self._action[active] = np.asarray(action, np.float32)[active]
+        np.copyto(self._action, action, where=active[:, None])
 
     def _take_draws(self, draws: Draws, rows: NDArray[np.int64], reset: NDArray[np.bool_]) -> None:
         """Take in the latent numbers of `rows` and carry their noise on."""
         kept = self._persistence, self._renewal, self._stillness
         take_draws(rows, reset, *draws, *kept, self._latent, self._noise, self._burst)
 
-    def _begin(self, slots: NDArray[np.int64]) -> None:
-        self._counts[slots] = 0
-        self._states[slots] = 0.0
-
     def _windowed(
-        self, rows: NDArray[np.int64], inputs: NDArray[np.float32], risks: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
+        self,
+        rows: NDArray[np.int64],
+        inputs: NDArray[np.float32],
+        risks: NDArray[np.float32],
+        reset: NDArray[np.bool_],
+        out: NDArray[np.float32],
+    ) -> None:
         """Replay the last inputs of each row into an empty state, rows of equally long windows together."""
+        self._taken[rows] = np.where(reset[rows], 0, self._taken[rows] + 1)
         place = self._taken[rows] % self._window
         self._inputs[place, rows], self._past_risks[place, rows] = inputs, risks
-        self._begin(rows)
-        out = np.zeros((rows.size, ACTION_SIZE), np.float32)
+        self._counts[rows], self._states[rows] = 0, 0.0
         for age in range(self._window - 1, -1, -1):
-            has = np.flatnonzero(self._taken[rows] >= age)
-            if has.size:
-                slot, at = rows[has], (self._taken[rows[has]] - age) % self._window
-                out[has] = self._advance(slot, self._inputs[at, slot], self._past_risks[at, slot])
-        return out
+            slot = rows[self._taken[rows] >= age]
+            at = (self._taken[slot] - age) % self._window
+            self._advance(slot, self._inputs[at, slot], self._past_risks[at, slot], out)
 
     def _advance(
-        self, rows: NDArray[np.int64], inputs: NDArray[np.float32], risks: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        out = np.empty((rows.size, ACTION_SIZE), np.float32)
+        self,
+        rows: NDArray[np.int64],
+        inputs: NDArray[np.float32],
+        risks: NDArray[np.float32],
+        out: NDArray[np.float32],
+    ) -> None:
+        """Take the histories of `rows` one step further; `out` float32[B, 2] gets their actions."""
+        drawn, limit = (self._latent, self._burst), np.float32(self._network.action_limit)
         memory = (self._states, self._keys, self._values, self._risks, self._counts, self._window)
-        limit = np.float32(self._network.action_limit)
 
-        def work(thread: int, chunks: range) -> None:
-            for start in chunks:
-                part = slice(start, start + ROWS)
-                step_rows(
-                    rows[part],
-                    inputs[part],
-                    risks[part],
-                    (self._latent[rows[part]], self._burst[rows[part]]),
-                    *self._parameters,
-                    limit,
-                    *memory,
-                    self._work[thread],
-                    out[part],
-                )
+        def work(thread: int, part: slice) -> None:
+            own = rows[part], inputs[part], risks[part]
+            step_slots(*own, drawn, *self._parameters, limit, *memory, self._work[thread], out)
 
-        starts = range(0, rows.size, ROWS)
-        if self._pool is None or len(starts) == 1:
-            work(0, starts)
+        if self._pool is None or rows.size <= ROWS:
+            work(0, slice(0, rows.size))
         else:
-            share = math.ceil(len(starts) / self._threads)
-            parts = [starts[i * share : (i + 1) * share] for i in range(self._threads)]
+            share = math.ceil(rows.size / ROWS / self._threads) * ROWS
+            parts = [slice(i * share, (i + 1) * share) for i in range(self._threads)]
             list(self._pool.map(work, range(self._threads), parts))
-        return out
-
-    def _rows(
-        self, observation: NDArray[Any], curvttc: NDArray[Any], reset: NDArray[np.bool_], active: NDArray[np.bool_]
-    ) -> NDArray[np.int64]:
-        expected = {"observation": (self.capacity, OBSERVATION_SIZE), "curvttc": (self.capacity,)}
-        expected |= {"reset": (self.capacity,), "active": (self.capacity,)}
-        given = {"observation": observation, "curvttc": curvttc, "reset": reset, "active": active}
-        for name, shape in expected.items():
-            if np.shape(given[name]) != shape:
-                raise InvalidInput(f"StreamingActor.step: {name}: expected shape {shape}, got {np.shape(given[name])}")
-        rows: NDArray[np.int64] = np.flatnonzero(active)
-        bad = rows[~np.isfinite(observation[rows]).all(axis=1) | np.isnan(curvttc[rows])]
-        if bad.size:
-            raise InvalidInput(
-                f"StreamingActor.step: row {bad[0]}: expected numbers, got observation {observation[bad[0]]} "
-                f"and CurvTTC {curvttc[bad[0]]}"
-            )
-        return rows
 
 
 def _kernel_parameters(weights: ActorWeights) -> tuple[Any, ...]:

@@ -16,9 +16,12 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from vpsci_ros.policy.config import LOG_SCALE
+from vpsci_ros.safety import CRITICAL_TTC
 
 LANES = 16
 NORM_EPSILON = np.float32(1e-5)
+NORMALISED_LIMIT = np.float32(6.0)  # as in `vpsci_ros.policy.sst`
+_ONE, _CRITICAL_TTC = np.float32(1.0), np.float32(CRITICAL_TTC)
 _POWERS_OF_TWO = np.exp2(np.arange(-126, 1)).astype(np.float32)
 _LEAST, _GREATEST = (np.float32(bound) for bound in LOG_SCALE)
 _GREATEST_SCALE = np.float32(math.exp(LOG_SCALE[1]))
@@ -157,6 +160,70 @@ def _attend(query, keys, values, risks, gain, scale, filled, logits, context):  
             value = values[s, h * depth : (h + 1) * depth]
             for d in range(depth):
                 part[d] = fma(logits[s, h], value[d], part[d])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def take_in(rows, observation, curvttc, reset, scaling, action, states, counts, inputs, risks):  # type: ignore[no-untyped-def]
+    """Begin the histories of those `rows` that are reset, and fill in what the network gets for a step of each.
+
+    :param rows: int64[n]; observation: float32[B, 6]; curvttc: float64[B] [s]; reset: bool[B]; scaling: mean and scale
+        of observations, float32[6] each; action: float32[B, 2], the last one [m/s2].
+    :param inputs: float32[n, I], normalised observation, action before and, where the network has it, risk.
+    :param risks: float32[n].
+    :returns: the first of `rows` that observes what is no number, and then nothing has been done; -1: there is none.
+    """
+    mean, scale = scaling
+    size, width = mean.size, mean.size + action.shape[1]
+    for i in rows:
+        known = not math.isnan(curvttc[i])
+        for k in range(size):
+            known &= math.isfinite(observation[i, k])
+        if not known:
+            return i
+    for n in range(rows.size):
+        i = rows[n]
+        if reset[i]:
+            counts[i] = 0
+            action[i, 0] = action[i, 1] = 0.0
+            for layer in range(states.shape[1]):
+                for k in range(states.shape[2]):
+                    states[i, layer, k] = 0.0
+        for k in range(size):
+            inputs[n, k] = min(max((observation[i, k] - mean[k]) / scale[k], -NORMALISED_LIMIT), NORMALISED_LIMIT)
+        inputs[n, size], inputs[n, size + 1] = action[i, 0], action[i, 1]
+        risk = _ONE - np.float32(curvttc[i]) / _CRITICAL_TTC
+        risks[n] = min(max(risk, np.float32(0.0)), _ONE)
+        if inputs.shape[1] > width:
+            inputs[n, width] = risks[n]
+    return -1
+
+
+@njit(cache=True, nogil=True)
+def step_slots(  # type: ignore[no-untyped-def]
+    slots, inputs, risks, drawn, entry, layers, head, limit, states, keys, values, seen, counts, window, work, out
+):
+    """`step_rows` of any number of rows, as many at once as `work` has room for, so that all of them stay in the cache.
+
+    :param drawn: (latent numbers float32[slot, latent]; noise float32[slot, 2]).
+    :param out: float32[slot, 2].
+    """
+    size = work.shape[1]
+    answer, noise = np.empty((size, out.shape[1]), np.float32), np.empty((size, out.shape[1]), np.float32)
+    latent = np.empty((size, drawn[0].shape[1]), np.float32)
+    for begin in range(0, slots.size, size):
+        own = slots[begin : begin + size]
+        for i in range(own.size):
+            for k in range(latent.shape[1]):
+                latent[i, k] = drawn[0][own[i], k]
+            for k in range(noise.shape[1]):
+                noise[i, k] = drawn[1][own[i], k]
+        step_rows(
+            own, inputs[begin : begin + size], risks[begin : begin + size], (latent, noise), entry, layers, head,
+            limit, states, keys, values, seen, counts, window, work, answer,
+        )  # fmt: skip
+        for i in range(own.size):
+            for k in range(answer.shape[1]):
+                out[own[i], k] = answer[i, k]
 
 
 @njit(cache=True, nogil=True)

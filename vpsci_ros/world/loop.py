@@ -78,6 +78,10 @@ class Loop:
         """Have monitor and agents answer, and move on by one tick."""
         return self.advance(self.assessment, self.actions(given))
 
+    def move(self) -> None:
+        """Do as `step`, without a copy of the tick for whoever has seen it already; no interventions."""
+        self.world.advance(self.assessment, self.actions())
+
     def advance(self, assessment: Assessment, actions: Actions) -> Step:
         """Move on with these answers to the present tick, see `World.advance`; the tick returned is a copy."""
         tick = self.world.now

@@ -43,17 +43,32 @@ def from_heading_frame(heading: float, forward: float, left: float) -> tuple[flo
 
 
 @kernel
-def _observe(x, y, heading, forward, left, ped_x, ped_y, ped_vx, ped_vy, vehicle, pedestrian):  # type: ignore[no-untyped-def]
+def _observe_pair(x, y, heading, vf, vl, ped_x, ped_y, ped_vx, ped_vy, vehicle, pedestrian):  # type: ignore[no-untyped-def]
+    """Fill in what two agents observe, float32[6] each; the vehicle's velocity is (forward, left)."""
+    df, dl = to_heading_frame(heading, x - ped_x, y - ped_y)
+    pf, pl = to_heading_frame(heading, ped_vx, ped_vy)
+    vehicle[0], vehicle[1] = vf, vl
+    vehicle[2], vehicle[3] = df, dl
+    vehicle[4], vehicle[5] = vf - pf, vl - pl
+    pedestrian[0], pedestrian[1] = pf, pl
+    pedestrian[2], pedestrian[3] = -df, -dl
+    pedestrian[4], pedestrian[5] = pf - vf, pl - vl
+
+
+@kernel
+def _observe_arrays(x, y, heading, forward, left, ped_x, ped_y, ped_vx, ped_vy, vehicle, pedestrian):  # type: ignore[no-untyped-def]
     for i in range(x.size):
-        df, dl = to_heading_frame(heading[i], x[i] - ped_x[i], y[i] - ped_y[i])
-        pf, pl = to_heading_frame(heading[i], ped_vx[i], ped_vy[i])
-        vf, vl = forward[i], left[i]
-        vehicle[i, 0], vehicle[i, 1] = vf, vl
-        vehicle[i, 2], vehicle[i, 3] = df, dl
-        vehicle[i, 4], vehicle[i, 5] = vf - pf, vl - pl
-        pedestrian[i, 0], pedestrian[i, 1] = pf, pl
-        pedestrian[i, 2], pedestrian[i, 3] = -df, -dl
-        pedestrian[i, 4], pedestrian[i, 5] = pf - vf, pl - vl
+        car, walker = (x[i], y[i], heading[i], forward[i], left[i]), (ped_x[i], ped_y[i], ped_vx[i], ped_vy[i])
+        _observe_pair(*car, *walker, vehicle[i], pedestrian[i])
+
+
+@kernel
+def _observe(state, vehicle, pedestrian):  # type: ignore[no-untyped-def]
+    for i in range(state.size):
+        slot = state[i]
+        car = slot.vehicle_x, slot.vehicle_y, slot.vehicle_heading, slot.vehicle_speed, 0.0
+        walker = slot.pedestrian_x, slot.pedestrian_y, slot.pedestrian_vx, slot.pedestrian_vy
+        _observe_pair(*car, *walker, vehicle[i], pedestrian[i])
 
 
 def observe(state: NDArray[np.void]) -> tuple[Observations, Observations]:
@@ -61,13 +76,9 @@ def observe(state: NDArray[np.void]) -> tuple[Observations, Observations]:
 
     The simulated vehicle moves along its heading, so its lateral speed is 0 (equations 6 and 7).
     """
-    names = ["vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed"]
-    names += ["pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"]
-    x, y, heading, speed, *pedestrian = (np.ascontiguousarray(state[name]) for name in names)
-    vehicle_out = np.empty((len(state), OBSERVATION_SIZE), np.float32)
-    pedestrian_out = np.empty_like(vehicle_out)
-    _observe(x, y, heading, speed, np.zeros_like(speed), *pedestrian, vehicle_out, pedestrian_out)
-    return vehicle_out, pedestrian_out
+    vehicle, pedestrian = (np.empty((len(state), OBSERVATION_SIZE), np.float32) for _ in range(2))
+    _observe(state, vehicle, pedestrian)
+    return vehicle, pedestrian
 
 
 def observe_arrays(
@@ -99,7 +110,7 @@ def observe_arrays(
     _rotate(heading, vx, vy, forward, left)
     vehicle_out = np.empty((x.size, OBSERVATION_SIZE), np.float32)
     pedestrian_out = np.empty_like(vehicle_out)
-    _observe(x, y, heading, forward, left, *pedestrian, vehicle_out, pedestrian_out)
+    _observe_arrays(x, y, heading, forward, left, *pedestrian, vehicle_out, pedestrian_out)
     return vehicle_out.reshape(*shape, OBSERVATION_SIZE), pedestrian_out.reshape(*shape, OBSERVATION_SIZE)
 
 
