@@ -11,7 +11,7 @@ VPSCI_DATA ?= $(wildcard ../shared/data)
 # Nodes talk to nodes on this machine only, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: help setup demo test check docs chaos clean
+.PHONY: help setup demo test check docs dist chaos clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -34,6 +34,12 @@ check: setup  ## what a change has to pass: ruff, mypy, tests, each once
 docs: setup  ## build the documentation site into out/site; a warning fails it
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "open out/site/index.html"
+
+dist: setup  ## make the source distribution and from it the wheel, in out/dist, and check both (twine)
+	@rm -rf out/dist
+	@$(BIN)/python -W ignore setup.py -q sdist -d out/dist
+	@$(BIN)/python -m pip -q wheel --no-deps --no-build-isolation -w out/dist out/dist/*.tar.gz
+	@$(BIN)/twine check --strict out/dist/*
 
 chaos: setup  ## damage thousands of files, hundreds of commands and graphs, and count what does not hold (hours)
 	@for name in files bags folders again processes strangers; do \

@@ -102,6 +102,8 @@ EXTRAS = {
     "carla": ["carla>=0.9.15,<0.10"],
     # `vpsci drive`: the page in which a person drives.
     "drive": ["tornado>=6.4,<7"],
+    # `vpsci drive --watch --foxglove`: a running graph in Foxglove.
+    "foxglove": ["foxglove-sdk>=0.30,<1"],
     # `vpsci export --to mp4`: H.264 by FFmpeg's libraries, which the wheel has.
     "video": ["av>=13,<19"],
     # examples/motion_planner.py: a public motion planner, as a driving system in the exam.
@@ -121,6 +123,7 @@ EXTRAS = {
         "pytest>=8,<10",
         "ruff>=0.8,<1",
         "stable-baselines3>=2.4,<3",
+        "twine>=6.1,<8",
     ],
     # `make docs`: the documentation site; nbclient runs its tutorial in the tests.
     "docs": [
@@ -176,6 +179,7 @@ setup(
     maintainer="The vpsci_ros developers",
     maintainer_email="vpsci-ros@users.noreply.github.com",
     license="Apache-2.0",
+    license_files=["LICENSE", f"{NAME}/recordings/LICENSE"],  # of the recorded right turns, MIT
     python_requires=">=3.10,<3.13",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={NAME: ["models/*", "recordings/*", "*/templates/*", "exam/search/templates/*"]},

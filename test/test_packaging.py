@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tarfile
 import xml.etree.ElementTree as ET
 import zipfile
 from importlib.metadata import distribution, entry_points
@@ -39,8 +40,9 @@ OPTIONAL = {
     "ray",
     "sklearn",
     "threadpoolctl",
+    "foxglove",
     "tornado",
-}  # extras: envs, generation on a cluster, realism, search, drive
+}  # extras: envs, generation on a cluster, realism, search, drive, foxglove
 OPTIONAL |= {
     "av",
     "carla",
@@ -199,24 +201,57 @@ def test_an_ament_prefix_comes_before_this_pythons_own(monkeypatch, tmp_path):
     assert installed("vpsci_msgs") == Path(sys.prefix)
 
 
-# ---- a wheel
+# ---- a source distribution, and a wheel made of it
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    """A wheel of this source tree, made offline in a copy of it."""
-    tree = tmp_path_factory.mktemp("source") / "tree"
-    ignored = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "*.egg-info")
-    left_out = {"bags", "benchmarks", "test"}
-    shutil.copytree(
-        ROOT,
-        tree,
-        ignore=lambda folder, names: ignored(folder, names) | (left_out if Path(folder) == ROOT else set()),
-    )
+def distributions(tmp_path_factory):
+    """The source distribution of this tree and a wheel that is made of it, offline, as `make dist` makes them."""
+    folder = tmp_path_factory.mktemp("source")
+    tree, made = folder / "tree", folder / "dist"
+    ignored = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "install", "log", "dist", "*.egg-info")
+    shutil.copytree(ROOT, tree, ignore=ignored)
+    commands = {line.strip(): line for line in (ROOT / "Makefile").read_text().splitlines()}
+    assert "@$(BIN)/python -W ignore setup.py -q sdist -d out/dist" in commands
+    assert "@$(BIN)/twine check --strict out/dist/*" in commands
+    sdist = [sys.executable, "-W", "ignore", "setup.py", "-q", "sdist", "-d", made]
+    subprocess.run(sdist, cwd=tree, check=True, timeout=300)
+    (source,) = made.glob("*.tar.gz")
     pip_wheel = [sys.executable, "-m", "pip", "-qq", "wheel", "--no-deps", "--no-build-isolation"]
-    subprocess.run([*pip_wheel, "-w", tree / "dist", tree], check=True, timeout=300)
-    (path,) = (tree / "dist").glob("*.whl")
-    return zipfile.ZipFile(path)
+    subprocess.run([*pip_wheel, "-w", made, source], check=True, timeout=300)
+    (wheel,) = made.glob("*.whl")
+    return source, wheel
+
+
+@pytest.fixture(scope="module")
+def wheel(distributions):
+    """The wheel, opened."""
+    return zipfile.ZipFile(distributions[1])
+
+
+def test_twine_accepts_both_distributions_without_a_warning(distributions):
+    check = [sys.executable, "-m", "twine", "check", "--strict", *distributions]
+    result = subprocess.run(check, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert result.stdout.count("PASSED") == 2
+
+
+def test_a_source_distribution_holds_every_file_of_the_repository_but_what_serves_its_hosting(distributions):
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    if listed.returncode:
+        pytest.skip("not a git checkout, so what belongs to the repository is not known")
+    with tarfile.open(distributions[0]) as archive:
+        held = {name.partition("/")[2] for name in archive.getnames()}
+    kept_out = (".gitignore", ".dockerignore", ".devcontainer/", ".ci/")
+    present = [name for name in listed.stdout.splitlines() if (ROOT / name).exists()]
+    assert [name for name in present if name not in held and not name.startswith(kept_out)] == []
+
+
+def test_a_wheel_holds_the_licences_of_the_package_and_of_the_recordings_and_names_them(wheel):
+    info = f"vpsci_ros-{vpsci_ros.__version__}.dist-info/"
+    for name in ("LICENSE", "vpsci_ros/recordings/LICENSE"):
+        assert f"License-File: {name}" in wheel.read(f"{info}METADATA").decode()
+        assert wheel.read(f"{info}licenses/{name}") == (ROOT / name).read_bytes()
 
 
 def test_a_wheel_holds_what_ros2_run_and_ros2_launch_look_for(wheel):
@@ -234,8 +269,9 @@ def test_a_wheel_holds_what_ros2_run_and_ros2_launch_look_for(wheel):
 
 def test_a_wheel_holds_every_module_model_and_template(wheel):
     models = (path for pattern in ("*.safetensors", "*.md") for path in (ROOT / "vpsci_ros/models").glob(pattern))
-    templates = (ROOT / "vpsci_ros").glob("*/templates/*")
-    for path in [*(ROOT / "vpsci_ros").rglob("*.py"), *models, *templates]:
+    templates = (ROOT / "vpsci_ros").rglob("templates/*")
+    recordings = (ROOT / "vpsci_ros/recordings").iterdir()
+    for path in [*(ROOT / "vpsci_ros").rglob("*.py"), *models, *templates, *recordings]:
         assert str(path.relative_to(ROOT)) in wheel.namelist()
 
 

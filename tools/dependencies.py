@@ -2,7 +2,7 @@
 r"""Write what is installed for what, its licences and its hashes, from a report of pip.
 
     pip install --dry-run --ignore-installed --report report.json -c constraints.txt \
-        '.[learn,ros,messages,rl,realism,search,openscenario,osi,planner,sumo,highway,carla,drive,test,docs]'
+        '.[learn,ros,messages,rl,realism,search,openscenario,osi,planner,sumo,highway,carla,drive,foxglove,test,docs]'
     .venv/bin/python tools/dependencies.py report.json
 
 Writes docs/dependencies.md, and constraints-hashes.txt: the files that pip chose on this platform, each with its
@@ -22,11 +22,9 @@ from packaging.requirements import Requirement
 ROOT = Path(__file__).parent.parent
 HEAD = """# Dependencies
 
-What `make setup` installs
-(`pip install '.[learn,ros,messages,rl,realism,search,openscenario,osi,planner,sumo,highway,carla,drive,test,docs]'`),
-for what, and under which licence, as each package's own metadata say; written by `tools/dependencies.py`: {count}
-packages on {platform}. ROS 2's wheels state no licence; theirs are in their package.xml (Apache-2.0, a few
-BSD-3-Clause or MIT).
+What `make setup` installs (the extras in `tools/setup.sh`), for what, and under which licence, as each package's own
+metadata say; written by `tools/dependencies.py`: {count} packages on
+{platform}. ROS 2's wheels state no licence; theirs are in their package.xml (Apache-2.0, a few BSD-3-Clause or MIT).
 
 The versions are those of `constraints.txt`, which is what is tested; `constraints-hashes.txt` holds the SHA-256 of the
 files for that platform, but for builds such as PyTorch's own for CPUs:
