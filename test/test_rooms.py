@@ -16,7 +16,6 @@ ROOMS = (
 )  # fmt: skip
 """From the ground up, as `vpsci_ros/` lies in DESIGN."""
 OF_ROS = {"rclpy", "vpsci_msgs", "rcl_interfaces", "builtin_interfaces", "launch", "launch_ros", "std_srvs"}
-ROOM_OF_NODES = ROOMS.index("nodes")
 
 
 def room(path: Path) -> str:
@@ -44,8 +43,8 @@ def upward(path: Path, tree: ast.AST) -> list[str]:
         theirs = rest.partition(".")[0]
         if first == "vpsci_ros" and theirs in ROOMS and ROOMS.index(theirs) > mine:
             arrows.append(f"{path.relative_to(ROOT)}:{line} imports {module}, but {theirs} lies above {ROOMS[mine]}")
-        if (first in OF_ROS or first.endswith(("_msgs", "_interfaces"))) and mine < ROOM_OF_NODES:
-            arrows.append(f"{path.relative_to(ROOT)}:{line} imports {module}, but nothing below nodes knows ROS")
+        if (first in OF_ROS or first.endswith(("_msgs", "_interfaces"))) and room(path) != "nodes":
+            arrows.append(f"{path.relative_to(ROOT)}:{line} imports {module}, but only nodes knows ROS")
     return arrows
 
 
@@ -77,6 +76,11 @@ def test_no_file_looks_up() -> None:
 )
 def test_an_arrow_up_is_found_wherever_it_stands(code: str) -> None:
     assert len(upward(ROOT / "policy" / "agent.py", ast.parse(code))) == 1
+
+
+def test_a_room_above_nodes_has_ros_from_nodes_only() -> None:
+    code = "import rclpy\nfrom vpsci_msgs.msg import WorldState\nfrom vpsci_ros.nodes.live import SHOWN"
+    assert len(upward(ROOT / "drive" / "watch.py", ast.parse(code))) == 2
 
 
 def test_a_look_down_or_around_is_none() -> None:

@@ -22,6 +22,7 @@ _REMEDIES = {
 _EXTRAS = {
     "av": "video",
     "commonroad": "commonroad",
+    "foxglove": "foxglove",
     "gymnasium": "rl",
     "osi3": "osi",
     "osi_utilities": "osi",
@@ -31,6 +32,7 @@ _EXTRAS = {
     "sklearn": "search",
     "threadpoolctl": "search",
     "torch": "learn",
+    "tornado": "drive",
 }
 """Module -> the extra of this package (setup.py) that brings it."""
 _NO_ROOM = "failed to map segment from shared object"  # of a library, for which the address space has no room

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from vpsci_ros.cli.options import Params, Settings, read_sections, stoppable, writes_folder
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import InvalidInput, require
 
 
 @writes_folder
@@ -22,6 +22,9 @@ def drive(
     watch: Annotated[
         bool, typer.Option("--watch", help="Drive nothing: show the graph that runs in this ROS_DOMAIN_ID, live.")
     ] = False,
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="With --watch: for Foxglove, by its own SDK, instead of in the page.")
+    ] = False,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Of 127.0.0.1; 0: a free one.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page; otherwise only print its address.")] = True,
     settings: Settings = None,
@@ -30,12 +33,13 @@ def drive(
 
     The page is served to this machine alone, at an address that holds a secret; it is open until you close it.
     """
-    try:
-        from vpsci_ros.drive.page import Page
-    except ModuleNotFoundError as error:
-        if error.name != "tornado":
-            raise
-        raise InvalidInput("the page needs tornado, which is not installed: pip install 'vpsci_ros[drive]'") from None
+    if foxglove:
+        if not watch or output is not None:
+            raise InvalidInput("--foxglove shows a graph that runs: give it with --watch, and without -o")
+        _watch_in_foxglove(port)
+        return
+    require("tornado")
+    from vpsci_ros.drive.page import Page
     from vpsci_ros.drive.run import RELOADED, prepare_person, run_drive
 
     sections = read_sections(params, settings)
@@ -63,3 +67,12 @@ def drive(
         print(f"not all were driven: {reason}", file=sys.stderr)
     if failures:
         raise typer.Exit(1)
+
+
+def _watch_in_foxglove(port: int) -> None:
+    require("foxglove", "rclpy")
+    from vpsci_ros.drive.foxglove_view import FoxgloveView
+
+    with contextlib.closing(FoxgloveView(port)) as view:
+        print(f"open {view.address} in Foxglove (layout: docs/foxglove_layout.json); Ctrl-C ends it", flush=True)
+        view.show_graph()

@@ -2,25 +2,17 @@
 
 import time
 
-import rclpy
-from rclpy.context import Context
-from rclpy.experimental import EventsExecutor
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
-
-from vpsci_msgs.msg import WorldState
 from vpsci_ros.drive.page import Page
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.driver_class import as_odometry
-from vpsci_ros.nodes.domain import set_defaults
+from vpsci_ros.nodes.live import subscribe_to_graph
 from vpsci_ros.nodes.serialized import shown
+from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.wire.world_state import SerializedState
 from vpsci_ros.world import IDLE, Scenario
 from vpsci_ros.world.monitor import MonitorConfig, assess
 
 EYES = 0.04  # [s] between two frames
-NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Neither the graph nor the page waits for the other: what comes too fast is not seen."""
 
 
 def watch_graph(page: Page, scenarios: list[Scenario], namespace: str = "") -> None:
@@ -29,21 +21,8 @@ def watch_graph(page: Page, scenarios: list[Scenario], namespace: str = "") -> N
     :param scenarios: where its episodes may take place.
     :param namespace: of the graph.
     """
-    set_defaults()
-    context, roads = Context(), {scenario.number: scenario for scenario in scenarios}
-    rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("live_view", context=context, namespace=namespace)
-    seen = Seen(page, roads)
-    node.create_subscription(WorldState, "world/state", seen.take, NEWEST, raw=True)
-    executor = EventsExecutor(context=context)
-    executor.add_node(node)
-    try:
-        while not page.finished:
-            executor.spin_once(timeout_sec=0.1)
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        context.try_shutdown()
+    seen = Seen(page, {scenario.number: scenario for scenario in scenarios})
+    subscribe_to_graph([WORLD], seen.take, lambda: page.finished, namespace)
 
 
 class Seen:
@@ -54,7 +33,7 @@ class Seen:
         self._episode = (0, 0)
         self._next = 0.0
 
-    def take(self, message: bytes) -> None:
+    def take(self, topic: str, message: bytes) -> None:
         """Show a message, unless the one before was shown just now.
 
         :raises InvalidInput: its episode takes place in a scenario of which nothing is known.
@@ -62,7 +41,7 @@ class Seen:
         if time.monotonic() < self._next:
             return
         self._next = time.monotonic() + EYES
-        world: SerializedState = shown(message)
+        world: SerializedState = shown(message, topic)
         present = world.tick.state[world.tick.state["status"] != IDLE]
         if not len(present):
             return
