@@ -10,7 +10,8 @@ from types import ModuleType
 import nbclient
 import nbformat
 import pytest
-from domain_coordinator import domain_id
+
+from vpsci_ros.nodes.domain import own_domain
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -40,8 +41,7 @@ def test_the_tutorial_runs_from_its_first_cell_to_its_last(tmp_path: Path, monke
     monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
     book = nbformat.read(ROOT / "docs" / "tutorial.ipynb", 4)
     assert not any(cell.source.startswith("!") for cell in book.cells)
-    with domain_id() as domain:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    with own_domain():
         nbclient.NotebookClient(book, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
     assert (tmp_path / "stage1/pretrained.safetensors").is_file()
     assert (tmp_path / "page.html").stat().st_size > 100_000

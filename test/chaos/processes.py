@@ -19,12 +19,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from domain_coordinator import domain_id
-
 from vpsci_ros.bags.info import bag_info
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.wire.layout import SAFETY, WORLD
 
 NODES = ("world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder")
@@ -98,8 +97,8 @@ def run_beside(folder: Path, settings: tuple[str, ...], meddle: Meddle | None = 
     mark = f"{os.getpid()}/{folder.name}/{time.monotonic_ns()}"
     command = [sys.executable, "-m", "vpsci_ros.cli", "graph", "--params", "stage3_generate", "-o", str(folder / "run")]
     command += [part for text in (*SETTINGS, *settings) for part in ("--set", text)]
-    with domain_id() as domain, open(folder / "said.txt", "w+") as said:
-        own = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", _MARK: mark}
+    with own_domain(), open(folder / "said.txt", "w+") as said:
+        domain, own = int(os.environ["ROS_DOMAIN_ID"]), {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", _MARK: mark}
         begun = time.monotonic()
         graph = subprocess.Popen(command, env=os.environ | own, stdout=said, stderr=said, start_new_session=True)
         try:

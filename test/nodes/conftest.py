@@ -7,19 +7,18 @@ from typing import Any
 
 import pytest
 import rclpy
-from domain_coordinator import domain_id
 from nodes.stage import Stage
 from rclpy.context import Context
+
+from vpsci_ros.nodes.domain import own_domain
 
 
 @pytest.fixture
 def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A ROS_DOMAIN_ID that no other test uses, set in the environment of this process and its children."""
-    with domain_id() as number:
-        monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
-        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        assert os.environ["ROS_DOMAIN_ID"] == str(number)
-        yield number
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    with own_domain():
+        yield int(os.environ["ROS_DOMAIN_ID"])
 
 
 @pytest.fixture

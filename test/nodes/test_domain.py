@@ -1,13 +1,17 @@
 """Every exam has a domain of its own, and a second graph in the same domain is refused."""
 
+import multiprocessing
 import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.errors import InvalidInput
-from vpsci_ros.nodes import base
+from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.nodes import base, domain
 from vpsci_ros.nodes.domain import only_graph, own_domain
 from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
@@ -49,6 +53,84 @@ def test_a_second_graph_in_a_domain_and_namespace_is_refused_and_no_exam_takes_t
                 assert os.environ["ROS_DOMAIN_ID"] != taken
 
 
+HOLDS = """
+import os, time
+from vpsci_ros.nodes.domain import own_domain
+with own_domain():
+    print(os.environ["ROS_DOMAIN_ID"], flush=True)
+    time.sleep(600)
+"""
+
+
+def test_a_graph_is_refused_where_an_exam_of_another_process_runs_until_that_process_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    exam = subprocess.Popen([sys.executable, "-c", HOLDS], stdout=subprocess.PIPE, text=True)
+    try:
+        taken = exam.stdout.readline().strip()
+        monkeypatch.setenv("ROS_DOMAIN_ID", taken)
+        for namespace in ("", "/left"):
+            with pytest.raises(InvalidInput, match=f"an exam .* in ROS domain {taken}"), only_graph(namespace):
+                pass
+    finally:
+        exam.send_signal(signal.SIGKILL)
+        exam.communicate()
+    with only_graph(""):
+        pass
+
+
+def test_the_graphs_of_an_exam_run_in_its_own_domain() -> None:
+    with own_domain(), only_graph(""), only_graph("/left"):
+        pass
+
+
+def test_a_domain_that_was_given_up_is_not_the_next_one_to_be_taken() -> None:
+    taken = []
+    for _ in range(5):
+        with own_domain():
+            taken.append(os.environ["ROS_DOMAIN_ID"])
+    assert len(set(taken)) > 1  # all five are the same once in 100,000,000 times
+
+
+def test_where_every_domain_is_in_use_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    with own_domain():
+        number = int(os.environ["ROS_DOMAIN_ID"])
+        monkeypatch.setattr(domain, "OWN", range(number, number + 1))
+        with pytest.raises(VpsciError, match=f"ROS domains {number} to {number} are all in use"), own_domain():
+            pass
+
+
+PROCESSES, ROUNDS, FEW = 6, 60, range(70, 101)
+
+
+def _reserve_often(folder: Path, begin: "multiprocessing.synchronize.Barrier") -> None:
+    """Take a domain again and again, and leave a file where another process has it at the same time."""
+    domain.OWN = FEW
+    begin.wait(60)
+    for number in range(ROUNDS):
+        with own_domain(), only_graph(""):
+            mark = folder / os.environ["ROS_DOMAIN_ID"]
+            try:
+                os.close(os.open(mark, os.O_CREAT | os.O_EXCL))
+            except FileExistsError:
+                (folder / f"twice_{os.getpid()}_{number}").touch()
+            os.sched_yield()
+            mark.unlink(missing_ok=True)
+    (folder / f"done_{os.getpid()}").touch()
+
+
+def test_many_processes_at_once_never_have_the_same_domain(tmp_path: Path) -> None:
+    forked = multiprocessing.get_context("fork")  # without what else this process would import again
+    begin = forked.Barrier(PROCESSES)
+    all_of_them = [forked.Process(target=_reserve_often, args=(tmp_path, begin)) for _ in range(PROCESSES)]
+    for process in all_of_them:
+        process.start()
+    for process in all_of_them:
+        process.join(120)
+    assert [process.exitcode for process in all_of_them] == [0] * PROCESSES
+    assert sorted(path.name.partition("_")[0] for path in tmp_path.iterdir()) == ["done"] * PROCESSES
+
+
 @pytest.mark.parametrize("given", ["seven", "-1", "233"])
 def test_what_is_no_domain_is_refused(monkeypatch: pytest.MonkeyPatch, given: str) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", given)
@@ -56,6 +138,7 @@ def test_what_is_no_domain_is_refused(monkeypatch: pytest.MonkeyPatch, given: st
         pass
 
 
+@pytest.mark.usefixtures("domain")
 @pytest.mark.parametrize(
     ("strategy", "said"),
     [
@@ -67,7 +150,6 @@ def test_what_is_no_domain_is_refused(monkeypatch: pytest.MonkeyPatch, given: st
 def test_security_that_is_requested_and_not_to_be_had_is_refused_before_anything_starts(
     strategy: str,
     said: str,
-    domain: int,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

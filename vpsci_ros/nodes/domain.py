@@ -2,23 +2,25 @@
 
 import contextlib
 import errno
-import itertools
 import os
+import random
 import socket
 from collections.abc import Iterator
 
 import rclpy
-from domain_coordinator import domain_id
 from domain_coordinator.impl import PORT_BASE
 from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 
 from vpsci_ros.documents import reason
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.resources import params_dir
 
 VARIABLE = "ROS_DOMAIN_ID"
 LAST = 232  # domain that has ports
+OWN = range(1, 101)  # domains that `own_domain` reserves
+_RESERVED = "VPSCI_ROS_OWN_DOMAIN"  # tells child processes which domain is reserved for them
+_EXAM = "//exam"  # in the place of a namespace, which none can be
 
 
 def set_defaults() -> None:
@@ -64,40 +66,75 @@ def require_security() -> None:
 def own_domain() -> Iterator[None]:
     """Run in a ROS domain that no other graph on this machine uses, and not in that of the environment.
 
-    A port reserves it until the block is left or the process ends, however it does.
+    A socket and a port reserve it until the block is left or the process ends, however it does. The search begins at a
+    random number, since nodes of a graph that was killed may still publish in the domain that was given up last.
+
+    :raises VpsciError: all of `OWN` are in use.
     """
-    before = os.environ.get(VARIABLE)
-    numbers = itertools.cycle(number for number in range(1, 101) if str(number) != before)
-    reserved = contextlib.ExitStack()  # closed without the error: domain_id takes an OSError for one of its own
-    os.environ[VARIABLE] = str(reserved.enter_context(domain_id(lambda: next(numbers))))
-    try:
-        yield
-    finally:
-        os.environ.pop(VARIABLE)
-        os.environ |= {} if before is None else {VARIABLE: before}
-        reserved.close()
+    before = {name: os.environ.get(name) for name in (VARIABLE, _RESERVED)}
+    numbers = [number for number in random.SystemRandom().sample(OWN, len(OWN)) if str(number) != before[VARIABLE]]
+    with contextlib.ExitStack() as kept:
+        domain = next((number for number in numbers if _reserved(number, kept)), None)
+        if domain is None:
+            raise VpsciError(f"ROS domains {OWN[0]} to {OWN[-1]} are all in use on this machine; wait for one of them")
+        os.environ |= {VARIABLE: str(domain), _RESERVED: str(domain)}
+        try:
+            yield
+        finally:
+            for name, value in before.items():
+                os.environ.pop(name, None)
+                os.environ |= {} if value is None else {name: value}
+
+
+def _reserved(domain: int, kept: contextlib.ExitStack) -> bool:
+    """Reserve a domain until `kept` is closed; return whether it was free.
+
+    The port is that of domain_coordinator, by which other packages' tests reserve theirs. The socket comes first, so
+    that `only_graph`, which finds the port in use, finds by whom.
+    """
+    with contextlib.ExitStack() as own:
+        if not _bind(own.enter_context(socket.socket(socket.AF_UNIX)), _name(domain, _EXAM)):
+            return False
+        if not _bind(own.enter_context(socket.socket()), ("", PORT_BASE + domain)):
+            return False
+        kept.push(own.pop_all())
+    return True
 
 
 @contextlib.contextmanager
 def only_graph(namespace: str) -> Iterator[None]:
     """Be the only graph of this machine in the environment's domain and this namespace, and keep others' domains apart.
 
-    :raises InvalidInput: another one runs there, or ROS_DOMAIN_ID is no number of a domain.
+    :raises InvalidInput: another one runs there, `own_domain` of another process has reserved the domain, or
+        ROS_DOMAIN_ID is no number of a domain.
     """
     given = os.environ.get(VARIABLE) or "0"
     if not given.isdecimal() or int(given) > LAST:
         raise InvalidInput(f"{VARIABLE} = {given!r}: expected a number from 0 to {LAST}")
-    domain = int(given)
-    with socket.socket(socket.AF_UNIX) as graph, socket.socket() as port:
-        try:
-            graph.bind(f"\0vpsci_ros/{domain}/{namespace.strip('/')}")  # no file: it ends with the process (Linux)
-        except OSError as error:
-            if error.errno != errno.EADDRINUSE:
-                raise
+    domain, remedy = int(given), f"give this one another {VARIABLE}"
+    with socket.socket(socket.AF_UNIX) as graph, socket.socket() as port, socket.socket(socket.AF_UNIX) as exam:
+        if not _bind(graph, _name(domain, namespace.strip("/"))):
             where = f"ROS domain {domain}" + (f", namespace {namespace}" if namespace else "")
-            raise InvalidInput(
-                f"another graph runs in {where}; wait for it, or give this one another {VARIABLE} or graph.namespace"
-            ) from None
-        with contextlib.suppress(OSError):  # reserved before, by `own_domain` or by a graph of another namespace
-            port.bind(("", PORT_BASE + domain))
+            raise InvalidInput(f"another graph runs in {where}; wait for it, or {remedy} or graph.namespace")
+        if not _bind(port, ("", PORT_BASE + domain)) and os.environ.get(_RESERVED) != str(domain):
+            # in use by `own_domain`, by a graph of another namespace, or by something else altogether
+            if not _bind(exam, _name(domain, _EXAM)):
+                raise InvalidInput(f"an exam or a demo runs in ROS domain {domain}; wait for it, or {remedy}")
+            exam.close()
         yield
+
+
+def _name(domain: int, who: str) -> str:
+    """Return the name of a socket of Linux that is no file and ends with its process."""
+    return f"\0vpsci_ros/{domain}/{who}"
+
+
+def _bind(end: socket.socket, address: str | tuple[str, int]) -> bool:
+    """Return whether an address was free, and is now this socket's."""
+    try:
+        end.bind(address)
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            raise
+        return False
+    return True
