@@ -49,7 +49,8 @@ class RunFolder:
             require_same(parameters, found, dict.fromkeys(found) | _flat(parse_yaml(text, str(parameters))))
         elif not any(folder.glob(f"*{_GOES_ON}")):
             require_empty_folder(folder)
-        self._inputs = {str(path): sha256(path) for path in inputs}
+        self.inputs = {str(path): sha256(path) for path in inputs}
+        """SHA-256 of the files that the run reads, by path."""
         self.done = self._finished()
         """Whether the folder holds this run, finished, from the same inputs, with all that it left."""
         write_text(parameters, text)
@@ -64,14 +65,14 @@ class RunFolder:
                 begun=self._begun,
                 error="" if kind is None else str(error) or "stopped on request",
                 results=self.results,
-                inputs=self._inputs,
+                inputs=self.inputs,
                 outputs={str(path.relative_to(self._folder)): sha256(path) for path in sorted(self._outputs())},
                 facts=self._facts,
             )
 
     def _finished(self) -> bool:
         record = read_record(self._folder / RECORD)
-        if record is None or record["error"] or record["inputs_sha256"] != self._inputs:
+        if record is None or record["error"] or record["inputs_sha256"] != self.inputs:
             return False
         if changed_files(self._folder, record.get("outputs_sha256", {})):
             return False

@@ -72,6 +72,9 @@ def run_realism(study: RealismStudy, json_path: Path | None, output: Path | None
         simulators |= _of_folds(study.folds, table, study.seed, study.temperature)
     inputs = [*files.values(), *([] if study.conflicts is None else [study.conflicts])]
     inputs += [near_misses_path(name) for name in (study.data, study.library) if name is not None]
+    inputs += [] if study.folds is None else sorted(study.folds.glob("fold_*/**/*.safetensors"))
+    dataset = None if study.dataset is None else Dataset(study.dataset)
+    inputs += [] if dataset is None else dataset.inputs.values()
     chosen = ("clean", "held_out", "temperature", "seed", "episodes")
     resolved = {name: getattr(study, name) for name in chosen} | {
         "models": list(simulators),
@@ -85,7 +88,6 @@ def run_realism(study: RealismStudy, json_path: Path | None, output: Path | None
         print_realism(json.loads((output / RESULT).read_text(encoding="utf-8")), Console())
         print(f"{output} holds this run, finished; nothing was measured again")
         return
-    dataset = None if study.dataset is None else Dataset(study.dataset)
     with run or nullcontext(), Bars(quiet=quiet) as bars:
         result = measure_realism(
             table,
@@ -95,6 +97,7 @@ def run_realism(study: RealismStudy, json_path: Path | None, output: Path | None
             dataset=dataset,
             conflicts=study.conflicts,
             parts=output,
+            inputs=None if run is None else run.inputs,
             notify=lambda name, done, total: bars.bar("realism", done, total, name),
         )
         result |= {

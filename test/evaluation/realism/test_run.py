@@ -12,6 +12,7 @@ from synthetic import synthetic_near_misses
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode_frames import EpisodeBatch
+from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.elsewhere import elsewhere, reactions
 from vpsci_ros.evaluation.realism.free import AFTER, as_near_misses, described, free
@@ -20,6 +21,7 @@ from vpsci_ros.evaluation.realism.run import RealismConfig, measure_realism
 from vpsci_ros.evaluation.realism.same_start import CONTROLS, SameStart
 from vpsci_ros.evaluation.realism.samplers import constant_turn, constant_velocity
 from vpsci_ros.evaluation.realism.two_sample import two_sample
+from vpsci_ros.runs.files import write_json
 from vpsci_ros.world import GOAL
 
 CONFLICTS = """"Encroachment_Time","Reaction.to.conflict","Ped.Reaction","Encroachment.Car.After.Ped"
@@ -59,7 +61,8 @@ def test_a_run_measures_controls_and_models_of_each_source_too_and_goes_on_from_
     reported: list[str] = []
 
     def measure() -> dict[str, Any]:
-        options = {"conflicts": conflicts, "parts": tmp_path, "notify": lambda name, *_: reported.append(name)}
+        options = {"conflicts": conflicts, "parts": tmp_path, "inputs": {"weights": "1f"}}
+        options |= {"notify": lambda name, *_: reported.append(name)}
         return measure_realism(table, {"noisy": noisy}, one_repetition, **options)["same_start"]
 
     found = measure()
@@ -73,8 +76,13 @@ def test_a_run_measures_controls_and_models_of_each_source_too_and_goes_on_from_
     assert found["interactions"] == sum(found["by_source"][name]["interactions"] for name in ("here", "there"))
     assert list(found["by_source"]["there"]["models"]) == list(models)
     assert found["not_in_library"] == []
-    (tmp_path / "same_start_noisy.part.json").write_text('{"kept": true}')
+    path = tmp_path / "same_start_noisy.part.json"
+    write_json(path, read_json(path) | {"found": {"kept": True}})
     assert measure()["models"]["noisy"] == {"kept": True}
+    write_json(path, {"inputs_sha256": {"weights": "2e"}, "found": {"kept": True}})
+    assert measure()["models"]["noisy"] == models["noisy"], "what was measured of other weights was kept"
+    path.write_text(path.read_text()[:100])
+    assert measure()["models"]["noisy"] == models["noisy"], "what is damaged was kept"
 
 
 def test_each_source_has_donors_of_its_own() -> None:

@@ -1,6 +1,6 @@
 """`vpsci realism` without its command line: what is measured, part after part, each kept as soon as it is done."""
 
-import json
+import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.evaluation.realism.elsewhere import elsewhere
 from vpsci_ros.evaluation.realism.free import free
@@ -51,6 +52,7 @@ def measure_realism(
     dataset: Dataset | None = None,
     conflicts: Path | None = None,
     parts: Path | None = None,
+    inputs: Mapping[str, str] | None = None,
     notify: Notify | None = None,
 ) -> dict[str, Any]:
     """Return the layout of `vpsci realism --json`: Protocols A (`same_start`), B (`free`) and C (`elsewhere`).
@@ -59,6 +61,7 @@ def measure_realism(
     :param simulators: name -> what answers onsets; the controls are added.
     :param dataset: generated episodes, for B and C; conflicts: `datlong.csv` of the right-turn study, for C.
     :param parts: folder that keeps each measured part, from which a stopped run goes on.
+    :param inputs: SHA-256 of what all this was read from, by name; a part of other inputs is measured again.
     :param notify: called with what is being measured, how many are done, and of how many.
     :raises InvalidInput: no onset with 3 s after it, a simulator with a control's name, see also the parts.
     """
@@ -75,23 +78,24 @@ def measure_realism(
         name: SameStart(onsets.take(rows), borrowed, config.seed, config.repetitions) for name, rows in alone.items()
     }
     wanted = whole.controls() | dict(simulators)
+    kept = partial(_kept, parts, dict(inputs or {}))
     total = len(wanted) + (dataset is not None) + (conflicts is not None)
     models: dict[str, dict[str, Any]] = {source: {} for source in ("", *alone)}
     for done, (name, simulate) in enumerate(wanted.items()):
         if notify is not None:
             notify(name, done, total)
         positions = cache(partial(simulate, onsets))
-        models[""][name] = _kept(parts, f"same_start_{name}", partial(_measured, whole, positions, slice(None)))
+        models[""][name] = kept(f"same_start_{name}", partial(_measured, whole, positions, slice(None)))
         for source, rows in alone.items():
             make = partial(_measured, measured[source], positions, rows)
-            models[source][name] = _kept(parts, f"same_start_{name}_{source}", make)
+            models[source][name] = kept(f"same_start_{name}_{source}", make)
     start = {source: _same_start(models[source], own) for source, own in measured.items()}
     result: dict[str, Any] = {"same_start": _same_start(models[""], whole) | ({"by_source": start} if start else {})}
     if dataset is not None:
-        result["free"] = _kept(parts, "free", lambda: free(chosen[0], dataset, config.episodes, config.seed))
+        result["free"] = kept("free", lambda: free(chosen[0], dataset, config.episodes, config.seed))
     if conflicts is not None:
         evidence = partial(elsewhere, conflicts, chosen[0], dataset, config.episodes)
-        result["elsewhere"] = _kept(parts, "elsewhere", evidence)
+        result["elsewhere"] = kept("elsewhere", evidence)
     return result
 
 
@@ -109,12 +113,15 @@ def _same_start(models: dict[str, Any], measured: SameStart) -> dict[str, Any]:
     }
 
 
-def _kept(folder: Path | None, name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """Return what is in the folder under this name, or make it and leave it there."""
-    path = None if folder is None else folder / f"{name}.part.json"
-    if path is not None and path.is_file():
-        return dict(json.loads(path.read_text(encoding="utf-8")))
+def _kept(folder: Path | None, inputs: dict[str, str], name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Return what is in the folder under this name, made of the same inputs, or make it and leave it there."""
+    if folder is None:
+        return make()
+    path = folder / f"{name}.part.json"
+    with contextlib.suppress(InvalidInput):  # there is none, or it is damaged
+        kept = read_json(path)
+        if isinstance(kept, dict) and kept.get("inputs_sha256") == inputs:
+            return dict(kept["found"])
     made = make()
-    if path is not None:
-        write_json(path, made)
+    write_json(path, {"inputs_sha256": inputs, "found": made})
     return made
