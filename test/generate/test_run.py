@@ -17,11 +17,12 @@ import polars as pl
 import pytest
 from generate.small import CONFIG, TARGETS
 
+from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.job import Unit
-from vpsci_ros.generate.journal import FOLDER, Journal, journal_of
-from vpsci_ros.generate.run import RECORD, generate, simulators
+from vpsci_ros.generate.journal import FOLDER, RECORD, Journal, journal_of
+from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.generate.simulate import Simulator, computing
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.workers import Processes, Serial
@@ -79,6 +80,21 @@ def test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes(job, make, made
     assert len(list((tmp_path / "d" / FOLDER).glob("*.npz"))) == 2
     resumed = make(tmp_path / "d", config=dataclasses.replace(CONFIG, unit=1000))  # goes on in the units of old
     assert resumed.computed == make(tmp_path / "once").computed - 2 * CONFIG.unit
+    assert hashes(tmp_path / "d") == hashes(made)
+
+
+def test_a_run_that_ended_between_its_last_file_and_its_record_writes_the_record_next_time(
+    make, made, tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr("vpsci_ros.generate.run.write_record", killed)
+        make(tmp_path / "d")
+    assert (tmp_path / "d" / DESCRIPTION).is_file()
+    assert make(tmp_path / "d").computed == 0
+    assert (tmp_path / "d" / RECORD).is_file()
     assert hashes(tmp_path / "d") == hashes(made)
 
 

@@ -73,6 +73,17 @@ def test_what_a_failed_command_left_says_so_until_the_command_succeeds(tmp_path:
     assert [path.name for path in out.iterdir()] == ["half.csv"]
 
 
+def test_what_a_killed_command_left_half_written_is_removed_when_it_succeeds(tmp_path: Path) -> None:
+    half, own = tmp_path / "fold_1" / ".weights.safetensors.a1_b2c3d.part", tmp_path / "mine.part"
+    half.parent.mkdir()
+    half.touch()
+    own.touch()
+    with output_folder(tmp_path):
+        pass
+    assert own.exists()
+    assert not half.exists()
+
+
 def test_a_refused_command_leaves_no_folder_and_nothing_in_somebody_elses(tmp_path: Path) -> None:
     for out in (tmp_path / "new", tmp_path):
         with pytest.raises(InvalidInput), output_folder(out):

@@ -2,7 +2,7 @@
 
 The hidden folder `.generate` holds `run.json`, what the run is, and a file for each finished unit. A unit's file
 appears whole, by a rename, so its presence is the journal's entry; a file that the disk has damaged is recognised by
-its checksums and the unit computed again. The folder goes when the dataset is complete.
+its checksums and the unit computed again. The folder goes when the dataset is complete and its record written.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ from vpsci_ros.runs.files import require_empty_folder, write_json, written_whole
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.output_folder import Claim
 
-FOLDER = ".generate"
+FOLDER, RECORD = ".generate", "generation.json"
 RUN = "run.json"
 
 
@@ -71,7 +71,7 @@ def journal_of(folder: Path, run: Mapping[str, Any], unit: int) -> Iterator[Jour
     :param unit: episodes in a unit, where the run begins now.
     :raises InvalidInput: the folder holds another run's work, or something else, or another process works in it.
     """
-    if (folder / DESCRIPTION).is_file():
+    if (folder / DESCRIPTION).is_file() and ((folder / RECORD).is_file() or not (folder / FOLDER).is_dir()):
         require_same(folder, _read(folder / DESCRIPTION), run, "holds a dataset")
         shutil.rmtree(folder / FOLDER, ignore_errors=True)  # a run that was killed while it removed it
         yield None

@@ -14,7 +14,7 @@ from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.assemble import assemble
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import Job, Unit
-from vpsci_ros.generate.journal import Journal, journal_of
+from vpsci_ros.generate.journal import RECORD, Journal, journal_of
 from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
 from vpsci_ros.generate.simulate import computing
 from vpsci_ros.policy.compiling import compile_kernels
@@ -23,7 +23,6 @@ from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
 from vpsci_ros.runs.workers import Workers, computed, local_workers
 
-RECORD = "generation.json"
 Report = Callable[[DatasetPlan], None]
 
 

@@ -62,6 +62,12 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def remove_parts(folder: Path) -> None:
+    """Remove the temporary files that `written_whole` left in a folder where its process was killed."""
+    for path in folder.rglob(".*.part"):
+        path.unlink(missing_ok=True)
+
+
 def require_claimed(path: Path) -> None:
     """Refuse to write by a path that leads out of the output folder it names.
 

@@ -9,7 +9,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
-from vpsci_ros.runs.files import CLAIMED, FAILURE, is_at, is_empty_folder, require_claimed, require_empty_folder
+from vpsci_ros.runs.files import (
+    CLAIMED,
+    FAILURE,
+    is_at,
+    is_empty_folder,
+    remove_parts,
+    require_claimed,
+    require_empty_folder,
+)
 from vpsci_ros.runs.record import RECORD, keep_room, read_record, release_room, write_record
 
 
@@ -71,7 +79,8 @@ def output_folder(path: Path) -> Iterator[Claim]:
     """Claim the folder that a command writes, and mark what it leaves there where it fails.
 
     Room is kept on the disk for the mark, `FAILURE` with the reason, and for a record. It is written where no record
-    describes the failure, and removed when the same command succeeds. A folder that stays empty is removed again.
+    describes the failure, and removed when the same command succeeds, with what an earlier one left half written when
+    it was killed. A folder that stays empty is removed again.
 
     :raises InvalidInput: see `Claim`.
     :raises VpsciError: the folder was taken away meanwhile.
@@ -83,6 +92,7 @@ def output_folder(path: Path) -> Iterator[Claim]:
         yield claim
         claim.require_there()
         (path / FAILURE).unlink(missing_ok=True)
+        remove_parts(path)
     except BaseException as error:
         claim.require_there()
         release_room(path)
