@@ -16,10 +16,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from synthetic import synthetic_near_misses
+
 from vpsci_ros.cli.main import main
+from vpsci_ros.data.near_misses import write_near_misses
 
 ROOT = Path(__file__).parents[2]
-PATIENCE = 300.0  # [s] for a command, on a loaded machine
+PATIENCE = 900.0  # [s] for a command, on a loaded machine
 _BAG = "bags/LocationA_PedCross_N-S"
 _RULES = "--set world_simulator.vehicle_driver=autopilot --set world_simulator.pedestrian_driver=autopilot"
 _ONE = "--set world_simulator.scenarios=[1] --set world_simulator.episodes=1 --set world_simulator.batch=1"
@@ -31,6 +34,7 @@ _STAGE2 = (
     "--set learner.foresight.steps=20 --set learner.rehearsal.rollouts=8"
 )
 _CLASS = "--ads-class vpsci_ros.nodes.example_driver:ExampleDriver --set ads_test.pedestrians=[walker]"
+_SEARCH = "--set ads_test.search.pedestrian=walker --set ads_test.search.pool=100 --set ads_test.search.shown=1"
 _DETERMINISTIC = "--params deterministic_stage1 -o {out} -q --set learner.episodes=2 --set learner.replay.batch_size=16"
 _FORMATS = ("openscenario", "commonroad", "osi", "scenarionet", "minari", "mp4", "carla-csv")
 COMMANDS: dict[str, str] = {
@@ -57,10 +61,10 @@ COMMANDS: dict[str, str] = {
     "study models": f"study models {_DETERMINISTIC} --folds 2 --models lstm",
     "study weights": "study weights --params deterministic_stage2 -o {out} -q --weightings equal --fresh-episodes 1 "
     + _STAGE2,
-    "realism": "realism -o {out} --data right_turns/dev --library right_turns/train -q",
+    "realism": "realism -o {out} --data {few} --library {few} -q",
     "graph": f"graph --params stage3_generate -o {{out}} -q {_ONE}",
     "ads-test, graph": f"ads-test -o {{out}} -q --ads example_ads --set ads_test.pedestrians=[walker] {_EXAM}",
-    "search": f"ads-test --search --budget 40 -o {{out}} -q {_CLASS} {_EXAM}",
+    "search": f"ads-test --search --budget 40 -o {{out}} -q {_CLASS} {_EXAM} {_SEARCH}",
     "demo": "demo -o {out}",
 }
 """The last ones take longest."""
@@ -80,7 +84,9 @@ def inputs(folder: Path) -> dict[str, str]:
     (folder / "tracks").mkdir()
     files._tracks(folder / "tracks")
     files._dataset(folder)
-    given = {name: str(folder / name) for name in ("tracks", "dataset", "kit", "answers")}
+    given = {name: str(folder / name) for name in ("tracks", "dataset", "kit", "answers", "few")}
+    given["few"] += ".parquet"
+    write_near_misses(synthetic_near_misses(interactions=12, seed=3).table, given["few"])
     assert here("turing make", folder / "kit", given).status == 0
     key = json.loads((folder / "kit" / "key.json").read_text())
     given["answers"] += ".json"

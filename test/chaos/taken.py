@@ -5,9 +5,11 @@
 - *again*: the command is killed, and then given once more.
 
 A command ends with 0 and a whole result, or not with 0 and in words, without a traceback. Nothing is written where a
-link leads. Given again after it was killed, it ends with 0 and leaves what an undisturbed one leaves, but for times.
+link leads. Given again after it was killed, it ends with 0 and leaves what an undisturbed one leaves, but for times;
+one that does not go on with a folder either does that or refuses the folder in words.
 """
 
+import contextlib
 import hashlib
 import json
 import os
@@ -17,17 +19,25 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 from typing import NamedTuple
 
-from chaos.commands import COMMANDS, Ended, apart, fresh
+from chaos.commands import COMMANDS, PATIENCE, Ended, apart, fresh
+
+from vpsci_ros.runs.files import changed_files
 
 WAYS = ("deleted", "moved", "linked")
 LIMITS = ("files", "memory", "processes")
 RESUMED = ("pretrain", "refine", "realism", "ads-test", "search", "generate, learned", "study samples", "study models")
-LONG = (*RESUMED, "graph", "ads-test, graph", "report", "export to osi", "turing make", "study paper")
+RESUMED += ("study folds", "study weights", "export to osi", "turing make")
+ONCE = ("report", "study paper", "dataset bag", "view", "evaluate", "turing score", "bag export", "import")
+KILLED = ("killed at a time", "killed at a file")
+REFUSED = 2
+LONG = (*RESUMED, "graph", "ads-test, graph", "report", "study paper")
 _OTHER_USER = "65534"  # a limit of processes does not hold for root
 _TIMES = ("wall_time", "seconds", "time", "date", "begun", "ended", "created", "hours", "started", "finished")
+_TIMES += ("computed",)  # what this run itself has done
 
 
 class Case(NamedTuple):
@@ -114,37 +124,72 @@ def left_unmarked(ended: Ended, out: Path) -> list[str]:
 
 
 def again_case(seed: int) -> Case:
-    """Draw a case: killed so many seconds after it has left something for the first time."""
-    rng = random.Random(f"again/{seed}")
-    return Case(RESUMED[seed % len(RESUMED)], "killed", rng.choice((0.0, 0.05, 0.3, 1.0, 3.0)))
+    """Draw a case: killed at a share of an undisturbed run's time, or as soon as a share of its files has appeared."""
+    rng, names = random.Random(f"again/{seed}"), [*RESUMED, *ONCE]
+    return Case(names[seed % len(names)], KILLED[seed // len(names) % len(KILLED)], rng.random())
 
 
-_WHOLE: dict[str, dict[str, str]] = {}  # what an undisturbed command left, by its name
+class Whole(NamedTuple):
+    """What an undisturbed command left, in how many seconds, and how many names of files there were meanwhile."""
+
+    left: dict[str, str]
+    seconds: float
+    names: int
+
+
+_WHOLE: dict[str, Whole] = {}  # by the name of the command
 
 
 def run_again(case: Case, given: dict[str, str], folder: Path) -> tuple[int, list[str]]:
     """Kill a command and give it again; return the status of the killed one, and what does not hold."""
     out = fresh(folder) / "out"
     if case.command not in _WHOLE:
-        undisturbed = apart(case.command, out, given)
-        assert undisturbed.status == 0, f"undisturbed: {undisturbed.said[-200:]}"
-        _WHOLE[case.command] = left(out)
+        _WHOLE[case.command] = _undisturbed(case.command, given, out)
         fresh(folder)
     whole = _WHOLE[case.command]
 
     def kill(process: "subprocess.Popen[bytes]") -> None:
-        while process.poll() is None and not (out.is_dir() and any(out.iterdir())):
-            time.sleep(0.005)
-        time.sleep(case.number)
-        os.killpg(process.pid, signal.SIGKILL)
+        if case.way == KILLED[0]:
+            _watch(process, out, seconds=case.number * whole.seconds)
+        else:
+            _watch(process, out, names=2 + int(case.number * whole.names))  # one is what it says
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
 
     killed = apart(case.command, out, given, kill)
     ended = apart(case.command, out, given)
+    if ended.status == REFUSED and case.command in ONCE and out.is_dir() and any(out.iterdir()):
+        return killed.status, in_words(ended)
     if ended.status:
         return killed.status, [*in_words(ended), f"given again, it ended with {ended.status}: {ended.said[-200:]}"]
-    found = left(out)
-    other = sorted(name for name in whole.keys() | found.keys() if whole.get(name) != found.get(name))
+    found = left(out.parent)
+    other = sorted(name for name in whole.left.keys() | found.keys() if whole.left.get(name) != found.get(name))
     return killed.status, [f"given again, it left other content in {', '.join(other)}"] if other else []
+
+
+def _undisturbed(command: str, given: dict[str, str], out: Path) -> Whole:
+    begun, names = time.monotonic(), 0
+
+    def watch(process: "subprocess.Popen[bytes]") -> None:
+        nonlocal names
+        names = _watch(process, out)
+
+    ended = apart(command, out, given, watch)
+    assert ended.status == 0, f"undisturbed: {ended.said[-200:]}"
+    return Whole(left(out.parent), time.monotonic() - begun, names)
+
+
+def _watch(process: "subprocess.Popen[bytes]", out: Path, seconds: float = inf, names: float = inf) -> int:
+    """Watch a command until so much time has passed, so many names of files have appeared, or it has ended.
+
+    :return: how many names there were. Names of temporary files are random, so that they count each time.
+    """
+    seen: set[tuple[str, str]] = set()
+    deadline = time.monotonic() + min(seconds, PATIENCE)
+    while process.poll() is None and time.monotonic() < deadline and len(seen) < names:
+        seen |= {(place, name) for place, _, files in os.walk(out.parent) for name in files}
+        time.sleep(0.002)
+    return len(seen)
 
 
 def left(out: Path) -> dict[str, str]:
@@ -155,7 +200,10 @@ def left(out: Path) -> dict[str, str]:
 def _hash(path: Path) -> str:
     data = path.read_bytes()
     if path.suffix == ".json":
-        data = json.dumps(_timeless(json.loads(data)), sort_keys=True).encode()
+        value = json.loads(data)
+        if isinstance(value, dict) and (hashes := value.get("outputs_sha256")):  # some are of files that hold times
+            value["outputs_sha256"] = [sorted(hashes), changed_files(path.parent, hashes)]
+        data = json.dumps(_timeless(value), sort_keys=True).encode()
     return hashlib.sha256(data).hexdigest()
 
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from vpsci_ros.bags.info import bag_info, print_info
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import write_json
+from vpsci_ros.runs.files import sha256, write_json
 from vpsci_ros.wire.layout import WORLD
 
 CASES = 20
@@ -94,6 +94,13 @@ def test_what_a_command_left_behind_would_be_noticed(tmp_path: Path) -> None:
     assert taken.left(tmp_path) == before
     (tmp_path / "a.json").write_text('{"seconds": 3, "n": 3}')
     assert taken.left(tmp_path) != before
+    write_json(tmp_path / "run.json", {"outputs_sha256": {"a.json": sha256(tmp_path / "a.json")}})
+    before = taken.left(tmp_path)
+    (tmp_path / "a.json").write_text('{"seconds": 4, "n": 3}')
+    assert taken.left(tmp_path) != before, "the record has the hash of another file"
+    write_json(tmp_path / "run.json", {"outputs_sha256": {"a.json": sha256(tmp_path / "a.json")}})
+    assert taken.left(tmp_path) == before
+    (tmp_path / "run.json").unlink()
     assert disks.defects(1, "error", tmp_path) == ["status 1, but a.json is there"]
     assert disks.defects(0, "", tmp_path / "..") == []
 
