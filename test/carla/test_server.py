@@ -15,11 +15,12 @@ from vpsci_ros.carla.world import EngineWorld  # noqa: E402
 from vpsci_ros.cli.parameter_file import load  # noqa: E402
 from vpsci_ros.cosim import Vehicle, Walker  # noqa: E402
 from vpsci_ros.errors import InvalidInput, VpsciError  # noqa: E402
+from vpsci_ros.exam.recorded_people import absent_pedestrians  # noqa: E402
 from vpsci_ros.exam.run import prepare  # noqa: E402
 from vpsci_ros.generate.job import job_from  # noqa: E402
 from vpsci_ros.policy.simulation import simulation_of  # noqa: E402
 from vpsci_ros.resources import params_dir  # noqa: E402
-from vpsci_ros.world import ENDED, RUNNING, World, WorldConfig, load_scenario  # noqa: E402
+from vpsci_ros.world import ENDED, RUNNING, Recorded, World, WorldConfig, load_scenario  # noqa: E402
 from vpsci_ros.world.engines import EngineConfig  # noqa: E402
 from vpsci_ros.world.loop import Loop  # noqa: E402
 
@@ -111,12 +112,26 @@ def test_what_a_server_cannot_hold_is_refused(stand_in):
     for change, batch, scenario in (
         ({"pedestrians": 2}, 1, SCENARIO),
         ({}, 2, SCENARIO),
-        ({"pedestrian_driver": "replay"}, 1, SCENARIO),
+        ({"vehicle_driver": "replay"}, 1, SCENARIO),
         ({}, 1, load_scenario(104)),
     ):
         config = dataclasses.replace(AUTOPILOT, **change)
         with pytest.raises(InvalidInput, match="expected batch = 1, pedestrians = 1, no parked vehicles"):
             EngineWorld(live(stand_in), config, [scenario], [], batch, 1)
+
+
+def test_a_pedestrian_who_is_replayed_is_refused_unless_it_is_nobody_and_then_the_server_has_a_car_alone(stand_in):
+    replayed, server = dataclasses.replace(AUTOPILOT, pedestrian_driver="replay"), live(stand_in)
+    begun = EngineWorld(server, AUTOPILOT, [SCENARIO], [(1, 3)], 1, 1).state
+    here = {(1, 3): (np.zeros((1, 5)), np.array([[*begun[["pedestrian_x", "pedestrian_y"]][0].tolist(), 0.0, 0.0]]))}
+    with pytest.raises(InvalidInput, match="engine = carla: recorded people are not replayed in a server"):
+        EngineWorld(server, replayed, [SCENARIO], [(1, 3)], 1, 1, recorded=Recorded(here))
+    nobody = Recorded({key: (np.zeros((1, 5)), motion) for key, motion in absent_pedestrians(begun).items()})
+    loop = Loop(EngineWorld(server, replayed, [SCENARIO], [(1, 3)], 1, 1, recorded=nobody))
+    assert [(actor.kind[:7], actor.alive) for actor in stand_in.actors] == [("vehicle", True), ("walker.", False)]
+    states = [state for step in loop if (state := step.tick.state[0].copy())["status"] == RUNNING]
+    assert max(state["vehicle_path"] for state in states) > 5.0
+    assert all(state["pedestrian_x"] - begun["vehicle_x"][0] > 900.0 for state in states)
 
 
 def test_an_exam_that_would_not_drive_in_the_server_is_refused():

@@ -32,13 +32,13 @@ class Controls(NamedTuple):
 class Server(Protocol):
     """An engine with one vehicle and one pedestrian; places and velocities are in our frame."""
 
-    def place(self, vehicle: Vehicle, walker: Walker) -> None:
-        """Put both where an episode begins, with the speeds that they have there."""
+    def place(self, vehicle: Vehicle, walker: Walker | None) -> None:
+        """Put both where an episode begins, with the speeds that they have there; None: nobody is there."""
 
-    def tick(self, controls: Controls, walker: Walker) -> tuple[Vehicle, Walker]:
+    def tick(self, controls: Controls, walker: Walker) -> tuple[Vehicle, Walker | None]:
         """Move both on by one tick, and return where they are then.
 
-        :param walker: as it wants to be at the end of the tick.
+        :param walker: as it wants to be at the end of the tick; nothing where nobody is there.
         """
 
     def close(self) -> None:
@@ -74,39 +74,43 @@ class LiveServer:
         self._world.apply_settings(settings)
         self._map = self._world.get_map()
 
-    def place(self, vehicle: Vehicle, walker: Walker) -> None:
+    def place(self, vehicle: Vehicle, walker: Walker | None) -> None:
         """Put both where an episode begins; they are spawned for the first one.
 
         :raises VpsciError: the map has no road there, or something stands there.
         """
         height = self._height(vehicle.x, vehicle.y)
-        person = self._carla.Transform(self._carla.Location(walker.x, -walker.y, height + WAIST))
         if not self._actors:
-            centre = self._carla.Location()
-            self._spawn(CAR, vehicle_transform(vehicle, centre, height + LIFT))
-            self._spawn(WALKER, person)
+            self._spawn(CAR, vehicle_transform(vehicle, self._carla.Location(), height + LIFT))
             self._limit_steering()
-        car, actor = self._actors
+        car = self._actors[0]
         car.set_transform(vehicle_transform(vehicle, car.bounding_box.location, height + LIFT))
         c, s = math.cos(vehicle.heading), math.sin(vehicle.heading)
         car.set_target_velocity(self._carla.Vector3D(vehicle.speed * c, -vehicle.speed * s, 0.0))
         car.set_target_angular_velocity(self._carla.Vector3D())
-        actor.set_transform(person)
-        actor.apply_control(walker_control(walker.vx, walker.vy))
+        if walker is not None:
+            person = self._carla.Transform(self._carla.Location(walker.x, -walker.y, height + WAIST))
+            if len(self._actors) == 1:
+                self._spawn(WALKER, person)
+            self._actors[1].set_transform(person)
+            self._actors[1].apply_control(walker_control(walker.vx, walker.vy))
+        elif len(self._actors) == 2:
+            self._actors.pop().destroy()
 
-    def tick(self, controls: Controls, walker: Walker) -> tuple[Vehicle, Walker]:
+    def tick(self, controls: Controls, walker: Walker) -> tuple[Vehicle, Walker | None]:
         """Apply both controls, tick, and return where both are.
 
         :raises VpsciError: the server does not answer.
         """
-        car, actor = self._actors
+        car, *people = self._actors
         car.apply_control(vehicle_control(*controls))
-        actor.apply_control(walker_control(walker.vx, walker.vy))
+        for actor in people:
+            actor.apply_control(walker_control(walker.vx, walker.vy))
         try:
             self._world.tick()
         except RuntimeError as error:
             raise VpsciError(f"the CARLA server does not answer: {error}") from None
-        return vehicle_of(car), walker_of(actor)
+        return vehicle_of(car), walker_of(people[0]) if people else None
 
     def close(self) -> None:
         """Destroy the actors and give the world its settings back; a server that is gone needs neither."""

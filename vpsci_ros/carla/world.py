@@ -13,6 +13,8 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import RUNNING, Scenario, World, WorldConfig, engine
 from vpsci_ros.world.tables import Inputs
 
+ABSENT = 500.0  # [m] from the vehicle: nobody is there (an exam's reference), and the server gets no walker
+
 
 class EngineWorld(World):
     """One episode after the other, in a server.
@@ -21,7 +23,8 @@ class EngineWorld(World):
     wants. The server moves both; where they are then, whether they touch and have arrived is of the server's places.
 
     :param server: where an episode takes place; the rest is as of `World`.
-    :raises InvalidInput: more than one episode at once, several pedestrians, parked vehicles, or a driver that replays.
+    :raises InvalidInput: more than one episode at once, several pedestrians, parked vehicles, a vehicle that is
+        replayed; or, as an episode begins, a pedestrian that is replayed within `ABSENT`.
     """
 
     def __init__(
@@ -36,10 +39,10 @@ class EngineWorld(World):
     ) -> None:
         drivers = config.vehicle_driver, config.pedestrian_driver
         parked = [scenario.name for scenario in scenarios if len(scenario.parked)]
-        if batch * config.pedestrians > 1 or parked or "replay" in drivers:
+        if batch * config.pedestrians > 1 or parked or config.vehicle_driver == "replay":
             raise InvalidInput(
-                "engine = carla: expected batch = 1, pedestrians = 1, no parked vehicles, and no driver replays; got "
-                f"{batch}, {config.pedestrians}, parked vehicles in {parked}, drivers {drivers}"
+                "engine = carla: expected batch = 1, pedestrians = 1, no parked vehicles, no vehicle that is replayed; "
+                f"got {batch}, {config.pedestrians}, parked vehicles in {parked}, drivers {drivers}"
             )
         self._server = server
         super().__init__(config, scenarios, episodes, batch, seed, **options)
@@ -50,7 +53,11 @@ class EngineWorld(World):
             record = self.state[0]
             names = ("x", "y", "heading", "speed")
             car = Vehicle(*(float(record[f"vehicle_{name}"]) for name in names))
-            self._server.place(car, Walker(*(float(record[f"pedestrian_{name}"]) for name in Walker._fields)))
+            walker = Walker(*(float(record[f"pedestrian_{name}"]) for name in Walker._fields))
+            absent = math.hypot(walker.x - car.x, walker.y - car.y) > ABSENT
+            if self.config.pedestrian_driver == "replay" and not absent:
+                raise InvalidInput("engine = carla: recorded people are not replayed in a server; leave them out")
+            self._server.place(car, None if absent else walker)
         return started
 
     def _move(self, answers: Inputs, part: slice) -> None:
@@ -73,7 +80,7 @@ class EngineWorld(World):
         if car.curvature is not None and car.speed > 0.0:
             record["vehicle_curvature"] = car.curvature
         record["vehicle_acceleration"] = (record["vehicle_speed"] - last["vehicle_speed"]) / self.config.tick
-        for name, value in walker._asdict().items():
+        for name, value in walker._asdict().items() if walker else ():
             record[f"pedestrian_{name}"] = value
         for agent in ("vehicle", "pedestrian"):
             gone = [record[f"{agent}_{axis}"] - last[f"{agent}_{axis}"] for axis in "xy"]

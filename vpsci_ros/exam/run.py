@@ -117,6 +117,7 @@ def prepare(
             f"world_simulator.pedestrians = {world.pedestrians}; set ads_test.perception to true, which lists all"
         )
     if config.recorded:
+        chosen.get(EngineConfig, "world_simulator").require_own("recorded people are replayed")
         read_near_misses(config.recorded)
     _ = exam.weights, exam.scenarios
     return exam
@@ -149,6 +150,11 @@ def run_exam(
         raise InvalidInput(f"--ray {ray}: a system that you start yourself (external) drives on this machine only")
     if ray is not None and (protocol or why):
         raise InvalidInput(f"--ray {ray}: --protocol and --why drive on this machine only; give them without --ray")
+    if (protocol or why) and (engine := exam.sections.get(EngineConfig, "world_simulator").engine) != "vpsci":
+        raise InvalidInput(
+            f"world_simulator.engine = {engine}: --why and --protocol change commands and speeds by our kinematics, "
+            "and drive an episode again from its seed; give them with engine: vpsci"
+        )
     pedestrians = exam.config.opponents
     parsed = [parse(text, pedestrians, compared=against is not None) for text in (*exam.config.fail_if, *criteria)]
     earlier: Earlier | None = None

@@ -64,8 +64,13 @@ class WorldSimulator(GraphNode):
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
         self._recorded = recorded_from_bag(config.recorded_bag) if config.recorded_bag else None
         engine = self.config(EngineConfig)
+        changed = self.config(InterventionConfig)
+        if engine.engine == "carla" and changed != InterventionConfig():
+            raise InvalidInput(
+                "engine = carla: held_until and interventions change the car by our kinematics; leave them out"
+            )
         self._server = server or (LiveServer(engine, self._config.tick) if engine.engine == "carla" else None)
-        changes = Interventions(self.config(InterventionConfig), scenarios, lane_following=self._config.lane_following)
+        changes = Interventions(changed, scenarios, lane_following=self._config.lane_following)
         self._loop = Loop(self._new_world(), interventions=changes)
         self.counts = WorldCounts()
         external = None
