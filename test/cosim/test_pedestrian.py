@@ -11,6 +11,7 @@ import pytest
 
 from vpsci_ros import Pedestrian, Vehicle, Walker
 from vpsci_ros.cosim import Walk
+from vpsci_ros.cosim.scenarios import of_lane, of_walk
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.resources import weights_path
@@ -267,3 +268,10 @@ def test_before_its_first_step_one_who_walks_to_a_goal_is_nobody_yet(weights: We
         _ = pedestrian.start
     pedestrian.step(AT_THE_KERB, {})
     assert pedestrian.start.y == pytest.approx(-4.94, abs=0.02)
+
+
+def test_a_goal_may_lie_in_any_direction() -> None:
+    """Rounding made the way across a hair shorter than its goal in some directions, which was refused."""
+    for angle in np.linspace(0.0, 2.0 * np.pi, 30):
+        way = [(1.0, 2.0), (1.0 + 12.3 * np.cos(angle), 2.0 + 12.3 * np.sin(angle))]
+        assert of_walk(way).pedestrian.goal == of_lane(way).vehicle.goal

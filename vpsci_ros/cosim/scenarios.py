@@ -31,7 +31,7 @@ def of_walk(route: ArrayLike) -> Scenario:
     """
     points, way, across = _middle(route, "route")
     walk = {"route": points, "goal": way.length, "arrival": [1.0, 1.0], "offset": [0.0, 0.0], "waiting": 0.0}
-    lane = {"centreline": across, "spawn": [0.0, 1.0], "goal": 2.0 * _ACROSS}
+    lane = {"centreline": across, "spawn": [0.0, 1.0], "goal": _end(across)}
     return _made(lane, walk, "route")
 
 
@@ -41,7 +41,7 @@ def of_lane(lane: ArrayLike) -> Scenario:
     :raises InvalidInput: as `of_walk`, or a bend that the vehicle cannot take.
     """
     points, way, across = _middle(lane, "lane")
-    walk = {"route": across, "goal": 2.0 * _ACROSS, "arrival": [1.0, 1.0]}
+    walk = {"route": across, "goal": _end(across), "arrival": [1.0, 1.0]}
     return _made({"centreline": points, "spawn": [0.0, 0.0], "goal": way.length}, walk, "lane")
 
 
@@ -61,6 +61,11 @@ def _middle(points: ArrayLike, what: str) -> tuple[list[list[float]], Way, list[
     half = (len(way.points) // 2 - 0.5) * way.step  # between two samples
     aside = [way.beside(half, side * _ACROSS) for side in (1.0, -1.0)]
     return array.tolist(), way, [list(map(float, point)) for point in aside]
+
+
+def _end(across: list[list[float]]) -> float:
+    """Return the end of the other agent's way [m], whose length rounding may have made a little less."""
+    return min(2.0 * _ACROSS, resample(np.array(across)).length)
 
 
 def _made(vehicle: dict[str, Any], pedestrian: dict[str, Any], where: str) -> Scenario:
