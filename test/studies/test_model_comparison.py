@@ -98,6 +98,9 @@ def test_both_settings_of_a_model_stand_in_the_table_with_outcomes_and_what_peop
     assert rows["ma_sst_ddpg"]["people"]["share_of_ma_sst_ddpg"] == (1.0, [1.0, 1.0])
     assert rows["ma_sst_ddpg"]["people"]["roll_outs"] == 1
     assert rows["social_lstm"]["people"]["roll_outs"] > 1
+    control = rows["constant_velocity"]["world"]  # of the two episodes once, a model's of 2 folds and 2 seeds each
+    assert {len(rows[name]["world"]["collision_by_training"]) for name in SIMULATED} == {4}
+    assert all(rows[name]["world"]["critical_episodes"] == 4 * control["critical_episodes"] for name in SIMULATED)
     first, second = (
         load_weights(folder / "fold_1" / name / "weights.safetensors") for name in ("social_lstm", "social_lstm_1")
     )

@@ -25,7 +25,7 @@ from vpsci_ros.policy.residuals import people_of
 from vpsci_ros.policy.weights import Weights, load_weights, resolved, save_weights
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.studies.cross_validation import GUARD
-from vpsci_ros.studies.model_table import COST, Hybrid, Measuring, Pooled
+from vpsci_ros.studies.model_table import COST, Hybrid, Measuring, Pooled, without_reaction
 from vpsci_ros.studies.networks import by_reinforcement, train, whole_tracks
 from vpsci_ros.studies.state import once
 
@@ -52,10 +52,10 @@ def compare_models(
 
     The layout is that of `errors.evaluate`; errors of several seeds are means by interaction. Each model also has
     `parameters` (of both actors), `training_seconds` (of CPU, one training), `step_microseconds` (of CPU, both actors,
-    one interaction among those of a fold), `people` (`a part of `SameStart.measure`: energy score, minADE6, likelihood,
-    classifier; of the first seed), with `hybrid` `world` (shares of critical episodes that collide, and reach both
-    goals), and, where `ma_sst_ddpg` is among the models, its ADE by protocol and its energy score as shares of that
-    model's, with 95% intervals by clips. A training that is stopped begins again; finished ones are kept.
+    one interaction among those of a fold), `people` (a part of `SameStart.measure`: energy score, minADE6, likelihood,
+    classifier; of the first seed), with `hybrid` `world` (`Pooled.world`; of the control `constant_velocity`, too),
+    and, where `ma_sst_ddpg` is among the models, its ADE by protocol and its energy score as shares of that model's,
+    with 95% intervals by clips. A training that is stopped begins again; finished ones are kept.
 
     :param models: of `vpsci_ros.policy.models.MODELS`.
     :param seeds: trainings a fold, by seeds `seed`, `seed` + 1, ...; the folds are those of `seed`.
@@ -97,6 +97,8 @@ def compare_models(
             if hybrid is not None:
                 measuring.add(refined.setdefault(name + REFINED, Pooled()), run.hybrid(hybrid), held_out, s, hybrid)
     result = measuring.table(data_driven | refined) | {"folds": folds, "seeds": seeds}
+    if hybrid is not None:
+        result["models"]["constant_velocity"]["world"] = without_reaction(hybrid)
     write_json(out_dir / RESULT, result)
     return result
 

@@ -123,14 +123,15 @@ _PEOPLE = (
 def _people(rows: dict[str, Any]) -> list[tuple[str, ...]]:
     out = []
     for name, of in rows.items():
-        if "people" not in of:
+        people, world = of.get("people"), of.get("world")
+        if people is None and world is None:
             continue
-        people, world = of["people"], of.get("world")
-        cells = [f"{people[k]:.3f}" for k in ("energy_score", "min_ade_6", "likelihood")] + [
-            f"{people['c2st_auc']:.2f}"
-        ]
+        cells = [f"{people[k]:.3f}" if people else "-" for k in ("energy_score", "min_ade_6", "likelihood")]
+        cells.append(f"{people['c2st_auc']:.2f}" if people else "-")
         cells += [f"{100.0 * world[k][0]:.0f}" if world else "-" for k in ("collision", "goal")]
-        out.append((name, *cells, f"{of['parameters'] / 1000.0:.0f}k", f"{of['training_seconds']:.0f}"))
+        learned = "parameters" in of
+        cells.append(f"{of['parameters'] / 1000.0:.0f}k" if learned else "-")
+        out.append((name, *cells, f"{of['training_seconds']:.0f}" if learned else "-"))
     return out
 
 
