@@ -26,12 +26,16 @@ from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import read_text
+from vpsci_ros.evaluation.realism.elsewhere import read_conflicts
 from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.world.opendrive import OpenDriveMap
 
 Read = Callable[[], object]
 SMALL = {  # budgets for the test, so that the bombs are small
     "vpsci_ros.bags.mcap_file.LARGEST_CHUNK": 2**20,
     "vpsci_ros.bags.sqlite_file.LARGEST": 2**16,
+    "vpsci_ros.data.parquet.MOST_TEXT": 2**20,
     "vpsci_ros.data.parquet.MOST_VALUES": 2**16,
     "vpsci_ros.documents.LONGEST": 2**16,
     "vpsci_ros.documents.LONGEST_YAML": 2**16,
@@ -39,6 +43,8 @@ SMALL = {  # budgets for the test, so that the bombs are small
     "vpsci_ros.runs.time_budget.PER_BYTE": 0.0,
     "vpsci_ros.data.importers.pairing.LEAST": 0.05,
     "vpsci_ros.data.importers.pairing.PER_STEP": 0.0,
+    "vpsci_ros.world.opendrive.LARGEST_FILE": 2**20,
+    "vpsci_ros.world.opendrive.MOST_ELEMENTS": 2**14,
 }
 
 
@@ -119,6 +125,41 @@ def _rows(folder: Path) -> Read:
     return partial(read_parquet, folder / "a.parquet", "numbers")
 
 
+def _texts(folder: Path) -> Read:
+    """One text that stands in every row: 40 MB, of which the file holds 1 KB."""
+    text = pa.DictionaryArray.from_arrays(pa.array(np.zeros(2**12, np.int32)), ["x" * 10_000])
+    pq.write_table(pa.table({"clip": text}), folder / "a.parquet")
+    assert (folder / "a.parquet").stat().st_size < 2**12
+    return partial(read_parquet, folder / "a.parquet", "texts")
+
+
+def _lists(folder: Path) -> Read:
+    pq.write_table(pa.table({"x": [[1] * 2**18]}), folder / "a.parquet")
+    return partial(read_parquet, folder / "a.parquet", "numbers")
+
+
+def _map(text: str, read: Callable[[OpenDriveMap], object], folder: Path) -> Read:
+    (folder / "map.xodr").write_text(text, encoding="utf-8")
+    return lambda: read(OpenDriveMap(folder / "map.xodr"))
+
+
+def _road(inside: str, width: float = 0.0, lanes: int = 1) -> str:
+    """A road that is a circle of 1 km, so that its lanes join themselves."""
+    text = "".join(
+        f'<lane id="{-1 - k}"><width sOffset="0" a="{width}" b="0" c="0" d="0"/></lane>' for k in range(lanes)
+    )
+    return (
+        '<OpenDRIVE><road id="1" length="1000"><planView><geometry s="0" x="0" y="0" hdg="0" length="1000">'
+        f'<arc curvature="{2 * np.pi / 1000}"/></geometry></planView>{inside}'
+        f'<lanes><laneSection s="0"><right>{text}</right></laneSection></lanes></road></OpenDRIVE>'
+    )
+
+
+_CORNERS = f"""<objects><object id="7" type="crosswalk" s="0" t="0" hdg="0">{'<cornerLocal u="0" v="1"/>' * 2000}
+    </object></objects>"""
+_LAUGHS = "".join(f'<!ENTITY e{k + 1} "{f"&e{k};" * 10}">' for k in range(8))
+
+
 def _long(folder: Path) -> Read:
     (folder / "a.yaml").write_bytes(b" " * 2**17)
     return partial(read_text, folder / "a.yaml", "YAML")
@@ -160,6 +201,19 @@ BOMBS: dict[str, Callable[[Path], Read]] = {
     "everybody together": _crowd,
     "a long document": _document,
     "many equal rows": _rows,
+    "a text in every row": _texts,
+    "a list in a row": _lists,
+    "a pipe as conflicts": partial(_pipe, "a.csv", read_conflicts),
+    "a pipe as a map": partial(_pipe, "a.xodr", OpenDriveMap),
+    "a pipe as an input": partial(_pipe, "a.bin", sha256),
+    "a map of entities": partial(
+        _map, f"<!DOCTYPE OpenDRIVE [<!ENTITY e0 'x'>{_LAUGHS}]><OpenDRIVE>&e8;</OpenDRIVE>", OpenDriveMap.crosswalks
+    ),
+    "a map of elements": partial(_map, f"<OpenDRIVE>{'<a/>' * 2**15}</OpenDRIVE>", OpenDriveMap.crosswalks),
+    "a long map": partial(_map, _road(" " * 2**20), OpenDriveMap.crosswalks),
+    "an outline of a circle": partial(_map, _road(_CORNERS), lambda found: found.crosswalk(7)),
+    "round and round": partial(_map, _road(""), lambda found: found.route([(1, -1)] * 300)),
+    "a thousand lanes": partial(_map, _road("", lanes=4000), lambda found: found.route([(1, -4000)] * 2)),
     "a long text": _long,
     "a period of 0": partial(_description, lambda whole: whole.update(period=0)),
     "a quartile in words": partial(_description, lambda whole: whole["all"].update(least_curvttc=["2"])),

@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pyarrow as pa
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, FORMATS, INDEX_COLUMNS, NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_index import DESCRIPTION, FORM, INDEX, REJECTED
 from vpsci_ros.data.episode import Episode, Key, Listed, filled, headings
 from vpsci_ros.data.episode_frames import QUANTITIES
-from vpsci_ros.data.parquet import as_polars, read_parquet, require_few
-from vpsci_ros.documents import read_json, reason, require_form
+from vpsci_ros.data.parquet import open_parquet, read_bounded, read_parquet
+from vpsci_ros.documents import read_json, reason, require_form, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import curvature_from_yaw_rate
 from vpsci_ros.world import Scenario
@@ -148,14 +147,14 @@ def file_rows(path: Path) -> Iterator[pl.DataFrame]:
     :raises InvalidInput: damaged, or not a table with the columns of Table 7.
     """
     row = 0
+    require_regular(path)
     try:
         if path.suffix == ".csv":
             yield pl.read_csv(path, schema=_SCHEMA)
             return
-        with pq.ParquetFile(path) as file:
+        with open_parquet(path) as file:
             for group in range(file.num_row_groups):
-                require_few(file.metadata.row_group(group).num_rows, file.metadata.num_columns)
-                part = as_polars(file.read_row_group(group))
+                part = read_bounded(file, group)
                 yield part.select(list(DATASET_COLUMNS))
                 row += part.height
     except (pa.ArrowException, pl.exceptions.PolarsError, OSError, ValueError) as error:

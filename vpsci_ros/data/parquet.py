@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import polars as pl
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from vpsci_ros.documents import parse_json, reason, require_form, require_regular
@@ -17,6 +18,7 @@ METADATA_KEY = b"vpsci_ros"
 
 
 MOST_VALUES = 2**27  # of what is read at once: 1 GiB in memory; compressed, ten times as many fit into 20 MB
+MOST_TEXT = 2**30  # [bytes] of its texts; one that a file holds once may stand in every row
 
 
 class Column(NamedTuple):
@@ -66,9 +68,8 @@ def read_parquet(path: str | Path, what: str, columns: Iterable[str] = ()) -> pl
     if not path.is_file():
         raise InvalidInput(f"{path}: no such file; expected {what} in Parquet")
     try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            require_few(file.metadata.num_rows, file.metadata.num_columns)
-            table = as_polars(file.read())
+        with open_parquet(path) as file:
+            table = read_bounded(file)
     except (pa.ArrowException, pl.exceptions.PolarsError, OSError, ValueError, TypeError) as error:
         raise InvalidInput(f"{path}: expected {what} in Parquet, not readable as such: {reason(error)}") from None
     if missing := [name for name in columns if name not in table.columns]:
@@ -77,13 +78,58 @@ def read_parquet(path: str | Path, what: str, columns: Iterable[str] = ()) -> pl
     return table.select(list(columns)) if columns else table
 
 
-def require_few(rows: int, columns: int) -> None:
-    """Refuse to read more than `MOST_VALUES` at once.
+def open_parquet(path: str | Path) -> pq.ParquetFile:
+    """Open a Parquet file for `read_bounded`, so that each text is read once, however many rows have it.
 
-    :raises ValueError: rows and columns make more.
+    :raises ValueError: a column holds neither numbers, times nor texts.
     """
-    if rows * columns > MOST_VALUES:
-        raise ValueError(f"{rows:,} rows of {columns} columns; expected {MOST_VALUES:,} values at most")
+    texts = []
+    for field in pq.read_schema(path):
+        if any(holds(field.type) for holds in _TEXTS):
+            texts.append(field.name)
+        elif pa.types.is_nested(field.type) or pa.types.is_fixed_size_binary(field.type):
+            raise ValueError(f"column {field.name} is of type {field.type}; expected numbers, times or texts")
+    return pq.ParquetFile(path, page_checksum_verification=True, read_dictionary=texts)
+
+
+def read_bounded(file: pq.ParquetFile, group: int | None = None) -> pl.DataFrame:
+    """Return what a file of `open_parquet` holds, or one of its row groups.
+
+    :raises ValueError: more values than `MOST_VALUES`, or more text than `MOST_TEXT`, see also `as_polars`.
+    """
+    rows = file.metadata.num_rows if group is None else file.metadata.row_group(group).num_rows
+    if rows * file.metadata.num_columns > MOST_VALUES:
+        raise ValueError(
+            f"{rows:,} rows of {file.metadata.num_columns} columns; expected {MOST_VALUES:,} values at most"
+        )
+    groups = range(file.metadata.num_row_groups) if group is None else [group]
+    _require_little(sum(file.metadata.row_group(each).total_byte_size for each in groups))
+    table = file.read() if group is None else file.read_row_group(group)
+    _require_little(sum(_length(column) for column in table.columns if _is_coded(column.type)))
+    plain = [column.cast(column.type.value_type) if _is_coded(column.type) else column for column in table.columns]
+    return as_polars(pa.Table.from_arrays(plain, names=table.column_names))
+
+
+_TEXTS = (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary, pa.types.is_large_binary)
+
+
+def _is_coded(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_dictionary(kind)) and any(holds(kind.value_type) for holds in _TEXTS)
+
+
+def _length(column: pa.ChunkedArray) -> float:
+    """Return how many bytes the texts of a column take where each stands in its row."""
+    total = 0.0
+    for chunk in column.chunks:
+        counts = pc.value_counts(chunk.indices.drop_null())
+        lengths = pc.binary_length(chunk.dictionary).fill_null(0).take(counts.field("values"))
+        total += float(counts.field("counts").to_numpy().astype(float) @ lengths.to_numpy().astype(float))
+    return total
+
+
+def _require_little(text: float) -> None:
+    if text > MOST_TEXT:
+        raise ValueError(f"{text / 1e6:,.0f} MB unpacked; expected {MOST_TEXT / 1e6:,.0f} MB at most")
 
 
 def as_polars(table: pa.Table) -> pl.DataFrame:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from vpsci_ros.documents import require_regular
 from vpsci_ros.errors import InvalidInput, VpsciError
 
 CLAIMED: dict[tuple[int, int], Path] = {}
@@ -18,7 +19,11 @@ ROOM_FILE = ".run.json.room"  # which keeps room for a record
 
 
 def sha256(path: str | Path) -> str:
-    """Return the SHA-256 of a file's content as hexadecimal digits."""
+    """Return the SHA-256 of a file's content as hexadecimal digits.
+
+    :raises InvalidInput: it is a pipe or a device, which may never end.
+    """
+    require_regular(path)
     digest = hashlib.sha256()
     with open(path, "rb") as file:
         while block := file.read(1 << 20):

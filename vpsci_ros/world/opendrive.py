@@ -16,28 +16,52 @@ from numpy.typing import NDArray
 
 from vpsci_ros.documents import reason, require_form, require_regular, shown
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.runs.time_budget import TimeBudget
 
 Floats: TypeAlias = NDArray[np.float64]
 LARGEST, LONGEST_ROAD = 1e9, 1e5  # of a number in a map, which is in metres or radians; [m]
+LARGEST_FILE, MOST_ELEMENTS = 2**28, 2**22  # [bytes]; a map of a whole town has some 10 MB
+MOST_CORNERS = 1000  # of an outline
 LARGEST_GAP = 0.5  # [m] between the end of a lane and the beginning of the next one on a route
 BEYOND = 3.0  # [m] that a walking route goes on beyond either end of its crosswalk
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
+class _Elements(ET.TreeBuilder):
+    """Makes a tree of so many elements, without entities, by which a short text unpacks to a long one."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._left = MOST_ELEMENTS
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise ValueError(f"a document type ({name}), which OpenDRIVE does not have")
+
+    def start(self, tag: str, attributes: dict[str, str]) -> ET.Element:
+        self._left -= 1
+        if self._left < 0:
+            raise ValueError(f"more than {MOST_ELEMENTS:,} elements")
+        return super().start(tag, attributes)
+
+
 class OpenDriveMap:
     """An OpenDRIVE file.
 
-    :raises InvalidInput: unreadable XML, or not an OpenDRIVE file.
+    :raises InvalidInput: unreadable XML, too large, or not an OpenDRIVE file.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        require_regular(self.path)
+        require_regular(self.path, LARGEST_FILE)
         try:
-            root = ET.parse(self.path).getroot()
+            root = ET.parse(self.path, ET.XMLParser(target=_Elements())).getroot()
         except OSError as error:
             raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
-        except (ET.ParseError, ValueError, LookupError) as error:  # the latter two of an unknown encoding
+        except (
+            ET.ParseError,
+            ValueError,
+            LookupError,
+        ) as error:  # the latter two of an unknown encoding, or `_Elements`
             text = reason(error)
             raise InvalidInput(f"{path}: expected an OpenDRIVE file, got XML that does not parse: {text}") from None
         if root.tag != "OpenDRIVE":
@@ -49,13 +73,17 @@ class OpenDriveMap:
 
         :param lanes: (road id, lane id); a lane with a positive id is driven against its road's reference line.
         :param step: distance between points [m], about.
-        :raises InvalidInput: no lane, an unknown one, or two that do not join.
+        :raises InvalidInput: no lane, an unknown one, two that do not join, or a route longer than `LONGEST_ROAD`.
         """
         if not lanes:
             raise InvalidInput(f"{self.path}: expected at least one [road, lane], got none")
         pieces: list[Floats] = []
-        for road, lane in lanes:
-            piece = self.lane_centre(road, lane, step)
+        length = 0.0
+        centres = TimeBudget.of_file(self.path).spent_on(self.lane_centre(road, lane, step) for road, lane in lanes)
+        for (road, lane), piece in zip(lanes, centres, strict=True):
+            length += step * len(piece)
+            if length > 2.0 * LONGEST_ROAD:
+                raise InvalidInput(f"{self.path}: the lanes of a route are longer than {LONGEST_ROAD:g} m; name fewer")
             if pieces:
                 gap = math.dist(pieces[-1][-1], piece[0])
                 if gap > LARGEST_GAP:
@@ -63,10 +91,9 @@ class OpenDriveMap:
                         f"{self.path}: lane {lane} of road {road} begins {gap:.1f} m from the end of the one before, "
                         "name the lanes in the order of driving, without a gap"
                     )
-                piece = piece[1:]  # both have the point where they join
-            pieces.append(piece)
+            pieces.append(piece[1:] if pieces else piece)  # both have the point where they join
         road, lane = lanes[0]
-        return np.concatenate(pieces), float(self._width(self._road(road), lane, np.zeros(1))[0])
+        return np.concatenate(pieces), float(self._width(self._road(road), [lane], np.zeros(1))[0])
 
     def lane_centre(self, road_id: str | int, lane: int, step: float = 1.0) -> Floats:
         """Return the centre of a lane in the direction in which it is driven, float64[N, 2] [m].
@@ -108,8 +135,11 @@ class OpenDriveMap:
 
     def _outline(self, road: ET.Element, item: ET.Element) -> Floats:
         corners = [[_number(c, "u"), _number(c, "v")] for c in item.iter("cornerLocal")]
-        if len(corners) < 3:
-            raise InvalidInput(f"{self.path}: object {item.get('id')} has no outline of local corners")
+        if not 3 <= len(corners) <= MOST_CORNERS:
+            raise InvalidInput(
+                f"{self.path}: object {item.get('id')} has no outline of 3 to {MOST_CORNERS:,} local corners, but "
+                f"{len(corners):,}"
+            )
         s, t = np.array([_number(item, "s")]), np.array([_number(item, "t")])
         origin = self._points(road, s, t)[0]
         turn = float(self._reference(road, s)[2][0]) + _number(item, "hdg")
@@ -127,11 +157,10 @@ class OpenDriveMap:
         pieces = sorted(road.iterfind("planView/geometry"), key=lambda g: _number(g, "s"))
         if not pieces:
             raise InvalidInput(f"{self.path}: road {road.get('id')} has no reference line")
-        which = np.maximum(np.searchsorted([_number(g, "s") for g in pieces], s, side="right") - 1, 0)
-        for index, geometry in enumerate(pieces):
-            here = which == index
-            if here.any():
-                along = s[here] - _number(geometry, "s")
+        begins = [_number(geometry, "s") for geometry in pieces]
+        for geometry, begin, here in zip(pieces, begins, _within(begins, s), strict=True):
+            if here.start < here.stop:
+                along = s[here] - begin
                 x[here], y[here], heading[here] = _evaluate(geometry, along, f"{self.path}: road {road.get('id')}")
         return x, y, heading
 
@@ -140,27 +169,32 @@ class OpenDriveMap:
 
     def _centre_distance(self, road: ET.Element, lane: int, s: Floats) -> Floats:
         """Return the distance [m] of a lane's centre from the centre lane, without its sign."""
-        inner = sum(
-            (self._width(road, k * int(math.copysign(1, lane)), s) for k in range(1, abs(lane))), np.zeros_like(s)
-        )
-        return inner + 0.5 * self._width(road, lane, s)
+        side = int(math.copysign(1, lane))
+        return self._width(road, range(side, lane, side), s) + 0.5 * self._width(road, [lane], s)
 
-    def _width(self, road: ET.Element, lane: int, s: Floats) -> Floats:
-        sections = road.findall("lanes/laneSection")
+    def _width(self, road: ET.Element, lanes: Sequence[int], s: Floats) -> Floats:
+        """Return the width [m] of lanes together."""
+        sections = sorted(road.iterfind("lanes/laneSection"), key=lambda section: _number(section, "s"))
         begins = [_number(section, "s") for section in sections]
-        which = np.maximum(np.searchsorted(begins, s, side="right") - 1, 0)
         width = np.zeros_like(s)
-        for index, section in enumerate(sections):
-            here = which == index
-            found = [item for item in section.iter("lane") if item.get("id") == str(lane)]
-            if here.any() and not found:
-                ids = ", ".join(item.get("id", "") for item in section.iter("lane"))
-                raise InvalidInput(
-                    f"{self.path}: road {road.get('id')} has no lane {lane} at every place; lanes: {ids}"
-                )
-            if here.any():
-                width[here] = _cubic(found[0].findall("width"), "sOffset", s[here] - begins[index])
+        for section, begin, here in zip(sections, begins, _within(begins, s), strict=True):
+            if not lanes or here.start == here.stop:
+                continue
+            found = {item.get("id", ""): item for item in reversed(list(section.iter("lane")))}  # the first of each
+            for lane in lanes:
+                if str(lane) not in found:
+                    ids = ", ".join(reversed(found))
+                    raise InvalidInput(
+                        f"{self.path}: road {road.get('id')} has no lane {lane} at every place; lanes: {ids[:200]}"
+                    )
+                width[here] += _cubic(found[str(lane)].findall("width"), "sOffset", s[here] - begin)
         return width
+
+
+def _within(begins: Sequence[float], s: Floats) -> list[slice]:
+    """Return which places `s`, in rising order, lie in each of the pieces of a road that begin there."""
+    edges = np.searchsorted(s, begins[1:], side="left").tolist()
+    return [slice(*ends) for ends in zip([0, *edges], [*edges, len(s)], strict=True)] if begins else []
 
 
 def expand(document: Mapping[str, Any], where: str) -> dict[str, Any]:

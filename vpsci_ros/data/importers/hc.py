@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from vpsci_ros.data.importers.importer import Clip, Importer
 from vpsci_ros.data.importers.tracks import Floats, Track
+from vpsci_ros.documents import require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
 
@@ -45,6 +46,7 @@ def read_clip(path: Path) -> Clip:
 
     :raises InvalidInput: not five columns of numbers.
     """
+    require_regular(path)
     try:
         table = pl.read_csv(path, has_header=False, schema_overrides=[pl.Float64] * len(_COLUMNS))
     except (pl.exceptions.PolarsError, OSError) as error:

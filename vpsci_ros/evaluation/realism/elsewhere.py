@@ -16,6 +16,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.documents import require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.free import as_near_misses
 from vpsci_ros.safety import CRITICAL_TTC, post_encroachment_time
@@ -61,6 +62,7 @@ def read_conflicts(path: Path) -> pl.DataFrame:
 
     :raises InvalidInput: not readable, a column is missing, or a reaction is not one of the study's.
     """
+    require_regular(path)
     try:
         table = pl.read_csv(path, infer_schema=False)
     except (pl.exceptions.PolarsError, OSError) as error:
