@@ -4,12 +4,16 @@ docs/promises.md says what a stranger can and cannot do. A run among strangers e
 an undisturbed one holds, no more and no less; otherwise it says why. Nothing ends but on request, prints a
 traceback, hangs or stays alive: whatever the stranger says, no node is to die of it. It falls silent after a while.
 
+A stranger that replays calls `/world/history` itself, keeps the reply that the world has signed, offers the service in
+the world's place from then on, and kills a policy, which requests its history when it is started again.
+
 The world is begun again by whoever calls its service, so that a run which was reset may hold other episodes.
 """
 
 import contextlib
 import os
 import random
+import signal
 import subprocess
 import time
 from array import array
@@ -38,7 +42,8 @@ from vpsci_ros.wire.layout import WORLD
 SETTINGS = (f"world_simulator.action_timeout={processes.PATIENT}", "graph.pause_timeout=10.0")
 NAMES = ("stranger", "stranger", "graph_watch", *processes.NODES)
 TOPIC_WAYS = ("fields", "fields", "fields", "blank", "again", "first", "bytes")
-RESET = "/world/reset"
+RESET, HISTORY = "/world/reset", "/world/history"
+VICTIM, AT = "vehicle_policy", 20  # who is killed by a stranger that replays, and after how many states
 _SET = {"set_parameters": SetParameters, "set_parameters_atomically": SetParametersAtomically}
 _ASK = {"get_parameters": GetParameters, "describe_parameters": DescribeParameters, "list_parameters": ListParameters}
 PARAMETERS = _SET | _ASK
@@ -86,6 +91,8 @@ def _act(rng: random.Random) -> Act:
     if rng.random() < 0.75:
         read = [name for name, row in TOPICS.items() if row.subscribers]
         return Act(rng.choice(read), rng.choice(TOPIC_WAYS), share, burst)
+    if rng.random() < 0.2:
+        return Act(HISTORY, "replay", 1.0, 1)
     service = rng.choice([name for name, row in SERVICES.items() if row.server == "world_simulator"])
     node = f"/{rng.choice(processes.NODES)}/{rng.choice([*_SET, *_SET, *_ASK])}"
     return Act(rng.choice((service, node, node)), rng.choice(("call", "offer")), share, min(burst, 5))
@@ -93,7 +100,9 @@ def _act(rng: random.Random) -> Act:
 
 def run(folder: Path, among: Stranger) -> processes.Run:
     """Run a graph with a stranger in its domain, and wait for its end."""
-    return processes.run_beside(folder, SETTINGS, partial(_haunt, among))
+    replays = any(act.way == "replay" for act in among.acts)
+    settings = (*SETTINGS, "graph.restarts=3") if replays else SETTINGS
+    return processes.run_beside(folder, settings, partial(_haunt, among))
 
 
 def defects(case: processes.Run, among: Stranger, undisturbed: dict[str, str]) -> list[str]:
@@ -123,7 +132,7 @@ def defects(case: processes.Run, among: Stranger, undisturbed: dict[str, str]) -
 # ---- what the stranger does
 
 
-def _haunt(among: Stranger, graph: subprocess.Popen[bytes], _: str, domain: int) -> None:
+def _haunt(among: Stranger, graph: subprocess.Popen[bytes], mark: str, domain: int) -> None:
     """Have the stranger act until the graph has ended."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     context = Context()
@@ -132,7 +141,7 @@ def _haunt(among: Stranger, graph: subprocess.Popen[bytes], _: str, domain: int)
     node = rclpy.create_node(among.name, context=context, enable_rosout=False, start_parameter_services=False)
     executor.add_node(node)
     try:
-        there, rng = _There(node, among), random.Random(f"act/{among.seed}")
+        there, rng = _There(node, among, mark), random.Random(f"act/{among.seed}")
         deadline, leaves = time.monotonic() + processes.LIMIT, None
         while graph.poll() is None and time.monotonic() < (leaves or deadline):
             executor.spin_once(timeout_sec=EARLY)
@@ -148,8 +157,12 @@ def _haunt(among: Stranger, graph: subprocess.Popen[bytes], _: str, domain: int)
 class _There:
     """The stranger's ends of topics and services."""
 
-    def __init__(self, node: Node, among: Stranger) -> None:
+    def __init__(self, node: Node, among: Stranger, mark: str) -> None:
+        self._node, self._mark = node, mark
         self._acts = among.acts
+        self._requested: Any = None
+        self._kept: Any = None
+        self._killed = False
         self._heard: dict[str, bytes] = {}
         self._first: dict[str, bytes] = {}
         self.ticks = 0
@@ -195,6 +208,9 @@ class _There:
         self._done = self.ticks
 
     def _do(self, act: Act, rng: random.Random) -> None:
+        if act.way == "replay":
+            self._replay()
+            return
         for _ in range(act.burst):
             if act.target in TOPICS:
                 with contextlib.suppress(RuntimeError):  # the middleware sends no more for the time being
@@ -205,6 +221,20 @@ class _There:
             kind, client = self._clients[act.target]
             if client.service_is_ready():
                 client.remove_pending_request(client.call_async(_request(kind, rng)))
+
+    def _replay(self) -> None:
+        """Keep a reply that the world has signed, offer it in its place, and kill a policy that will request one."""
+        kind, client = self._clients[HISTORY]
+        if self._kept is None and self._requested is None and client.service_is_ready():
+            self._requested = client.call_async(kind.Request(after_tick=-1))
+        if self._kept is None and self._requested is not None and self._requested.done():
+            self._kept = self._requested.result()
+            self._node.create_service(kind, HISTORY, lambda request, response: self._kept)
+        if self._kept is not None and self.ticks > AT and not self._killed:
+            self._killed = True
+            for pid in processes._of_node(VICTIM, self._mark):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
 
     def _message(self, act: Act, rng: random.Random) -> Any:
         kind = TOPICS[act.target].type

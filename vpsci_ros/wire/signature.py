@@ -39,5 +39,5 @@ def require_signature(given: str, version: int, data: bytes, where: str) -> None
     """
     if not hmac.compare_digest(given.encode(), signature(version, data).encode()) and is_signed():
         raise InvalidInput(
-            f"{where}: version {version} is not signed by this run's learner; does another one publish in this domain?"
+            f"{where}: no node of this run has signed this ({version}); does another program publish in this domain?"
         )
