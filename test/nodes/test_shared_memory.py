@@ -2,8 +2,12 @@
 
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
+import pytest
+
+from vpsci_ros.nodes import graph
 from vpsci_ros.nodes.shared_memory import remove_left_behind
 
 HOLD = (
@@ -34,3 +38,12 @@ def test_only_segments_that_nobody_holds_are_removed(tmp_path: Path) -> None:
     assert left == ["0123456789abcdef", "0123456789abcdef_el", "port7411", "port7411_el", "somebody_elses"]
     assert remove_left_behind(tmp_path) == ["fastrtps_0123456789abcdef"]
     assert remove_left_behind(tmp_path / "nowhere") == []
+
+
+def test_a_graph_that_ends_frees_what_its_killed_nodes_have_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(graph, "remove_left_behind", partial(remove_left_behind, tmp_path))
+    segment(tmp_path, "fastrtps_fedcba9876543210")
+    assert graph.NodeProcesses(["world_simulator"], tmp_path / "params.yaml", tmp_path).stop() == {}
+    assert list(tmp_path.iterdir()) == []

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from vpsci_ros.cli.main import app
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
+from vpsci_ros.runs import output_folder as output_folders
 from vpsci_ros.runs.files import FAILURE, ROOM_FILE, require_empty_folder, write_text
 from vpsci_ros.runs.output_folder import output_folder
 
@@ -30,8 +31,18 @@ def commands(group: Any, *names: str) -> Iterator[tuple[str, ...]]:
                 yield (*names, name, *words)
 
 
+def begin(folder: Path) -> None:
+    """Stand in for what a command does first in a folder that it has claimed, and end it there."""
+    raise AssertionError(f"{folder}: the command has begun")
+
+
+@pytest.mark.timeout(100)  # commands that would begin by another way might train or serve for hours
 @pytest.mark.parametrize("words", list(commands(typer.main.get_command(app))), ids=" ".join)
-def test_every_command_refuses_a_folder_that_another_process_writes(words, claimed_by_another, tmp_path: Path) -> None:
+def test_every_command_refuses_a_folder_that_another_process_writes(
+    words, claimed_by_another, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(output_folders, "keep_room", begin)
+    monkeypatch.setattr("vpsci_ros.nodes.graph.keep_room", begin)
     with claimed_by_another(tmp_path):
         result = CliRunner().invoke(app, [*words, "-o", str(tmp_path)])
     assert isinstance(result.exception, InvalidInput)

@@ -64,6 +64,27 @@ def test_signals_in_the_middle_of_the_handler_of_another_signal_stop_a_process_a
         assert process.returncode == 0
 
 
+AT_EVERY_LINE = """
+import signal, sys
+from vpsci_ros.runs.stop_request import stop_requested_by_signals
+
+def interrupt(frame, event, _):
+    if event == "line":
+        signal.raise_signal(signal.SIGTERM)  # its handler runs before the line does
+    return interrupt
+
+with stop_requested_by_signals() as request:
+    sys.settrace(interrupt)
+    signal.raise_signal(signal.SIGINT)
+    sys.settrace(None)
+    assert request.is_set()
+"""
+
+
+def test_a_signal_before_any_line_of_another_signals_handler_does_not_block_it() -> None:
+    subprocess.run([sys.executable, "-c", AT_EVERY_LINE], timeout=60, check=True)
+
+
 ENDING = """
 import os, signal, sys
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
