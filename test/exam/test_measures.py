@@ -1,5 +1,6 @@
 """What a row of an episode says, on drives whose numbers are known by hand."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -42,6 +43,23 @@ def test_hard_braking_is_above_the_threshold_and_not_at_it():
         found = row(drive(5.0 - deceleration * PERIOD * np.arange(20)))
         assert found["hardest_braking"] == pytest.approx(deceleration, abs=1e-3)
         assert found["hard_braking"] is hard
+
+
+@pytest.mark.parametrize(("aside", "left"), [(0.0, False), (-1.6, False), (1.9, True), (-3.0, True)])
+def test_a_vehicle_leaves_its_lane_where_its_centre_is_beyond_an_edge_though_it_reaches_its_goal(aside, left):
+    """Scenario 1's lane is 3.5 m wide; beyond its ends it counts as straight."""
+    lane = SCENARIO.vehicle
+    begun = drive(np.full(60, 5.0))
+    places = np.array([lane.path.beside(s, aside) for s in np.linspace(0.0, lane.goal, 60)])
+    heading = np.array([lane.path.heading(s) for s in np.linspace(0.0, lane.goal, 60)])
+    found = row(dataclasses.replace(begun, x=places[:, 0], y=places[:, 1], heading=heading))
+    assert lane.lane_width == 3.5
+    assert found["outcome"] == "goal"
+    assert found["lane_departure"] == pytest.approx(abs(aside), abs=0.03)
+    assert found["left_lane"] is left
+    unknown = row(dataclasses.replace(begun, scenario=None))
+    assert math.isnan(unknown["lane_departure"])
+    assert unknown["left_lane"] is False
 
 
 def test_a_vehicle_that_only_accelerates_does_not_brake():

@@ -25,7 +25,7 @@ COLUMNS: dict[str, Column] = {
     "pedestrian": Column(pl.String, "", "the pedestrian of the run"),
     "scenario": Column(pl.Int64, "", "number of the scenario; 1 to 8 are those of Table 6"),
     "episode": Column(pl.Int64, "", "number within the scenario: the same number begins the same way"),
-    "outcome": Column(pl.String, "", "collision, goal, timeout or parked_collision"),
+    "outcome": Column(pl.String, "", "collision, goal (in the lane or not), timeout or parked_collision"),
     "duration": Column(pl.Float64, "s", "from the spawn to the end"),
     "driven": Column(pl.Float64, "m", "length of the vehicle's path"),
     "collision": Column(pl.Boolean, "", "the footprints touched"),
@@ -40,6 +40,8 @@ COLUMNS: dict[str, Column] = {
     "yielded": Column(pl.String, "", "who gave way: nobody, vehicle, pedestrian, both"),
     "time_lost": Column(pl.Float64, "s", "later than alone on the road at the place reached; NaN after a collision"),
     "parked_collision": Column(pl.Boolean, "", "the vehicle ran into a parked one"),
+    "lane_departure": Column(pl.Float64, "m", "largest distance of the vehicle's centre from the middle of its lane"),
+    "left_lane": Column(pl.Boolean, "", "its centre was beyond an edge of the lane"),
     "hidden": Column(pl.Boolean, "", "parked vehicles hid the pedestrian when CurvTTC first fell below 5 s"),
     "kind": Column(pl.String, "", "kind of the pedestrian that became critical first; empty: none did"),
     "group_size": Column(pl.Int64, "", "pedestrians of the episode; 0: none became critical"),
@@ -94,6 +96,7 @@ def episode_table(
         least = 0.0 if collided else min(HORIZON, episode.least_curvttc)
         braking = float(np.max(-np.diff(speed), initial=0.0)) / period
         impact = float(speed[-1]) if collided else math.nan
+        departure, half = lane_departure(driven)
         lost = math.nan if collided or crashed else time_lost(path, reference.get(episode.key), period)
         rows.append(
             {
@@ -116,6 +119,8 @@ def episode_table(
                 "yielded": YIELDED[code],
                 "time_lost": lost,
                 "parked_collision": crashed,
+                "lane_departure": departure,
+                "left_lane": departure > half,
                 "hidden": seen_of.hidden,
                 "kind": seen_of.kind,
                 "group_size": seen_of.pedestrians,
@@ -125,6 +130,21 @@ def episode_table(
             }
         )
     return pl.DataFrame(rows, schema={name: column.dtype for name, column in COLUMNS.items()})
+
+
+def lane_departure(episode: Episode) -> tuple[float, float]:
+    """Return how far the vehicle's centre is from the middle of its lane at most, and half the lane's width [m].
+
+    NaN and infinity where the lane is not known.
+    """
+    if episode.scenario is None:
+        return math.nan, math.inf
+    lane = episode.scenario.vehicle
+    begins, ahead = lane.path.points[:-1], np.diff(lane.path.points, axis=0) / lane.path.step
+    apart = np.stack([episode.x, episode.y], axis=1)[:, None] - begins
+    here = np.hypot(apart[..., 0], apart[..., 1]).argmin(axis=1)
+    beside = ahead[here, 0] * apart[range(len(here)), here, 1] - ahead[here, 1] * apart[range(len(here)), here, 0]
+    return float(np.abs(beside).max()), 0.5 * lane.lane_width
 
 
 def time_lost(path: Floats, alone: Floats | None, period: float) -> float:

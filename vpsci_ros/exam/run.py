@@ -9,6 +9,7 @@ import dataclasses
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -156,7 +157,8 @@ def run_exam(
             "and drive an episode again from its seed; give them with engine: vpsci"
         )
     pedestrians = exam.config.opponents
-    parsed = [parse(text, pedestrians, compared=against is not None) for text in (*exam.config.fail_if, *criteria)]
+    understood = partial(parse, opponents=pedestrians, compared=against is not None, protocol=protocol)
+    parsed = [understood(text) for text in (*exam.config.fail_if, *criteria)]
     earlier: Earlier | None = None
     if against is not None:
         exam, earlier = compared_with(exam, identity_of(exam), against, guard)
