@@ -7,10 +7,11 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from vpsci_ros.export import export
 from vpsci_ros.safety import clearance
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-ENGINES = {"sumo_crossing": "sumo", "highway_crossing": "highway"}
+EXAMPLES, BAGS = (Path(__file__).parents[2] / name for name in ("examples", "bags"))
+ENGINES = {"sumo_crossing": "sumo", "highway_crossing": "highway", "commonroad_crossing": "commonroad"}
 
 
 def example(name: str) -> ModuleType:
@@ -61,3 +62,21 @@ def test_in_highway_env_its_car_brakes_for_our_pedestrian_and_it_reacts_to_the_c
         assert len(rows) == 375, "25 s at 15 steps a second"
     walked = np.hypot(stopped[:, 6], stopped[:, 7])
     assert walked.max() > 1.5 * walked[0], "it hurries"
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")
+def test_a_commonroad_planner_drives_an_exported_scenario_before_our_pedestrian_who_reacts(tmp_path: Path) -> None:
+    pytest.importorskip(
+        "commonroad_rp",
+        reason="pip install 'vpsci_ros[commonroad]' commonroad-reactive-planner (protobuf 3.20.2, not osi's)",
+    )
+    commonroad = example("commonroad_crossing")
+    (bag,) = BAGS.glob("LocationB_PedCross_S-N")
+    export(bag, ["commonroad"], tmp_path / "out")
+    (path,) = (tmp_path / "out/commonroad").glob("*.xml")
+    ours, replayed = (commonroad.play(str(path), reacts, 4.0)[0] for reacts in (True, False))
+    assert len(ours) == len(replayed) == 40, "the planner found a plan at each step"
+    assert np.hypot(*np.diff(ours[:, :2], axis=0).T).sum() > 8.0, "it drives"
+    assert np.array_equal(ours[0, 4:], replayed[0, 4:])
+    assert np.hypot(*(ours[-1, 4:6] - replayed[-1, 4:6])) > 0.3, "whoever reacts is elsewhere in the end"
+    assert np.abs(np.diff(ours[:, 4:6], axis=0)).max() < 0.4, "nowhere jumps"

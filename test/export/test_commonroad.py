@@ -39,6 +39,8 @@ def test_the_planning_problem_begins_as_the_vehicle_on_its_lanelet_and_ends_at_i
         lane = road_of(episode).vehicle
         (problem,) = problems.planning_problem_dict.values()
         assert problem.initial_state.position == pytest.approx([episode.x[0], episode.y[0]], abs=1e-5)
+        turned = float(np.diff(episode.heading[:2])[0])
+        assert problem.initial_state.yaw_rate == pytest.approx(turned / episode.period, abs=1e-5)
         network, goal = scenario.lanelet_network, lane.path.at(lane.goal)
         assert network.find_lanelet_by_position([problem.initial_state.position, np.array(goal)]) == [[100], [100]]
         (region,) = problem.goal.state_list

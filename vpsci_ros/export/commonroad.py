@@ -67,7 +67,8 @@ def documents(episode: Episode, with_vehicle: bool) -> tuple[Scenario, PlanningP
         scenario.add_objects(_obstacle(number, ObstacleType.PEDESTRIAN, Circle(0.5 * each.size[0]), each))
     if with_vehicle:
         scenario.add_objects(_obstacle(VEHICLE, ObstacleType.CAR, Rectangle(*vehicle.size[:2]), vehicle))
-    return scenario, _problem(road, vehicle)
+    turning = float(np.diff(vehicle.heading[:2]).sum()) / episode.period
+    return scenario, _problem(road, vehicle, turning)
 
 
 def _lanelets(road: Road) -> LaneletNetwork:
@@ -95,19 +96,19 @@ def _obstacle(number: int, kind: ObstacleType, shape: Circle | Rectangle, each: 
     return DynamicObstacle(number, kind, shape, initial, prediction)
 
 
-def _begin(each: Mover) -> InitialState:
+def _begin(each: Mover, yaw_rate: float = 0.0) -> InitialState:
     return InitialState(
         time_step=0,
         position=np.array([each.x[0], each.y[0]]),
         orientation=float(each.heading[0]),
         velocity=float(each.speed[0]),
         acceleration=0.0,
-        yaw_rate=0.0,
+        yaw_rate=yaw_rate,
         slip_angle=0.0,
     )
 
 
-def _problem(road: Road, vehicle: Mover) -> PlanningProblem:
+def _problem(road: Road, vehicle: Mover, yaw_rate: float) -> PlanningProblem:
     lane = road.vehicle
     heading = lane.path.heading(lane.goal)
     place = Rectangle(vehicle.size[0], lane.lane_width, np.array(lane.path.at(lane.goal)), heading)
@@ -116,4 +117,4 @@ def _problem(road: Road, vehicle: Mover) -> PlanningProblem:
         position=place,
         orientation=AngleInterval(heading - _TURN, heading + _TURN),
     )
-    return PlanningProblem(PROBLEM, _begin(vehicle), GoalRegion([goal]))
+    return PlanningProblem(PROBLEM, _begin(vehicle, yaw_rate), GoalRegion([goal]))
