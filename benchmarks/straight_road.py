@@ -1,0 +1,79 @@
+"""A car that never brakes on a straight road: how often it touches the learned pedestrian, and one who walks on.
+
+    python benchmarks/straight_road.py [--episodes 200] [--speeds 2 5 8] [--leads -1 0 1]
+
+A pedestrian crosses the road at 1.3 m/s from 5 m before its middle; a car comes along the middle at constant speed, so
+that both would be at the crossing point at the same time (lead 0 s), or the car so much later (negative: earlier). The
+walker who does not react draws nothing, so one episode says it all. Counted are contacts of the footprints, the least
+clearance, and whether the pedestrian was past the middle when the car came. Wilson's 95% intervals, an episode a unit.
+"""
+
+import argparse
+from typing import NamedTuple
+
+import numpy as np
+
+from vpsci_ros import Pedestrian, Vehicle, Walker
+from vpsci_ros.evaluation.statistics import wilson_interval
+from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.resources import weights_path
+from vpsci_ros.safety import clearance
+
+TICK, PACE, BEFORE, SECONDS = 0.05, 1.3, 5.0, 9.0  # [s], [m/s], [m] before the middle, [s]
+
+
+class Crossing(NamedTuple):
+    """What came of an episode: least clearance [m]; whether the pedestrian was past the middle when the car was."""
+
+    clearance: float
+    first: bool
+
+
+def crossed(pedestrian: Pedestrian | None, speed: float, lead: float) -> Crossing:
+    """Return what came of an episode; without a pedestrian's object, of one who walks on."""
+    me = Walker(0.0, -BEFORE, 0.0, PACE)
+    x = -speed * (BEFORE / PACE + lead)
+    near, first = np.inf, False
+    for _ in range(round(SECONDS / TICK)):
+        if pedestrian is None:
+            me = me._replace(y=me.y + PACE * TICK)
+        else:
+            me = Walker(*pedestrian.step(me, {"car": Vehicle(x, 0.0, 0.0, speed, 0.0, 0.0)}, period=TICK)[:4])
+        if x < 0.0 <= x + speed * TICK:
+            first = me.y > 0.0
+        x += speed * TICK
+        near = min(near, float(clearance(x, 0.0, 0.0, me.x, me.y)))
+        if x > 8.0:
+            break
+    return Crossing(near, first)
+
+
+def _share(held: list[bool]) -> str:
+    low, high = wilson_interval(sum(held), len(held))
+    return f"{sum(held)} of {len(held)} [{low:.0%}, {high:.0%}]"
+
+
+def main() -> None:
+    """Measure and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--speeds", type=float, nargs="+", default=[2.0, 5.0, 8.0], help="[m/s]")
+    parser.add_argument("--leads", type=float, nargs="+", default=[-1.0, 0.0, 1.0], help="[s]")
+    parser.add_argument("--weights", default="refined")
+    given = parser.parse_args()
+    weights, way = load_weights(weights_path(given.weights)), [(0.0, -8.0), (0.0, 8.0)]
+    heads = ("car [m/s]", "lead [s]", "walks on", "learned: contact", "clearance, median", "is past first")
+    print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
+    for speed in given.speeds:
+        for lead in given.leads:
+            alone = crossed(None, speed, lead).clearance
+            people = (Pedestrian(weights, seed=1, episode=k, route=way, speed=PACE) for k in range(given.episodes))
+            found = [crossed(person, speed, lead) for person in people]
+            hit, past = _share([each.clearance <= 0.0 for each in found]), _share([each.first for each in found])
+            median = np.median([each.clearance for each in found])
+            walks = "contact" if alone <= 0.0 else f"{alone:.1f} m"
+            print(f"| {speed:g} | {lead:+g} | {walks} | {hit} | {median:.2f} m | {past} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
