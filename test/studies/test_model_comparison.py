@@ -1,4 +1,5 @@
 import json
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
@@ -19,7 +20,8 @@ from vpsci_ros.learning.config import (
 )
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation import SimulationConfig
-from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.policy.weights import load_weights, save_weights
+from vpsci_ros.studies import model_comparison
 from vpsci_ros.studies.cross_validation import Refinement
 from vpsci_ros.studies.model_comparison import compare_models
 from vpsci_ros.studies.model_table import Hybrid
@@ -71,6 +73,28 @@ def hybrid(table, options, tmp_path_factory):
     return folder, compare_models(
         more, CONFIG, SMALL, **options | {"models": SIMULATED, "seeds": 2}, out_dir=folder, hybrid=seen
     )
+
+
+def test_a_training_that_was_killed_before_its_cost_was_written_ends_with_it(networks, tmp_path, monkeypatch):
+    folder, trained = tmp_path / "refined", []
+
+    def refine(*_, out_dir, **__):
+        trained.append(out_dir)
+        save_weights(out_dir / "refined.safetensors", networks().weights({}, {}))
+        if len(trained) == 1:
+            raise KeyboardInterrupt  # killed at once behind the weights
+
+    monkeypatch.setattr(model_comparison.online, "refine", refine)
+    save_weights(tmp_path / "weights.safetensors", networks().weights({}, {}))
+    hybrid = SimpleNamespace(
+        identity=lambda: {"simulated": "1f"}, refinement=SimpleNamespace(config=RefineConfig(), simulation=None)
+    )
+    run = model_comparison._Run("ma_sst_ddpg", None, BY_CRITICS, SMALL, 0, tmp_path, {})
+    with pytest.raises(KeyboardInterrupt):
+        run.hybrid(hybrid)
+    assert run.hybrid(hybrid) == run.hybrid(hybrid) == folder / "refined.safetensors"
+    assert trained == [folder] * 2
+    assert json.loads((folder / "cost.json").read_text())["training_seconds"] >= 0.0
 
 
 def test_every_model_is_measured_beside_the_controls_on_all_interactions(whole, table):

@@ -55,7 +55,8 @@ def compare_models(
     one interaction among those of a fold), `people` (a part of `SameStart.measure`: energy score, minADE6, likelihood,
     classifier; of the first seed), with `hybrid` `world` (`Pooled.world`; of the control `constant_velocity`, too),
     and, where `ma_sst_ddpg` is among the models, its ADE by protocol and its energy score as shares of that model's,
-    with 95% intervals by clips. A training that is stopped begins again; finished ones are kept.
+    with 95% intervals by clips. A training that is stopped begins again; finished ones are kept. One by
+    reinforcement in simulation goes on from its checkpoint: its `training_seconds` are those of the last part.
 
     :param models: of `vpsci_ros.policy.models.MODELS`.
     :param seeds: trainings a fold, by seeds `seed`, `seed` + 1, ...; the folds are those of `seed`.
@@ -141,7 +142,7 @@ class _Run:
             both = [self._training, hybrid.simulated.with_columns(pl.col("interaction") + most)]
             return self._trained(folder / WEIGHTS, pl.concat(both), config, None, start)
         path = folder / stage_2.WEIGHTS
-        if not path.exists() or (folder / stage_2.CHECKPOINT).exists():
+        if not (folder / COST).exists():  # which is written last; what was killed goes on from its checkpoint
             refinement = hybrid.refinement
             own = replace(
                 refinement.config,
