@@ -81,6 +81,10 @@ def test_it_leaves_what_an_exam_leaves_and_goes_on_without_driving_again(tmp_pat
     assert {source.key for source in read_exam(tmp_path / "exam", 9)} == {"ads-learned", "ads-walker"}
     found = list(read_episodes(tmp_path / "exam" / "runs" / "walker" / "bag"))
     assert [episode.name for episode in found] == ["1:0", "104:0", "1:1", "104:1", "1:2", "104:2"]
+    bag = tmp_path / "exam" / "runs" / "walker" / "bag" / "bag_0.mcap"
+    bag.write_bytes(b"")
+    with pytest.raises(InvalidInput, match=r"walker/bag/bag_0.mcap: it was not completed"):
+        examined(tmp_path / "exam", EXAMPLE)
 
 
 def test_each_episode_begins_with_a_reset_that_says_which_it_is_and_a_seed_of_its_own(
