@@ -156,10 +156,7 @@ CALLS = strangers.Stranger(
 )
 
 
-REPLAYS = strangers.Stranger("stranger", (strangers.Act(strangers.HISTORY, "replay", 1.0, 1),), early=True, seed=3)
-
-
-@pytest.mark.parametrize("among", [SPEAKS, CALLS, REPLAYS], ids=["who speaks", "who calls", "who replays"])
+@pytest.mark.parametrize("among", [SPEAKS, CALLS], ids=["who speaks", "who calls"])
 def test_a_graph_among_strangers_is_complete_or_says_what_it_lacks(
     among: strangers.Stranger, tmp_path: Path, undisturbed: tuple[dict[str, str], float]
 ) -> None:
