@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.numpy import save_file
+from safetensors.numpy import save
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import written_whole
@@ -25,7 +25,8 @@ def save_checkpoint(path: str | Path, tree: dict[str, Any]) -> None:
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     skeleton = _flatten(tree, "", arrays)
     with written_whole(path) as temporary:
-        save_file(arrays, str(temporary), {"format": FORMAT, "tree": json.dumps(skeleton)})
+        # save_file would write another file beside it first, which stays where the process is killed
+        temporary.write_bytes(save(arrays, {"format": FORMAT, "tree": json.dumps(skeleton)}))
 
 
 def load_checkpoint(path: str | Path) -> dict[str, Any]:

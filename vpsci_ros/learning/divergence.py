@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.learning.replay import Batch
+from vpsci_ros.runs.files import written_whole
 
 DIVERGED = "diverged.npz"
 
@@ -28,7 +29,8 @@ def check_losses(losses: Mapping[str, float], batch: Batch, iteration: int, out_
     where = "nowhere, since there is no output folder"
     if out_dir is not None:
         out_dir.mkdir(parents=True, exist_ok=True)
-        np.savez(out_dir / DIVERGED, **_arrays(batch))
+        with written_whole(out_dir / DIVERGED) as part, open(part, "wb") as file:
+            np.savez(file, **_arrays(batch))
         where = f"in {out_dir / DIVERGED}"
     bad = ", ".join(f"{name} = {value}" for name, value in losses.items() if not math.isfinite(value))
     raise DivergedError(
