@@ -61,8 +61,9 @@ NO_ROWS = np.zeros((0, len(QUANTITIES)), np.float32)
 def joined(blocks: Sequence[EpisodeBlock]) -> EpisodeBlock:
     """Return the episodes of several blocks as one, in the order of their numbers."""
     records = np.concatenate([np.zeros(0, RECORD), *(block.records for block in blocks)])
-    values = np.concatenate([NO_ROWS, *(block.values for block in blocks)])
-    return EpisodeBlock(records, values).take(np.argsort(records["count"], kind="stable"))
+    rows = [own for block in blocks for own in block.rows()]
+    order = np.argsort(records["count"], kind="stable")
+    return EpisodeBlock(records[order], np.concatenate([NO_ROWS, *(rows[i] for i in order)]))
 
 
 def block_of(batch: EpisodeBatch, records: NDArray[np.void], keep_rejected: bool, scenario: int) -> EpisodeBlock:

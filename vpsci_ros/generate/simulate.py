@@ -20,7 +20,7 @@ from vpsci_ros.policy.weights import weights_from_bytes
 from vpsci_ros.world import World
 from vpsci_ros.world.loop import Loop
 
-TOGETHER = 256  # episodes, ended, that the filters see at once
+TOGETHER = 64  # episodes, ended, that the filters see at once
 
 
 class Simulator:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.streaming_kernels import step_slots, take_draws, take_in
+from vpsci_ros.policy.vectors import LANES
 from vpsci_ros.policy.weights import ActorWeights
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
 
@@ -51,10 +52,9 @@ class StreamingActor:
         self.capacity = capacity
         self._network = network
         self._window, width = network.attention_window, network.hidden
-        shape = (capacity, network.layers, self._window)
         self._states = np.zeros((capacity, network.layers, width), np.float32)
-        self._keys = np.zeros((*shape, network.key_dimension, network.heads), np.float32)
-        self._values = np.zeros((*shape, width), np.float32)
+        shape = (capacity, network.layers, self._window, width)
+        self._keys, self._values = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         self._risks = np.zeros((capacity, self._window), np.float32)
         self._counts = np.zeros(capacity, np.int64)
         self._action = np.zeros((capacity, ACTION_SIZE), np.float32)
@@ -188,7 +188,8 @@ class StreamingActor:
 
 
 def _kernel_parameters(weights: ActorWeights) -> tuple[Any, ...]:
-    """Return the arguments `entry, layers, head` of `step_rows`: transposed, stacked by layer, keys by (key, head)."""
+    """Return the arguments `entry, layers, head` of `step_rows`: transposed, stacked by layer, the last answer
+    as wide as vectors are."""
     network, tensors = weights.network, weights.tensors
     inputs = ["observation", "action", *(["risk"] if network.risk_input else [])]
 
@@ -203,7 +204,6 @@ def _kernel_parameters(weights: ActorWeights) -> tuple[Any, ...]:
 
     decay = (1.0 / (1.0 + np.exp(-stacked("decay_logit").astype(np.float64)))).astype(np.float32)
     drive = np.sqrt(np.float32(1.0) - decay * decay)
-    by_key = np.arange(network.hidden).reshape(network.heads, network.key_dimension).T.reshape(-1)
     entry = (
         np.concatenate([dense(f"encoder.{name}") for name in inputs]),
         tensors["encoder.observation.bias"].copy(),
@@ -212,13 +212,12 @@ def _kernel_parameters(weights: ActorWeights) -> tuple[Any, ...]:
         decay,
         *(stacked(name) for name in ("skip", "risk_gain", "norm.weight", "norm.bias")),
         stacked_dense("input") * drive[:, None, :],
-        np.ascontiguousarray(stacked_dense("query")[:, :, by_key]),
-        np.ascontiguousarray(stacked_dense("key")[:, :, by_key]),
-        stacked_dense("attended"),
-        stacked_dense("readout"),
+        *(stacked_dense(name) for name in ("query", "key", "attended", "readout")),
     )
     first = dense("head.0")
     head = [first[: network.hidden].copy(), first[network.hidden :].copy(), tensors["head.0.bias"].copy()]
-    for i in (2, 4):
-        head += [dense(f"head.{i}"), tensors[f"head.{i}.bias"].copy()]
+    head += [dense("head.2"), tensors["head.2.bias"].copy()]
+    last, bias = dense("head.4"), tensors["head.4.bias"]
+    more = -bias.size % LANES
+    head += [np.pad(last, ((0, 0), (0, more))), np.pad(bias, (0, more))]
     return entry, layers, tuple(head)

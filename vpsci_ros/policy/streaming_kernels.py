@@ -1,10 +1,10 @@
 """One streamed step of an SST actor in numba, written so that a row's bits depend on nothing but that row.
 
 Every output of a matrix product has one accumulator, and adds its products in the order of k by fused multiply-add
-(IEEE 754: one rounding). Rows are worked in fours, so that a weight once loaded serves four rows, and outputs lie
-along the vector registers; neither changes what is added to what. Sums along a row run in sixteen fixed lanes.
-The exponential is a polynomial in the same fused operations. So the result is the same for every batch size, row
-position and thread, and on every processor that follows IEEE 754.
+(IEEE 754: one rounding). Rows are worked in eights, so that a weight once loaded serves eight rows, and outputs lie
+along vectors (`vpsci_ros.policy.vectors`); neither changes what is added to what. Sums along a row run in sixteen
+fixed lanes. The exponential is a polynomial in the same fused operations. So the result is the same for every batch
+size, row position and thread, and on every processor that follows IEEE 754.
 
 Library matrix products do not have this property: they choose kernels, and so the order of additions, by shape.
 """
@@ -12,70 +12,57 @@ Library matrix products do not have this property: they choose kernels, and so t
 import math
 
 import numpy as np
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import njit
 
 from vpsci_ros.policy.config import LOG_SCALE
+from vpsci_ros.policy.vectors import LANES, fma, fma_all, load, power_of_two, spread, store
 from vpsci_ros.safety import CRITICAL_TTC
 
-LANES = 16
 NORM_EPSILON = np.float32(1e-5)
 NORMALISED_LIMIT = np.float32(6.0)  # as in `vpsci_ros.policy.sst`
 _ONE, _CRITICAL_TTC = np.float32(1.0), np.float32(CRITICAL_TTC)
-_POWERS_OF_TWO = np.exp2(np.arange(-126, 1)).astype(np.float32)
+_FAR = np.float32(-80.0)
 _LEAST, _GREATEST = (np.float32(bound) for bound in LOG_SCALE)
 _GREATEST_SCALE = np.float32(math.exp(LOG_SCALE[1]))
 _LOG2_E, _LN2_HIGH, _LN2_LOW = np.float32(1.4426950408889634), np.float32(0.693359375), np.float32(-2.12194440e-4)
-
-
-@intrinsic
-def fma(typing_context, a, b, c):  # type: ignore[no-untyped-def]
-    """Return a * b + c with one rounding, float32."""
-
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        return builder.fma(*arguments)
-
-    return types.float32(types.float32, types.float32, types.float32), generate
 
 
 @njit(cache=True, nogil=True, boundscheck=False)
 def accumulate(x, w, out, rows):  # type: ignore[no-untyped-def]
     """Add x[:rows] @ w to out[:rows]: x float32[R, K], w float32[K, N], out float32[R, N]."""
     depth, width = w.shape
-    fours = depth - depth % 4
-    row = 0
-    while row + 4 <= rows:
-        o0, o1, o2, o3 = out[row], out[row + 1], out[row + 2], out[row + 3]
-        for k in range(0, fours, 4):
-            w0, w1, w2, w3 = w[k], w[k + 1], w[k + 2], w[k + 3]
-            a0, a1, a2, a3 = x[row, k], x[row, k + 1], x[row, k + 2], x[row, k + 3]
-            b0, b1, b2, b3 = x[row + 1, k], x[row + 1, k + 1], x[row + 1, k + 2], x[row + 1, k + 3]
-            c0, c1, c2, c3 = x[row + 2, k], x[row + 2, k + 1], x[row + 2, k + 2], x[row + 2, k + 3]
-            d0, d1, d2, d3 = x[row + 3, k], x[row + 3, k + 1], x[row + 3, k + 2], x[row + 3, k + 3]
-            for j in range(width):
-                u0, u1, u2, u3 = w0[j], w1[j], w2[j], w3[j]
-                o0[j] = fma(a3, u3, fma(a2, u2, fma(a1, u1, fma(a0, u0, o0[j]))))
-                o1[j] = fma(b3, u3, fma(b2, u2, fma(b1, u1, fma(b0, u0, o1[j]))))
-                o2[j] = fma(c3, u3, fma(c2, u2, fma(c1, u1, fma(c0, u0, o2[j]))))
-                o3[j] = fma(d3, u3, fma(d2, u2, fma(d1, u1, fma(d0, u0, o3[j]))))
-        for k in range(fours, depth):
-            for j in range(width):
-                o0[j] = fma(x[row, k], w[k, j], o0[j])
-                o1[j] = fma(x[row + 1, k], w[k, j], o1[j])
-                o2[j] = fma(x[row + 2, k], w[k, j], o2[j])
-                o3[j] = fma(x[row + 3, k], w[k, j], o3[j])
-        row += 4
-    while row < rows:
-        o0 = out[row]
-        for k in range(0, fours, 4):
-            w0, w1, w2, w3 = w[k], w[k + 1], w[k + 2], w[k + 3]
-            a0, a1, a2, a3 = x[row, k], x[row, k + 1], x[row, k + 2], x[row, k + 3]
-            for j in range(width):
-                o0[j] = fma(a3, w3[j], fma(a2, w2[j], fma(a1, w1[j], fma(a0, w0[j], o0[j]))))
-        for k in range(fours, depth):
-            for j in range(width):
-                o0[j] = fma(x[row, k], w[k, j], o0[j])
-        row += 1
+    eights, whole, fours = rows - rows % 8, width - width % LANES, width - width % (4 * LANES)
+    for i in range(0, eights, 8):
+        for j in range(0, whole, LANES):
+            o0, o1, o2, o3 = load(out, (i, j)), load(out, (i + 1, j)), load(out, (i + 2, j)), load(out, (i + 3, j))
+            o4, o5, o6, o7 = load(out, (i + 4, j)), load(out, (i + 5, j)), load(out, (i + 6, j)), load(out, (i + 7, j))
+            for k in range(depth):
+                u = load(w, (k, j))
+                o0, o1 = fma_all(x[i, k], u, o0), fma_all(x[i + 1, k], u, o1)
+                o2, o3 = fma_all(x[i + 2, k], u, o2), fma_all(x[i + 3, k], u, o3)
+                o4, o5 = fma_all(x[i + 4, k], u, o4), fma_all(x[i + 5, k], u, o5)
+                o6, o7 = fma_all(x[i + 6, k], u, o6), fma_all(x[i + 7, k], u, o7)
+            store(out, (i, j), o0), store(out, (i + 1, j), o1), store(out, (i + 2, j), o2), store(out, (i + 3, j), o3)
+            store(out, (i + 4, j), o4), store(out, (i + 5, j), o5), store(out, (i + 6, j), o6), store(out, (i + 7, j), o7)
+    for i in range(eights, rows):
+        for j in range(0, fours, 4 * LANES):
+            l, m, n = j + LANES, j + 2 * LANES, j + 3 * LANES
+            o0, o1, o2, o3 = load(out, (i, j)), load(out, (i, l)), load(out, (i, m)), load(out, (i, n))
+            for k in range(depth):
+                o0, o1 = fma_all(x[i, k], load(w, (k, j)), o0), fma_all(x[i, k], load(w, (k, l)), o1)
+                o2, o3 = fma_all(x[i, k], load(w, (k, m)), o2), fma_all(x[i, k], load(w, (k, n)), o3)
+            store(out, (i, j), o0), store(out, (i, l), o1), store(out, (i, m), o2), store(out, (i, n), o3)
+        for j in range(fours, whole, LANES):
+            o0 = load(out, (i, j))
+            for k in range(depth):
+                o0 = fma_all(x[i, k], load(w, (k, j)), o0)
+            store(out, (i, j), o0)
+    for i in range(rows if whole < width else 0):
+        for j in range(whole, width):
+            total = out[i, j]
+            for k in range(depth):
+                total = fma(x[i, k], w[k, j], total)
+            out[i, j] = total
 
 
 @njit(cache=True, nogil=True)
@@ -88,16 +75,16 @@ def _copy(row, out):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def exponential(x):  # type: ignore[no-untyped-def]
     """Return exp(x) for x <= 0, float32, to 2 units in the last place; 0 below -80 (Cephes' expf)."""
-    if x < np.float32(-80.0):
-        return np.float32(0.0)
-    n = np.floor(fma(x, _LOG2_E, np.float32(0.5)))
-    r = fma(-n, _LN2_LOW, fma(-n, _LN2_HIGH, x))
+    within = max(x, _FAR)
+    n = np.floor(fma(within, _LOG2_E, np.float32(0.5)))
+    r = fma(-n, _LN2_LOW, fma(-n, _LN2_HIGH, within))
     p = fma(np.float32(1.9875691500e-4), r, np.float32(1.3981999507e-3))
     p = fma(p, r, np.float32(8.3334519073e-3))
     p = fma(p, r, np.float32(4.1665795894e-2))
     p = fma(p, r, np.float32(1.6666665459e-1))
     p = fma(p, r, np.float32(5.0000001201e-1))
-    return fma(fma(p, r * r, r), _POWERS_OF_TWO[126 + int(n)], _POWERS_OF_TWO[126 + int(n)])
+    scale = power_of_two(int(n))
+    return fma(fma(p, r * r, r), scale, scale) if x >= _FAR else np.float32(0.0)
 
 
 @njit(cache=True, nogil=True)
@@ -113,15 +100,16 @@ def _normalise(row, gain, offset, lanes):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _lane_sum(row, mean, squared, lanes):  # type: ignore[no-untyped-def]
-    lanes[:] = np.float32(0.0)
+    """Return the sum of what a row is beyond a mean, or of its square; `lanes` float32[16] to work with."""
     whole = row.shape[0] - row.shape[0] % LANES
+    sums, less = spread(np.float32(0.0)), spread(-mean)
     for start in range(0, whole, LANES):
-        for j in range(LANES):
-            d = row[start + j] - mean
-            lanes[j] = fma(d, d, lanes[j]) if squared else lanes[j] + d
+        d = fma_all(np.float32(1.0), load(row, (start,)), less)
+        sums = fma_all(d, d, sums) if squared else fma_all(np.float32(1.0), d, sums)
+    store(lanes, (0,), sums)
     for j in range(whole, row.shape[0]):
-        d = row[j] - mean
-        lanes[0] = fma(d, d, lanes[0]) if squared else lanes[0] + d
+        d0 = row[j] - mean
+        lanes[0] = fma(d0, d0, lanes[0]) if squared else lanes[0] + d0
     total = np.float32(0.0)
     for j in range(LANES):
         total += lanes[j]
@@ -129,37 +117,52 @@ def _lane_sum(row, mean, squared, lanes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _attend(query, keys, values, risks, gain, scale, filled, logits, context):  # type: ignore[no-untyped-def]
-    """Attention of one row over `filled` remembered steps.
+def _compare(query, keys, risks, gain, scale, filled, logits):  # type: ignore[no-untyped-def]
+    """Compare one row's query, float32[hidden], with `filled` remembered steps, head by head; see `step_rows`.
 
-    query float32[key, heads]; keys float32[window, key, heads]; values float32[window, hidden]; risks float32[window];
-    gain float32[heads]; logits float32[window, heads] and context float32[hidden] are written.
+    :param keys: float32[window, hidden]; risks: float32[window]; gain: float32[heads].
+    :param logits: float32[window, heads], less the greatest of the head.
     """
-    depth, heads = query.shape
+    heads = logits.shape[1]
+    depth = query.size // heads
     for s in range(filled):
         for h in range(heads):
-            logits[s, h] = np.float32(0.0)
-        for d in range(depth):
-            for h in range(heads):
-                logits[s, h] = fma(query[d, h], keys[s, d, h], logits[s, h])
-        for h in range(heads):
-            logits[s, h] = fma(gain[h], risks[s], logits[s, h] * scale)
+            total = np.float32(0.0)
+            for d in range(h * depth, (h + 1) * depth):
+                total = fma(query[d], keys[s, d], total)
+            logits[s, h] = fma(gain[h], risks[s], total * scale)
     for h in range(heads):
         top = logits[0, h]
         for s in range(1, filled):
             top = max(top, logits[s, h])
+        for s in range(filled):
+            logits[s, h] -= top
+
+
+@njit(cache=True, nogil=True)
+def _recall(shares, values, filled, context):  # type: ignore[no-untyped-def]
+    """Fill in what one row recalls of `filled` steps, float32[hidden], by shares, float32[window, heads], unscaled.
+
+    :param values: float32[window, hidden].
+    """
+    heads = shares.shape[1]
+    depth = context.size // heads
+    whole = depth - depth % LANES
+    for h in range(heads):
         total = np.float32(0.0)
         for s in range(filled):
-            logits[s, h] = exponential(logits[s, h] - top)
-            total += logits[s, h]
+            total += shares[s, h]
         for s in range(filled):
-            logits[s, h] /= total
-        part = context[h * depth : (h + 1) * depth]
-        part[:] = np.float32(0.0)
-        for s in range(filled):
-            value = values[s, h * depth : (h + 1) * depth]
-            for d in range(depth):
-                part[d] = fma(logits[s, h], value[d], part[d])
+            shares[s, h] /= total
+        for d in range(h * depth, h * depth + whole, LANES):
+            part = spread(np.float32(0.0))
+            for s in range(filled):
+                part = fma_all(shares[s, h], load(values, (s, d)), part)
+            store(context, (d,), part)
+        for d in range(h * depth + whole, (h + 1) * depth):
+            context[d] = np.float32(0.0)
+            for s in range(filled):
+                context[d] = fma(shares[s, h], values[s, d], context[d])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -213,17 +216,14 @@ def step_slots(  # type: ignore[no-untyped-def]
     for begin in range(0, slots.size, size):
         own = slots[begin : begin + size]
         for i in range(own.size):
-            for k in range(latent.shape[1]):
-                latent[i, k] = drawn[0][own[i], k]
-            for k in range(noise.shape[1]):
-                noise[i, k] = drawn[1][own[i], k]
+            _copy(drawn[0][own[i]], latent[i])
+            _copy(drawn[1][own[i]], noise[i])
         step_rows(
             own, inputs[begin : begin + size], risks[begin : begin + size], (latent, noise), entry, layers, head,
             limit, states, keys, values, seen, counts, window, work, answer,
         )  # fmt: skip
         for i in range(own.size):
-            for k in range(answer.shape[1]):
-                out[own[i], k] = answer[i, k]
+            _copy(answer[i], out[own[i]])
 
 
 @njit(cache=True, nogil=True)
@@ -239,16 +239,16 @@ def step_rows(  # type: ignore[no-untyped-def]
     :param entry: (w [I, hidden], b [hidden]); layers: (decay, skip, gain, norm weight, norm bias: [L, ...], then the
         dense input, query, key, attended, readout: [L, hidden, hidden], inputs first); head: w, its
         rows for the latent numbers, and b of the first layer, then two (w, b).
-    :param states: float32[slot, L, hidden]; keys: float32[slot, L, window, key, heads]; values: float32[slot, L,
-        window, hidden]; seen: float32[slot, window], risks; counts: int64[slot], steps taken; all move on by one step.
-    :param work: float32[6, R, hidden] scratch; out: float32[n, 2] clipped actions [m/s2].
+    :param states: float32[slot, L, hidden]; keys, values: float32[slot, L, window, hidden]; seen: float32[slot,
+        window], risks; counts: int64[slot], steps taken; all move on by one step.
+    :param work: float32[6, R, hidden] scratch, n at most R; out: float32[n, 2] clipped actions [m/s2].
     """
-    n = slots.shape[0]
+    n, width = slots.shape[0], states.shape[2]
     decay, skip, gain, norm_w, norm_b, w_in, w_query, w_key, w_attended, w_readout = layers
-    depth, heads = keys.shape[3], keys.shape[4]
     x, h, q, k, context, mixed = work[0], work[1], work[2], work[3], work[4], work[5]
-    logits, lanes = np.empty((window, heads), np.float32), np.empty(LANES, np.float32)
-    scale = np.float32(1.0) / np.sqrt(np.float32(depth))
+    heads = gain.shape[1]
+    shares, lanes = np.zeros((n, window, heads), np.float32), np.empty(LANES, np.float32)
+    scale = np.float32(1.0) / np.sqrt(np.float32(width // heads))
     for i in range(n):
         _copy(entry[1], x[i])
         seen[slots[i], counts[slots[i]] % window] = risks[i]
@@ -256,11 +256,10 @@ def step_rows(  # type: ignore[no-untyped-def]
     for layer in range(decay.shape[0]):
         for i in range(n):
             state = states[slots[i], layer]
-            for j in range(state.shape[0]):
+            for j in range(width):
                 h[i, j] = decay[layer, j] * state[j]
+                q[i, j] = k[i, j] = np.float32(0.0)
         accumulate(x, w_in[layer], h, n)
-        q[:n] = np.float32(0.0)
-        k[:n] = np.float32(0.0)
         accumulate(h, w_query[layer], q, n)
         accumulate(h, w_key[layer], k, n)
         for i in range(n):
@@ -268,14 +267,15 @@ def step_rows(  # type: ignore[no-untyped-def]
             place, filled = counts[slot] % window, min(counts[slot] + 1, window)
             _copy(h[i], states[slot, layer])
             _copy(h[i], values[slot, layer, place])
-            for d in range(depth):
-                for each in range(heads):
-                    keys[slot, layer, place, d, each] = k[i, d * heads + each]
-            _attend(
-                q[i].reshape(depth, heads), keys[slot, layer], values[slot, layer], seen[slot], gain[layer], scale,
-                filled, logits, context[i],
-            )  # fmt: skip
-            for j in range(x.shape[1]):
+            _copy(k[i], keys[slot, layer, place])
+            _compare(q[i], keys[slot, layer], seen[slot], gain[layer], scale, filled, shares[i])
+        flat = shares.reshape(shares.size)
+        for j in range(flat.size):
+            flat[j] = exponential(flat[j])
+        for i in range(n):
+            slot = slots[i]
+            _recall(shares[i], values[slot, layer], min(counts[slot] + 1, window), context[i])
+            for j in range(width):
                 mixed[i, j] = fma(skip[layer, j], x[i, j], x[i, j])
         accumulate(h, w_readout[layer], mixed, n)
         accumulate(context, w_attended[layer], mixed, n)
@@ -301,7 +301,7 @@ def step_rows(  # type: ignore[no-untyped-def]
     for i in range(n):
         for j in range(out.shape[1]):
             action = answer[i, j]
-            if answer.shape[1] > out.shape[1]:
+            if latent.shape[1] > 0:
                 action = fma(_scale(answer[i, out.shape[1] + j]), noise[i, j], action)
             else:
                 action = action + noise[i, j]

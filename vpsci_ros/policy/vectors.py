@@ -1,0 +1,108 @@
+"""Sixteen float32 numbers in a vector register, for kernels that numba does not vectorise well.
+
+Each lane is computed as the scalar is, rounded once an operation (IEEE 754), so a kernel's bits are those of the same
+arithmetic one by one. A processor with narrower registers works a vector in parts.
+"""
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, models, register_model
+
+LANES = 16
+_FORM = ir.VectorType(ir.FloatType(), LANES)
+
+
+class Vector(types.Type):
+    """Type of a vector in a kernel."""
+
+    def __init__(self) -> None:
+        super().__init__(name="float32x16")
+
+
+VECTOR = Vector()
+
+
+@register_model(Vector)
+class _Model(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager, kind) -> None:  # type: ignore[no-untyped-def]
+        super().__init__(manager, kind, _FORM)
+
+
+@intrinsic
+def fma(typing_context, a, b, c):  # type: ignore[no-untyped-def]
+    """Return a * b + c with one rounding, float32."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.fma(*arguments)
+
+    return types.float32(types.float32, types.float32, types.float32), generate
+
+
+def _spread(builder, value):  # type: ignore[no-untyped-def]
+    one = builder.insert_element(ir.Constant(_FORM, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+
+
+@intrinsic
+def spread(typing_context, value):  # type: ignore[no-untyped-def]
+    """Return a float32 in every lane."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return _spread(builder, *arguments)
+
+    return VECTOR(types.float32), generate
+
+
+@intrinsic
+def fma_all(typing_context, a, b, c):  # type: ignore[no-untyped-def]
+    """Return a * b + c with one rounding in each lane; b and c are vectors, a is one, or a float32."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        kind = ir.FunctionType(_FORM, [_FORM, _FORM, _FORM])
+        function = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{LANES}f32")
+        first = arguments[0] if signature.args[0] == VECTOR else _spread(builder, arguments[0])
+        return builder.call(function, [first, *arguments[1:]])
+
+    return VECTOR(VECTOR if a == VECTOR else types.float32, VECTOR, VECTOR), generate
+
+
+def _place(context, builder, array_type, array, place):  # type: ignore[no-untyped-def]
+    own = context.make_array(array_type)(context, builder, array)
+    indices = cgutils.unpack_tuple(builder, place)
+    pointer = cgutils.get_item_pointer(context, builder, array_type, own, indices, wraparound=False)
+    return builder.bitcast(pointer, _FORM.as_pointer())
+
+
+@intrinsic
+def load(typing_context, array, place):  # type: ignore[no-untyped-def]
+    """Return the sixteen numbers of a contiguous float32 array from a place (a tuple of indices) on, unchecked."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        pointer = _place(context, builder, signature.args[0], *arguments)
+        return builder.load(pointer, align=4)
+
+    return VECTOR(array, place), generate
+
+
+@intrinsic
+def store(typing_context, array, place, value):  # type: ignore[no-untyped-def]
+    """Write a vector to a contiguous float32 array from a place (a tuple of indices) on, unchecked."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        pointer = _place(context, builder, signature.args[0], *arguments[:2])
+        builder.store(arguments[2], pointer, align=4)
+        return context.get_dummy_value()
+
+    return types.void(array, place, VECTOR), generate
+
+
+@intrinsic
+def power_of_two(typing_context, n):  # type: ignore[no-untyped-def]
+    """Return 2**n as float32, for whole n from -126 to 127."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        exponent = builder.add(builder.trunc(arguments[0], ir.IntType(32)), ir.Constant(ir.IntType(32), 127))
+        return builder.bitcast(builder.shl(exponent, ir.Constant(ir.IntType(32), 23)), ir.FloatType())
+
+    return types.float32(types.int64), generate
