@@ -49,7 +49,8 @@ class Simulator:
         frames = EpisodeFrames(self._batch * job.world.pedestrians, job.world.episode_ticks + 1, TOGETHER)
         loop, blocks = self.loop(((unit.scenario, number) for number in unit.numbers), unit.scenario), []
         while not loop.world.done:
-            waiting = frames.store(loop.world.now.state, loop.assessment.curvttc, loop.assessment.distance)
+            assessment = loop.assessment
+            waiting = frames.store(loop.world.now.state, assessment.curvttc, assessment.distance)
             loop.move()
             if waiting >= TOGETHER or loop.world.done:
                 ended = frames.take()

@@ -42,16 +42,25 @@ def accumulate(x, w, out, rows):  # type: ignore[no-untyped-def]
                 o2, o3 = fma_all(x[i + 2, k], u, o2), fma_all(x[i + 3, k], u, o3)
                 o4, o5 = fma_all(x[i + 4, k], u, o4), fma_all(x[i + 5, k], u, o5)
                 o6, o7 = fma_all(x[i + 6, k], u, o6), fma_all(x[i + 7, k], u, o7)
-            store(out, (i, j), o0), store(out, (i + 1, j), o1), store(out, (i + 2, j), o2), store(out, (i + 3, j), o3)
-            store(out, (i + 4, j), o4), store(out, (i + 5, j), o5), store(out, (i + 6, j), o6), store(out, (i + 7, j), o7)
+            store(out, (i, j), o0)
+            store(out, (i + 1, j), o1)
+            store(out, (i + 2, j), o2)
+            store(out, (i + 3, j), o3)
+            store(out, (i + 4, j), o4)
+            store(out, (i + 5, j), o5)
+            store(out, (i + 6, j), o6)
+            store(out, (i + 7, j), o7)
     for i in range(eights, rows):
         for j in range(0, fours, 4 * LANES):
-            l, m, n = j + LANES, j + 2 * LANES, j + 3 * LANES
-            o0, o1, o2, o3 = load(out, (i, j)), load(out, (i, l)), load(out, (i, m)), load(out, (i, n))
+            m, n, p = j + LANES, j + 2 * LANES, j + 3 * LANES
+            o0, o1, o2, o3 = load(out, (i, j)), load(out, (i, m)), load(out, (i, n)), load(out, (i, p))
             for k in range(depth):
-                o0, o1 = fma_all(x[i, k], load(w, (k, j)), o0), fma_all(x[i, k], load(w, (k, l)), o1)
-                o2, o3 = fma_all(x[i, k], load(w, (k, m)), o2), fma_all(x[i, k], load(w, (k, n)), o3)
-            store(out, (i, j), o0), store(out, (i, l), o1), store(out, (i, m), o2), store(out, (i, n), o3)
+                o0, o1 = fma_all(x[i, k], load(w, (k, j)), o0), fma_all(x[i, k], load(w, (k, m)), o1)
+                o2, o3 = fma_all(x[i, k], load(w, (k, n)), o2), fma_all(x[i, k], load(w, (k, p)), o3)
+            store(out, (i, j), o0)
+            store(out, (i, m), o1)
+            store(out, (i, n), o2)
+            store(out, (i, p), o3)
         for j in range(fours, whole, LANES):
             o0 = load(out, (i, j))
             for k in range(depth):
