@@ -14,7 +14,7 @@ class DatasetConfig:
     )
     formats: list[str] = parameter(["parquet"], "files to write for each scenario", choices=("parquet", "csv"))
     keep_rejected: bool = parameter(False, "write rejected episodes, too, to the folder rejected/")
-    unit: int = parameter(2048, "episodes in one unit of work", low=1, high=1_000_000)
+    unit: int = parameter(1024, "episodes in one unit of work", low=1, high=1_000_000)
     parallel: int = parameter(1024, "episodes that one worker simulates side by side", low=1, high=65536)
     give_up: float = parameter(
         100.0, "stop when so many times the kept episodes wanted were simulated and not kept", low=1.0, high=1e9

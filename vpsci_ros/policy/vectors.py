@@ -4,16 +4,18 @@ Each lane is computed as the scalar is, rounded once an operation (IEEE 754), so
 arithmetic one by one. A processor with narrower registers works a vector in parts.
 """
 
-from llvmlite import ir
+from typing import Any
+
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
 LANES = 16
+ir = cgutils.ir  # of llvmlite, which numba brings
 _FORM = ir.VectorType(ir.FloatType(), LANES)
 
 
-class Vector(types.Type):
+class Vector(types.Type):  # type: ignore[misc]
     """Type of a vector in a kernel."""
 
     def __init__(self) -> None:
@@ -39,7 +41,7 @@ def fma(typing_context, a, b, c):  # type: ignore[no-untyped-def]
     return types.float32(types.float32, types.float32, types.float32), generate
 
 
-def _spread(builder, value):  # type: ignore[no-untyped-def]
+def _spread(builder: Any, value: Any) -> Any:
     one = builder.insert_element(ir.Constant(_FORM, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
 
@@ -67,7 +69,7 @@ def fma_all(typing_context, a, b, c):  # type: ignore[no-untyped-def]
     return VECTOR(VECTOR if a == VECTOR else types.float32, VECTOR, VECTOR), generate
 
 
-def _place(context, builder, array_type, array, place):  # type: ignore[no-untyped-def]
+def _place(context: Any, builder: Any, array_type: Any, array: Any, place: Any) -> Any:
     own = context.make_array(array_type)(context, builder, array)
     indices = cgutils.unpack_tuple(builder, place)
     pointer = cgutils.get_item_pointer(context, builder, array_type, own, indices, wraparound=False)

@@ -17,7 +17,7 @@ import sys
 from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parents[1]
-_ROOMS = ("safety", "world")
+_ROOMS = ("policy", "safety", "world")
 ROOM = 2**25  # [bytes] that compiled code may take
 
 
