@@ -1,6 +1,7 @@
 """Why a failure happened: what is changed in an episode that is driven again, and what is said of it."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,24 @@ class Late:
             if 0.0 < ahead < 2.0 and abs(aside) < 1.3:
                 return -4.0
         return 2.0 * (5.0 - car.speed)
+"""
+
+
+CLIENT = """
+import json, os, socket
+from collections import namedtuple
+from types import SimpleNamespace
+from drivers_of_why import Late
+
+Body = namedtuple("Body", "x y yaw speed yaw_rate")
+driver = Late()
+with socket.create_connection(("127.0.0.1", int(os.environ["VPSCI_ADS_PORT"]))) as exam:
+    for line in exam.makefile("r"):
+        said = json.loads(line)
+        if said["type"] == "tick":
+            bodies = [Body(*each) for each in said["pedestrians"]]
+            command = driver.act(SimpleNamespace(vehicle=Body(*said["vehicle"]), pedestrians=bodies))
+            exam.sendall((json.dumps({"tick": said["tick"], "command": command}) + "\\n").encode())
 """
 
 
@@ -167,6 +186,12 @@ def test_from_the_frame_on_parked_vehicles_hide_nobody_in_that_episode() -> None
     assert found == [[False, False]] * 3 + [[True, False]] * 2
 
 
+def of_late_driver(**given: Any) -> Exam:
+    world = {"only": [3, 1, 3, 3], "scenarios": [3], "episode_time": 8.0}
+    sections = load(params_dir() / "ads_test.yaml").changed("world_simulator", world)
+    return prepare(sections.changed("ads_test", {"pedestrians": ["walker"], "baseline": False}), **given)
+
+
 @pytest.fixture(scope="module")
 def explained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of an exam of a driver that brakes late, with its two worst failures explained."""
@@ -174,10 +199,7 @@ def explained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "drivers_of_why.py").write_text(LATE)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
-        world = {"only": [3, 1, 3, 3], "scenarios": [3], "episode_time": 8.0}
-        sections = load(params_dir() / "ads_test.yaml").changed("world_simulator", world)
-        sections = sections.changed("ads_test", {"pedestrians": ["walker"], "baseline": False})
-        chosen = prepare(sections, ads_class="drivers_of_why:Late")
+        chosen = of_late_driver(ads_class="drivers_of_why:Late")
         assert run_exam(chosen, folder / "exam", why=2, quiet=True) == []
         before = (folder / "exam" / "report.json").read_bytes()
         times = {path: path.stat().st_mtime_ns for path in (folder / "exam" / "why").rglob("*.mcap")}
@@ -207,6 +229,16 @@ def test_failures_are_explained_grouped_and_exported(explained: Path) -> None:
     assert "avoided by braking earlier" in (explained / "summary.md").read_text()
     page = (explained / "report.html").read_text()
     assert "view.html#a=ads-walker&amp;b=why-walker&amp;episode=3:3" in page
+
+
+def test_two_workers_and_a_program_behind_a_socket_find_the_same_least_changes(explained: Path, tmp_path: Path) -> None:
+    (tmp_path / "drivers_of_why.py").write_text(LATE)
+    (tmp_path / "client.py").write_text(CLIENT)
+    chosen = of_late_driver(ads=f"{sys.executable} {tmp_path / 'client.py'}", port=0, workers=2)
+    assert run_exam(chosen, tmp_path / "exam", why=1, workers=2, quiet=True) == []
+    (found,) = json.loads((tmp_path / "exam" / "report.json").read_text())["why"]["pedestrians"]["walker"]["analysed"]
+    of_a_class = json.loads((explained / "report.json").read_text())["why"]["pedestrians"]["walker"]["analysed"]
+    assert found == of_a_class[0]
 
 
 def test_words_say_what_avoids_a_failure() -> None:
