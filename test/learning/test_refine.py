@@ -282,6 +282,19 @@ def test_stage_2_in_process_runs_stops_and_goes_on_to_the_same_result(tmp_path, 
     log = (tmp_path / "whole" / "refine_log.csv").read_text().splitlines()
     assert len(log) == 3
     assert "collision_rate" in log[0]
+    save = Refiner.save_checkpoint
+
+    def killed_behind_the_last(refiner, path, extra):
+        save(refiner, path, extra)
+        if extra["done"] == len(episodes):
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(Refiner, "save_checkpoint", killed_behind_the_last)
+        run("killed")
+    run("killed")
+    for name in ("refine_log.csv", "refine_episodes.csv"):
+        assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
 def test_stage_2_in_process_refuses_a_world_that_it_does_not_know(tmp_path, networks, near_misses):

@@ -94,9 +94,9 @@ def refine(
         rows.append(refiner.summary() | outcomes.rates(1000))
         extra = {"done": done, "rows": rows, "simulation": identity}
         extra |= {"outcomes": outcomes.outcomes, "least_curvttc": outcomes.least_curvttc}
-        refiner.save_checkpoint(out_dir / CHECKPOINT, extra)
         write_log(out_dir / LOG, rows)
         write_log(out_dir / EPISODES, refiner.episode_returns)
+        refiner.save_checkpoint(out_dir / CHECKPOINT, extra)  # last: what goes on from it does not write them again
         if report is not None:
             report({"simulated": float(done), "episodes_wanted": float(len(episodes))} | rows[-1])
     refined = refiner.save()
