@@ -72,9 +72,15 @@ class Stopwatches:
         setattr(owner, name, timed)
 
 
+def cpu_seconds() -> float:
+    """Return what this process and its children that have ended have used."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
+
+
 def end_to_end(job: Job, values: DatasetConfig, episodes: int, workers: int) -> dict[str, float]:
     """Generate a dataset and return its rate, its times and the memory of it."""
-    folder = Path(tempfile.mkdtemp())
+    folder, used = Path(tempfile.mkdtemp()), cpu_seconds()
     targets = {scenario.number: episodes for scenario in job.scenarios}
     begin = time.perf_counter()
     done = generate(job, targets, folder / "d", values, lambda: simulators(job, values.parallel, workers))
@@ -84,14 +90,13 @@ def end_to_end(job: Job, values: DatasetConfig, episodes: int, workers: int) -> 
     size = sum(entry["bytes"] for name, entry in done.description["files"].items() if name.endswith(".parquet"))
     shutil.rmtree(folder)
     own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    cpu = sum(usage.ru_utime + usage.ru_stime for usage in (own, children))
     return {
         "workers": workers,
         "kept": kept,
         "simulated": sum(row["simulated"] for row in rows),
         "computed": done.computed,
         "wall_s": wall,
-        "cpu_s": cpu,
+        "cpu_s": cpu_seconds() - used,
         "simulating_s": done.seconds[0],
         "writing_s": done.seconds[1],
         "kept_per_hour": 3600.0 * kept / wall,

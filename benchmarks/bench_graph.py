@@ -14,13 +14,13 @@ import os
 import platform
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from composed import composed
 from domain_coordinator import domain_id
 
-from vpsci_ros.nodes.graph import resolve, run_graph
+from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
@@ -34,31 +34,33 @@ from vpsci_ros.world.loop import Loop
 EPISODE_TICKS = 200  # at most; with the default episode_time
 TRANSPORTS = {"shared memory": "DEFAULT", "UDP": "UDPv4"}  # FASTDDS_BUILTIN_TRANSPORTS; its default takes shared memory
 RULES = {"vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"}
+PERCEPTION = {"position_noise": 0.2, "velocity_noise": 0.2, "missed": 0.05, "latency": 0.1, "lost_rate": 0.02}
 POLICIES = ("vehicle_policy", "pedestrian_policy")
 
 
-def sections(batch: int, ticks: int, weights: str, *, acting: bool, recorder: bool) -> Sections:
-    """Return parameters of a run of about `ticks` ticks."""
+def sections(
+    batch: int, ticks: int, weights: str, *, acting: bool = True, more: Sequence[str] = (), composed: bool = False
+) -> Sections:
+    """Return parameters of a run of about `ticks` ticks; `more` nodes take part."""
     scenarios = [1] if batch == 1 else [1, 2, 3, 4, 5, 6, 7, 8]
     episodes = max(1, batch * ticks // EPISODE_TICKS // len(scenarios))
-    nodes = ["world_simulator", "safety_monitor", *POLICIES * acting, *["recorder"] * recorder]
+    nodes = ["world_simulator", "safety_monitor", *POLICIES * acting, *more]
     world = {"batch": batch, "episodes": episodes, "scenarios": scenarios} | ({} if acting else RULES)
-    chosen = {"graph": {"nodes": nodes}, "world_simulator": world}
-    return Sections(chosen | {policy: {"weights": weights} for policy in POLICIES * acting})
+    chosen = {"graph": {"nodes": nodes, "composed": composed}, "world_simulator": world}
+    return Sections(
+        chosen
+        | {policy: {"weights": weights} for policy in POLICIES * acting}
+        | {name: PERCEPTION for name in more if name == "perception"}
+    )
 
 
-def separate(chosen: Sections, folder: Path) -> float:
-    """Return the ticks per second of a graph in separate processes."""
-    result = run_graph(chosen, folder, quiet=True)
+def rate_of(chosen: Sections) -> float:
+    """Return the ticks per second of a graph, in separate processes or composed in one."""
+    with tempfile.TemporaryDirectory() as folder:
+        result = run_graph(chosen, Path(folder) / "run", quiet=True)
     if result.error:
         raise SystemExit(result.error)
     return float(result.nodes["world_simulator"].figures["ticks_per_second_mean"])
-
-
-def in_one_process(chosen: Sections, folder: Path) -> float:
-    """Return the ticks per second of a graph composed in this process."""
-    with composed(resolve(chosen, folder)) as nodes:
-        return float(nodes["world_simulator"].figures()["ticks_per_second_mean"])
 
 
 def engine(chosen: Sections, weights: str) -> float:
@@ -87,15 +89,13 @@ def runs(batches: list[int], *, quick: bool) -> list[dict[str, Any]]:
     return [defaults | row for row in rows]
 
 
-def measure(row: dict[str, Any], ticks: int, weights: str, folder: Path) -> float:
+def measure(row: dict[str, Any], ticks: int, weights: str) -> float:
     """Return the ticks per second of one row."""
-    flags = {name: row[name] for name in ("acting", "recorder")}
+    flags = {"acting": row["acting"], "more": ["recorder"] * row["recorder"], "composed": row["how"] == "composed"}
     # A batch of episodes ends within 200 ticks, the last few of them nearly alone, so larger batches run a few rounds.
     chosen = sections(row["batch"], ticks if row["batch"] == 1 else EPISODE_TICKS * 2, weights, **flags)
     os.environ["FASTDDS_BUILTIN_TRANSPORTS"] = TRANSPORTS[row["transport"]]
-    if row["how"] == "engine":
-        return engine(chosen, weights)
-    return in_one_process(chosen, folder) if row["how"] == "composed" else separate(chosen, folder)
+    return engine(chosen, weights) if row["how"] == "engine" else rate_of(chosen)
 
 
 def main() -> None:
@@ -115,10 +115,10 @@ def main() -> None:
         f" {'episode-ticks/s':>15}"
     )
     rows = []
-    with domain_id() as number, tempfile.TemporaryDirectory() as folder:
+    with domain_id() as number:
         os.environ["ROS_DOMAIN_ID"] = str(number)
-        for index, row in enumerate(runs(arguments.batches, quick=arguments.quick)):
-            rate = measure(row, arguments.ticks, arguments.weights, Path(folder) / str(index))
+        for row in runs(arguments.batches, quick=arguments.quick):
+            rate = measure(row, arguments.ticks, arguments.weights)
             rows.append(row | {"ticks_per_second": rate, "episode_ticks_per_second": rate * row["batch"]})
             transport, recorder = ("", "") if row["how"] == "engine" else (row["transport"], row["recorder"])
             print(

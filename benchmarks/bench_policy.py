@@ -6,7 +6,7 @@ Prints one row per way of running the actor of Table 8: numba streaming; torch s
 rows change their bits with the batch); torch streaming padded to chunks of one fixed shape (whose rows do not); and
 torch over the plain ten-step window. Then a policy at work in the world, with its observation: one that draws nothing,
 the same network drawing, and the shipped one drawing and at temperature 0. Figures of
-a run are in docs/results/2026-11-speed.md.
+a run are in docs/speed.md.
 """
 
 import argparse

@@ -6,7 +6,7 @@ Without data it learns from right_turns. Each row runs in a process of its own, 
 A row is the mean of `--updates` updates after three. Other work on the machine makes the wall time worse; the CPU time
 beside it is what one free core would take, as long as there is one thread. The time of 3,000 stage-1 episodes (an
 episode of Algorithm 1 is one update of all networks) is extrapolated from the row, by both.
-Figures of a run are in docs/results/2026-11-speed.md.
+Figures of a run are in docs/speed.md.
 """
 
 import argparse

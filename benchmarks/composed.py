@@ -1,8 +1,4 @@
-"""A whole graph in one process: the same nodes and messages, composed under one events executor.
-
-Faster than separate processes where one core does all the work, because no message leaves the process. What a process
-of its own gives a node is lost: a second core, and a death that the others survive.
-"""
+"""A whole graph in this process, as `graph.composed` has it in one of its own, for benchmarks and tests."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,16 +9,17 @@ from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
-from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.base import GraphNode, run_nodes
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.domain import set_defaults
 from vpsci_ros.nodes.entry import node_class
+from vpsci_ros.nodes.exchange import Exchange
 from vpsci_ros.runs.sections import Sections
 
 
 @contextmanager
 def composed(sections: Sections) -> Iterator[dict[str, GraphNode]]:
-    """Make the nodes of a graph, run it to its leader's end, yield the nodes by name, and tidy up.
+    """Make the nodes of a graph, run it to its leader's end, close them, yield them by name, and tidy up.
 
     :param sections: resolved, see `vpsci_ros.nodes.graph.resolve`.
     :raises InvalidInput: a parameter is refused.
@@ -32,23 +29,17 @@ def composed(sections: Sections) -> Iterator[dict[str, GraphNode]]:
     leader = "world_simulator" if "world_simulator" in names else "learner"
     context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    spinner = EventsExecutor(context=context)
+    spinner, exchange = EventsExecutor(context=context), Exchange()
     nodes: dict[str, GraphNode] = {}
     try:
-        for name in names:
+        for name in sorted(names, key=lambda name: name != leader):
             values = {**sections.values[name], "peers": list(names)}
             overrides = [Parameter(key, value=value) for key, value in values.items() if value != []]
-            nodes[name] = node_class(name)(context=context, parameter_overrides=overrides)
+            nodes[name] = node_class(name)(context=context, parameter_overrides=overrides, exchange=exchange)
             spinner.add_node(nodes[name])
-        while not nodes[leader].finished:
-            spinner.spin_once(timeout_sec=0.1)
-        while not all(node.quiet for node in nodes.values()):
-            spinner.spin_once(timeout_sec=0.1)
+        assert run_nodes([*nodes.values()], spinner, exchange) == 0, "a node has failed, and its log says why"
         yield nodes
     finally:
-        for node in nodes.values():
-            node.stop.set()
-            node.close()
         spinner.shutdown()
         for node in nodes.values():
             node.destroy_node()

@@ -48,7 +48,7 @@ def vmas(seconds: float) -> dict[str, float]:
     from vmas.simulator.dynamics.kinematic_bicycle import KinematicBicycle
 
     found = {}
-    for batch in (1024, 8192, 65536):
+    for batch in (64, 1024, 8192, 65536):
         world = World(batch, "cpu", dt=0.05, substeps=1)
         bicycle = KinematicBicycle(world, width=1.85, l_f=1.44, l_r=1.44, max_steering_angle=0.52, integration="euler")
         car = Agent("car", shape=Box(4.69, 1.85), dynamics=bicycle, collide=True)

@@ -1,12 +1,26 @@
-"""A graph composed in one process is the same graph: the same ticks and outcomes as the engine without nodes."""
+"""A graph composed in one process is the same graph: the ticks of the engine, the bag of separate processes."""
 
+import signal
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 from composed import composed
+from nodes.stage import Stage
+from rclpy.context import Context
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
 
-from vpsci_ros.nodes.graph import resolve
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.verify import verify_bag
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.nodes.config import GraphConfig
+from vpsci_ros.nodes.exchange import Exchange
+from vpsci_ros.nodes.graph import GraphResult, NodeProcesses, resolve, run_graph
+from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
@@ -16,11 +30,13 @@ from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.state import FINISHED
 
+NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
+
 
 def test_a_composed_graph_runs_the_episodes_of_the_engine(domain: int, tmp_path: Path) -> None:
     policy = {"weights": "pretrained", "seed": 11}  # of what a policy draws, as in the world
     chosen = {
-        "graph": {"nodes": ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]},
+        "graph": {"nodes": NODES},
         "world_simulator": {"scenarios": [2, 7], "episodes": 4, "batch": 3, "seed": 11},
         "vehicle_policy": policy,
         "pedestrian_policy": policy,
@@ -39,3 +55,88 @@ def test_a_composed_graph_runs_the_episodes_of_the_engine(domain: int, tmp_path:
     assert np.sum(list(outcomes.values())) == 8
     assert counts.tick == world.now.number
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
+
+
+def run(folder: Path, *, together: bool, **world: Any) -> GraphResult:
+    sections = {
+        "graph": {"nodes": [*NODES, "perception"], "composed": together, "progress_timeout": 240.0},
+        "world_simulator": {"scenarios": [3], "episodes": 1, "batch": 1, "episode_time": 4.0} | world,
+        "perception": {"position_noise": 0.2, "missed": 0.05},
+        "vehicle_policy": {"weights": "pretrained"},
+        "pedestrian_policy": {"weights": "pretrained"},
+    }
+    return run_graph(Sections(sections), folder, quiet=True)
+
+
+@pytest.mark.usefixtures("forked_nodes")
+def test_a_composed_graph_leaves_the_bag_of_separate_processes(domain: int, tmp_path: Path) -> None:
+    held = []
+    for together in (False, True):
+        result = run(tmp_path / str(together), together=together)
+        assert result.error == ""
+        assert set(result.exits.values()) == {0}
+        messages: dict[str, list[tuple[int, bytes]]] = {}
+        for raw in Bag(result.bag).messages():
+            if raw.topic != "/diagnostics":  # of the machine
+                messages.setdefault(raw.topic, []).append((raw.time, bytes(raw.data)))
+        held.append(messages)
+    assert verify_bag(result.bag).difference == ""
+    assert held[0].keys() == held[1].keys()
+    assert held[0]["/markers"], "views are there, too"
+    for topic, messages in held[0].items():
+        assert messages == held[1][topic], topic
+    assert {path.name for path in (tmp_path / "True" / "log").iterdir()} == {f"{node}.log" for node in result.nodes}
+
+
+@pytest.mark.usefixtures("forked_nodes")
+def test_a_composed_graph_whose_process_is_killed_fails_by_name_and_leaves_a_bag_that_opens(
+    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started: list[NodeProcesses] = []
+    enter = NodeProcesses.__enter__
+    monkeypatch.setattr(NodeProcesses, "__enter__", lambda self: started.append(self) or enter(self))
+
+    def kill_once_under_way(nodes: Any, _: float) -> str:
+        counts = nodes["world_simulator"].counts if "world_simulator" in nodes else None
+        if counts and counts.tick > 50:
+            started[0].running["recorder"].signal(signal.SIGKILL)
+        return ""
+
+    monkeypatch.setattr("vpsci_ros.nodes.graph._taken_away", lambda claim, stop_when: kill_once_under_way)
+    result = run(tmp_path / "run", together=True, episodes=100_000)
+    assert "world_simulator was killed by SIGKILL" in result.error
+    assert list(Bag(result.bag).messages(["/world/state"]))
+
+
+def test_a_composed_graph_that_is_to_start_nodes_again_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="restarts = 2 with composed = true"):
+        GraphConfig(composed=True, restarts=2)
+
+
+def test_readers_in_other_processes_get_every_message_and_those_here_each_once(
+    context: Context, stage: Callable[..., Stage]
+) -> None:
+    here, exchange = stage(), Exchange()
+    local: list[bytes] = []
+    elsewhere: list[bytes] = []
+    reader = exchange.reader("/clock", local.append)
+    publisher = here.peer.create_publisher(Clock, "clock", LOCK_STEP)
+    here.peer.create_subscription(Clock, "clock", reader.from_middleware, LOCK_STEP, raw=True)
+    here.spin_until(lambda: publisher.get_subscription_count() == 1)
+    messages = [Clock() for _ in range(4)]
+    for second, message in enumerate(messages):
+        message.clock.sec = second
+    exchange.publish("/clock", messages[0], publisher)
+    assert not exchange.deliver(1.0)
+    assert local == [serialize_message(messages[0])], "without the middleware"
+
+    here.peer.create_subscription(Clock, "clock", elsewhere.append, LOCK_STEP, raw=True)
+    here.spin_until(lambda: publisher.get_subscription_count() == 2)
+    exchange.publish("/clock", messages[1], publisher)
+    publisher.publish(messages[2])  # another program's
+    publisher.publish(messages[1])  # another's that says the same
+    exchange.deliver(1.0)
+    here.spin_until(lambda: len(elsewhere) == 3 and len(local) == 4)
+    data = [serialize_message(message) for message in messages]
+    assert elsewhere == [data[1], data[2], data[1]]
+    assert local == [data[0], data[1], data[2], data[1]]

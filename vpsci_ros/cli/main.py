@@ -76,12 +76,15 @@ def graph(
     domain_id: Annotated[
         int | None, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID; default: the environment's.")
     ] = None,
+    composed: Annotated[
+        bool, typer.Option("--composed", help="All nodes in one process, as graph.composed: faster.")
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Run a whole graph of nodes as processes: start, watch, stop cleanly. The parameter file selects the stage."""
     from vpsci_ros.nodes.graph import run_graph
 
-    sections = read_sections(params, settings)
+    sections = read_sections(params, [*(settings or []), *["graph.composed=true"] * composed])
     if domain_id is not None:
         os.environ["ROS_DOMAIN_ID"] = str(domain_id)
     result = run_graph(sections, output, quiet=quiet)

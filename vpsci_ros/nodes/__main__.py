@@ -1,4 +1,4 @@
-"""`python -m vpsci_ros.nodes NODE --ros-args ...` runs one node."""
+"""`python -m vpsci_ros.nodes NODE --ros-args ...` runs one node, NODE,NODE,... several in one process."""
 
 import sys
 

@@ -15,7 +15,7 @@ from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.history import frames_of
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.output import Output
-from vpsci_ros.nodes.serialized import safety_state, shown, time_of, warm_up
+from vpsci_ros.nodes.serialized import assessment, checked_safety_state, safety_state, shown, time_of, warm_up
 from vpsci_ros.nodes.topics import LATCHED
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
@@ -112,7 +112,7 @@ class AgentPolicy(GraphNode):
 
     def _on_safety(self, safety: SafetyState | SerializedSafety) -> None:
         batch = len(self._world.tick.state) if self._world and safety.tick > 0 else len(safety.curvttc)
-        if self.intake.read("/safety/state", layout.safety_state, safety, batch) is not None:
+        if self.intake.read("/safety/state", checked_safety_state, safety, batch):
             self._safety = safety
             self._answer()
 
@@ -157,14 +157,14 @@ class AgentPolicy(GraphNode):
     def _act(self, header: WireHeader, tick: Tick, safety: SafetyState | SerializedSafety) -> bytes | None:
         """Take one tick in; return the answer, serialized, or None where none is wanted."""
         if not tick.policy_frame.any():
-            if self.intake.read("/safety/state", layout.safety_state, safety, len(tick.state)) is not None:
+            if self.intake.read("/safety/state", checked_safety_state, safety, len(tick.state)):
                 self._known = tick.number
             return None
-        assessment = self.intake.read("/safety/state", layout.assessment, safety, tick)
-        if assessment is None:
+        assessed = self.intake.read("/safety/state", assessment, safety, tick)
+        if assessed is None:
             return None
         self._known = tick.number
-        action = self._agent.act(tick, assessment).astype(np.float64)
+        action = self._agent.act(tick, assessed).astype(np.float64)
         Actions(pedestrian=action)  # refuses another shape, and numbers that are not finite
         return write_action(header, tick.number, action, self._version)
 

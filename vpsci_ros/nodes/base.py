@@ -1,9 +1,8 @@
 """The form that all nodes share: parameters from configuration classes, topics from the table, one main."""
 
-import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
@@ -25,6 +24,7 @@ from vpsci_ros.nodes import status as reporting
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.domain import require_security, set_defaults
+from vpsci_ros.nodes.exchange import Exchange
 from vpsci_ros.nodes.intake import Intake
 from vpsci_ros.nodes.output import Output
 from vpsci_ros.nodes.parameter_service import RefusingParameterService
@@ -37,6 +37,7 @@ from vpsci_ros.world.counts import WorldCounts
 
 T = TypeVar("T")
 FLUSH_LIMIT = 4.0  # [s] for the recorder to receive a topic's last messages
+SLICE = 0.02  # [s] for what nodes of one process publish for each other, before timers and other processes have a turn
 DRAIN_QUIET = 0.3  # [s] without a message: nothing is on its way any more
 DRAIN_LIMIT = 20.0  # [s] to receive what is still on its way when a node is to stop
 DIAGNOSTICS_PERIOD = 1.0  # [s] of wall time
@@ -65,16 +66,23 @@ class GraphNode(Node, metaclass=_Destroying):
 
     :param context: a private context, or None for the global one.
     :param parameter_overrides: as in `rclpy.node.Node`, for graphs in one process.
+    :param exchange: that it shares with the other nodes of its process, if there are any.
     :raises InvalidInput: a parameter is unknown, of the wrong type or out of range.
     """
 
     essential_peers: tuple[str, ...] = ("world_simulator",)
     drains = False  # whether a node that is to stop first receives what is on its way to it
-    niceness = 0  # of a process of its own, above 0 where nobody waits for the node
     in_the_graph = False  # from when there is something to destroy
     counts: WorldCounts | None = None  # of the world simulator, in its reports
 
-    def __init__(self, name: str, *, context: Context | None = None, parameter_overrides: list[Any] | None = None):
+    def __init__(
+        self,
+        name: str,
+        *,
+        context: Context | None = None,
+        parameter_overrides: list[Any] | None = None,
+        exchange: Exchange | None = None,
+    ) -> None:
         overrides = parameter_overrides or []
         super().__init__(name, context=context, parameter_overrides=overrides, start_parameter_services=False)
         self.in_the_graph = True
@@ -96,7 +104,8 @@ class GraphNode(Node, metaclass=_Destroying):
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.add_on_set_parameters_callback(self._check_parameters)  # both would be called at every declaration
         self.add_post_set_parameters_callback(self._take_up_parameters)
-        self.intake = Intake(self)
+        self._exchange = exchange
+        self.intake = Intake(self, exchange)
         self.input = self.intake.add
         self.diagnostics = self.output("/diagnostics")
         self.wall_timer(DIAGNOSTICS_PERIOD, self._report_and_look_for_peers)
@@ -115,7 +124,8 @@ class GraphNode(Node, metaclass=_Destroying):
 
     def output(self, topic: str) -> Output:
         """Return an output for a topic of the table."""
-        made = Output(self, topic, listeners(topic, self.peers), self.peer_timeout, self._is_stopping)
+        expected = listeners(topic, self.peers)
+        made = Output(self, topic, expected, self.peer_timeout, self._is_stopping, self._exchange)
         self._offered.append(made)
         return made
 
@@ -182,7 +192,11 @@ class GraphNode(Node, metaclass=_Destroying):
             name = f"{self.frame_prefix}{self.get_name()}"
             message = diagnostics_message(name, status.state, status.pairs().items(), self.simulated_time)
             (self.diagnostics.publish if wait else self.diagnostics.publish_now)(message)
-        reporting.send(status)
+        self.submit(status)
+
+    def submit(self, status: NodeStatus) -> None:
+        """Send a status to the graph that started this process, if one did."""
+        reporting.send(self._section, status)
 
     def _report_and_look_for_peers(self) -> None:
         if self._missing_peers != []:
@@ -246,9 +260,14 @@ class GraphNode(Node, metaclass=_Destroying):
 
 
 def run(node_class: type[GraphNode], args: list[str] | None = None) -> int:
-    """Run one node until it has finished or gets a signal to stop; return the exit status.
+    """Run one node, see `run_together`."""
+    return run_together([node_class], args)
 
-    0: finished or stopped on request; 1: it failed; 2: a parameter or an input file was refused.
+
+def run_together(kinds: Sequence[Any], args: list[str] | None = None) -> int:
+    """Run nodes of these classes in this process until the first has finished or a signal stops it; return its status.
+
+    0: finished or stopped on request; 1: one failed; 2: a parameter or an input file was refused.
 
     Discovery stays on this host unless the environment says otherwise. Signals only set a flag, so that on the way out
     the context is alive and a node can still write and publish.
@@ -259,49 +278,74 @@ def run(node_class: type[GraphNode], args: list[str] | None = None) -> int:
     except VpsciError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    os.nice(node_class.niceness)  # now, so that the threads of the middleware have it, too
     context = Context()
     with stop_requested_by_signals(to_the_end=True) as stop:
         rclpy.init(args=args, context=context, signal_handler_options=SignalHandlerOptions.NO)
         try:
-            return _run(node_class, context, stop)
+            return _run(kinds, context, stop)
         finally:
             context.try_shutdown()
 
 
-def _run(node_class: Callable[..., GraphNode], context: Context, stop: StopRequest) -> int:
+def _run(kinds: Sequence[Any], context: Context, stop: StopRequest) -> int:
+    exchange = Exchange() if len(kinds) > 1 else None
+    nodes: list[GraphNode] = []
     try:
-        node = node_class(context=context)
-    except VpsciError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except (OSError, MemoryError) as error:
-        print(f"error: {in_words(error)}", file=sys.stderr)
-        return 1
-    node.stop = stop
+        for kind in kinds:
+            nodes.append(kind(context=context, exchange=exchange))
+            nodes[-1].stop = stop
+    except (VpsciError, OSError, MemoryError) as error:
+        print(f"error: {error if isinstance(error, VpsciError) else in_words(error)}", file=sys.stderr)
+        for node in nodes:
+            node.destroy_node()
+        return 2 if isinstance(error, VpsciError) else 1
     executor = EventsExecutor(context=context)
-    executor.add_node(node)
+    for node in nodes:
+        executor.add_node(node)
+    try:
+        return run_nodes(nodes, executor, exchange)
+    finally:
+        executor.shutdown()
+        for node in nodes:
+            node.destroy_node()
+
+
+def run_nodes(nodes: Sequence[GraphNode], executor: EventsExecutor, exchange: Exchange | None) -> int:
+    """Run nodes until the first of them has finished, or a stop was requested, and close them; return 0, or 1."""
     status = 1
     try:
-        status = _attempt(node, partial(_spin, node, executor))
+        status = _attempt(nodes[0], partial(_spin, nodes[0], executor, exchange))
     finally:
-        try:
-            node.report()
-            status = max(status, _attempt(node, node.close))
+        for node in nodes:
+            if not node.drains:
+                status = max(status, _attempt(node, partial(_end, node)))
+        if exchange is not None:
+            exchange.deliver(DRAIN_LIMIT)
+        deadline = time.monotonic() + DRAIN_LIMIT
+        while not all(node.quiet for node in nodes) and time.monotonic() < deadline:
+            _spin_once(executor, exchange)
+        for node in nodes:
+            if node.drains:
+                status = max(status, _attempt(node, partial(_end, node)))
+        for node in nodes:
             node.flush()
-            reporting.send(node.status())
-        finally:
-            executor.shutdown()
-            node.destroy_node()
+            node.submit(node.status())
     return status
 
 
-def _spin(node: GraphNode, executor: EventsExecutor) -> None:
-    while not node.stop.is_set() and not node.finished:
-        executor.spin_once(timeout_sec=0.1)  # in these wheels EventsExecutor.spin() runs no callback
-    deadline = time.monotonic() + DRAIN_LIMIT
-    while not node.quiet and time.monotonic() < deadline:
-        executor.spin_once(timeout_sec=0.1)
+def _spin(first: GraphNode, executor: EventsExecutor, exchange: Exchange | None) -> None:
+    while not first.stop.is_set() and not first.finished:
+        _spin_once(executor, exchange)
+
+
+def _spin_once(executor: EventsExecutor, exchange: Exchange | None) -> None:
+    more = exchange is not None and exchange.deliver(SLICE)
+    executor.spin_once(timeout_sec=0.0 if more else 0.1)  # in these wheels EventsExecutor.spin() runs no callback
+
+
+def _end(node: GraphNode) -> None:
+    node.report()
+    node.close()
 
 
 def _attempt(node: GraphNode, part: Callable[[], None]) -> int:

@@ -52,11 +52,20 @@ class GraphConfig:
         high=1000,
     )
     namespace: str = parameter("", "namespace of all nodes, such as /left; empty: none")
+    composed: bool = parameter(
+        False,
+        "all nodes in one process, which hand their messages on without the middleware: faster; if one fails, all do",
+    )
 
     def __post_init__(self) -> None:
         parts = self.namespace.split("/")
         if self.namespace and (parts[0] or not all(part.isidentifier() for part in parts[1:])):
             raise InvalidInput(f"namespace = {self.namespace!r}: expected names after slashes, such as /left")
+        if self.composed and self.restarts:
+            raise InvalidInput(
+                f"restarts = {self.restarts} with composed = true: nodes of one process are not started again; leave "
+                "out one of the two"
+            )
 
 
 @dataclass(frozen=True)

@@ -28,10 +28,12 @@ def start(name: str, args: list[str] | None = None) -> int:
 
     0 where it is stopped as it is imported, 2 where a library that it needs is not installed.
 
+    :param name: of the node; "world_simulator,safety_monitor" for several in this process, until the first one has
+        finished.
     :param args: as of a command line, the program's name first; None: this process's.
     """
     try:
-        kind = node_class(name)
+        kinds = [node_class(each) for each in name.split(",")]
         from vpsci_ros.nodes import base, example_ads
     except KeyboardInterrupt:
         return 0
@@ -40,7 +42,7 @@ def start(name: str, args: list[str] | None = None) -> int:
             raise
         print(f"error: {text}", file=sys.stderr)
         return 2
-    return example_ads.main(args) if name == "example_ads" else base.run(kind, args)
+    return example_ads.main(args) if name == "example_ads" else base.run_together(kinds, args)
 
 
 def __getattr__(name: str) -> Callable[[], int]:

@@ -101,7 +101,9 @@ def run_graph(
             layout = as_ros_parameters(resolved.values, any_namespace=bool(chosen.namespace))
             parameters.write_text(dump_yaml(layout), encoding="utf-8")
             compile_kernels()
-            processes = NodeProcesses(chosen.nodes, parameters, folder / "log", chosen.namespace)
+            processes = NodeProcesses(
+                chosen.nodes, parameters, folder / "log", chosen.namespace, composed=chosen.composed
+            )
             _run_to_the_end(result, resolved, processes, quiet, requested, stop_when, claim)
         result.wall_time = time.monotonic() - begun
         learner = resolved.values.get("learner")
@@ -182,12 +184,15 @@ def resolve(sections: Sections, folder: Path) -> Sections:
 
 
 class NodeProcesses:
-    """The graph's processes by node; all are gone when the `with` block is left."""
+    """The graph's processes by node, `composed` one for all; all are gone when the `with` block is left."""
 
-    def __init__(self, nodes: list[str], parameters: Path, logs: Path, namespace: str = "") -> None:
+    def __init__(
+        self, nodes: list[str], parameters: Path, logs: Path, namespace: str = "", *, composed: bool = False
+    ) -> None:
         self.leader = "world_simulator" if "world_simulator" in nodes else "learner"
         self.logs = logs
-        self._nodes = nodes
+        others = [node for node in nodes if node != self.leader]
+        self._groups = [[self.leader, *others]] if composed else [[node] for node in nodes]
         self._parameters = parameters.absolute()
         self._arguments = ["--ros-args", "--params-file", str(parameters)]
         self._arguments += ["-r", f"__ns:={namespace}"] if namespace else []
@@ -198,24 +203,33 @@ class NodeProcesses:
 
     def __enter__(self) -> "NodeProcesses":
         self.logs.mkdir(mode=0o700)
-        for node in self._nodes:
-            self.start(node)
+        for group in self._groups:
+            self._start(group)
         return self
 
     def start(self, node: str) -> None:
-        """Start a node; its log goes on where one of the same name has stopped."""
-        if node in self.running:
-            self.restarted.add(node)
-            self._pipes[node].close()
-        pipe = self._pipes[node] = StatusPipe()
-        command = [sys.executable, "-m", "vpsci_ros.nodes", node, *self._arguments]
+        """Start a node that has a process of its own; its log goes on where the last one has stopped."""
+        self.restarted.add(node)
+        self._pipes[node].close()
+        self._start([node])
+
+    def _start(self, group: list[str]) -> None:
+        """Start a process of one node or several; the log of the first is that of all."""
+        pipes = {node: StatusPipe() for node in group}
+        self._pipes |= pipes
+        command = [sys.executable, "-m", "vpsci_ros.nodes", ",".join(group), *self._arguments]
         # Idle threads of torch must not keep the nodes from a core.
         environment = {"OMP_WAIT_POLICY": "PASSIVE"} | dict(os.environ)
-        environment |= {signature.VARIABLE: self._secret, PIPE: str(pipe.write_end)}
+        ends = {node: pipe.write_end for node, pipe in pipes.items()}
+        environment |= {signature.VARIABLE: self._secret, PIPE: ",".join(f"{node}={ends[node]}" for node in group)}
         environment |= {peer_parameters.VARIABLE: str(self._parameters)}
-        log, inherited = self.logs / f"{node}.log", [pipe.write_end]
-        self.running[node] = ChildProcess(command, log, environment, holds_signals=True, inherited=inherited)
-        pipe.started()
+        log = self.logs / f"{group[0]}.log"
+        process = ChildProcess(command, log, environment, holds_signals=True, inherited=list(ends.values()))
+        for node, pipe in pipes.items():
+            self.running[node] = process
+            pipe.started()
+            if node != group[0]:
+                (self.logs / f"{node}.log").symlink_to(log.name)
 
     def __exit__(self, *_: object) -> None:
         self.stop()
@@ -303,7 +317,8 @@ def _collecting_errors(result: GraphResult) -> Iterator[None]:
 
 def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Sections) -> list[str]:
     """Return what is missing from a run that ended without an error."""
-    missing = [processes.explain(node) for node, status in result.exits.items() if status != 0]
+    failed = {processes.running[node]: node for node, status in reversed(result.exits.items()) if status != 0}
+    missing = [processes.explain(node) for node in failed.values()]
     nodes, requested = list(processes.running), 0
     if "world_simulator" in nodes:
         requested = resolved.get(RunConfig, "world_simulator").total

@@ -14,7 +14,8 @@ from rclpy.subscription import Subscription
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.config import NODES
-from vpsci_ros.nodes.topics import TOPICS, speakers
+from vpsci_ros.nodes.exchange import Exchange
+from vpsci_ros.nodes.topics import LATCHED, TOPICS, speakers
 
 T = TypeVar("T")
 MOST_AT_ONCE = 1000  # messages of a topic in one poll
@@ -25,16 +26,17 @@ UNKNOWN = "_NODE_NAME_UNKNOWN_"  # so the middleware calls a node of which it kn
 class Intake:
     """The subscriptions of a node, by topic of the table.
 
+    :param exchange: through which messages of other nodes of this process come, where there are any.
     :ivar arrived: `time.perf_counter()` when the latest message came.
-    :ivar polled: subscription -> topic of those that the node polls itself.
+    :ivar polled: subscription that the node polls itself -> what takes its messages.
     :ivar refused: topic -> messages that were refused.
     """
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, exchange: Exchange | None = None) -> None:
+        self._node, self._exchange = node, exchange
         self._inputs: dict[str, Subscription] = {}
         self._receivers: dict[str, tuple[Callable[[Any], Any], Callable[[Any], None]]] = {}
-        self.polled: dict[Subscription, str] = {}
+        self.polled: dict[Subscription, Callable[[bytes], None]] = {}
         self._second: set[str] = set()
         self._sharing: set[str] = set()
         self.refused: Counter[str] = Counter()
@@ -59,12 +61,14 @@ class Intake:
         :param polled: messages, `raw` ones, come when the node calls `poll`, and wake no executor.
         """
         row, self._receivers[topic] = TOPICS[topic], (decode, handle)
-        receive = partial(self.receive, topic)
+        receive: Callable[[Any], None] = partial(self.receive, topic)
+        if self._exchange is not None and raw and row.qos is not LATCHED:
+            receive = self._exchange.reader(topic, receive).from_middleware
         self._inputs[topic] = self._node.create_subscription(
             row.type, row.ros_name, receive, raw=raw, **row.quality(qos)
         )
         if polled:
-            self.polled[self._inputs[topic]] = topic
+            self.polled[self._inputs[topic]] = receive
         return self._inputs[topic]
 
     def poll(self) -> None:
@@ -73,16 +77,16 @@ class Intake:
         A wake of the executor and a call for each message costs a reader of everything several times as much.
         """
         came = []
-        for subscription, topic in self.polled.items():
+        for subscription, receive in self.polled.items():
             with subscription.handle:
                 for _ in range(MOST_AT_ONCE):
                     taken = subscription.handle.take_message(subscription.msg_type, True)
                     if taken is None:
                         break
-                    came.append((taken[1]["source_timestamp"], topic, taken[0]))
+                    came.append((taken[1]["source_timestamp"], receive, taken[0]))
         came.sort(key=itemgetter(0))
-        for _, topic, message in came:
-            self.receive(topic, message)
+        for _, receive, message in came:
+            receive(message)
 
     def receive(self, topic: str, message: Any) -> None:
         """Take a message of a topic in, or refuse it."""

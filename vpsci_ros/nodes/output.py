@@ -2,13 +2,15 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
 
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.nodes.topics import TOPICS
+from vpsci_ros.nodes.exchange import Exchange
+from vpsci_ros.nodes.topics import LATCHED, TOPICS
 
 STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
 
@@ -22,17 +24,29 @@ class Output:
     :param expected: names of the nodes that are to read it.
     :param timeout: how long to wait for them [s].
     :param stopping: returns whether the node is to stop, and waits no more.
+    :param exchange: through which the other nodes of this process get what is published, where there are any.
     :ivar published: number of messages.
     """
 
     def __init__(
-        self, node: Node, topic: str, expected: list[str], timeout: float, stopping: Callable[[], bool]
+        self,
+        node: Node,
+        topic: str,
+        expected: list[str],
+        timeout: float,
+        stopping: Callable[[], bool],
+        exchange: Exchange | None = None,
     ) -> None:
         self.topic = topic
         self.expected = expected
         self._node = node
         row = TOPICS[topic]
-        self._publisher = node.create_publisher(row.type, row.ros_name, **row.quality())
+        self._latched = row.qos is LATCHED
+        publisher = node.create_publisher(row.type, row.ros_name, **row.quality())
+        self._publisher = publisher
+        self._send: Callable[[Any], None] = self._send_to_readers
+        if exchange is not None and not self._latched:
+            self._send = partial(exchange.publish, topic, publisher=publisher)
         self._timeout = timeout
         self._stopping = stopping
         self._ready = False
@@ -89,8 +103,12 @@ class Output:
 
     def publish_now(self, message: Any) -> None:
         """Publish to the readers that are matched."""
-        self._publisher.publish(message)
+        self._send(message)
         self.published += 1
+
+    def _send_to_readers(self, message: Any) -> None:
+        if self._latched or self.has_readers:
+            self._publisher.publish(message)
 
     def flush(self, timeout_sec: float) -> bool:
         """Wait until every reader has received all messages; return whether that happened in time."""

@@ -41,7 +41,6 @@ class Recorder(GraphNode):
     """
 
     drains = True
-    niceness = 5
 
     def __init__(self, **given: Any) -> None:
         super().__init__("recorder", **given)

@@ -3,7 +3,8 @@
 Bytes of a layout that it does not know, from another implementation of DDS, the middleware turns into a message.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -11,13 +12,17 @@ from rclpy.serialization import deserialize_message
 
 from vpsci_msgs.msg import AgentAction, SafetyState, WorldState
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.wire import received, world_state
+from vpsci_ros.wire import layout, received, world_state
 from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, read_action, read_safety_state
 from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.layout import SAFETY, WORLD
 from vpsci_ros.wire.world_state import SerializedState
 from vpsci_ros.world.state import EPISODE
-from vpsci_ros.world.tick import Tick
+from vpsci_ros.world.tick import Assessment, Tick
+
+T = TypeVar("T")
+_latest: dict[object, tuple[tuple[object, ...], Any]] = {}
+"""What was read last, by kind: from which objects, and what it is. Nodes of one process get the same objects."""
 
 
 def shown(message: WorldState | bytes, where: str = WORLD) -> SerializedState:
@@ -26,11 +31,19 @@ def shown(message: WorldState | bytes, where: str = WORLD) -> SerializedState:
     :raises InvalidInput: it is none, or as `vpsci_ros.wire.received.world_state`.
     """
     if isinstance(message, bytes):
-        state = world_state.read_world_state(message)
-        if state is not None:
-            received.credible(state.tick, where)
-            return state
-        message = message_of(message, WorldState, where)
+        return _once("state", lambda data: _shown_in(data, where), message)
+    return _shown(message, where)
+
+
+def _shown_in(data: bytes, where: str) -> SerializedState:
+    state = world_state.read_world_state(data)
+    if state is None:
+        return _shown(message_of(data, WorldState, where), where)
+    received.credible(state.tick, where)
+    return state
+
+
+def _shown(message: WorldState, where: str) -> SerializedState:
     stamp = message.header.stamp
     header = WireHeader(stamp.sec, stamp.nanosec, message.header.frame_id)
     return SerializedState(header, received.world_state(message, where), message.dt)
@@ -43,7 +56,7 @@ def safety_state(message: SafetyState | bytes, where: str = SAFETY) -> SafetySta
     """
     if not isinstance(message, bytes):
         return message
-    return read_safety_state(message) or message_of(message, SafetyState, where)
+    return _once("safety", lambda data: read_safety_state(data) or message_of(data, SafetyState, where), message)
 
 
 def action(message: AgentAction | bytes, where: str) -> AgentAction | SerializedAction:
@@ -53,7 +66,29 @@ def action(message: AgentAction | bytes, where: str) -> AgentAction | Serialized
     """
     if not isinstance(message, bytes):
         return message
-    return read_action(message) or message_of(message, AgentAction, where)
+    return _once("action", lambda data: read_action(data) or message_of(data, AgentAction, where), message)
+
+
+def checked_safety_state(safety: SafetyState | SerializedSafety, batch: int) -> bool:
+    """Return True for a SafetyState of so many episodes.
+
+    :raises InvalidInput: as `vpsci_ros.wire.layout.safety_state`.
+    """
+    return _once(("checked", batch), lambda given: bool(layout.safety_state(given, batch)), safety)
+
+
+def assessment(safety: SafetyState | SerializedSafety, tick: Tick) -> Assessment:
+    """Return what a SafetyState says of a tick, as `vpsci_ros.wire.layout.assessment`."""
+    return _once("assessment", layout.assessment, safety, tick)
+
+
+def _once(kind: object, read: Callable[..., T], *given: object) -> T:
+    """Return what `read` makes of objects; nodes that give the same ones get the same result, which none changes."""
+    latest = _latest.get(kind)
+    if latest is None or any(one is not other for one, other in zip(latest[0], given, strict=True)):
+        _latest[kind] = latest = given, read(*given)
+    found: T = latest[1]
+    return found
 
 
 def time_of(header: WireHeader) -> Time:

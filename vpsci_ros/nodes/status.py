@@ -14,7 +14,8 @@ from typing import Any
 
 from vpsci_ros.world.counts import WorldCounts
 
-PIPE = "VPSCI_STATUS_PIPE"  # environment variable: number of the file descriptor to write to
+PIPE = "VPSCI_STATUS_PIPES"
+"""Environment variable: "NODE=NUMBER,...", the file descriptors to which the nodes of the process write."""
 
 
 @dataclass
@@ -63,19 +64,20 @@ class NodeStatus:
         return cls(**{**values, "counts": WorldCounts(**counts) if counts else None})
 
 
-def send(status: NodeStatus) -> None:
-    """Write a status to the pipe of the graph that started this process, if one did."""
+def send(node: str, status: NodeStatus) -> None:
+    """Write a node's status to the pipe of the graph that started this process, if one did."""
     if PIPE in os.environ:
-        with contextlib.suppress(OSError), open(int(os.environ[PIPE]), "wb", closefd=False) as pipe:
+        numbers = dict(pair.split("=") for pair in os.environ[PIPE].split(","))
+        with contextlib.suppress(OSError, KeyError), open(int(numbers[node]), "wb", closefd=False) as pipe:
             pipe.write(json.dumps(asdict(status), default=str).encode() + b"\n")  # the graph may have been killed
 
 
 class StatusPipe:
-    """The graph's end of one process's pipe.
+    """The graph's end of one node's pipe.
 
     :ivar latest: the status that came last.
     :ivar open: whether more may come.
-    :ivar write_end: file descriptor for the process; to be closed here once that has been started.
+    :ivar write_end: file descriptor for the node's process; to be closed here once that has been started.
     """
 
     def __init__(self) -> None:

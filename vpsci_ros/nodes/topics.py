@@ -2,6 +2,7 @@
 
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -61,7 +62,7 @@ class Topic:
         overriding = QoSOverridingOptions.with_default_policies()
         return {"qos_profile": copy(qos or self.qos), "qos_overriding_options": overriding}
 
-    @property
+    @cached_property
     def type_name(self) -> str:
         """The type as bags name it, such as "nav_msgs/msg/Odometry"."""
         return f"{self.type.__module__.partition('.')[0]}/msg/{self.type.__name__}"

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from vpsci_ros.nodes import convert, views
@@ -12,7 +11,7 @@ from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.views import Scene
 from vpsci_ros.resources import robot_description
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.header import WireHeader, write_clock
 from vpsci_ros.wire.layout import MAP
 from vpsci_ros.wire.world_state import SerializedState, warm_up, write_world_state
 from vpsci_ros.world import IDLE, Scenario, WorldConfig
@@ -72,8 +71,8 @@ class WorldOutputs:
     def tick(self, tick: Tick) -> None:
         """Publish a tick."""
         self._node.simulated_time = convert.stamp(tick.number, self._period)
-        self._time.publish(Clock(clock=self._node.simulated_time))
         header = WireHeader(self._node.simulated_time.sec, self._node.simulated_time.nanosec, MAP)
+        self._time.publish(write_clock(header))
         self._state.publish(write_world_state(SerializedState(header, tick, self._period)))
         for output in self._fixed if not self._fixed_published else ():
             output.publish(convert.fixed_transforms(self._node.frame_prefix))

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 LITTLE_ENDIAN = b"\x00\x01"
 _START = struct.Struct("<4siII")  # encapsulation, stamp, length of frame_id with the zero that ends it
+_CLOCK = struct.Struct("<4siI")
 _TICK = struct.Struct("<Q")
 
 
@@ -43,6 +44,11 @@ def write_start(header: WireHeader, tick: int) -> bytes:
     name = header.frame_id.encode() + b"\0"
     start = _START.pack(LITTLE_ENDIAN, header.seconds, header.nanoseconds, len(name)) + name
     return start + bytes(-(len(start) - 4) % 8) + _TICK.pack(tick)
+
+
+def write_clock(header: WireHeader) -> bytes:
+    """Return the serialized rosgraph_msgs/Clock of a header's stamp."""
+    return _CLOCK.pack(LITTLE_ENDIAN, header.seconds, header.nanoseconds)
 
 
 def aligned(at: int, size: int) -> int:
