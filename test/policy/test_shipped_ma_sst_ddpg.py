@@ -1,0 +1,41 @@
+"""The shipped `ma_sst_ddpg` is learned by the paper's own algorithm, and does what the model card says."""
+
+import pytest
+
+from vpsci_ros.learning.measured import measure_outcomes, rates_with_intervals
+from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.resources import weights_path
+from vpsci_ros.world import WorldConfig, load_scenarios
+
+# the scenes in which they have learned: control ends with the danger, and nothing but (18) steers
+PAPER = WorldConfig(spawn="paper", episode_time=10.0, pedestrian_gain=0.5, release_time=0.0, lane_following=False)
+EPISODES = [(scenario, number) for number in range(25) for scenario in range(1, 9)]
+
+
+@pytest.fixture(scope="module")
+def weights():
+    return load_weights(weights_path("ma_sst_ddpg"))
+
+
+def test_it_was_learned_with_the_papers_networks_and_numbers_of_episodes_and_by_its_policy_gradient_alone(weights):
+    network, first, second = (
+        weights.configuration[name] for name in ("NetworkConfig", "PretrainConfig", "RefineConfig")
+    )
+    assert (network["hidden"], network["layers"], network["heads"], network["attention_window"]) == (256, 2, 8, 10)
+    assert (network["latent"], network["residuals"], network["risk_input"]) == (0, False, False)
+    assert first["objective"] == second["objective"] == "ddpg"
+    assert first["episodes"] == 3000
+    assert (second["rehearsal.weight"], second["ddpg.critic_warm_up"], second["updates.steps_per_update"]) == (
+        0.0,
+        0,
+        0,
+    )
+
+
+def test_it_avoids_most_of_the_collisions_that_no_reaction_has(weights):
+    simulation = SimulationConfig(load_scenarios(range(1, 9)), EPISODES, batch=256, seed=20261121, world=PAPER)
+    learned, control = (rates_with_intervals(measure_outcomes(w, simulation)) for w in (weights, None))
+    assert learned["critical_episodes"] == control["critical_episodes"] > 100
+    assert learned["collision_high"] < 0.4 < 0.7 < control["collision_low"]
+    assert learned["goal_low"] > control["goal_high"]
