@@ -184,7 +184,7 @@ def test_a_run_in_which_a_node_was_stopped_with_anything_missing_is_no_success(
 ) -> None:
     monkeypatch.setattr("vpsci_ros.nodes.graph.STOP_STEPS", ((signal.SIGINT, 5.0), (signal.SIGKILL, 30.0)))
     once_it_records(lambda nodes: os.kill(nodes.running[victim].pid, number), 10_000)
-    chosen = sections(weights, episodes=1, batch=2, episode_time=5.0, real_time_factor=3.0, action_timeout=0.1)
+    chosen = sections(weights, episodes=1, batch=2, episode_time=5.0, real_time_factor=3.0, action_timeout=0.2)
     chosen = fewest(chosen, victim).changed("recorder", {"chunk_size": 4})
     result = run_graph(chosen, tmp_path / "run", quiet=True)
     assert re.search(missing, result.error)

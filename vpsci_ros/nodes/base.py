@@ -289,10 +289,11 @@ def run_together(kinds: Sequence[Any], args: list[str] | None = None) -> int:
 
 def _run(kinds: Sequence[Any], context: Context, stop: StopRequest) -> int:
     exchange = Exchange() if len(kinds) > 1 else None
+    shared = {} if exchange is None else {"exchange": exchange}  # which a user's node, alone, need not know
     nodes: list[GraphNode] = []
     try:
         for kind in kinds:
-            nodes.append(kind(context=context, exchange=exchange))
+            nodes.append(kind(context=context, **shared))
             nodes[-1].stop = stop
     except (VpsciError, OSError, MemoryError) as error:
         print(f"error: {error if isinstance(error, VpsciError) else in_words(error)}", file=sys.stderr)

@@ -64,12 +64,13 @@ def stands_still(
 
 
 def hangs(nodes: Collection[str], statuses: Mapping[str, NodeStatus], logs: object) -> str:
-    """Say that a node of the graph gives no answers, so that the run cannot end well any more."""
+    """Say which node of the graph lacks most answers, where a run cannot end well any more."""
     world = statuses.get("world_simulator", NodeStatus()).counts or WorldCounts()
-    for node, sender in RESPONDENTS.items():
-        if node in nodes and (missing := world.faults(sender).missing) >= HANGS:
-            return f"{missing} answers of {node} are missing: the run has failed (log: {logs}/{node}.log)"
-    return ""
+    counted = [(world.faults(sender).missing, node) for node, sender in RESPONDENTS.items() if node in nodes]
+    missing, node = max(counted, default=(0, ""))
+    if missing < HANGS:
+        return ""
+    return f"{missing} answers of {node} are missing: the run has failed (log: {logs}/{node}.log)"
 
 
 class Silence:
