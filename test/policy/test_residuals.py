@@ -9,7 +9,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
-from vpsci_ros.policy.draws import keys
+from vpsci_ros.policy.draws import keys, keys_of
 from vpsci_ros.policy.residuals import (
     FEATURES,
     FURTHEST,
@@ -19,6 +19,8 @@ from vpsci_ros.policy.residuals import (
     Borrower,
     Residuals,
     describe,
+    moments_in,
+    moments_of,
     slopes,
 )
 from vpsci_ros.policy.weights import Weights, load_weights, save_weights, weights_from_bytes, weights_to_bytes
@@ -254,3 +256,16 @@ def test_residuals_of_unknown_people_are_refused(weights: Weights) -> None:
 def test_residuals_and_latent_numbers_exclude_each_other() -> None:
     with pytest.raises(InvalidInput, match="latent = 8"):
         NetworkConfig(latent=8, residuals=True)
+
+
+def test_keys_and_moments_of_records_are_those_of_their_columns():
+    rng, state = np.random.default_rng(5), np.zeros(9, EPISODE)
+    for name in ("scenario", "episode", "pedestrian", "frame"):
+        state[name] = rng.integers(1, 100, 9)
+    for name in ("vehicle_acceleration", "vehicle_curvature", "vehicle_speed"):
+        state[name] = rng.normal(size=9)
+    seen = rng.normal(size=(9, 6)).astype(np.float32)
+    columns = (state[name] for name in ("scenario", "episode", "pedestrian", "frame"))
+    assert np.array_equal(keys_of(state, 11), keys(9, 11, *columns))
+    expected = moments_of(seen, state["vehicle_acceleration"], state["vehicle_curvature"] * state["vehicle_speed"])
+    assert np.array_equal(moments_in(state, seen), expected)
