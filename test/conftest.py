@@ -36,9 +36,9 @@ COMPILING = ["world_simulator", "safety_monitor", "vehicle_policy", "perception"
 SimulatedTick = tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """Yield one browser for all pages; two at once, Playwright refuses."""
+    """Yield a browser, closed with the module: while Playwright has one, this thread's event loop counts as running."""
     yield from real.start()
 
 

@@ -1,23 +1,16 @@
 """The page in a real browser: one drives by keys, sees what came of it, and looks at the replay and the report."""
 
 import threading
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import pytest
-from browser import start, wait_until
+from browser import wait_until
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.drive.page import Page
 from vpsci_ros.drive.run import prepare_person, run_drive
 from vpsci_ros.resources import params_dir
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    yield from start()
 
 
 def test_one_drives_by_keys_and_sees_outcome_replay_and_report(browser: Any, tmp_path: Path) -> None:
