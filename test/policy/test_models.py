@@ -57,13 +57,16 @@ def test_a_file_of_weights_acts_step_by_step_as_its_network_says_of_the_whole_hi
     np.testing.assert_allclose(answers, whole, atol=1e-5)
 
 
-def test_a_plan_is_followed_until_it_is_old_or_something_else_was_done():
-    made = weights("multipath")
+@pytest.mark.parametrize("temperature", [0.0, 1.0])
+def test_a_plan_is_followed_with_its_deviation_until_it_is_old_or_something_else_was_done(temperature):
+    made, rng = weights("multipath"), np.random.default_rng(0)
+    kind = np.zeros((1, 1), np.float32)
     actor, every = SteppedActor(made.actor("vehicle"), 1), np.ones(1, bool)
     plan = None
     seen, _, _ = histories(rows=1, steps=HOLD + 3)
     for step in range(HOLD + 3):
-        action = actor.step(seen[:, step], np.ones(1), np.array([step == 0]), every)
+        draws = Draws(kind, rng.normal(size=(1, 2)).astype(np.float32), np.float32(temperature))
+        action = actor.step(seen[:, step], np.ones(1), np.array([step == 0]), every, draws)
         memory = actor._memories[-1].parts[0].clone()
         if step == 0:
             plan = memory
@@ -86,6 +89,32 @@ def test_plans_are_drawn_as_often_as_they_are_likely_and_the_likeliest_without_a
     shares = [(drawn == k).float().mean().item() for k in range(3)]
     np.testing.assert_allclose(shares, [0.2, 0.7, 0.1], atol=0.03)  # four standard errors
     assert (chosen(plans, None) == 1.0).all()
+
+
+def test_a_drawn_plan_deviates_at_every_step_by_as_many_of_its_deviations_as_one_acceleration_can():
+    time = 0.1 * np.arange(1, 31)
+    way = 0.5 * time**2
+    sigma = np.stack([0.4 * way, 0.1 + 0.3 * time], axis=1)  # [m]: forward just so, sideways as no acceleration leads
+    plans = Plans(torch.zeros(3, 1), torch.randn(3, 1, 30, 2), torch.tensor(sigma).log().float().expand(3, 1, 30, 2))
+    noise = torch.tensor([[1.0, 0.0], [-2.0, 0.0], [0.5, 1.0]])
+    beside = (chosen(plans, None, noise) - plans.actions[:, 0]).numpy()
+    nearest = np.linalg.lstsq(way[:, None], sigma, rcond=None)[0][0]  # [m/s2]
+    assert nearest[0] == pytest.approx(0.4)
+    np.testing.assert_allclose(beside, np.broadcast_to((noise.numpy() * nearest)[:, None], (3, 30, 2)), atol=1e-5)
+    assert torch.equal(chosen(plans, None), plans.actions[:, 0])
+
+
+@pytest.mark.parametrize("name", ["multipath", "densetnt"])
+def test_by_the_same_latent_number_multipath_deviates_and_densetnt_whose_goals_have_no_deviation_does_not(name):
+    actor, every = SteppedActor(weights(name).actor("vehicle"), 64), np.ones(64, bool)
+    seen, rng = histories(rows=64, steps=1)[0][:, 0], np.random.default_rng(0)
+    kind = rng.normal(size=(64, 1)).astype(np.float32)
+
+    def acted():
+        draws = Draws(kind, rng.normal(size=(64, 2)).astype(np.float32), np.float32(1.0))
+        return actor.step(seen, np.ones(64), every, every, draws)
+
+    assert np.array_equal(acted(), acted()) == (name == "densetnt")
 
 
 @pytest.mark.parametrize("name", ["multipath", "social_lstm"])

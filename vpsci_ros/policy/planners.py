@@ -4,6 +4,10 @@ A plan is accelerations at 30 steps, which MultiPath++ calls the control-based r
 own track and the other's, relative to it, by one LSTM each; the recordings have no map, so that what their papers take
 from lanes has nothing to stand on here. The plan of a step is followed for `HOLD` steps, or until something else was
 executed than it says (a recorded action, in the steps that are observed), and then made again.
+
+Drawn are the plan, by its probability, once an episode, and with it how far its way deviates, once a plan: MultiPath++
+learns a deviation of the place at every step, and says nothing of how the steps belong together, so one number an axis
+scales those of all steps. DenseTNT has no deviations beside its goals.
 """
 
 import itertools
@@ -31,7 +35,7 @@ class Plans(NamedTuple):
 
     :ivar logits: [B, K] logarithms of their probabilities, up to a constant.
     :ivar actions: [B, K, 30, 2] [m/s2], in the vehicle's heading frame of each step.
-    :ivar log_sigma: [B, K, 30, 2] logarithm of the deviation [m] of each step's position.
+    :ivar log_sigma: [B, K, 30, 2] logarithm of the deviation [m] of each step's position; -inf: none.
     """
 
     logits: Tensor
@@ -129,7 +133,7 @@ class Planner(Actor):
         latent: Tensor | None,
         noise: Tensor | None = None,
     ) -> Tensor:
-        """See `Actor.draw`: the plan that `latent` picks."""
+        """See `Actor.draw`: the plan that `latent` picks, and the deviation of `noise` when it is made."""
         *tracks, memory = states
         assert isinstance(memory, LayerMemory)
         plan, age, rows = *memory.parts, torch.arange(len(observation))
@@ -138,7 +142,8 @@ class Planner(Actor):
         follows = (at > 0) & (at < HOLD) & ((said - action_before).abs().amax(dim=1) < _SAME)
         seen = self.encoder.step(observation, action_before, curvttc, tracks)
         if not bool(follows.all()):
-            made = chosen(self.plans(seen[~follows]), None if latent is None else latent[~follows])
+            drawn = (None if part is None else part[~follows] for part in (latent, noise))
+            made = chosen(self.plans(seen[~follows]), *drawn).clamp(-self.limit, self.limit)
             plan = plan.index_put((rows[~follows],), made)
         at = torch.where(follows, at, 0)
         memory.parts = plan, (at + 1)[:, None].to(torch.float32)
@@ -149,14 +154,24 @@ class Planner(Actor):
         return LayerMemory(torch.zeros(rows, HORIZON, ACTION_SIZE), torch.zeros(rows, 1))
 
 
-def chosen(plans: Plans, latent: Tensor | None) -> Tensor:
-    """Return one plan of each, [B, 30, 2]: the likeliest, or one drawn by the standard normal `latent` [B, 1]."""
+def chosen(plans: Plans, latent: Tensor | None, noise: Tensor | None = None) -> Tensor:
+    """Return one plan of each, [B, 30, 2] [m/s2]: the likeliest, or one drawn by the standard normal `latent` [B, 1].
+
+    :param noise: standard normal [B, 2]; every place of the plan deviates by so many of its own deviations, as nearly
+        as a constant acceleration can do it (least squares over the steps). None: the mean.
+    """
     if latent is None:
         k = plans.logits.argmax(dim=1)
     else:
         reached = torch.softmax(plans.logits, dim=1).cumsum(dim=1)
         k = (reached < torch.special.ndtr(latent)).sum(dim=1).clamp(max=plans.logits.shape[1] - 1)
-    return plans.actions[torch.arange(len(k)), k]
+    rows = torch.arange(len(k))
+    actions = plans.actions[rows, k]
+    if noise is None:
+        return actions
+    way = 0.5 * (STEP * torch.arange(1, HORIZON + 1)) ** 2  # [m], of an acceleration of 1 m/s2
+    sigma = torch.einsum("t,btc->bc", way / way.square().sum(), plans.log_sigma[rows, k].exp())  # [m/s2]
+    return actions + (noise * sigma)[:, None]
 
 
 def _mlp(*widths: int) -> nn.Sequential:
@@ -264,7 +279,7 @@ class DenseGoals(nn.Module):
             logits.append(left[rows, best])
             left = left.masked_fill(near[best], -1e9)
         actions = self.complete(tracks, torch.stack(picked, dim=1))
-        return Plans(torch.stack(logits, dim=1), actions, torch.zeros_like(actions))
+        return Plans(torch.stack(logits, dim=1), actions, torch.full_like(actions, -torch.inf))
 
 
 class DenseTNT(Planner):
