@@ -67,6 +67,10 @@ def test_the_command_is_a_program_with_help_and_an_exit_status() -> None:
             ["study", "samples", "--params", "params/deterministic_stage1.yaml", "-o", "x", "--sizes", "5,few"],
             "--sizes 5,few: expected whole numbers",
         ),
+        (
+            ["study", "models", "--params", "params/table9.yaml", "-o", "x", "--steps", "1,0"],
+            "--steps 1,0: expected numbers from 0.01 to 100",
+        ),
         (["pretrain", "--params", "params/stage2_online.yaml", "-o", "x"], "learner.stage = refine: expected pretrain"),
         (["evaluate", "--data", "test"], "for a folder of recordings give --format"),
         (

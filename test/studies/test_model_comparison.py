@@ -7,6 +7,7 @@ from synthetic import synthetic_near_misses
 
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.evaluation.errors import CONTROLS, evaluate
+from vpsci_ros.evaluation.folds import held_out_folds
 from vpsci_ros.learning.config import (
     DdpgConfig,
     ImitationConfig,
@@ -21,10 +22,11 @@ from vpsci_ros.learning.config import (
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import load_weights, save_weights
-from vpsci_ros.studies import model_comparison
+from vpsci_ros.studies import model_comparison, trials
 from vpsci_ros.studies.cross_validation import Refinement
 from vpsci_ros.studies.model_comparison import compare_models
 from vpsci_ros.studies.model_table import Hybrid
+from vpsci_ros.studies.networks import train
 from vpsci_ros.studies.tables import print_table_9, save_table_9
 from vpsci_ros.world import WorldConfig, load_scenarios
 
@@ -147,6 +149,34 @@ def test_a_stopped_comparison_goes_on_and_keeps_what_was_trained(tmp_path, table
             assert result["models"][name][protocol] == whole["models"][name][protocol]
     with pytest.raises(InvalidInput, match="a run with seed = 1, and this one has 2"):
         compare_models(table, CONFIG, SMALL, **options | {"seed": 2})
+
+
+def test_each_model_learns_by_the_steps_that_did_best_on_clips_of_its_own_training(tmp_path, options, monkeypatch):
+    table, seen = synthetic_near_misses(interactions=60, seed=3).table, []
+
+    def train_seen(name, interactions, config, *others):
+        seen.append((config, set(interactions.clip)))
+        return train(name, interactions, config, *others)
+
+    options = options | {"models": ["lstm", "ddpg"]}
+    monkeypatch.setattr(trials, "train", train_seen)
+    tuned = compare_models(table, CONFIG, SMALL, **options, out_dir=tmp_path / "tuned", factors=(0.01, 100.0))
+    again = compare_models(table, CONFIG, SMALL, **options, out_dir=tmp_path / "tuned", factors=(0.01, 100.0))
+    assert again["models"]["ddpg"]["trials"] == tuned["models"]["ddpg"]["trials"]
+    assert len(seen) == 2 * 2 * 2, "two models, folds and factors, and none a second time"
+    steps = {(c.imitation.learning_rate, c.updates.critic_learning_rate, c.ddpg.actor_learning_rate) for c, _ in seen}
+    assert steps == {(f * 1.5e-4, f * 2e-4, f * 1e-4) for f in (0.01, 100.0)}
+    parts, _ = held_out_folds(table, 2, 1)
+    for number, (_, held_out) in enumerate(parts):
+        tried = seen[4 * number : 4 * number + 4]
+        assert all(clips and not clips & set(held_out.clip) for _, clips in tried)
+    for name in ("lstm", "ddpg"):
+        trial = tuned["models"][name]["trials"][0]
+        assert trial["ade"][f"{trial['factor']:g}"] == min(trial["ade"].values())
+        best = options | {"models": [name], "out_dir": tmp_path / name, "factors": [trial["factor"]]}
+        compare_models(table, CONFIG, SMALL, **best)
+        own, alone = (tmp_path / of / "fold_1" / name / "weights.safetensors" for of in ("tuned", name))
+        assert load_weights(own).digest() == load_weights(alone).digest()
 
 
 def test_an_objective_that_the_study_would_ignore_is_refused(tmp_path, table, options):

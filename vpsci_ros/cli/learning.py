@@ -1,5 +1,6 @@
 """The commands about learning: `vpsci pretrain`, `refine`, `evaluate`, and the studies."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -187,6 +188,10 @@ def models(
     fresh_episodes: Annotated[
         int, typer.Option(min=1, metavar="N", help="Episodes in each scenario that outcomes are measured on.")
     ] = 40,
+    steps: Annotated[
+        str | None,
+        typer.Option(metavar="FACTOR,...", help="Factors of the step sizes, tried for each model on training clips."),
+    ] = None,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
@@ -201,17 +206,20 @@ def models(
     params/table9_refine.yaml and --simulated TABLE each goes on in
     simulation and is measured there, too (..._refined). Leaves models.json,
     models.png, run.json and a folder for each fold, with weights that act
-    by --weights. A study that is stopped (Ctrl-C) goes on when the same
-    command is given again; finished trainings are kept.
+    by --weights. With --steps 0.3,1,3 each learns by the step sizes, of so
+    many times those of the files, that do best on a quarter of its training
+    clips. A study that is stopped (Ctrl-C) goes on when the same command is
+    given again; finished trainings are kept.
 
     Budgets and their cost: docs/results/2026-11-table-9.md. A trial of a
     minute: --models ma_sst,lstm --folds 2 --set learner.episodes=20
     """
     from vpsci_ros.studies.run import ModelStudy, run_model_study
 
+    factors = _factors(steps)
     with stoppable(output):
         others = [None if file is None else read_sections(file, None, near_misses) for file in (reinforcement, refine)]
-        study = ModelStudy(_parts(chosen), count, seeds, others[0], others[1], simulated, fresh_episodes)
+        study = ModelStudy(_parts(chosen), count, seeds, others[0], others[1], simulated, fresh_episodes, factors)
         run_model_study(read_sections(params, settings, near_misses), output, study, quiet=quiet)
 
 
@@ -299,3 +307,13 @@ def paper(
 def _parts(text: str | None) -> list[str]:
     """Return what stands between the commas; nothing where nothing was given."""
     return [part.strip() for part in text.split(",")] if text else []
+
+
+def _factors(text: str | None) -> list[float]:
+    try:
+        factors = [float(part) for part in _parts(text)]
+    except ValueError:
+        factors = [math.nan]
+    if not all(0.01 <= factor <= 100.0 for factor in factors):
+        raise InvalidInput(f"--steps {text}: expected numbers from 0.01 to 100 with commas, say 0.3,1,3")
+    return factors

@@ -26,8 +26,9 @@ from vpsci_ros.policy.weights import Weights, load_weights, resolved, save_weigh
 from vpsci_ros.runs.files import write_json
 from vpsci_ros.studies.cross_validation import GUARD
 from vpsci_ros.studies.model_table import COST, Hybrid, Measuring, Pooled, without_reaction
-from vpsci_ros.studies.networks import by_reinforcement, train, whole_tracks
+from vpsci_ros.studies.networks import acting, by_reinforcement, train, whole_tracks
 from vpsci_ros.studies.state import once
+from vpsci_ros.studies.trials import try_steps, with_steps
 
 RESULT, WEIGHTS, REFINED = "models.json", "weights.safetensors", "_refined"
 Row = dict[str, float]
@@ -46,6 +47,7 @@ def compare_models(
     seeds: int = 1,
     reinforcement: PretrainConfig | None = None,
     hybrid: Hybrid | None = None,
+    factors: Sequence[float] = (),
     report: Report | None = None,
 ) -> dict[str, Any]:
     """Train each model `seeds` times a fold and measure it on the clips held out; write and return `models.json`.
@@ -54,7 +56,8 @@ def compare_models(
     `parameters` (of both actors), `training_seconds` (of CPU, one training), `step_microseconds` (of CPU, both actors,
     one interaction among those of a fold), `people` (a part of `SameStart.measure`: energy score, minADE6, likelihood,
     classifier; of the first seed), with `hybrid` `world` (`Pooled.world`; of the control `constant_velocity`, too),
-    and, where `ma_sst_ddpg` is among the models, its ADE by protocol and its energy score as shares of that model's,
+    with `factors` `trials` (what `try_steps` found in each fold), and, where `ma_sst_ddpg` is among the models, its ADE
+    by protocol and its energy score as shares of that model's,
     with 95% intervals by clips. A training that is stopped begins again; finished ones are kept. One by
     reinforcement in simulation goes on from its checkpoint: its `training_seconds` are those of the last part.
 
@@ -62,6 +65,7 @@ def compare_models(
     :param seeds: trainings a fold, by seeds `seed`, `seed` + 1, ...; the folds are those of `seed`.
     :param reinforcement: of the models by reinforcement; its `episodes` are those of `config`.
     :param hybrid: None: data-driven learning alone.
+    :param factors: of the step sizes of stage 1, tried for each model and fold (`trials.try_steps`); none: no trial.
     :param report: called with the fold's name ("1", ...) and what `train` reports, updates counted over all its models.
     :raises InvalidInput: as `held_out_folds`; an objective is chosen, which this study would ignore; a model by
         reinforcement without `reinforcement`; `network.carry_state` is false, or `out_dir` holds another study.
@@ -84,6 +88,7 @@ def compare_models(
     data_driven: dict[str, Pooled] = {}
     refined: dict[str, Pooled] = {}
     trainings = [(name, s) for name in models for s in range(seeds)]
+    trials: dict[str, list[dict[str, Any]]] = {name: [] for name in models}
     for number, (training, held_out) in enumerate(parts, 1):
         for place, (name, s) in enumerate(trainings):
             own = config
@@ -92,12 +97,23 @@ def compare_models(
                 own = replace(reinforcement, episodes=config.episodes, held_out_clips=[], held_out_fraction=0.0)
             folder = out_dir / f"fold_{number}" / (name if s == 0 else f"{name}_{s}")
             report_model = None if report is None else partial(_pass_on, report, f"{number}", place, len(trainings))
+            if factors and s == 0:
+                of = identity | resolved(own) | {"fold": number, "model": name, "factors": list(factors)}
+                make = partial(
+                    try_steps, name, training, own, network, seed, factors, partial(_begin, report_model, own)
+                )
+                trials[name].append(once(folder / "trials", of, make))
+            if factors:
+                own = with_steps(own, trials[name][-1]["factor"])
             run = _Run(name, training, own, network, seed + s, folder, identity | {"fold": number, "model": name})
             path = run.data_driven(report_model)
             measuring.add(data_driven.setdefault(name, Pooled()), path, held_out, s, hybrid)
             if hybrid is not None:
                 measuring.add(refined.setdefault(name + REFINED, Pooled()), run.hybrid(hybrid), held_out, s, hybrid)
     result = measuring.table(data_driven | refined) | {"folds": folds, "seeds": seeds}
+    if factors:
+        for name in models:
+            result["models"][name]["trials"] = trials[name]
     if hybrid is not None:
         result["models"]["constant_velocity"]["world"] = without_reaction(hybrid)
     write_json(out_dir / RESULT, result)
@@ -108,6 +124,12 @@ def _pass_on(report: Report, fold: str, place: int, models: int, values: Row) ->
     """Pass on what `train` reports, counting the updates of all models of a fold."""
     done, each = values["episode"], values["episodes"]
     report(fold, values | {"episode": place * each + done, "episodes": models * each})
+
+
+def _begin(report: Callable[[Row], None] | None, config: PretrainConfig) -> None:
+    """Show a trial as a training that has not begun."""
+    if report is not None:
+        report({"episode": 0, "episodes": config.episodes})
 
 
 class _Run:
@@ -173,6 +195,5 @@ class _Run:
         facts |= {
             "data": {"sha256": table_hash(table), "people": list(dict.fromkeys(map(people_of, interactions.clip)))}
         }
-        acting = "actor" if by_reinforcement(self._name) else "target_actor"
-        save_weights(path, networks.weights(resolved(config), facts, actors=acting))
+        save_weights(path, networks.weights(resolved(config), facts, actors=acting(self._name)))
         return path

@@ -38,6 +38,11 @@ def by_reinforcement(name: str) -> bool:
     return MODELS.find(name).learning.endswith("ddpg")
 
 
+def acting(name: str) -> str:
+    """Return which actors of a trained model act, of `Networks.weights`: targets, or by reinforcement the actors."""
+    return "actor" if by_reinforcement(name) else "target_actor"
+
+
 def whole_tracks(name: str) -> bool:
     """Return whether the model of this name learns from whole joint tracks: predictors need 3 s after a step."""
     return MODELS.find(name).learning == "prediction"

@@ -106,6 +106,7 @@ class ModelStudy:
     :ivar refine, simulated: sections of stage 2 for these, and a near-miss table of simulated interactions for the
         others; None: data-driven learning alone.
     :ivar fresh_episodes: in each scenario, by `fresh_seed`, in which every model is measured.
+    :ivar factors: of the step sizes, tried for each model in each fold; none: no trial.
     """
 
     models: Sequence[str] = ()
@@ -115,6 +116,7 @@ class ModelStudy:
     refine: Sections | None = None
     simulated: Path | None = None
     fresh_episodes: int = 40
+    factors: Sequence[float] = ()
     fresh_seed: int = 1000
 
 
@@ -131,7 +133,12 @@ def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quie
     learner, config, network, corpus, resolved = stage_1_inputs(sections)
     reinforcement = None if study.reinforcement is None else stage_1_inputs(study.reinforcement).config
     hybrid, files = _hybrid(study), corpus_files(learner.near_misses)
-    facts: dict[str, Any] = {"models": models, "folds": study.folds, "seeds": study.seeds}
+    facts: dict[str, Any] = {
+        "models": models,
+        "folds": study.folds,
+        "seeds": study.seeds,
+        "factors": list(study.factors),
+    }
     if reinforcement is not None:
         facts["reinforcement"] = values_of(reinforcement)
     if hybrid is not None:
@@ -156,6 +163,7 @@ def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quie
                 seeds=study.seeds,
                 reinforcement=reinforcement,
                 hybrid=hybrid,
+                factors=study.factors,
                 report=report,
             )
         run.results |= result
