@@ -185,6 +185,8 @@ class World:
         idle = np.flatnonzero(self.state["status"][:: self._most] == IDLE) * self._most
         episodes = list(itertools.islice(self._queue, len(idle)))
         self._exhausted = len(episodes) < len(idle)
+        if not episodes:  # and what starts them need not even be compiled
+            return NO_EVENTS
         return self._start(idle[: len(episodes)], episodes, None)
 
     def _start(
