@@ -1,6 +1,8 @@
 """Files appear whole or not at all, and outputs never mix with what is already there."""
 
 import hashlib
+import subprocess
+import sys
 
 import pytest
 
@@ -32,6 +34,32 @@ def test_a_finished_write_replaces_the_file(tmp_path) -> None:
         path.write_text("after")
     assert target.read_text() == "after"
     assert list(tmp_path.iterdir()) == [target]
+
+
+_KILLED = """
+import os, signal, sys
+from vpsci_ros.runs.files import written_whole
+with written_whole(sys.argv[1]) as part:
+    part.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_write_removes_what_a_killed_one_left_of_the_same_file_and_not_what_another_process_still_writes(
+    tmp_path,
+) -> None:
+    target, other = tmp_path / "a[1].html", tmp_path / ".b.html.abcdefgh.part"
+    assert subprocess.run([sys.executable, "-c", _KILLED, str(target)]).returncode == -9
+    (left,) = tmp_path.iterdir()  # a part, and no file
+    assert left.name.endswith(".part")
+    other.write_text("half of another file")
+    with written_whole(target) as first:
+        assert set(tmp_path.iterdir()) == {first, other}
+        with written_whole(target) as second:
+            assert set(tmp_path.iterdir()) == {first, second, other}
+            second.write_text("second")
+        first.write_text("first")
+    assert {path.name: path.read_text() for path in tmp_path.iterdir() if path != other} == {target.name: "first"}
 
 
 def test_a_missing_parent_folder_is_named(tmp_path) -> None:

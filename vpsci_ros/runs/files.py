@@ -1,6 +1,8 @@
 """Files that appear whole or not at all, output folders that are nobody else's, and the hash of a file."""
 
 import contextlib
+import fcntl
+import glob
 import hashlib
 import json
 import os
@@ -40,7 +42,9 @@ def changed_files(folder: Path, hashes: Mapping[str, str]) -> list[str]:
 def written_whole(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; rename it to `path` on success, remove it on any error.
 
-    Content and name are on the disk when this returns, so that neither a crash nor a power cut leaves less.
+    Content and name are on the disk when this returns, so that neither a crash nor a power cut leaves less. The
+    temporary file is locked while this process lives. What an earlier process left of the same file, when it was
+    killed, is removed here where no output folder is claimed (`remove_parts` does it there).
 
     :raises InvalidInput: the parent folder does not exist, or `path` is a folder.
     :raises VpsciError: an output folder above it was deleted, moved or replaced since it was claimed.
@@ -54,7 +58,10 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     temporary = Path(name)
     try:
-        os.close(handle)
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if not CLAIMED:
+            _remove_parts_of(path)
         yield temporary
         umask = os.umask(0)
         os.umask(umask)
@@ -65,6 +72,19 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         _to_disk(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def _remove_parts_of(path: Path) -> None:
+    """Remove the temporary files of `path` that no process has locked: their processes were killed."""
+    for part in path.parent.glob(f".{glob.escape(path.name)}.{'[a-z0-9_]' * 8}.part"):
+        with contextlib.suppress(OSError):
+            handle = os.open(part, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                part.unlink()
+            finally:
+                os.close(handle)
 
 
 def remove_parts(folder: Path) -> None:
