@@ -156,7 +156,7 @@ def read_text(path: str | Path, what: str, most: int | None = None) -> str:
     try:
         return Path(path).read_text(encoding="utf-8")
     except OSError as error:
-        raise InvalidInput(f"{path}: not readable as {what}: {error.strerror or reason(error)}") from None
+        raise InvalidInput(f"{path}: not readable as {what}: {error.strerror or reason(error)}") from error
     except ValueError as error:
         raise InvalidInput(f"{path}: not readable as {what}: not text in UTF-8 ({reason(error)})") from None
 

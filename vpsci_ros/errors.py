@@ -92,3 +92,12 @@ def in_words(error: BaseException) -> str:
     name = getattr(error, "filename", None)
     what = os.strerror(number) if number else str(error)
     return "; ".join(part for part in (f"{name}: {what}" if name else what, _REMEDIES.get(number, "")) if part)
+
+
+def is_shortage(error: BaseException | None) -> bool:
+    """Return whether an error says, or was raised from one that says, that memory, open files or processes ran out.
+
+    A file that could not be read for that reason is refused though nothing is wrong with it.
+    """
+    remedies = tuple(_REMEDIES[number] for number in (errno.ENOMEM, errno.EMFILE, errno.EAGAIN))
+    return error is not None and (in_words(error).endswith(remedies) or is_shortage(error.__cause__))

@@ -108,7 +108,10 @@ def run_limit(case: Case, given: dict[str, str], folder: Path) -> tuple[int, lis
         root = ("--inh-caps=+dac_override", "--ambient-caps=+dac_override")
         before = ("setpriv", f"--reuid={_OTHER_USER}", "--clear-groups", *root, *before)
     ended = apart(case.command, folder / "out", given, before=before)
-    return ended.status, in_words(ended) + left_unmarked(ended, folder / "out")
+    found = in_words(ended) + left_unmarked(ended, folder / "out")
+    if ended.status == REFUSED and "which is not installed" not in ended.said:
+        found.append(f"refused, though nothing given was wrong: {ended.said.strip()[-160:]}")
+    return ended.status, found
 
 
 def left_unmarked(ended: Ended, out: Path) -> list[str]:

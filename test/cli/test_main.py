@@ -1,5 +1,6 @@
 """The command line as a stranger meets it: help without heavy imports, one line for an error, nothing half written."""
 
+import errno
 import subprocess
 import sys
 from collections.abc import Callable
@@ -187,3 +188,48 @@ def test_a_panic_of_a_library_that_gets_no_thread_is_one_line(
         main()
     said = "error: Resource temporarily unavailable; allow more processes (ulimit -u) and try again\n"
     assert capsys.readouterr().err == said
+
+
+@pytest.mark.parametrize(
+    ("cause", "status"),
+    [
+        (OSError(errno.EMFILE, "Too many open files"), 1),
+        (pl.exceptions.ComputeError("Cannot allocate memory (os error 12)"), 1),
+        (OSError(errno.ENOENT, "No such file or directory"), 2),
+    ],
+)
+def test_a_file_that_could_not_be_read_for_want_of_memory_or_files_was_not_wrong(
+    vpsci: Callable[..., subprocess.CompletedProcess[str]],
+    monkeypatch: pytest.MonkeyPatch,
+    cause: Exception,
+    status: int,
+    tmp_path: Path,
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise cause
+
+    monkeypatch.setattr("vpsci_ros.data.parquet.open_parquet", refuse)
+    (tmp_path / "a.parquet").touch()
+    ended = vpsci("safety", "compare", str(tmp_path / "a.parquet"))
+    assert (ended.returncode, ended.stderr.count("a.parquet")) == (status, 1)
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (MemoryError(), 1),
+        (ImportError("libarrow.so: failed to map segment from shared object"), 1),
+        (ModuleNotFoundError("No module named 'torch'", name="torch"), 2),
+    ],
+)
+def test_what_cannot_be_loaded_for_want_of_memory_has_failed_and_what_is_not_installed_is_refused(
+    vpsci: Callable[..., subprocess.CompletedProcess[str]],
+    monkeypatch: pytest.MonkeyPatch,
+    error: Exception,
+    status: int,
+) -> None:
+    def fail() -> None:
+        raise error
+
+    monkeypatch.setattr("vpsci_ros.cli.main.app", fail)
+    assert vpsci("graph").returncode == status

@@ -17,7 +17,7 @@ from vpsci_ros.cli.learning import evaluate, pretrain, refine, study_app
 from vpsci_ros.cli.options import Output, Params, Quiet, Settings, read_sections, writes_folder
 from vpsci_ros.cli.realism import realism
 from vpsci_ros.cli.view import turing_app, view
-from vpsci_ros.errors import InvalidInput, VpsciError, in_words
+from vpsci_ros.errors import InvalidInput, VpsciError, in_words, is_shortage
 
 app = typer.Typer(
     name="vpsci",
@@ -161,13 +161,13 @@ def main() -> None:
         finally:
             sys.stdout.flush()
     except VpsciError as error:
-        _end(2 if isinstance(error, InvalidInput) else 1, f"error: {error}")
+        _end(2 if isinstance(error, InvalidInput) and not is_shortage(error) else 1, f"error: {error}")
     except KeyboardInterrupt:
         _end(130, "stopped")
     except BaseException as error:  # polars, in Rust, ends in a panic that is no Exception where it gets no thread
         if not (text := in_words(error)):
             raise
-        _end(2 if isinstance(error, ImportError) else 1, f"error: {text}")
+        _end(2 if isinstance(error, ModuleNotFoundError) else 1, f"error: {text}")
 
 
 def _end(status: int, text: str) -> None:

@@ -160,7 +160,7 @@ def file_rows(path: Path) -> Iterator[pl.DataFrame]:
     except (pa.ArrowException, pl.exceptions.PolarsError, OSError, ValueError) as error:
         raise InvalidInput(
             f"{path}: expected the columns of Table 7, not readable as such from row {row} on: {reason(error)}"
-        ) from None
+        ) from error
 
 
 _SCHEMA = {name: column.dtype for name, column in DATASET_COLUMNS.items()}

@@ -71,7 +71,7 @@ def read_parquet(path: str | Path, what: str, columns: Iterable[str] = ()) -> pl
         with open_parquet(path) as file:
             table = read_bounded(file)
     except (pa.ArrowException, pl.exceptions.PolarsError, OSError, ValueError, TypeError) as error:
-        raise InvalidInput(f"{path}: expected {what} in Parquet, not readable as such: {reason(error)}") from None
+        raise InvalidInput(f"{path}: expected {what} in Parquet, not readable as such: {reason(error)}") from error
     if missing := [name for name in columns if name not in table.columns]:
         has = ", ".join(table.columns) or "none"
         raise InvalidInput(f"{path}: expected {what}; column {', '.join(missing)} is missing, it has {has}")
@@ -152,7 +152,7 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
     try:
         stored = (pq.read_schema(path).metadata or {}).get(METADATA_KEY)
     except (pa.ArrowException, OSError) as error:
-        raise InvalidInput(f"{path}: not readable as Parquet: {reason(error)}") from None
+        raise InvalidInput(f"{path}: not readable as Parquet: {reason(error)}") from error
     values = parse_json(stored, f"{path}, metadata") if stored else {}
     require_form(values, dict, f"{path}, metadata")
     return dict(values)

@@ -159,7 +159,7 @@ def _read(path: Path) -> pl.DataFrame:
             null_values=["", "None", "NA", "NaN", "nan"],
         ).select(list(DATASET_COLUMNS))
     except (pl.exceptions.PolarsError, OSError) as error:
-        raise InvalidInput(f"{path}: expected the columns of Table 7 as numbers: {reason(error)}") from None
+        raise InvalidInput(f"{path}: expected the columns of Table 7 as numbers: {reason(error)}") from error
     if rows.is_empty():
         raise InvalidInput(f"{path}: expected a row a frame, got none")
     for name in ("count", "frame"):

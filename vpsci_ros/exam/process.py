@@ -54,7 +54,7 @@ def running(command: list[str], log: Path, added: Mapping[str, str] | None = Non
     try:
         process = ChildProcess(command, log, _environment() | dict(added or {}))
     except OSError as error:
-        raise InvalidInput(f"--ads {shlex.join(command)}: cannot be started ({error.strerror})") from None
+        raise InvalidInput(f"--ads {shlex.join(command)}: cannot be started ({error.strerror})") from error
     try:
         yield process
     finally:

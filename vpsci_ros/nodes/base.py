@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from vpsci_ros.errors import InvalidInput, VpsciError, in_words
+from vpsci_ros.errors import InvalidInput, VpsciError, in_words, is_shortage
 from vpsci_ros.nodes import status as reporting
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
@@ -299,7 +299,7 @@ def _run(kinds: Sequence[Any], context: Context, stop: StopRequest) -> int:
         print(f"error: {error if isinstance(error, VpsciError) else in_words(error)}", file=sys.stderr)
         for node in nodes:
             node.destroy_node()
-        return 2 if isinstance(error, VpsciError) else 1
+        return 2 if isinstance(error, VpsciError) and not is_shortage(error) else 1
     executor = EventsExecutor(context=context)
     for node in nodes:
         executor.add_node(node)

@@ -172,7 +172,7 @@ def load_weights(path: str | Path) -> Weights:
     except OSError as error:
         raise InvalidInput(
             f"{path}: cannot read weights ({error.strerror}); train them with `vpsci pretrain` or take the shipped ones"
-        ) from None
+        ) from error
     return weights_from_bytes(data, str(path))
 
 

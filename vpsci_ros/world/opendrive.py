@@ -56,7 +56,7 @@ class OpenDriveMap:
         try:
             root = ET.parse(self.path, ET.XMLParser(target=_Elements())).getroot()
         except OSError as error:
-            raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
+            raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
         except (
             ET.ParseError,
             ValueError,

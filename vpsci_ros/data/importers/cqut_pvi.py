@@ -119,7 +119,7 @@ def _read_events(path: Path) -> list[_Event]:
     try:
         lines = path.read_text().splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{path}: not readable as text: {error}; take the file as published") from None
+        raise InvalidInput(f"{path}: not readable as text: {error}; take the file as published") from error
     rows: dict[int, list[list[float]]] = {}
     for count, line in enumerate(lines, 1):
         cells = line.split("\t")

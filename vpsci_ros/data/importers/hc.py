@@ -52,7 +52,7 @@ def read_clip(path: Path) -> Clip:
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InvalidInput(
             f"{path}: expected rows of {', '.join(_COLUMNS)}, numbers without a header: {error}"
-        ) from None
+        ) from error
     if table.width != len(_COLUMNS) or table.select(pl.all().is_null().any()).row(0) != (False,) * table.width:
         raise InvalidInput(f"{path}: expected {', '.join(_COLUMNS)} in every row, got {table.width} columns")
     table.columns = list(_COLUMNS)

@@ -108,7 +108,7 @@ def argoverse2(folder: Path) -> Iterator[Clip]:
         try:
             table = read_parquet(path, "a scenario")
         except (pl.exceptions.PolarsError, OSError) as error:
-            raise InvalidInput(f"{path}: not readable as Parquet: {error}; take the file as published") from None
+            raise InvalidInput(f"{path}: not readable as Parquet: {error}; take the file as published") from error
         yield clip_of(path.stem.removeprefix("scenario_"), {path: (table, layout)})
 
 

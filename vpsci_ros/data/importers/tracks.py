@@ -48,7 +48,7 @@ def read_text(path: Path, delimiter: str = ",") -> pl.DataFrame:
     try:
         return pl.read_csv(path, infer_schema=False, separator=delimiter)
     except (pl.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{path}: not readable as CSV: {reason(error)}; take the file as published") from None
+        raise InvalidInput(f"{path}: not readable as CSV: {reason(error)}; take the file as published") from error
 
 
 def require_columns(table: pl.DataFrame, names: Iterable[str], path: Path) -> None:

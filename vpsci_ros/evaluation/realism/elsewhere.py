@@ -66,7 +66,7 @@ def read_conflicts(path: Path) -> pl.DataFrame:
     try:
         table = pl.read_csv(path, infer_schema=False)
     except (pl.exceptions.PolarsError, OSError) as error:
-        raise InvalidInput(f"{path}: not readable as CSV: {error}; take datlong.csv as published") from None
+        raise InvalidInput(f"{path}: not readable as CSV: {error}; take datlong.csv as published") from error
     if missing := [name for name in (_TIME, _DRIVER, _PEDESTRIAN, _FIRST) if name not in table.columns]:
         raise InvalidInput(f"{path}: column {missing[0]} is missing; take datlong.csv as published")
     for name, known in ((_DRIVER, DRIVER), (_PEDESTRIAN, PEDESTRIAN)):
