@@ -1,6 +1,7 @@
 """Why a failure happened: what is changed in an episode that is driven again, and what is said of it."""
 
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,8 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.factors import FACTORS, Span, case_of
-from vpsci_ros.exam.failures import came_first, sentence
+from vpsci_ros.exam.failure_group import failure_group
+from vpsci_ros.exam.failures import sentence
 from vpsci_ros.exam.run import prepare, run_exam
 from vpsci_ros.exam.sight import Sight
 from vpsci_ros.exam.why import Search
@@ -165,10 +167,23 @@ def test_a_larger_amount_that_fails_again_is_said_and_so_is_that_none_avoids() -
     assert len(never["tried"]) == 4, "nothing is halved where nothing avoids it"
 
 
-def test_who_came_first_is_who_is_before_the_front() -> None:
-    assert came_first(episode([5.0] * 3, [1.0] * 3, ahead=2.5)) == "pedestrian"
-    assert came_first(episode([5.0] * 3, [1.0] * 3, ahead=1.0)) == "vehicle"
-    assert came_first(episode([5.0] * 3, [1.0] * 3, outcome="goal")) == "no contact"
+def group(**given: Any) -> str:
+    """Return the group of a contact of a moving car with somebody `ahead` of it, in words."""
+    ahead, outcome = given.pop("ahead", 2.5), given.pop("outcome", "collision")
+    row = {"scenario": 1, "kind": "child", "hidden": False, "collision": outcome == "collision",
+           "moving_collision": True, "parked_collision": False} | given  # fmt: skip
+    return str(failure_group(row, episode([5.0] * 3, [1.0] * 3, ahead=ahead, outcome=outcome)))
+
+
+def test_a_group_says_who_came_first_which_is_who_is_before_the_front() -> None:
+    assert group(ahead=2.5) == "1: child in sight, moving vehicle, pedestrian came first"
+    assert group(ahead=1.0, hidden=True) == "1: child hidden, moving vehicle, vehicle came first"
+
+
+def test_a_group_says_what_was_hit_if_anything() -> None:
+    assert group(moving_collision=False).endswith("in sight, standing vehicle, pedestrian came first")
+    assert group(outcome="goal", kind="") == "1: adult in sight, no contact"
+    assert group(outcome="parked_collision", parked_collision=True).endswith("in sight, hits a parked vehicle")
 
 
 def test_from_the_frame_on_parked_vehicles_hide_nobody_in_that_episode() -> None:
@@ -224,11 +239,16 @@ def test_failures_are_explained_grouped_and_exported(explained: Path) -> None:
         len(each["tried"]) for row in found["analysed"] for each in row["factors"].values()
     )
     assert sum(len(group["episodes"]) for group in why["groups"]) == failed
+    packed = re.search("id=episodes>(.*?)</script>", (explained / "view.html").read_text(), re.DOTALL)
+    played = json.loads(packed[1])["sources"][0] if packed else {}
     for group in why["groups"]:
         assert (explained / group["openscenario"]).is_file()
+        same = [each["name"] for each in played["episodes"] if each.get("failure") == group["name"]]
+        assert same == group["episodes"], "the page in which they play filters by the same groups"
     assert "avoided by braking earlier" in (explained / "summary.md").read_text()
     page = (explained / "report.html").read_text()
     assert "view.html#a=ads-walker&amp;b=why-walker&amp;episode=3:3" in page
+    assert "b=autopilot-walker&amp;failure=3%3A%20" in page
 
 
 def test_two_workers_and_a_program_behind_a_socket_find_the_same_least_changes(explained: Path, tmp_path: Path) -> None:

@@ -1,34 +1,22 @@
 """What an exam says of its failures: grouped, exported, played beside what avoids them, and in words."""
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
-from vpsci_ros.data.episode import Episode
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.factors import FACTORS
+from vpsci_ros.exam.failure_group import FailureGroup, failure_group
 from vpsci_ros.exam.measures import RunResult
 from vpsci_ros.exam.report import ADS
 from vpsci_ros.exam.why import Search
 from vpsci_ros.export.run import EXPORTERS, Options
-from vpsci_ros.safety import VEHICLE_LENGTH
 from vpsci_ros.view.sources import Shown, Source, shown
-
-
-def came_first(episode: Episode) -> str:
-    """Return who came first where they touch: the pedestrian before the front, or the vehicle, hit in its side."""
-    if episode.outcome != "collision":
-        return "no contact"
-    seen = episode.filled().pair(episode.most_critical)
-    dx, dy = seen.ped_x[0, -1] - seen.x[-1], seen.ped_y[0, -1] - seen.y[-1]
-    forward = math.cos(seen.heading[-1]) * dx + math.sin(seen.heading[-1]) * dy
-    return "pedestrian" if forward >= 0.5 * VEHICLE_LENGTH else "vehicle"
 
 
 def groups_of(exam: Exam, runs: Mapping[str, RunResult], table: pl.DataFrame) -> list[dict[str, Any]]:
@@ -36,21 +24,18 @@ def groups_of(exam: Exam, runs: Mapping[str, RunResult], table: pl.DataFrame) ->
 
     That is the one with the fewest pedestrians, and of these the shortest.
     """
-    kind = exam.config.search.failure
-    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
-    rows = table.filter((pl.col("driver") == ADS) & pl.col("pedestrian").is_in(exam.config.opponents) & pl.col(kind))
-    for row in rows.to_dicts():
-        key = row["scenario"], row["episode"]
-        episode = next((each for each in runs[row["pedestrian"]].episodes if each.key == key), None)
-        if episode is not None:
-            common = row["pedestrian"], row["scenario"], row["kind"], row["hidden"], came_first(episode)
-            groups.setdefault(common, []).append(row)
+    failed = pl.col("pedestrian").is_in(exam.config.opponents) & pl.col(exam.config.search.failure)
+    episodes = {(name, each.key): each for name, run in runs.items() for each in run.episodes}
+    groups: dict[tuple[str, FailureGroup], list[dict[str, Any]]] = {}
+    for row in table.filter((pl.col("driver") == ADS) & failed).to_dicts():
+        episode = episodes[row["pedestrian"], (row["scenario"], row["episode"])]
+        groups.setdefault((row["pedestrian"], failure_group(row, episode)), []).append(row)
     found = []
-    for common, members in groups.items():
+    for (pedestrian, group), members in groups.items():
         smallest = min(members, key=lambda row: (row["group_size"], row["duration"], row["episode"]))
         names = [f"{row['scenario']}:{row['episode']}" for row in members]
-        found.append(dict(zip(("pedestrian", "scenario", "kind", "hidden", "came_first"), common, strict=True))
-                     | {"episodes": names, "smallest": f"{smallest['scenario']}:{smallest['episode']}"})  # fmt: skip
+        found.append({"pedestrian": pedestrian, **group._asdict(), "name": str(group), "episodes": names,
+                      "smallest": f"{smallest['scenario']}:{smallest['episode']}"})  # fmt: skip
     return sorted(found, key=lambda group: (-len(group["episodes"]), group["pedestrian"], group["scenario"]))
 
 

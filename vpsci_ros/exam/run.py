@@ -193,7 +193,7 @@ def run_exam(
     driven = bool(report["drivers"].get(ADS))
     if driven:
         drivers = {driver: _episodes_of(found) for driver, found in runs.items()}
-        sources = exam_sources(table, drivers, LIMIT, _note)
+        sources = exam_sources(table, drivers, LIMIT, _note, report["failure"])
         mine = {name: [each for each in searches if each.pedestrian == name] for name in pedestrians}
         sources += [source for name, found in mine.items() if (source := again_source(name, found))]
         write_view(folder / VIEW, sources, f"Exam of {exam.config.examined}")
@@ -240,7 +240,9 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
         drivers[BASELINE] = lambda name: autopilot_run(exam, name).episodes
     except (ValueError, LookupError, TypeError) as error:
         _note(f"the autopilot is left out: {error}")
-    found = exam_sources(table, drivers, limit, _note)
+    path = folder / "report.json"
+    failure = read_json(path).get("failure", "collision") if path.is_file() else "collision"
+    found = exam_sources(table, drivers, limit, _note, failure)
     if not found:
         raise InvalidInput(f"{folder}: not one episode of this exam was driven, so there is nothing to show")
     return found

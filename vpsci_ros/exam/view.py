@@ -7,6 +7,7 @@ import polars as pl
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.config import ALONE, title_of
+from vpsci_ros.exam.failure_group import failure_group
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.view.sources import Shown, Source, shown
@@ -19,7 +20,11 @@ _DRIVERS = {ADS: "the ADS", BASELINE: "autopilot"}
 
 
 def exam_sources(
-    table: pl.DataFrame, drivers: Mapping[str, Driven], limit: int, report: Callable[[str], None]
+    table: pl.DataFrame,
+    drivers: Mapping[str, Driven],
+    limit: int,
+    report: Callable[[str], None],
+    failure: str = "collision",
 ) -> list[Source]:
     """Return the episodes of an exam: each pedestrian with the driving system, and with the autopilot beside it.
 
@@ -29,10 +34,11 @@ def exam_sources(
     :param table: a row an episode, `vpsci_ros.exam.measures.COLUMNS`.
     :param drivers: the episodes of `ADS` and, unless it is left out, of `BASELINE`.
     :param limit: episodes at most with each pedestrian, those that came nearest where there are more.
+    :param failure: column of what counts as a failure; these and all contacts have the group of their failure.
     """
     marked = table.with_columns(
         (measure.column & measure.among).alias(f"mark {name}") for name, measure in MARKS.items()
-    )
+    ).with_columns(grouped=pl.col(failure) | pl.col("collision") | pl.col("parked_collision"))
     rows = marked.filter(pl.col("pedestrian") != ALONE)
     found = []
     for (pedestrian,), of_both in rows.group_by("pedestrian", maintain_order=True):
@@ -70,14 +76,5 @@ def _chosen(rows: pl.DataFrame, limit: int) -> Rows:
 def _marked(each: Shown, row: dict[str, Any]) -> Shown:
     """Return an episode with who yielded by the exam, its shares as marks, and the group of its failure."""
     marks = tuple(name for name in MARKS if row[f"mark {name}"])
-    return each._replace(yielded=row["yielded"], marks=marks, failure=failure_group(row))
-
-
-def failure_group(row: Mapping[str, Any]) -> str:
-    """Return what the contact of a row of the table of episodes has in common with others; empty: no contact."""
-    if row["parked_collision"]:
-        return "hits a parked vehicle"
-    if not row["collision"]:
-        return ""
-    how = "hits while it moves" if row["moving_collision"] else "is walked into while it stands"
-    return f"{how}: {row['kind'] or 'adult'}, {'hidden' if row['hidden'] else 'in sight'}"
+    group = str(failure_group(row, each.episode)) if row["grouped"] else ""
+    return each._replace(yielded=row["yielded"], marks=marks, failure=group)
