@@ -27,6 +27,7 @@ from vpsci_ros.studies.cross_validation import Refinement
 from vpsci_ros.studies.model_comparison import compare_models
 from vpsci_ros.studies.model_table import Hybrid
 from vpsci_ros.studies.networks import train
+from vpsci_ros.studies.table_9 import table_9_page
 from vpsci_ros.studies.tables import print_table_9, save_table_9
 from vpsci_ros.world import WorldConfig, load_scenarios
 
@@ -186,6 +187,39 @@ def test_an_objective_that_the_study_would_ignore_is_refused(tmp_path, table, op
         alone = options | {"models": ["lstm", "ma_ddpg"], "reinforcement": None}
         compare_models(table, CONFIG, SMALL, **alone, out_dir=tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_page_has_every_row_with_its_intervals_and_says_what_was_not_measured_by_empty_cells(whole, hybrid):
+    _, result = hybrid
+    lines = table_9_page(result).splitlines()
+    assert lines[0].startswith(f"{result['interactions']} interactions of {result['clips']} clips")
+    assert "2 folds, 2 training(s)" in lines[0]
+    rows = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in lines
+        if line.startswith("| ") and "---" not in line
+    ]
+    assert {len(row) for row in rows} == {10, 12}
+    errors = {row[0]: row for row in rows if len(row) == 10}
+    people = {row[0]: row for row in rows if len(row) == 12}
+    names = ["MA-SST-DDPG", "Social-LSTM", "MA-SST-DDPG +", "Social-LSTM +"]
+    assert list(errors)[1:] == [*names, "last velocity repeated", "constant velocity, tracked"]
+    assert list(people)[1:] == [*names, "no reaction (velocities kept)"]
+    of = result["models"]["social_lstm_refined"]
+    ade, (low, high) = of["closed_loop"]["ade"], of["closed_loop"]["ade_interval"]
+    assert errors["Social-LSTM +"][6:8] == ["0.651", f"{ade:.3f} [{low:.3f}, {high:.3f}]"]
+    single = [round(100.0 * rate) for rate in of["world"]["collision_by_training"]]
+    assert people["Social-LSTM +"][7] == f"{min(single)} to {max(single)}%"
+    assert people["no reaction (velocities kept)"][1:6] == [""] * 5
+    assert people["no reaction (velocities kept)"][6].endswith("]")
+    tried = {"ade": {"0.3": 0.5, "1": 0.25}, "factor": 1.0}
+    some = whole | {"models": whole["models"] | {"lstm": whole["models"]["lstm"] | {"trials": [tried]}}}
+    assert table_9_page(some).splitlines()[-1] == "| LSTM | 1 | 1 | 0.3: 0.500, 1: 0.250 |"
+    assert "energy score" not in table_9_page({**whole, "models": {"lstm": _without_people(whole["models"]["lstm"])}})
+
+
+def _without_people(of):
+    return {name: value for name, value in of.items() if name != "people"}
 
 
 def test_the_table_fits_eighty_columns_and_the_picture_is_one(tmp_path, whole, hybrid):

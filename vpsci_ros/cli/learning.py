@@ -205,11 +205,11 @@ def models(
     densetnt, multipath, social_lstm: each by its own loss. With --refine
     params/table9_refine.yaml and --simulated TABLE each goes on in
     simulation and is measured there, too (..._refined). Leaves models.json,
-    models.png, run.json and a folder for each fold, with weights that act
-    by --weights. With --steps 0.3,1,3 each learns by the step sizes, of so
-    many times those of the files, that do best on a quarter of its training
-    clips. A study that is stopped (Ctrl-C) goes on when the same command is
-    given again; finished trainings are kept.
+    models.md, models.png, run.json and a folder for each fold, with weights
+    that act by --weights. With --steps 0.3,1,3 each learns by the step sizes,
+    of so many times those of the files, that do best on a quarter of its
+    training clips. A study that is stopped (Ctrl-C) goes on when the same
+    command is given again; finished trainings are kept.
 
     Budgets and their cost: docs/results/2026-11-table-9.md. A trial of a
     minute: --models ma_sst,lstm --folds 2 --set learner.episodes=20

@@ -13,6 +13,7 @@ from vpsci_ros.evaluation.error_table import print_errors
 from vpsci_ros.learning.inputs import stage_1_inputs, stage_2_inputs, stage_2_parameters
 from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.models import MODELS
+from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.folder import RunFolder
 from vpsci_ros.runs.progress import StageBar, stopped_between_updates
 from vpsci_ros.runs.sections import Sections
@@ -22,6 +23,7 @@ from vpsci_ros.studies.model_comparison import RESULT as MODELS_RESULT
 from vpsci_ros.studies.model_comparison import compare_models
 from vpsci_ros.studies.model_table import Hybrid
 from vpsci_ros.studies.networks import by_reinforcement
+from vpsci_ros.studies.table_9 import PAGE, table_9_page
 from vpsci_ros.studies.tables import (
     print_table_3,
     print_table_5,
@@ -168,8 +170,9 @@ def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quie
             )
         run.results |= result
         save_table_9(result, folder / "models.png")
+        write_text(folder / PAGE, table_9_page(result))
     print_table_9(result, Console())
-    print(f"written: {folder / MODELS_RESULT}, models.png and run.json beside it")
+    print(f"written: {folder / MODELS_RESULT}, models.png, {PAGE} and run.json beside it")
 
 
 def _hybrid(study: ModelStudy) -> Hybrid | None:
