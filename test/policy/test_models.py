@@ -162,20 +162,42 @@ def test_gating_does_not_depend_on_the_order_of_the_elements():
     torch.testing.assert_close(after_again, after)
 
 
-def test_the_goals_of_dense_plans_lie_apart_and_the_likeliest_is_the_first():
+def test_the_goals_of_dense_plans_are_the_means_of_what_lies_nearest_to_them_and_as_likely():
     torch.manual_seed(0)
     head = DenseGoals(8)
     tracks = torch.randn(6, 2, 8)
     with torch.no_grad():
+        head.score[-1].weight.mul_(20.0)  # scores that differ
         for part in head.way:
             if isinstance(part, torch.nn.Linear):
                 part.weight.zero_()
                 part.bias.zero_()  # the way is the constant acceleration that leads to the goal
-        plans, scores = head(tracks), head.scores(tracks)
+        plans, share = head(tracks), torch.softmax(head.scores(tracks), dim=1)
     goals = plans.actions[:, :, 0] * 4.5  # a t^2 / 2 over 3 s
-    assert (torch.cdist(goals, goals) + 9.0 * torch.eye(6)).min() >= 1.5 - 1e-4
-    torch.testing.assert_close(goals[:, 0], head.goals[scores.argmax(dim=1)])
-    assert (plans.logits[:, 0] >= plans.logits[:, 1:].max(dim=1).values).all()
+    np.testing.assert_allclose(plans.logits.exp().sum(dim=1), 1.0, rtol=1e-5)
+    nearest = torch.cdist(head.goals.expand(6, -1, -1), goals).argmin(dim=2)
+    for row in range(6):
+        for k in range(6):
+            own = nearest[row] == k
+            mass = share[row, own].sum()
+            middle = (share[row, own, None] * head.goals[own]).sum(dim=0) / mass
+            torch.testing.assert_close(goals[row, k], middle, atol=0.05, rtol=0.0)  # not quite settled after ten
+            torch.testing.assert_close(plans.logits[row, k].exp(), mass, atol=0.02, rtol=0.0)
+
+
+def test_goals_of_which_six_are_certain_are_these_with_their_probabilities_and_an_impossible_one_stays():
+    head, at = DenseGoals(8), [0, 8, 58, 60, 108, 116]
+    share = torch.zeros(1, len(head.goals))
+    share[0, at] = torch.tensor([0.3, 0.25, 0.2, 0.1, 0.1, 0.05])
+    goals, mass = head.optimised(share)
+    torch.testing.assert_close(goals[0], head.goals[at])
+    torch.testing.assert_close(mass[0], share[0, at])
+    alone = torch.zeros(1, len(head.goals))
+    alone[0, 58] = 1.0
+    goals, mass = head.optimised(alone)
+    torch.testing.assert_close(goals[0, 0], head.goals[58])
+    assert goals.isfinite().all()
+    torch.testing.assert_close(mass[0], torch.tensor([1.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
 
 
 def test_encoders_that_cannot_be_are_refused():

@@ -229,15 +229,18 @@ class MultiPath(Planner):
 
 GOALS = (13, 9)  # forward and sideways
 SPACING = 0.75  # [m] between goals
-_NEAR = 1.5  # [m] goals nearer than this to a likelier one are left out
+_NEAR = 1.5  # [m] goals nearer than this to a likelier one are left out at first
+_ITERATIONS = 10  # of the optimisation of goals
 
 
 class DenseGoals(nn.Module):
     """A dense grid of goals 3 s ahead, scored by attention to both tracks, and the way to a goal completed.
 
     The grid lies around where the agent's velocity leads, in the frame in which the plan begins: lanes, along which
-    the original lays it, are not recorded. The goals of the plans are the likeliest that lie apart (non-maximum
-    suppression), as in TNT; the original's second network, which learns to choose them, is left out.
+    the original lays it, are not recorded. The goals of the plans are optimised on the scores, as in the original: from
+    the likeliest ones that lie apart they move to where the expected squared distance to the nearest of them is least
+    (Lloyd's iterations in place of hill climbing with random steps). The second network of the original learns to say
+    what this optimisation finds, since it takes long on a dense map; on this grid it does not.
     """
 
     goals: Tensor
@@ -271,15 +274,27 @@ class DenseGoals(nn.Module):
 
     def forward(self, tracks: Tensor) -> Plans:
         """Return the plans of tracks [B, 2, width]: those of the likeliest goals that lie apart."""
-        left, rows = functional.log_softmax(self.scores(tracks), dim=1), torch.arange(len(tracks))
-        near, picked, logits = torch.cdist(self.goals, self.goals) < _NEAR, [], []
+        goals, share = self.optimised(torch.softmax(self.scores(tracks), dim=1))
+        actions = self.complete(tracks, goals)
+        return Plans(share.clamp(min=1e-12).log(), actions, torch.full_like(actions, -torch.inf))
+
+    def optimised(self, share: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the goals of the plans, [B, K, 2] [m], and the probability of what lies nearest to each, [B, K].
+
+        :param share: probabilities of the grid's goals, [B, G].
+        """
+        near, left, picked = torch.cdist(self.goals, self.goals) < _NEAR, share, []
         for _ in range(PLANS):
             best = left.argmax(dim=1)
             picked.append(self.goals[best])
-            logits.append(left[rows, best])
-            left = left.masked_fill(near[best], -1e9)
-        actions = self.complete(tracks, torch.stack(picked, dim=1))
-        return Plans(torch.stack(logits, dim=1), actions, torch.full_like(actions, -torch.inf))
+            left = left.masked_fill(near[best], -1.0)
+        goals, grid = torch.stack(picked, dim=1), self.goals.expand(len(share), -1, -1)
+        for _ in range(_ITERATIONS):
+            own = functional.one_hot(torch.cdist(grid, goals).argmin(dim=2), PLANS) * share[..., None]
+            mass = own.sum(dim=1)
+            middle = torch.einsum("bgk,gc->bkc", own, self.goals) / mass.clamp(min=1e-12)[..., None]
+            goals = torch.where((mass > 1e-12)[..., None], middle, goals)
+        return goals, mass
 
 
 class DenseTNT(Planner):
