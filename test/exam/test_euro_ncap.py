@@ -15,6 +15,7 @@ from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.gathered import gathered
 from vpsci_ros.exam import euro_ncap
 from vpsci_ros.exam.euro_ncap import KMH, Cell, cells, colour_of, document, impact_speed, motion, rated
+from vpsci_ros.exam.protocol import beside_people
 from vpsci_ros.exam.run import prepare, run_exam
 from vpsci_ros.resources import params_dir
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance
@@ -138,6 +139,15 @@ def test_without_slowing_for_a_slow_pedestrian_nothing_counts() -> None:
     slow = next(cell.number for cell in cells() if cell.test == "slow")
     assert rated(speeds | {slow: 20.0})["points"] == 0.0
     assert rated(speeds | {slow: 12.0})["points"] == 4.0
+
+
+def test_who_passes_the_protocol_and_hits_one_pedestrian_of_several_is_named_with_that_one() -> None:
+    scores = {name: {"moving_collision_rate": {"value": rate}} for name, rate in (("learned", 0.0), ("walker", 0.1))}
+    rows = beside_people({"drivers": {"ads": {"points": 4.0, "of": 4.0, "passed": True}}}, {"ads": scores})
+    assert [(row["pedestrian"], row["says"]) for row in rows] == [
+        ("learned", "passes the protocol, and hits nobody here"),
+        ("walker", "passes the protocol and fails with people"),
+    ]
 
 
 def test_the_exam_reports_the_protocol_beside_the_learned_pedestrian(

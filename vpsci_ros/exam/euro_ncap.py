@@ -60,7 +60,8 @@ class Test:
     :ivar section: of the protocol, which gives speeds and points.
     :ivar points: of the standard range.
     :ivar speeds: of the vehicle [km/h].
-    :ivar locations: of the impact, from the right edge of the vehicle (0%) to the left one (100%) (section 1.2.5) [%].
+    :ivar locations: of the impact, from the right edge of the vehicle (0%) to the left one (100%) (section 1.2.5) [%];
+        that these are the standard range is NOT VERIFIED in the protocol, see above.
     :ivar target: speed of the pedestrian [km/h].
     :ivar side: it comes from: -1 the right (nearside), 1 the left; in turning tests 1 walks as the vehicle drove
         before its turn, and -1 the other way.
@@ -121,7 +122,9 @@ BANDS = {
     40: (("green", 0.0), ("orange", 10.0), ("brown", 20.0)),
     50: (("green", 0.0), ("yellow", 10.0), ("orange", 20.0), ("brown", 30.0)),
 }
-"""Test speed [km/h] -> largest impact speed [km/h] of each colour, red beyond (figure 5-1); 60 is as 50.
+"""Test speed [km/h] -> largest impact speed [km/h] of each colour, red beyond; 60 is as 50.
+
+NOT VERIFIED in the protocol, where they are a picture (figure 5-1): as Euro NCAP's rating software has them.
 
 The same for 60 km/h stands in the example of section 4.2.4. In turning tests green is avoidance alone (section 5.2).
 """
@@ -132,6 +135,7 @@ LEFT_OUT = (
     "bicyclists, motorcyclists, cars, and every test at low speed, of lane departure and of warnings",
     "the extended range (impacts at 10 and 90%, turns at 25 km/h) and the robustness layers (sections 5.2.1, 5.3.3)",
     "sensors, unless ads_test.perception is on; tyres, suspension, brakes that take time, belts, seats",
+    "in turns, the middle of the front axle on the path of section 1.2.4: here the middle of the vehicle is on it",
     "bodies: a rectangle of 4.69 m by 1.85 m touches a disc of 0.3 m radius, not a profile the box around a dummy",
     "the manufacturer's predictions and their verification (section 4): every cell is driven, once",
 )

@@ -120,15 +120,16 @@ def _autopilot(exam: Exam, folder: Path) -> RunResult:
     return RunResult(found, Conduct(len(exam.episodes)), sight=sight)
 
 
-def beside_people(protocol: Mapping[str, Any], scores: Mapping[str, Any], pedestrian: str) -> list[dict[str, Any]]:
-    """Return, for each driver, what the protocol says of it beside how often it hits a pedestrian of the exam.
+def beside_people(protocol: Mapping[str, Any], scores: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return, for each driver, what the protocol says of it beside how often it hits each pedestrian of the exam.
 
     :param scores: driver -> pedestrian -> measures.
     """
     rows = []
-    for driver, rated in protocol["drivers"].items():
-        rate = scores.get(driver, {}).get(pedestrian, {}).get("moving_collision_rate")
-        if rate is None or rate["value"] is None:
+    each = [(driver, name) for driver in protocol["drivers"] for name in scores.get(driver, {})]
+    for driver, pedestrian in each:
+        rated, rate = protocol["drivers"][driver], scores[driver][pedestrian]["moving_collision_rate"]
+        if rate["value"] is None:
             continue
         hits = rate["value"] > 0.0
         said = {

@@ -181,8 +181,7 @@ def run_exam(
         report["protocol"] = standard.conduct_protocol(
             exam, folder / standard.FOLDER, workers=workers or 1, quiet=quiet
         )
-        people = next((name for name in pedestrians if name in report["drivers"].get(ADS, {})), "")
-        report["protocol"]["beside"] = standard.beside_people(report["protocol"], report["drivers"], people)
+        report["protocol"]["beside"] = standard.beside_people(report["protocol"], report["drivers"])
     verdicts = check(parsed, report, pedestrians)
     failures = [run.conduct.failure for run in runs[ADS].values() if run.conduct.failure]
     failures += [report["protocol"]["failure"]] if protocol and report["protocol"]["failure"] else []

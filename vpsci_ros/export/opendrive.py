@@ -127,6 +127,13 @@ def _length(u: tuple[float, ...], v: tuple[float, ...]) -> float:
     return float(0.5 * np.hypot(du, dv) @ _WEIGHTS)
 
 
+class _OnlyObject(xodr.Object):  # type: ignore[misc]
+    """The only object of a map: it keeps its id, which the library would change after another map in this process."""
+
+    def _update_id(self) -> None:
+        """Keep the id."""
+
+
 def _crosswalk(scenario: Scenario, s: float, crossed: float) -> xodr.Object:
     """Return the crosswalk, in a frame on the reference line that is turned as the way across it.
 
@@ -143,7 +150,7 @@ def _crosswalk(scenario: Scenario, s: float, crossed: float) -> xodr.Object:
     corners = (scenario.crosswalk - border) @ np.array([[c, -k], [k, c]])
     size = np.ptp(corners, axis=0)
     kind = {"Type": xodr.ObjectType.crosswalk, "subtype": "zebra", "id": str(scenario.number), "name": "crosswalk"}
-    item = xodr.Object(s, 0.0, **kind, hdg=across - lane.heading(crossed), length=size[0], width=size[1], height=0.0)
+    item = _OnlyObject(s, 0.0, **kind, hdg=across - lane.heading(crossed), length=size[0], width=size[1], height=0.0)
     outline = xodr.Outline(closed=True, outer=True, id=0)
     for number, (u, v) in enumerate(corners):
         outline.add_corner(xodr.CornerLocal(u, v, 0.0, 0.0, number))
