@@ -123,7 +123,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--episodes", type=int, default=1002, help="of each cell, in all scenarios together")
-    parser.add_argument("--planner-episodes", type=int, help="of the motion planner, which takes 1 CPU s each")
+    parser.add_argument("--planner-episodes", type=int, help="of the motion planner, which takes 0.3 CPU s each")
     parser.add_argument("--systems", nargs="+", default=list(SYSTEMS), choices=list(SYSTEMS))
     parser.add_argument("--harder", nargs="+", default=list(HARDER), choices=list(HARDER), metavar="CONDITION")
     given = parser.parse_args()
