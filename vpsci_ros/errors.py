@@ -83,7 +83,8 @@ def in_words(error: BaseException) -> str:
         return not_installed((error.name or "").partition(".")[0])
     if isinstance(error, MemoryError) or (isinstance(error, ImportError) and _NO_ROOM in str(error)):
         return f"not enough memory; {_REMEDIES[errno.ENOMEM]}"
-    if isinstance(error, RuntimeError) and str(error) == "can't start new thread":
+    no_thread = isinstance(error, RuntimeError) and str(error) == "can't start new thread"
+    if no_thread or (not isinstance(error, OSError) and os.strerror(errno.EAGAIN) in str(error)):  # the second: Arrow
         return f"no further thread; {_REMEDIES[errno.EAGAIN]}"
     wrapped = _WRAPPED.search(str(error))
     number = error.errno if isinstance(error, OSError) and error.errno else int(wrapped[1]) if wrapped else 0

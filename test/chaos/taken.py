@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 from chaos.commands import COMMANDS, PATIENCE, Ended, apart, fresh
 
-from vpsci_ros.runs.files import changed_files
+from vpsci_ros.runs.files import changed_files, is_empty_folder
 
 WAYS = ("deleted", "moved", "linked")
 LIMITS = ("files", "memory", "processes")
@@ -118,7 +118,7 @@ def left_unmarked(ended: Ended, out: Path) -> list[str]:
     """Return that a command failed and left what could be taken for a result."""
     from chaos.disks import _is_marked
 
-    if ended.status in (0, 2) or not out.is_dir() or not any(out.iterdir()) or _is_marked(out):
+    if ended.status in (0, 2) or not out.is_dir() or is_empty_folder(out) or _is_marked(out):
         return []
     return [f"status {ended.status}, and nothing says so among {sorted(path.name for path in out.iterdir())[:5]}"]
 

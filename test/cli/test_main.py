@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import polars as pl
+import pyarrow as pa
 import pytest
 
 from vpsci_ros.cli.main import main
@@ -195,6 +196,7 @@ def test_a_panic_of_a_library_that_gets_no_thread_is_one_line(
     [
         (OSError(errno.EMFILE, "Too many open files"), 1),
         (pl.exceptions.ComputeError("Cannot allocate memory (os error 12)"), 1),
+        (pa.ArrowException("Failed to launch worker thread: Resource temporarily unavailable"), 1),
         (OSError(errno.ENOENT, "No such file or directory"), 2),
     ],
 )

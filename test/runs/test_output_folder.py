@@ -1,11 +1,13 @@
 """Output folders belong to one command at a time, are not written once they were taken away, and say what failed."""
 
 import errno
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import polars as pl
+import pyarrow as pa
 import pytest
 import typer
 from safetensors import SafetensorError
@@ -117,6 +119,7 @@ def test_a_refused_command_leaves_no_folder_and_nothing_in_somebody_elses(tmp_pa
         (ImportError("libarrow.so: failed to map segment from shared object"), "not enough memory; free some memory"),
         (ImportError("No module named torch"), ""),
         (RuntimeError("can't start new thread"), "no further thread; allow more processes (ulimit -u)"),
+        (pa.ArrowException(f"Failed to launch worker thread: {os.strerror(errno.EAGAIN)}"), "no further thread; allow"),
         (RuntimeError("a defect"), ""),
         (OSError("cannot identify image"), "cannot identify image"),
         (KeyError("code: 5"), ""),
