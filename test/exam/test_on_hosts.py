@@ -50,6 +50,7 @@ def test_what_is_not_driven_on_a_cluster_is_refused_there(tmp_path: Path, more: 
 
 
 @pytest.mark.filterwarnings("ignore")  # Ray's own
+@pytest.mark.timeout(1500)  # kernels and a cluster that starts: a minute of CPU time, long on a busy machine
 def test_a_cluster_gives_the_report_of_one_process_and_goes_on_where_it_was_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
