@@ -18,7 +18,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -41,16 +40,13 @@ MILLION, EXAMS = 1_000_000, 1000
 CLUSTERS = (1, 2, 20, 200)
 
 
-@dataclass
 class Timed(Serial[Unit, bytes]):
     """One worker in this process, whose CPU time is kept apart [s]."""
 
-    do: Callable[[Unit], bytes]
-    seconds: list[float] = field(default_factory=list)
-    sizes: list[int] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        super().__init__(lambda: self.do)
+    def __init__(self, do: Callable[[Unit], bytes]) -> None:
+        super().__init__(lambda: do)
+        self.seconds: list[float] = []
+        self.sizes: list[int] = []
 
     def collect(self) -> list[tuple[Unit, bytes]]:
         """Do the next unit."""

@@ -6,18 +6,7 @@ from typing import Any
 from vpsci_ros.data.published import TABLE_9
 
 PAGE = "models.md"
-_TITLES = {
-    "ma_sst_ddpg": "MA-SST-DDPG",
-    "ma_transformer_ddpg": "MA-Transformer-DDPG",
-    "ma_ddpg": "MA-DDPG",
-    "transformer_ddpg": "Transformer-DDPG",
-    "ddpg": "DDPG",
-    "densetnt": "DenseTNT",
-    "multipath": "MultiPath++",
-    "social_lstm": "Social-LSTM",
-    "transformer": "Transformer",
-    "lstm": "LSTM",
-    "feedforward": "NN",
+_CONTROLS = {
     "repeat_velocity": "last velocity repeated",
     "constant_velocity_tracked": "constant velocity, tracked",
 }
@@ -46,7 +35,8 @@ def table_9_page(result: dict[str, Any]) -> str:
 
 def _title(name: str) -> str:
     plain = name.removesuffix("_refined")
-    return _TITLES.get(plain, f"`{plain}`") + (" +" if plain != name else "")
+    title = TABLE_9[plain].name if plain in TABLE_9 else _CONTROLS.get(plain, f"`{plain}`")
+    return title + (" +" if plain != name else "")
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -54,7 +44,7 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def _with(value: float, ends: Sequence[float], digits: int) -> str:
+def _interval(value: float, ends: Sequence[float], digits: int) -> str:
     return f"{value:.{digits}f} [{ends[0]:.{digits}f}, {ends[1]:.{digits}f}]"
 
 
@@ -67,9 +57,9 @@ def _errors(models: dict[str, tuple[str, dict[str, Any]]]) -> str:
         share = loop.get("share_of_ma_sst_ddpg")
         cells = [title, *pairs, f"{once['ade']:.4f}", f"{once['fde']:.4f}", f"{paper.ade:.3f}" if paper else ""]
         cells += [
-            _with(loop["ade"], loop["ade_interval"], 3),
+            _interval(loop["ade"], loop["ade_interval"], 3),
             f"{loop['fde']:.3f}",
-            _with(share[0], share[1], 2) if share else "",
+            _interval(share[0], share[1], 2) if share else "",
         ]
         rows.append(cells)
     heads = ["model", "v_veh long, lat", "v_ped long, lat", "d long, lat", "ADE", "FDE", "paper's ADE"]
@@ -84,11 +74,11 @@ def _people(models: dict[str, dict[str, Any]]) -> str:
         if people:
             share = people.get("share_of_ma_sst_ddpg")
             cells[1:] = [
-                _with(people["energy_score"], people["energy_score_interval"], 3),
-                _with(share[0], share[1], 2) if share else "",
+                _interval(people["energy_score"], people["energy_score_interval"], 3),
+                _interval(share[0], share[1], 2) if share else "",
                 f"{people['min_ade_6']:.3f}",
-                _with(people["likelihood"], people["likelihood_interval"], 3),
-                _with(people["c2st_auc"], people["c2st_auc_interval"], 2),
+                _interval(people["likelihood"], people["likelihood_interval"], 3),
+                _interval(people["c2st_auc"], people["c2st_auc_interval"], 2),
             ]
         cells += [*_rates(world)] if world else [""] * 3
         known = "parameters" in of

@@ -83,56 +83,26 @@ def print_table_5(table: pl.DataFrame, console: Console) -> None:
 
 
 def print_table_9(result: dict[str, Any], console: Console) -> None:
-    """Print what `model_comparison.compare_models` returned, in 80 columns; the paper's values in brackets."""
-    extent = f"{result['interactions']} interactions of {result['clips']} clips, each held out once; metres"
-    rows = {name.replace("_refined", " +"): of for name, of in result["models"].items() if name != "constant_velocity"}
-    for protocol, digits in (("reconstruction", 4), ("closed_loop", 3)):
-        errors, speeds = [], []
-        for name, of in rows.items():
-            own, paper = of[protocol], TABLE_9.get(name.replace(" +", "_refined"))
-            published = f"[{paper.ade:.3f}]" if paper and protocol == "reconstruction" else ""
-            shares = [share_text(own["ade_ratio"], own["ade_ratio_interval"])]
-            shares.append(share_text(*own["share_of_ma_sst_ddpg"]) if "share_of_ma_sst_ddpg" in own else "")
-            errors.append((name, f"{own['ade']:.{digits}f}", published, *shares))
-            rmse = [f"{own['rmse'][q]:.3f}" for q in list(own["rmse"])[:6]]
-            speeds.append((name, *rmse, f"{own['fde']:.{digits}f}"))
-        title = f"{protocol.replace('_', ' ')}, {extent}"
-        heads = ["its share of\nthe control's", "of\nma_sst_ddpg's"]
-        console.print(
-            text_table(title, ["model", "ADE", "paper's" if protocol == "reconstruction" else "", *heads], errors)
-        )
-        heads = ["v_veh\nlong", "v_veh\nlat", "v_ped\nlong", "v_ped\nlat", "d\nlong", "d\nlat", "FDE"]
-        console.print(text_table("RMSE [m/s, m]", ["model", *heads], speeds))
-    if any("people" in of for of in rows.values()):
-        console.print(text_table("like people, and in simulation", list(_PEOPLE), _people(rows)))
+    """Print of what `model_comparison.compare_models` returned what fits 80 columns; `table_9_page` has the rest."""
+    rows = []
+    for name, of in result["models"].items():
+        if name == "constant_velocity":
+            continue
+        once, loop, paper = of["reconstruction"], of["closed_loop"], TABLE_9.get(name)
+        published = f"[{paper.ade:.3f}]" if paper else ""
+        share = share_text(loop["ade_ratio"], loop["ade_ratio_interval"])
+        rows.append((name.replace("_refined", " +"), f"{once['ade']:.4f}", published, f"{loop['ade']:.3f}", share))
+    title = f"{result['interactions']} interactions of {result['clips']} clips, each held out once; ADE in metres"
+    heads = ["model", "recon-\nstruction", "paper's", "closed\nloop", "its share of\nthe control's"]
+    console.print(text_table(title, heads, rows))
     console.print(
         "+: hybrid learning. ma_sst, ma_transformer, ma_lstm, ma_feedforward: both agents imitate on their own "
         "predictions; ..ddpg: by reinforcement. The control is repeat_velocity; constant_velocity_tracked starts its "
-        "closed loop as the models do. d: between the two, which is one distance. Intervals: 95%, clips resampled, "
-        f"{result.get('seeds', 1)} training(s) a fold. The paper's ADE is of its own data.",
+        "closed loop as the models do. Intervals: 95%, clips resampled, "
+        f"{result.get('seeds', 1)} training(s) a fold. The paper's ADE is of its own data. "
+        "The other columns: models.md.",
         highlight=False,
     )
-
-
-_PEOPLE = (
-    *("model", "energy\n[m]", "min\nADE6", "like-\nli-\nhood", "clas-\nsi-\nfier"),
-    *("coll.\n[%]", "goals\n[%]", "para-\nme-\nters", "CPU\n[s]"),
-)
-
-
-def _people(rows: dict[str, Any]) -> list[tuple[str, ...]]:
-    out = []
-    for name, of in rows.items():
-        people, world = of.get("people"), of.get("world")
-        if people is None and world is None:
-            continue
-        cells = [f"{people[k]:.3f}" if people else "-" for k in ("energy_score", "min_ade_6", "likelihood")]
-        cells.append(f"{people['c2st_auc']:.2f}" if people else "-")
-        cells += [f"{100.0 * world[k][0]:.0f}" if world else "-" for k in ("collision", "goal")]
-        learned = "parameters" in of
-        cells.append(f"{of['parameters'] / 1000.0:.0f}k" if learned else "-")
-        out.append((name, *cells, f"{of['training_seconds']:.0f}" if learned else "-"))
-    return out
 
 
 def save_table_9(result: dict[str, Any], path: Path) -> None:
