@@ -104,10 +104,28 @@ def test_a_tick_forgets_the_answers_to_the_last_one(session: Session) -> None:
     assert not session.lock_step.answers()[0].answered
 
 
-def test_who_does_not_answer_is_waited_for_until_the_timeout_and_left_out(session: Session) -> None:
+def test_at_the_first_tick_the_graphs_own_nodes_have_ten_seconds(session: Session) -> None:
     session.begin(now=10.0)
     session.monitor()
     session.agent("vehicle")
+    assert not session.lock_step.may_advance(20.0)
+    assert session.lock_step.may_advance(20.1)
+
+
+def test_at_the_first_tick_an_external_driver_has_its_timeout() -> None:
+    session = Session(ExternalDriver(ExternalConfig(), 0.05, WorldCounts()), vehicle_driver="external")
+    session.begin(now=10.0)
+    session.monitor()
+    session.agent("pedestrian")
+    assert not session.lock_step.may_advance(12.0)
+    assert session.lock_step.may_advance(12.1)
+
+
+def test_who_does_not_answer_is_waited_for_until_the_timeout_and_left_out(session: Session) -> None:
+    session.begin(now=10.0)
+    session.begin(2, now=10.0)
+    session.monitor(2)
+    session.agent("vehicle", 2)
     assert not session.lock_step.may_advance(12.0)
     assert session.lock_step.may_advance(12.1)
     assert not session.lock_step.may_advance()

@@ -20,6 +20,7 @@ from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Floats, Tick
 T = TypeVar("T", bound=Assessment | Actions)
 REMEMBERED = 16  # ticks for which a first answer is kept, to compare with later ones
 SAFETY = "safety"  # the monitor among those who answer
+FIRST_ANSWER = 10.0  # [s] for monitor and policies, whose readers may be matched seconds after the world's
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,9 @@ class LockStep:
     answer to a tick that is still to come is refused and counted, too: the monitor and the policies answer only ticks
     that the world has published, so such an answer is another program's, or rests on another program's state.
 
-    The world moves on when all have answered, or `action_timeout` is over; not while it is paused, unless a step was
-    requested; not before the tick is due, where the wall clock sets the pace; and not while the learner is too far
+    The world moves on when all have answered, or `action_timeout` is over; at the first tick monitor and policies have
+    `FIRST_ANSWER` at least, since a lost announcement of the middleware is repeated after 3 s, and none of them answers
+    before everybody reads it. It does not move on while it is paused, unless a step was requested; not before the tick is due, where the wall clock sets the pace; and not while the learner is too far
     behind. `now` is a time of a monotonic clock [s].
 
     :param counts: where refused answers and late ticks are counted.
@@ -96,6 +98,7 @@ class LockStep:
         self._answered: set[str] = set()
         self._taken: dict[int, dict[str, Any]] = {}  # tick -> sender -> answer, of the last ticks in their order
         self._over = False
+        self._first = True  # so is the present tick
         self._step = False  # one is to be taken while paused
         self._paced = False
         self._due = True  # false: by the wall clock, the next tick is still to come
@@ -105,6 +108,7 @@ class LockStep:
 
     def begin(self, tick: Tick, now: float) -> None:
         """Forget the last tick's answers and take those to `tick`."""
+        self._first = self.tick is None
         self.tick, self._since = tick, now
         self.assessment, self.actions = None, NO_ACTIONS
         self._running = bool((tick.state["status"] == RUNNING).any())
@@ -199,8 +203,12 @@ class LockStep:
         """Return whether the world may move on; without `now` it waits on for those who have not answered."""
         if not self.running or not self._due or (self.paused and not self._step) or self.behind:
             return False
-        overdue = now is not None and now - self._since > self.config.action_timeout
-        return overdue or not self.unanswered
+        return not self.unanswered or (now is not None and now - self._since > self._patience)
+
+    @property
+    def _patience(self) -> float:
+        own = {SAFETY, *self.policies} & self.unanswered
+        return max(self.config.action_timeout, FIRST_ANSWER if self._first and own else 0.0)
 
     @property
     def unanswered(self) -> set[str]:
