@@ -57,7 +57,7 @@ NOTES = """
   milliseconds, ticks missed or late, messages published and refused. They depend on the machine and differ from run to
   run; what the keys of the world's counts mean stands in `vpsci_ros/world/counts.py`. Everything else in a bag is a
   function of the parameters alone, whatever the load and the order in which nodes were started, as long as no answer is
-  missed (`action_timeout`; ten seconds at least at the first tick) and no learner or external driving system takes part.
+  missed (`action_timeout`; at the first tick 10 s at least) and no learner or external driving system takes part.
 - A policy that is killed and started again within `action_timeout` (the node alone, while the others wait) leaves the
   same bag: it requests the frames that it has not seen from the world and goes on as if it had been there.
   `graph.restarts` has `vpsci graph` do so by itself.

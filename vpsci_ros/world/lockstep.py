@@ -67,8 +67,9 @@ class LockStep:
 
     The world moves on when all have answered, or `action_timeout` is over; at the first tick monitor and policies have
     `FIRST_ANSWER` at least, since a lost announcement of the middleware is repeated after 3 s, and none of them answers
-    before everybody reads it. It does not move on while it is paused, unless a step was requested; not before the tick is due, where the wall clock sets the pace; and not while the learner is too far
-    behind. `now` is a time of a monotonic clock [s].
+    before everybody reads it. It does not move on while it is paused, unless a step was requested; nor before the tick
+    is due, where the wall clock sets the pace; nor while the learner is too far behind. `now` is a time of a monotonic
+    clock [s].
 
     :param counts: where refused answers and late ticks are counted.
     :param external: who drives the vehicle where no driver of the world does.
