@@ -14,10 +14,17 @@ from vpsci_msgs.msg import AgentAction, SafetyState, WorldState
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes import convert, serialized
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.answers import read_action, read_safety_state, write_action, write_safety_state
+from vpsci_ros.wire.answers import (
+    SerializedAction,
+    SerializedSafety,
+    read_action,
+    read_safety_state,
+    write_action,
+    write_safety_state,
+)
 from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.padding import zeroed
-from vpsci_ros.wire.world_state import SerializedState, read_world_state, write_world_state
+from vpsci_ros.wire.world_state import SerializedState, as_read, read_world_state, write_world_state
 from vpsci_ros.world import EPISODE, RUNNING
 from vpsci_ros.world.tick import Tick
 
@@ -57,6 +64,11 @@ def test_a_state_is_written_as_ros_writes_it_and_read_as_it_was(batch: int, fram
     assert (back.header, back.period, back.tick.number) == (header[1], PERIOD, TICK)
     assert back.tick.state.tobytes() == by_fields.state.tobytes()
     assert back.tick.policy_frame.tolist() == policy_frame.tolist()
+    here = as_read(sent)
+    assert here.tick.state.tobytes() == back.tick.state.tobytes()
+    assert not np.shares_memory(here.tick.state, state)
+    assert (here.header, here.period, here.tick.number) == (header[1], PERIOD, TICK)
+    assert here.tick.policy_frame.tolist() == policy_frame.tolist()
 
 
 @BATCHES
@@ -65,7 +77,8 @@ def test_a_safety_state_is_written_as_ros_writes_it_and_read_as_it_was(batch: in
     rng, (header, start) = np.random.default_rng(batch), headers(frame)
     values = rng.random(batch), rng.random(batch), rng.random(batch) < 0.5
     data = serialize_message(convert.safety_message(header, TICK, *values))
-    assert write_safety_state(start, TICK, *values) == zeroed("vpsci_msgs/msg/SafetyState", data, "/safety/state")
+    written = write_safety_state(start, SerializedSafety(TICK, *values))
+    assert written == zeroed("vpsci_msgs/msg/SafetyState", data, "/safety/state")
     back = read_safety_state(data)
     assert back is not None
     assert back.tick == TICK
@@ -79,7 +92,8 @@ def test_an_action_is_written_as_ros_writes_it_and_read_as_it_was(batch: int, fr
     header, start = headers(frame)
     pairs = np.random.default_rng(batch).random((batch, 2))
     data = serialize_message(action_message(header, TICK, pairs, 9))
-    assert write_action(start, TICK, pairs, 9) == zeroed("vpsci_msgs/msg/AgentAction", data, "/vehicle/action")
+    written = write_action(start, SerializedAction(TICK, *pairs.T, 9))
+    assert written == zeroed("vpsci_msgs/msg/AgentAction", data, "/vehicle/action")
     back = read_action(data)
     assert back is not None
     assert (back.tick, back.policy_version) == (TICK, 9)
@@ -92,8 +106,11 @@ def test_a_message_that_breaks_off_anywhere_is_refused() -> None:
     state, policy_frame = some_state(2)
     whole = [
         (serialized.shown, write_world_state(SerializedState(start, Tick(1, state, policy_frame), PERIOD))),
-        (serialized.safety_state, write_safety_state(start, 1, ones, ones, ones > 0)),
-        (lambda data: serialized.action(data, "/vehicle/action"), write_action(start, 1, np.ones((2, 2)), 1)),
+        (serialized.safety_state, write_safety_state(start, SerializedSafety(1, ones, ones, ones > 0))),
+        (
+            lambda data: serialized.action(data, "/vehicle/action"),
+            write_action(start, SerializedAction(1, ones, ones, 1)),
+        ),
     ]
     for read, data in whole:
         for end in range(len(data)):

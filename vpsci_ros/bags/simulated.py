@@ -14,7 +14,7 @@ from vpsci_ros.bags.episodes import RECORD, EpisodeLog, EventRow
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.answers import write_action, write_safety_state
+from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action, write_safety_state
 from vpsci_ros.wire.decoder import describe, known_types
 from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.world_state import SerializedState, write_world_state
@@ -75,10 +75,10 @@ def _messages(step: Step, config: WorldConfig, time: int) -> Iterator[tuple[str,
     header = WireHeader(time // 10**9, time % 10**9, layout.MAP)
     yield layout.WORLD, write_world_state(SerializedState(header, tick, config.tick))
     safety = assessed.curvttc, assessed.distance, assessed.critical
-    yield layout.SAFETY, write_safety_state(header, tick.number, *safety)
+    yield layout.SAFETY, write_safety_state(header, SerializedSafety(tick.number, *safety))
     for agent in AGENTS:
         if (action := step.actions.of(agent)) is not None:
-            yield f"/{agent}/action", write_action(header, tick.number, action, policy_version=1)
+            yield f"/{agent}/action", write_action(header, SerializedAction(tick.number, action[:, 0], action[:, 1], 1))
     if tick.state[0]["status"]:
         for agent in AGENTS:
             yield f"/{agent}/odometry", _odometry(header, agent, layout.motion_of(tick.state[0], agent))

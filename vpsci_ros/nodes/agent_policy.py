@@ -12,6 +12,7 @@ from vpsci_msgs.msg import PolicyWeights, SafetyState
 from vpsci_msgs.srv import History
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.exchange import Outgoing
 from vpsci_ros.nodes.history import frames_of
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.output import Output
@@ -23,7 +24,7 @@ from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.weights import Weights, load_weights, weights_from_bytes
 from vpsci_ros.resources import weights_path
 from vpsci_ros.wire import layout, received
-from vpsci_ros.wire.answers import SerializedSafety, write_action
+from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action
 from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.signature import is_signed
 from vpsci_ros.wire.world_state import SerializedState
@@ -154,8 +155,8 @@ class AgentPolicy(GraphNode):
             self._actions.publish(message)
             self._meter.answered(arrived)
 
-    def _act(self, header: WireHeader, tick: Tick, safety: SafetyState | SerializedSafety) -> bytes | None:
-        """Take one tick in; return the answer, serialized, or None where none is wanted."""
+    def _act(self, header: WireHeader, tick: Tick, safety: SafetyState | SerializedSafety) -> Outgoing | None:
+        """Take one tick in; return the answer, or None where none is wanted."""
         if not tick.policy_frame.any():
             if self.intake.read("/safety/state", checked_safety_state, safety, len(tick.state)):
                 self._known = tick.number
@@ -166,7 +167,8 @@ class AgentPolicy(GraphNode):
         self._known = tick.number
         action = self._agent.act(tick, assessed).astype(np.float64)
         Actions(pedestrian=action)  # refuses another shape, and numbers that are not finite
-        return write_action(header, tick.number, action, self._version)
+        answer = SerializedAction(tick.number, action[:, 0], action[:, 1], self._version)
+        return Outgoing(answer, partial(write_action, header))
 
     # ---- catching up
 

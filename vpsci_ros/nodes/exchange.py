@@ -15,13 +15,28 @@ from rclpy.serialization import serialize_message
 _AT_ONCE = 64  # messages between two looks at the clock
 
 
+class Outgoing:
+    """A message before it is serialized: nodes of this process read its value, all others its bytes.
+
+    :param value: what a reader of the bytes makes of them; nobody changes it any more.
+    :param write: makes the bytes of the value, where anybody needs them.
+    """
+
+    def __init__(self, value: Any, write: Callable[[Any], bytes]) -> None:
+        self.value, self._write, self._data = value, write, b""
+
+    def __bytes__(self) -> bytes:
+        self._data = self._data or _padded(self._write(self.value))
+        return self._data
+
+
 class LocalReader:
     """A subscription to serialized messages, some of which come from this process.
 
     :param receive: called with each message, once.
     """
 
-    def __init__(self, receive: Callable[[bytes], None]) -> None:
+    def __init__(self, receive: Callable[[bytes | Outgoing], None]) -> None:
         self.receive = receive
         self.copies: Counter[bytes] = Counter()
         """Messages received here that the middleware is still to bring, too."""
@@ -40,22 +55,21 @@ class Exchange:
 
     def __init__(self) -> None:
         self._readers: defaultdict[str, list[LocalReader]] = defaultdict(list)
-        self._waiting: deque[tuple[LocalReader, bytes]] = deque()
+        self._waiting: deque[tuple[LocalReader, bytes | Outgoing]] = deque()
 
-    def reader(self, topic: str, receive: Callable[[bytes], None]) -> LocalReader:
+    def reader(self, topic: str, receive: Callable[[bytes | Outgoing], None]) -> LocalReader:
         """Return another reader of a topic."""
         self._readers[topic].append(LocalReader(receive))
         return self._readers[topic][-1]
 
     def publish(self, topic: str, message: Any, publisher: Publisher) -> None:
-        """Publish a message, or its bytes, to the readers here, and through the middleware if there are others."""
+        """Publish a message, in whatever form, to the readers here, and through the middleware if there are others."""
         readers = self._readers[topic]
-        if readers:
-            if not isinstance(message, bytes):
-                message = serialize_message(message)
-            message += bytes(-len(message) % 4)  # as the middleware brings it
-            self._waiting.extend([(reader, message) for reader in readers])
+        if readers and not isinstance(message, Outgoing):
+            message = _padded(message if isinstance(message, bytes) else serialize_message(message))
+        self._waiting.extend([(reader, message) for reader in readers])
         if publisher.get_subscription_count() > len(readers):
+            message = bytes(message) if isinstance(message, Outgoing) else message
             for reader in readers:
                 reader.copies[message] += 1
             publisher.publish(message)
@@ -68,3 +82,8 @@ class Exchange:
                 reader, data = self._waiting.popleft()
                 reader.receive(data)
         return bool(self._waiting)
+
+
+def _padded(data: bytes) -> bytes:
+    """Return a serialized message as the middleware brings it."""
+    return data + bytes(-len(data) % 4)

@@ -9,7 +9,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.nodes.exchange import Exchange
+from vpsci_ros.nodes.exchange import Exchange, Outgoing
 from vpsci_ros.nodes.topics import LATCHED, TOPICS
 
 STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
@@ -26,6 +26,7 @@ class Output:
     :param stopping: returns whether the node is to stop, and waits no more.
     :param exchange: through which the other nodes of this process get what is published, where there are any.
     :ivar published: number of messages.
+    :ivar shared: nodes of this process get what is published as it is.
     """
 
     def __init__(
@@ -45,7 +46,8 @@ class Output:
         publisher = node.create_publisher(row.type, row.ros_name, **row.quality())
         self._publisher = publisher
         self._send: Callable[[Any], None] = self._send_to_readers
-        if exchange is not None and not self._latched:
+        self.shared = exchange is not None and not self._latched
+        if exchange is not None and self.shared:
             self._send = partial(exchange.publish, topic, publisher=publisher)
         self._timeout = timeout
         self._stopping = stopping
@@ -108,7 +110,7 @@ class Output:
 
     def _send_to_readers(self, message: Any) -> None:
         if self._latched or self.has_readers:
-            self._publisher.publish(message)
+            self._publisher.publish(bytes(message) if isinstance(message, Outgoing) else message)
 
     def flush(self, timeout_sec: float) -> bool:
         """Wait until every reader has received all messages; return whether that happened in time."""

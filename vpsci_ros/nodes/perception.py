@@ -10,6 +10,7 @@ from vpsci_msgs.msg import WorldState
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.exchange import Outgoing
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.serialized import shown, time_of
@@ -93,7 +94,7 @@ class Perception(GraphNode):
             self._objects.publish_now(self._first)
 
 
-def _shown(message: WorldState | bytes) -> SerializedState:
+def _shown(message: WorldState | bytes | Outgoing) -> SerializedState:
     """Return what a WorldState says.
 
     :raises InvalidInput: as `vpsci_ros.nodes.serialized.shown`, or its ticks take no time.

@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 from vpsci_msgs.msg import AgentAction, SafetyState, VehicleControl
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.exchange import Outgoing
 from vpsci_ros.nodes.failures import ADS
 from vpsci_ros.nodes.serialized import action, safety_state
 from vpsci_ros.nodes.topics import COMMANDS
@@ -85,11 +86,11 @@ class Respondents:
 
         return self._node.input(topic, lambda message: message, submit, qos, raw=qos is None)
 
-    def _take_safety(self, message: SafetyState | bytes) -> None:
+    def _take_safety(self, message: SafetyState | bytes | Outgoing) -> None:
         answer = safety_state(message)
         self._lock_step.take_assessment(answer.tick, lambda tick: layout.assessment(answer, tick))
 
-    def _take_action(self, agent: str, message: AgentAction | bytes) -> None:
+    def _take_action(self, agent: str, message: AgentAction | bytes | Outgoing) -> None:
         topic = f"/{agent}/action"
         answer = action(message, topic)
         self._lock_step.take_action(

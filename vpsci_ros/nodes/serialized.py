@@ -4,6 +4,7 @@ Bytes of a layout that it does not know, from another implementation of DDS, the
 """
 
 from collections.abc import Callable
+from operator import is_
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,6 +13,7 @@ from rclpy.serialization import deserialize_message
 
 from vpsci_msgs.msg import AgentAction, SafetyState, WorldState
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.nodes.exchange import Outgoing
 from vpsci_ros.wire import layout, received, world_state
 from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, read_action, read_safety_state
 from vpsci_ros.wire.header import WireHeader
@@ -25,11 +27,13 @@ _latest: dict[object, tuple[tuple[object, ...], Any]] = {}
 """What was read last, by kind: from which objects, and what it is. Nodes of one process get the same objects."""
 
 
-def shown(message: WorldState | bytes, where: str = WORLD) -> SerializedState:
+def shown(message: WorldState | bytes | Outgoing, where: str = WORLD) -> SerializedState:
     """Return what a WorldState says.
 
     :raises InvalidInput: it is none, or as `vpsci_ros.wire.received.world_state`.
     """
+    if isinstance(message, Outgoing):
+        return _once("state", _credible, message.value)
     if isinstance(message, bytes):
         return _once("state", lambda data: _shown_in(data, where), message)
     return _shown(message, where)
@@ -39,6 +43,10 @@ def _shown_in(data: bytes, where: str) -> SerializedState:
     state = world_state.read_world_state(data)
     if state is None:
         return _shown(message_of(data, WorldState, where), where)
+    return _credible(state, where)
+
+
+def _credible(state: SerializedState, where: str = WORLD) -> SerializedState:
     received.credible(state.tick, where)
     return state
 
@@ -49,23 +57,23 @@ def _shown(message: WorldState, where: str) -> SerializedState:
     return SerializedState(header, received.world_state(message, where), message.dt)
 
 
-def safety_state(message: SafetyState | bytes, where: str = SAFETY) -> SafetyState | SerializedSafety:
+def safety_state(message: SafetyState | bytes | Outgoing, where: str = SAFETY) -> SafetyState | SerializedSafety:
     """Return a SafetyState; its fields are not checked yet.
 
     :raises InvalidInput: it is none.
     """
     if not isinstance(message, bytes):
-        return message
+        return message.value if isinstance(message, Outgoing) else message
     return _once("safety", lambda data: read_safety_state(data) or message_of(data, SafetyState, where), message)
 
 
-def action(message: AgentAction | bytes, where: str) -> AgentAction | SerializedAction:
+def action(message: AgentAction | bytes | Outgoing, where: str) -> AgentAction | SerializedAction:
     """Return an AgentAction; its fields are not checked yet.
 
     :raises InvalidInput: it is none.
     """
     if not isinstance(message, bytes):
-        return message
+        return message.value if isinstance(message, Outgoing) else message
     return _once("action", lambda data: read_action(data) or message_of(data, AgentAction, where), message)
 
 
@@ -85,7 +93,7 @@ def assessment(safety: SafetyState | SerializedSafety, tick: Tick) -> Assessment
 def _once(kind: object, read: Callable[..., T], *given: object) -> T:
     """Return what `read` makes of objects; nodes that give the same ones get the same result, which none changes."""
     latest = _latest.get(kind)
-    if latest is None or any(one is not other for one, other in zip(latest[0], given, strict=True)):
+    if latest is None or not all(map(is_, latest[0], given)):
         _latest[kind] = latest = given, read(*given)
     found: T = latest[1]
     return found

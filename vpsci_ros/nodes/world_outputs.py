@@ -8,12 +8,13 @@ from std_msgs.msg import String
 
 from vpsci_ros.nodes import convert, views
 from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.exchange import Outgoing
 from vpsci_ros.nodes.views import Scene
 from vpsci_ros.resources import robot_description
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.header import WireHeader, write_clock
 from vpsci_ros.wire.layout import MAP
-from vpsci_ros.wire.world_state import SerializedState, warm_up, write_world_state
+from vpsci_ros.wire.world_state import SerializedState, as_read, warm_up, write_world_state
 from vpsci_ros.world import IDLE, Scenario, WorldConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Tick
@@ -73,7 +74,8 @@ class WorldOutputs:
         self._node.simulated_time = convert.stamp(tick.number, self._period)
         header = WireHeader(self._node.simulated_time.sec, self._node.simulated_time.nanosec, MAP)
         self._time.publish(write_clock(header))
-        self._state.publish(write_world_state(SerializedState(header, tick, self._period)))
+        world = SerializedState(header, tick, self._period)
+        self._state.publish(Outgoing(as_read(world) if self._state.shared else world, write_world_state))
         for output in self._fixed if not self._fixed_published else ():
             output.publish(convert.fixed_transforms(self._node.frame_prefix))
         self._fixed_published = True

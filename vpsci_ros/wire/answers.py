@@ -22,7 +22,7 @@ class SerializedSafety(NamedTuple):
     tick: int
     curvttc: Floats  # [s]
     distance: Floats  # [m]
-    critical: NDArray[np.uint8]
+    critical: NDArray[np.uint8] | NDArray[np.bool_]
 
 
 class SerializedAction(NamedTuple):
@@ -50,18 +50,16 @@ def read_action(data: bytes) -> SerializedAction | None:
     return SerializedAction(*found[:4]) if found else None
 
 
-def write_safety_state(
-    header: WireHeader, tick: int, curvttc: Floats, distance: Floats, critical: NDArray[np.bool_]
-) -> bytes:
-    """Return a serialized SafetyState of CurvTTC [s], distance [m] (float64[B]) and critical (bool[B]), B > 0."""
-    data = _with_floats(_with_floats(write_start(header, tick), curvttc), distance)
-    return data + _U32.pack(len(critical)) + critical.tobytes()
+def write_safety_state(header: WireHeader, safety: SerializedSafety) -> bytes:
+    """Return a SafetyState of at least one episode, serialized."""
+    data = _with_floats(_with_floats(write_start(header, safety.tick), safety.curvttc), safety.distance)
+    return data + _U32.pack(len(safety.critical)) + safety.critical.tobytes()
 
 
-def write_action(header: WireHeader, tick: int, action: Floats, policy_version: int) -> bytes:
-    """Return a serialized AgentAction of float64[B, 2] as (longitudinal, lateral) [m/s2], B > 0."""
-    data = _with_floats(_with_floats(write_start(header, tick), action[:, 0]), action[:, 1])
-    return data + _U32.pack(policy_version)
+def write_action(header: WireHeader, action: SerializedAction) -> bytes:
+    """Return an AgentAction of at least one episode, serialized."""
+    data = _with_floats(_with_floats(write_start(header, action.tick), action.longitudinal), action.lateral)
+    return data + _U32.pack(action.policy_version)
 
 
 def _read(data: bytes) -> tuple[int, Floats, Floats, int, int] | None:

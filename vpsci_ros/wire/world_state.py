@@ -24,6 +24,10 @@ _SEQUENCES = layout.sequences("WorldState")
 _SIZES = np.array([np.dtype(kind).itemsize for kind in _SEQUENCES.values()])
 _PLACES = np.array([_FRAME if name == "policy_frame" else _OFFSETS[name] for name in _SEQUENCES])
 _ROW = int(_SIZES.sum())  # [bytes] of one slot
+_SENT = np.zeros(EPISODE.itemsize, np.uint8)  # mask of a record's bytes that a message has
+for _size, _place in zip(_SIZES, _PLACES, strict=True):
+    if _place != _FRAME:
+        _SENT[_place : _place + _size] = 255
 
 
 class SerializedState(NamedTuple):
@@ -69,6 +73,14 @@ def write_world_state(world: SerializedState) -> bytes:
     rows = state.view(np.uint8).reshape(count, EPISODE.itemsize)
     end = _write(data, words, len(start) - 4, _SIZES, _PLACES, rows, rows.view(np.uint32), frame)
     return data[:end].tobytes()
+
+
+def as_read(world: SerializedState) -> SerializedState:
+    """Return what a reader of the serialized state gets, arrays of its own, without the bytes between."""
+    words = world.tick.state.view(np.uint64).reshape(len(world.tick.state), -1) & _SENT.view(np.uint64)
+    state = words.reshape(-1).view(EPISODE)
+    layout.number_pedestrians(state)
+    return world._replace(tick=Tick(world.tick.number, state, world.tick.policy_frame))
 
 
 def warm_up() -> None:
