@@ -80,10 +80,12 @@ class Perception(GraphNode):
             self._memory, tick.state, self._config, period, self._parked, self._pedestrians
         )
         seen = objects[objects["status"] == SEEN]
-        seen_at = convert.stamp(max(0, tick.number - self._config.delay(period)), period)
-        listed = convert.objects_message(seen, seen_at)
-        self._objects.publish(listed)
-        self._first, self._first_at = listed if first else None, time.perf_counter()
+        self._first, self._first_at = None, time.perf_counter()
+        if first or self._objects.has_readers:
+            seen_at = convert.stamp(max(0, tick.number - self._config.delay(period)), period)
+            listed = convert.objects_message(seen, seen_at)
+            self._objects.publish(listed)
+            self._first = listed if first else None
         self._listed += len(seen)
         self.simulated_time = time_of(header)
         self._meter.tick(tick.number)
