@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 # Three processes, which take tests from each other in the end: a third of the time is spent waiting for graphs. JOBS=0: one.
 JOBS ?= 3
 PYTEST_ARGS ?=
+# CommonRoad's packages need another protobuf than osi's, so their tests run apart (tools/commonroad.txt).
+COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(BIN)/python -m pytest -q -k commonroad test/export/test_commonroad.py test/cosim
 # Recordings (vci_dut/, vci_citr/) for the demo to learn from besides the right turns that the package holds.
 VPSCI_DATA ?= $(wildcard ../shared/data)
 
@@ -25,11 +27,13 @@ demo: setup  ## run all three stages, small; leaves bags, tables and a page that
 
 test: setup  ## run the tests
 	@$(BIN)/python -m pytest -q -rs --durations 20 -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
+	@$(COMMONROAD)
 
 check: setup  ## what a change has to pass: ruff, mypy, tests, each once
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
 	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal --ignore test/test_code_style.py $(PYTEST_ARGS)
+	@$(COMMONROAD)
 
 docs: setup  ## build the documentation site into out/site; a warning fails it
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

@@ -4,6 +4,7 @@
     vpsci export bags/LocationA_PedCross_E-W --to commonroad -o out/export
     python examples/commonroad_crossing.py out/export/commonroad/*.xml
 
+`make setup` puts these packages into .venv/commonroad instead: PYTHONPATH=.venv/commonroad before both commands.
 The planner is commonroad-reactive-planner 2025.1 (BSD): every 0.1 s it samples trajectories along the lane, and takes
 the cheapest one that does not touch the pedestrian, whom it expects to walk on as now (0.2 s of CPU). It has no brake
 for emergencies: where no sample is drivable and free of contact the episode ends.

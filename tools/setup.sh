@@ -75,6 +75,13 @@ if ! is_done packages constraints.txt setup.py setup.cfg pyproject.toml tools/se
     done_now
 fi
 
+if ! is_done commonroad tools/commonroad.txt; then
+    say "installing what tests CommonRoad, about 50 MB"
+    rm -rf "$venv/commonroad"
+    $pip install --no-deps --target "$venv/commonroad" -r tools/commonroad.txt
+    done_now
+fi
+
 if ! is_done messages constraints.txt tools/build_messages.sh msg_defs/*.* msg_defs/msg/* msg_defs/srv/* \
     tools/tf2_msgs/*.* tools/tf2_msgs/msg/*; then
     say "building vpsci_msgs and tf2_msgs"

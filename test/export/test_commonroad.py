@@ -9,7 +9,7 @@ from vpsci_ros.export.movers import movers, road_of
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")
 reader = pytest.importorskip(
-    "commonroad.common.file_reader", reason="pip install 'vpsci_ros[commonroad]' (not beside the extra osi)"
+    "commonroad.common.file_reader", reason="run apart by make test, with .venv/commonroad on the path"
 )
 
 
