@@ -90,6 +90,21 @@ def test_a_state_whose_ticks_take_no_time_is_refused_and_counted(context: Contex
     node.destroy_node()
 
 
+@pytest.mark.parametrize(("driver", "lists"), [("external", 2), ("policy", 1)])
+def test_the_first_list_is_published_again_for_an_external_driving_system_alone(
+    context: Context, monkeypatch: pytest.MonkeyPatch, driver: str, lists: int
+) -> None:
+    monkeypatch.setattr("vpsci_ros.nodes.perception.REPEAT_AFTER", 0.0)
+    node = Perception(context=context)
+    node._on_parameters("world_simulator", {"scenarios": [1], "scenario_files": [], "vehicle_driver": driver})
+    node._world._requested_at.clear()  # the world has replied
+    state = np.zeros(1, EPISODE)
+    node.intake.receive("/world/state", convert.world_state_message(state, np.zeros(1, bool), 0, 0.05))
+    node._repeat_first()
+    assert node._objects.published == lists
+    node.destroy_node()
+
+
 LISTENING = """
 import sys
 from nav_msgs.msg import Odometry

@@ -28,7 +28,8 @@ class Perception(GraphNode):
     """`/world/state` in, `/perception/objects` out, a list of objects a tick, with the stamp of when they were seen.
 
     It requests scenarios and the number of pedestrians from the world; ticks that come before the reply wait for it.
-    The first list is published again while the world waits, for a driving system that was discovered too late.
+    The first list is published again while the world waits for an external driving system, which may have been
+    discovered too late for it.
     """
 
     def __init__(self, **given: Any) -> None:
@@ -40,6 +41,7 @@ class Perception(GraphNode):
         self._objects = self.output("/perception/objects")
         self._parked: Parked | None = None
         self._pedestrians = 1
+        self._external = False  # a driving system drives, which may miss the first list
         self._memory: PerceptionState | None = None
         self._listed = 0
         self._first: PointCloud2 | None = None  # list, until the second one
@@ -56,6 +58,7 @@ class Perception(GraphNode):
     def _on_parameters(self, _: str, values: dict[str, Any]) -> None:
         self._parked = parked_from(load_scenarios(values["scenarios"], values["scenario_files"]))
         self._pedestrians = values.get("pedestrians", 1)
+        self._external = values.get("vehicle_driver") == "external"
         waiting, self._waiting = self._waiting, []
         for world in waiting:
             self._look(world)
@@ -85,7 +88,7 @@ class Perception(GraphNode):
             seen_at = convert.stamp(max(0, tick.number - self._config.delay(period)), period)
             listed = convert.objects_message(seen, seen_at)
             self._objects.publish(listed)
-            self._first = listed if first else None
+            self._first = listed if first and self._external else None
         self._listed += len(seen)
         self.simulated_time = time_of(header)
         self._meter.tick(tick.number)
