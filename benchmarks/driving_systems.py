@@ -1,18 +1,20 @@
 """The tables of docs/driving_systems.md: four driving systems on the same episodes, and their paired differences.
 
-    python benchmarks/driving_systems.py OUT [--episodes 1002] [--systems example trained planner] [--harder plain ...]
+    python benchmarks/driving_systems.py OUT [--episodes 1002] [--harder-episodes 150] [--conditions plain four ...]
 
 The systems drive in this process, by `--ads-class`; the rule-based autopilot is the comparison of each exam. The
-policy is trained first, in OUT, unless it is there. Runs that are done are not driven again, so that a system can be
-given fewer episodes in a folder of its own. The tables are printed as Markdown and written to OUT/tables.md.
+policy is trained first, in OUT, unless it is there. Exams that are done are not driven again. What a system sees
+concerns only those who look: in the conditions of perception the example and the planner drive, and are compared with
+themselves in the plain exam, on the same episodes. The tables are printed as Markdown and written to OUT/tables.md.
 """
 
 import argparse
+import math
 import os
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,7 @@ from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.measures import EPISODES
 from vpsci_ros.exam.report import ADS, BASELINE, differences
 from vpsci_ros.exam.run import prepare, run_exam
-from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, estimate
+from vpsci_ros.exam.scores import MEASURES, estimate
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.resources import params_path
 
@@ -36,14 +38,22 @@ SYSTEMS = {
 AUTOPILOT = "rule-based autopilot"
 PEDESTRIANS = (LEARNED, "walker")
 SHOWN = ("collision_rate", "moving_collision_rate", "conflict_rate", "hard_braking_rate", "time_lost")
-_KINDS = [f"world_simulator.kinds.{kind}=1.0" for kind in ("older", "child", "distracted", "wheelchair", "stroller")]
-HARDER: Mapping[str, list[str]] = {
-    "plain": [],
-    "four": ["world_simulator.pedestrians=4", "ads_test.perception=true"],
-    "kinds": _KINDS,
-    "hidden": ["world_simulator.scenarios=[104]", "ads_test.perception=true", "perception.least_visible=0.25"],
+_HEADS = ("collisions", "vehicle moving", "conflicts", "hard braking", "time lost [s]")
+PLAIN = "plain"
+_KINDS = ("older", "child", "distracted", "wheelchair", "stroller")
+_ERRORS = ("reach=40.0", "field_of_view=120.0", "position_noise=0.2", "velocity_noise=0.3", "missed=0.1",
+           "latency=0.15", "lost_rate=0.1")  # fmt: skip
+_SEEN = ["ads_test.perception=true", "ads_test.baseline=false", "perception.least_visible=0.25"]
+ADDED: Mapping[str, list[str]] = {
+    PLAIN: [],
+    "four": ["world_simulator.pedestrians=4"],
+    "kinds": [f"world_simulator.kinds.{kind}=1.0" for kind in _KINDS],
+    "hidden": ["world_simulator.scenarios=[104]", *_SEEN],
+    "errors": [*_SEEN, *(f"perception.{error}" for error in _ERRORS)],
 }
-"""What is added to the exam, by the name of the condition."""
+"""Condition -> what is added to the exam."""
+TITLES = {"four": "four pedestrians", "kinds": "all kinds", "hidden": "hidden", "errors": "all errors"}
+OF_PERCEPTION, LOOKING = ("hidden", "errors"), ("example", "planner")
 
 
 def examined(out: Path, system: str, condition: str, episodes: int) -> pl.DataFrame:
@@ -51,7 +61,7 @@ def examined(out: Path, system: str, condition: str, episodes: int) -> pl.DataFr
     folder = out / condition / system
     if (folder / "report.html").is_file():  # which is written last
         return pl.read_parquet(folder / EPISODES)
-    changes = ["world_simulator.scenarios=[1,101,104]", *HARDER[condition]]
+    changes = ["world_simulator.scenarios=[1,101,104]", *ADDED[condition]]
     sections = read_sections(params_path("ads_test"), changes)
     count = len(sections.values["world_simulator"]["scenarios"])
     sections = sections.changed("world_simulator", {"episodes": episodes // count, "episode_time": 12.0})
@@ -61,61 +71,77 @@ def examined(out: Path, system: str, condition: str, episodes: int) -> pl.DataFr
 
 
 def rows_of(tables: Mapping[str, pl.DataFrame], pedestrian: str) -> dict[str, pl.DataFrame]:
-    """Return system -> its episodes with a pedestrian; the autopilot's are those of the exam with most of them."""
-    longest = max(tables.values(), key=len)
+    """Return system -> its episodes with a pedestrian; the autopilot, where it drove, comes last."""
     found = {SYSTEMS[name][0]: table.filter(driver=ADS) for name, table in tables.items()}
-    found[AUTOPILOT] = longest.filter(driver=BASELINE)
+    autopilot = next(iter(tables.values())).filter(driver=BASELINE)
+    found |= {AUTOPILOT: autopilot} if autopilot.height else {}
     return {name: table.filter(pedestrian=pedestrian) for name, table in found.items()}
 
 
 def _cell(found: Any, unit: str, sign: str = "") -> str:
     value, low, high = (found[name] for name in ("value", "low", "high"))
-    if value is None:
+    if value is None or math.isnan(value):
         return "-"
     if unit:
         return f"{value:{sign}.2f} [{low:.2f}, {high:.2f}]"
     return f"{100 * value:{sign}.1f}{'' if sign else '%'} [{100 * low:.1f}, {100 * high:.1f}]"
 
 
-def shares(tables: Mapping[str, pl.DataFrame], *, by_hidden: bool = False) -> Iterator[str]:
-    """Yield the rows of a table of measures; by who was hidden as it became critical, of critical episodes."""
-    yield (
-        "| system | pedestrian |"
-        + (" |" if by_hidden else "")
-        + " episodes | collisions | vehicle moving | conflicts | hard braking | time lost [s] |"
-    )
-    yield "|---" * (8 + by_hidden) + "|"
+def shares(tables: Mapping[str, pl.DataFrame], condition: str = "") -> Iterator[str]:
+    """Yield the rows of a table of measures, with the condition in front unless it is empty."""
     for pedestrian in PEDESTRIANS:
         for system, rows in rows_of(tables, pedestrian).items():
-            critical = rows.filter("critical")
-            for part, text in (
-                ((critical.filter(~pl.col("hidden")), " in sight |"), (critical.filter("hidden"), " hidden |"))
-                if by_hidden else ((rows, ""),)
-            ):  # fmt: skip
-                found = [estimate(part, MEASURES[name]) for name in SHOWN]
-                cells = (_cell(each._asdict(), MEASURES[name].unit) for name, each in zip(SHOWN, found, strict=True))
-                yield (
-                    f"| {system} | {title_of(pedestrian).split(',')[0]} |{text} {part.height} | "
-                    + " | ".join(cells)
-                    + " |"
-                )
+            cells = (_cell(estimate(rows, MEASURES[name])._asdict(), MEASURES[name].unit) for name in SHOWN)
+            yield row(condition, system, _short(pedestrian), rows.height, *cells)
 
 
-def paired(tables: Mapping[str, pl.DataFrame]) -> Iterator[str]:
-    """Yield the rows of a table of differences on the same episodes; bold where the interval leaves out 0."""
-    yield (
-        "| first less second | pedestrian | pairs | " + " | ".join(MEASURES[name].title for name in DIFFERENCES) + " |"
-    )
-    yield "|---" * (3 + len(DIFFERENCES)) + "|"
-    for pedestrian in PEDESTRIANS:
-        for (one, first), (two, second) in combinations(rows_of(tables, pedestrian).items(), 2):
-            found, cells = differences(first, second), []
-            for name in DIFFERENCES:
-                text = _cell(found[name], MEASURES[name].unit, "+")
-                sure = found[name]["value"] is not None and (found[name]["low"] > 0.0 or found[name]["high"] < 0.0)
-                cells.append(f"**{text}**" if sure else text)
-            pairs = first.join(second, on=["scenario", "episode"], how="semi").height
-            yield f"| {one} less {two} | {title_of(pedestrian).split(',')[0]} | {pairs} | " + " | ".join(cells) + " |"
+def paired(first: pl.DataFrame, second: pl.DataFrame) -> tuple[str, ...]:
+    """Return how many episodes two systems share, and the differences on these; bold where the interval leaves out 0.
+
+    :raises SystemExit: an episode of the first is none of the second.
+    """
+    pairs = first.join(second, on=["scenario", "episode"], how="semi").height
+    if pairs != first.height:
+        raise SystemExit(f"{first.height - pairs} of {first.height} episodes have no counterpart")
+    found, cells = differences(first, second), []
+    for name in SHOWN:
+        text = _cell(found[name], MEASURES[name].unit, "+")
+        sure = found[name]["value"] is not None and (found[name]["low"] > 0.0 or found[name]["high"] < 0.0)
+        cells.append(f"**{text}**" if sure else text)
+    return str(pairs), *cells
+
+
+def row(*cells: object) -> str:
+    """Return a row of a Markdown table; empty cells are left out."""
+    return f"| {' | '.join(str(cell) for cell in cells if cell != '')} |"
+
+
+def head(*cells: str) -> list[str]:
+    """Return the head of a table whose last columns are the measures."""
+    return ["", row(*cells, *_HEADS), "|---" * (len(cells) + len(_HEADS)) + "|"]
+
+
+def _short(pedestrian: str) -> str:
+    return title_of(pedestrian).split(",")[0].removesuffix(" pedestrian")
+
+
+def report(found: Mapping[str, Mapping[str, pl.DataFrame]]) -> Iterator[str]:
+    """Yield the lines of all tables, of condition -> system -> its episodes."""
+    if plain := found.get(PLAIN):
+        yield from [*head("system", "pedestrian", "episodes"), *shares(plain)]
+        yield from head("first less second", "pedestrian", "pairs")
+        for pedestrian in PEDESTRIANS:
+            for (one, first), (two, second) in combinations(rows_of(plain, pedestrian).items(), 2):
+                yield row(f"{one} less {two}", _short(pedestrian), *paired(first, second))
+    harder = [condition for condition in TITLES if condition in found]
+    yield from head("condition", "system", "pedestrian", "episodes")
+    for condition in harder:
+        yield from shares(found[condition], TITLES[condition])
+    yield from head("condition less plain", "system", "pedestrian", "pairs")
+    for condition, pedestrian in product([each for each in harder if plain and each in OF_PERCEPTION], PEDESTRIANS):
+        for system, rows in rows_of(found[condition], pedestrian).items():
+            without = rows_of(found[PLAIN], pedestrian)[system]
+            yield row(TITLES[condition], system, _short(pedestrian), *paired(rows, without))
 
 
 def main() -> None:
@@ -123,28 +149,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--episodes", type=int, default=1002, help="of each cell, in all scenarios together")
-    parser.add_argument("--planner-episodes", type=int, help="of the motion planner, which takes 0.3 CPU s each")
-    parser.add_argument("--systems", nargs="+", default=list(SYSTEMS), choices=list(SYSTEMS))
-    parser.add_argument("--harder", nargs="+", default=list(HARDER), choices=list(HARDER), metavar="CONDITION")
+    parser.add_argument("--harder-episodes", type=int, default=150, help="likewise, in the other conditions")
+    parser.add_argument("--conditions", nargs="+", default=list(ADDED), choices=list(ADDED), metavar="CONDITION")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     weights = given.out / "policy.safetensors"
-    if "trained" in given.systems and not weights.is_file():
+    if not weights.is_file():
         program = [sys.executable, str(EXAMPLES / "trained_policy.py"), "train", str(weights)]
         subprocess.run([*program, "--steps", "60000", "--pedestrian", "autopilot"], check=True)
     os.environ["TRAINED_POLICY"] = str(weights)
     sys.path.insert(0, str(EXAMPLES))
-    lines: list[str] = []
-    for condition in given.harder:
-        counts = dict.fromkeys(given.systems, given.episodes)
-        if "planner" in counts and given.planner_episodes:
-            counts["planner"] = given.planner_episodes
-        tables = {name: examined(given.out, name, condition, count) for name, count in counts.items()}
-        lines += [f"## {condition}", "", *shares(tables), "", *paired(tables), ""]
-        if condition == "plain":
-            lines += [*shares(tables, by_hidden=True), ""]
-        (given.out / "tables.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print("\n".join(lines))
+    found: dict[str, dict[str, pl.DataFrame]] = {}
+    for condition in given.conditions:
+        count = given.episodes if condition == PLAIN else given.harder_episodes
+        systems = LOOKING if condition in OF_PERCEPTION else SYSTEMS
+        found[condition] = {name: examined(given.out, name, condition, count) for name in systems}
+    text = "\n".join(report(found)).strip() + "\n"
+    (given.out / "tables.md").write_text(text, encoding="utf-8")
+    print(text)
 
 
 if __name__ == "__main__":
