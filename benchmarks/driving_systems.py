@@ -3,9 +3,10 @@
     python benchmarks/driving_systems.py OUT [--episodes 1002] [--harder-episodes 150] [--conditions plain four ...]
 
 The systems drive in this process, by `--ads-class`; the rule-based autopilot is the comparison of each exam. The
-policy is trained first, in OUT, unless it is there. Exams that are done are not driven again. What a system sees
-concerns only those who look: in the conditions of perception the example and the planner drive, and are compared with
-themselves in the plain exam, on the same episodes. The tables are printed as Markdown and written to OUT/tables.md.
+policy is trained first, in OUT, unless it is there; "trainings" are two more of it, by other seeds. Exams that are done
+are not driven again. What a system sees concerns only those who look: in the conditions of perception the example and
+the planner drive, and are compared with themselves in the plain exam, on the same episodes. The tables are printed as
+Markdown and written to OUT/tables.md.
 """
 
 import argparse
@@ -34,7 +35,10 @@ SYSTEMS = {
     "example": ("`example_ads`", "vpsci_ros.nodes.example_driver:ExampleDriver"),
     "trained": ("trained policy", "trained_policy:PolicyDriver"),
     "planner": ("motion planner", "motion_planner:PlannerDriver"),
+    "seed2": ("trained policy, seed 2", "trained_policy:PolicyDriver"),
+    "seed3": ("trained policy, seed 3", "trained_policy:PolicyDriver"),
 }
+SEEDS = {"trained": 1, "seed2": 2, "seed3": 3}  # of trainings
 AUTOPILOT = "rule-based autopilot"
 PEDESTRIANS = (LEARNED, "walker")
 SHOWN = ("collision_rate", "moving_collision_rate", "conflict_rate", "hard_braking_rate", "time_lost")
@@ -46,14 +50,18 @@ _ERRORS = ("reach=40.0", "field_of_view=120.0", "position_noise=0.2", "velocity_
 _SEEN = ["ads_test.perception=true", "ads_test.baseline=false", "perception.least_visible=0.25"]
 ADDED: Mapping[str, list[str]] = {
     PLAIN: [],
+    "trainings": ["ads_test.baseline=false"],
     "four": ["world_simulator.pedestrians=4"],
     "kinds": [f"world_simulator.kinds.{kind}=1.0" for kind in _KINDS],
     "hidden": ["world_simulator.scenarios=[104]", *_SEEN],
     "errors": [*_SEEN, *(f"perception.{error}" for error in _ERRORS)],
 }
 """Condition -> what is added to the exam."""
-TITLES = {"four": "four pedestrians", "kinds": "all kinds", "hidden": "hidden", "errors": "all errors"}
-OF_PERCEPTION, LOOKING = ("hidden", "errors"), ("example", "planner")
+TITLES = {"trainings": "trained by another seed", "four": "four pedestrians", "kinds": "all kinds", "hidden": "hidden",
+          "errors": "all errors"}  # fmt: skip
+DRIVING = {"trainings": ("seed2", "seed3"), "hidden": ("example", "planner"), "errors": ("example", "planner")}
+"""Condition -> who drives in it; in the others the first three."""
+OF_PERCEPTION = ("hidden", "errors")
 
 
 def examined(out: Path, system: str, condition: str, episodes: int) -> pl.DataFrame:
@@ -66,8 +74,19 @@ def examined(out: Path, system: str, condition: str, episodes: int) -> pl.DataFr
     count = len(sections.values["world_simulator"]["scenarios"])
     sections = sections.changed("world_simulator", {"episodes": episodes // count, "episode_time": 12.0})
     sections = sections.changed("ads_test", {"pedestrians": list(PEDESTRIANS)})
+    if system in SEEDS:
+        os.environ["TRAINED_POLICY"] = str(policy_of(out, SEEDS[system]))
     run_exam(prepare(sections, ads_class=SYSTEMS[system][1]), folder)
     return pl.read_parquet(folder / EPISODES)
+
+
+def policy_of(out: Path, seed: int) -> Path:
+    """Return the weights of the policy that is trained by a seed, which are learned unless they are there."""
+    weights = out / f"policy_{seed}.safetensors"
+    if not weights.is_file():
+        program = [sys.executable, str(EXAMPLES / "trained_policy.py"), "train", str(weights), "--seed", str(seed)]
+        subprocess.run([*program, "--steps", "60000", "--pedestrian", "autopilot"], check=True)
+    return weights
 
 
 def rows_of(tables: Mapping[str, pl.DataFrame], pedestrian: str) -> dict[str, pl.DataFrame]:
@@ -133,12 +152,14 @@ def report(found: Mapping[str, Mapping[str, pl.DataFrame]]) -> Iterator[str]:
         for pedestrian in PEDESTRIANS:
             for (one, first), (two, second) in combinations(rows_of(plain, pedestrian).items(), 2):
                 yield row(f"{one} less {two}", _short(pedestrian), *paired(first, second))
-    harder = [condition for condition in TITLES if condition in found]
-    yield from head("condition", "system", "pedestrian", "episodes")
+    if harder := [condition for condition in TITLES if condition in found]:
+        yield from head("condition", "system", "pedestrian", "episodes")
     for condition in harder:
         yield from shares(found[condition], TITLES[condition])
-    yield from head("condition less plain", "system", "pedestrian", "pairs")
-    for condition, pedestrian in product([each for each in harder if plain and each in OF_PERCEPTION], PEDESTRIANS):
+    compared = [condition for condition in harder if plain and condition in OF_PERCEPTION]
+    if compared:
+        yield from head("condition less plain", "system", "pedestrian", "pairs")
+    for condition, pedestrian in product(compared, PEDESTRIANS):
         for system, rows in rows_of(found[condition], pedestrian).items():
             without = rows_of(found[PLAIN], pedestrian)[system]
             yield row(TITLES[condition], system, _short(pedestrian), *paired(rows, without))
@@ -153,16 +174,11 @@ def main() -> None:
     parser.add_argument("--conditions", nargs="+", default=list(ADDED), choices=list(ADDED), metavar="CONDITION")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    weights = given.out / "policy.safetensors"
-    if not weights.is_file():
-        program = [sys.executable, str(EXAMPLES / "trained_policy.py"), "train", str(weights)]
-        subprocess.run([*program, "--steps", "60000", "--pedestrian", "autopilot"], check=True)
-    os.environ["TRAINED_POLICY"] = str(weights)
     sys.path.insert(0, str(EXAMPLES))
     found: dict[str, dict[str, pl.DataFrame]] = {}
     for condition in given.conditions:
         count = given.episodes if condition == PLAIN else given.harder_episodes
-        systems = LOOKING if condition in OF_PERCEPTION else SYSTEMS
+        systems = DRIVING.get(condition, ("example", "trained", "planner"))
         found[condition] = {name: examined(given.out, name, condition, count) for name in systems}
     text = "\n".join(report(found)).strip() + "\n"
     (given.out / "tables.md").write_text(text, encoding="utf-8")
