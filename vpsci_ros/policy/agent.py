@@ -104,7 +104,7 @@ class PolicyAgent:
         self._step[reset] = 0
         key = keys_of(state, self._seed)
         draws = self._draws(key, reset, active)
-        seen = observation.observe(state)
+        seen = observation.observe(state, active)
         residual = None
         if self._borrower is not None:
             moment = moments_in(state, seen[0])  # by which both find the same person

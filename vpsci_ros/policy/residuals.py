@@ -177,7 +177,7 @@ class Borrower:
         ends = np.cumsum(residuals.length.astype(np.int64))
         self._length = residuals.length.astype(np.int64)[of]
         self._begin = (ends - residuals.length.astype(np.int64))[of]
-        self._features = residuals.features[of].astype(np.float64)
+        self._features = np.ascontiguousarray(residuals.features[of].T, np.float64)  # [8, M]: all rows at a time
         self._scale, self._side = residuals.scale[people].astype(np.float64), residuals.side[of].astype(np.float64)
         self._steps = np.ascontiguousarray(residuals.steps[:, 2 * agent : 2 * agent + 2])
         self._slope = residuals.slope[people, ..., 2 * agent : 2 * agent + 2].astype(np.float64)
@@ -199,7 +199,7 @@ class Borrower:
         bank = self._features, self._scale, self._side, self._begin, self._length, self._steps, self._slope
         slots = self._begun, self._next, self._end, self._mirror, self._adjust
         count = min(NEAREST, len(self._side))
-        own, near = np.empty(FEATURES), (np.empty(count), np.empty(count, np.int64))
+        own, near = np.empty(FEATURES), (np.empty(len(self._side)), np.empty(count), np.empty(count, np.int64))
         _borrow(moment, key, reset, active, bank, self._steers, own, near, slots, out)
         return out
 
@@ -224,11 +224,11 @@ def _borrow(moment, key, reset, active, bank, steers, own, near, slots, out):  #
             k = key[i]
             own_stream = uint64(STREAM_RESIDUAL) + (k[4] << uint64(8))
             drawn = unit(philox(k[0], k[1], uint64(0), own_stream, k[2], k[3])[0])
-            picked = _nearest(own, features, near, int(drawn * near[0].size))
+            picked = _nearest(own, features, near, int(drawn * near[1].size))
             at[i] = begun[i] = begins[picked]
             ends[i] = begins[picked] + lengths[picked]
             mirror[i] = side * sides[picked]
-            _adjust(own, features[picked], slope, side, adjust[i])
+            _adjust(own, features[:, picked], slope, side, adjust[i])
         along, left = float64(steps[at[i], 0]), float64(steps[at[i], 1] * mirror[i])
         second = (at[i] - begun[i]) // SECOND
         if second < SECONDS:
@@ -254,19 +254,25 @@ def _adjust(own, donor, slope, side, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def _nearest(own, features, near, rank):  # type: ignore[no-untyped-def]
-    """Return which row of features, float64[M, 8], is the nearest but `rank`; of equally near ones the first counts."""
-    gaps, rows = near
-    gaps[:] = np.inf
-    for row in range(features.shape[0]):
-        gap = 0.0
-        for k in range(own.size):
-            d = own[k] - features[row, k]
-            gap += d * d
-        at = gaps.size
-        while at > 0 and gap < gaps[at - 1]:
+    """Return which column of features, float64[8, M], is the nearest but `rank`; of equally near ones the first counts.
+
+    :param near: to work with: float64[M]; float64[n] and int64[n], n above `rank`.
+    """
+    gaps, least, columns = near
+    for m in range(gaps.size):
+        gaps[m] = 0.0
+    for k in range(own.size):
+        for m in range(gaps.size):
+            d = own[k] - features[k, m]
+            gaps[m] += d * d
+    for place in range(rank + 1):
+        least[place] = np.inf
+    for m in range(gaps.size):
+        at = rank + 1
+        while at > 0 and gaps[m] < least[at - 1]:
             at -= 1
-        for place in range(gaps.size - 1, at, -1):
-            gaps[place], rows[place] = gaps[place - 1], rows[place - 1]
-        if at < gaps.size:
-            gaps[at], rows[at] = gap, row
-    return rows[rank]
+        for place in range(rank, at, -1):
+            least[place], columns[place] = least[place - 1], columns[place - 1]
+        if at <= rank:
+            least[at], columns[at] = gaps[m], m
+    return columns[rank]

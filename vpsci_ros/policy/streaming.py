@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.streaming_kernels import step_slots, take_draws, take_in
+from vpsci_ros.policy.streaming_kernels import STEPS, step_slots, take_draws, take_in
 from vpsci_ros.policy.vectors import LANES
 from vpsci_ros.policy.weights import ActorWeights
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
@@ -53,13 +53,14 @@ class StreamingActor:
         self._network = network
         self._window, width = network.attention_window, network.hidden
         self._states = np.zeros((capacity, network.layers, width), np.float32)
-        shape = (capacity, network.layers, self._window, width)
-        self._keys, self._values = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        steps = self._window + -self._window % STEPS
+        self._keys = np.zeros((capacity, network.layers, width, steps), np.float32)
+        self._values = np.zeros((capacity, network.layers, self._window, width), np.float32)
         self._risks = np.zeros((capacity, self._window), np.float32)
         self._counts = np.zeros(capacity, np.int64)
         self._action = np.zeros((capacity, ACTION_SIZE), np.float32)
-        self._latent = np.zeros((capacity, network.latent), np.float32)
-        self._noise, self._burst = (np.zeros((capacity, ACTION_SIZE), np.float32) for _ in range(2))
+        self._latent, self._no_latent = (np.zeros((capacity, network.latent), np.float32) for _ in range(2))
+        self._noise, self._burst, self._no_burst = (np.zeros((capacity, ACTION_SIZE), np.float32) for _ in range(3))
         # The inputs of the last steps, for networks whose state starts again in every window.
         memory = 0 if network.carry_state else self._window
         self._inputs = np.zeros((memory, capacity, OBSERVATION_SIZE + ACTION_SIZE + network.risk_input), np.float32)
@@ -124,14 +125,13 @@ class StreamingActor:
             )
         if draws is not None and self._network.latent:
             self._take_draws(draws, rows, reset)
+            drawn = self._latent, self._burst
         else:
-            self._latent[rows] = 0.0
-            self._burst[rows] = 0.0 if residual is None else residual[rows]
+            drawn = self._no_latent, self._no_burst if residual is None else np.ascontiguousarray(residual, np.float32)
         if self._network.carry_state:
-            self._advance(rows, inputs, risks, actions)
+            self._advance(rows, inputs, risks, drawn, actions)
         else:
-            self._windowed(rows, inputs, risks, reset, actions)
-        self.executed(actions, active)
+            self._windowed(rows, inputs, risks, reset, drawn, actions)
         return actions
 
     def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:
@@ -152,6 +152,7 @@ class StreamingActor:
         inputs: NDArray[np.float32],
         risks: NDArray[np.float32],
         reset: NDArray[np.bool_],
+        drawn: tuple[NDArray[np.float32], NDArray[np.float32]],
         out: NDArray[np.float32],
     ) -> None:
         """Replay the last inputs of each row into an empty state, rows of equally long windows together."""
@@ -162,22 +163,23 @@ class StreamingActor:
         for age in range(self._window - 1, -1, -1):
             slot = rows[self._taken[rows] >= age]
             at = (self._taken[slot] - age) % self._window
-            self._advance(slot, self._inputs[at, slot], self._past_risks[at, slot], out)
+            self._advance(slot, self._inputs[at, slot], self._past_risks[at, slot], drawn, out)
 
     def _advance(
         self,
         rows: NDArray[np.int64],
         inputs: NDArray[np.float32],
         risks: NDArray[np.float32],
+        drawn: tuple[NDArray[np.float32], NDArray[np.float32]],
         out: NDArray[np.float32],
     ) -> None:
         """Take the histories of `rows` one step further; `out` float32[B, 2] gets their actions."""
-        drawn, limit = (self._latent, self._burst), np.float32(self._network.action_limit)
+        limit = np.float32(self._network.action_limit)
         memory = (self._states, self._keys, self._values, self._risks, self._counts, self._window)
 
         def work(thread: int, part: slice) -> None:
             own = rows[part], inputs[part], risks[part]
-            step_slots(*own, drawn, *self._parameters, limit, *memory, self._work[thread], out)
+            step_slots(*own, drawn, *self._parameters, limit, *memory, self._work[thread], self._action, out)
 
         if self._pool is None or rows.size <= ROWS:
             work(0, slice(0, rows.size))

@@ -15,9 +15,10 @@ import numpy as np
 from numba import njit
 
 from vpsci_ros.policy.config import LOG_SCALE
-from vpsci_ros.policy.vectors import LANES, fma, fma_all, load, power_of_two, spread, store
+from vpsci_ros.policy.vectors import LANES, fma, fma_all, load, power_of_two, product, spread, store
 from vpsci_ros.safety import CRITICAL_TTC
 
+STEPS = 4  # remembered ones that are compared at once
 NORM_EPSILON = np.float32(1e-5)
 NORMALISED_LIMIT = np.float32(6.0)  # as in `vpsci_ros.policy.sst`
 _ONE, _CRITICAL_TTC = np.float32(1.0), np.float32(CRITICAL_TTC)
@@ -27,45 +28,26 @@ _GREATEST_SCALE = np.float32(math.exp(LOG_SCALE[1]))
 _LOG2_E, _LN2_HIGH, _LN2_LOW = np.float32(1.4426950408889634), np.float32(0.693359375), np.float32(-2.12194440e-4)
 
 
-@njit(cache=True, nogil=True, boundscheck=False)
+_eight_rows_wide, _eight_rows, _row_wide, _row = product(8, 2), product(8, 1), product(1, 4), product(1, 1)
+_four_steps = product(1, 1, STEPS)
+
+
+@njit(cache=True, nogil=True)
 def accumulate(x, w, out, rows):  # type: ignore[no-untyped-def]
     """Add x[:rows] @ w to out[:rows]: x float32[R, K], w float32[K, N], out float32[R, N]."""
     depth, width = w.shape
-    eights, whole, fours = rows - rows % 8, width - width % LANES, width - width % (4 * LANES)
+    eights, whole = rows - rows % 8, width - width % LANES
+    pairs, fours = width - width % (2 * LANES), width - width % (4 * LANES)
     for i in range(0, eights, 8):
-        for j in range(0, whole, LANES):
-            o0, o1, o2, o3 = load(out, (i, j)), load(out, (i + 1, j)), load(out, (i + 2, j)), load(out, (i + 3, j))
-            o4, o5, o6, o7 = load(out, (i + 4, j)), load(out, (i + 5, j)), load(out, (i + 6, j)), load(out, (i + 7, j))
-            for k in range(depth):
-                u = load(w, (k, j))
-                o0, o1 = fma_all(x[i, k], u, o0), fma_all(x[i + 1, k], u, o1)
-                o2, o3 = fma_all(x[i + 2, k], u, o2), fma_all(x[i + 3, k], u, o3)
-                o4, o5 = fma_all(x[i + 4, k], u, o4), fma_all(x[i + 5, k], u, o5)
-                o6, o7 = fma_all(x[i + 6, k], u, o6), fma_all(x[i + 7, k], u, o7)
-            store(out, (i, j), o0)
-            store(out, (i + 1, j), o1)
-            store(out, (i + 2, j), o2)
-            store(out, (i + 3, j), o3)
-            store(out, (i + 4, j), o4)
-            store(out, (i + 5, j), o5)
-            store(out, (i + 6, j), o6)
-            store(out, (i + 7, j), o7)
+        for j in range(0, pairs, 2 * LANES):
+            _eight_rows_wide(x, (i, 0), w, (0, j), out, (i, j), depth)
+        for j in range(pairs, whole, LANES):
+            _eight_rows(x, (i, 0), w, (0, j), out, (i, j), depth)
     for i in range(eights, rows):
         for j in range(0, fours, 4 * LANES):
-            m, n, p = j + LANES, j + 2 * LANES, j + 3 * LANES
-            o0, o1, o2, o3 = load(out, (i, j)), load(out, (i, m)), load(out, (i, n)), load(out, (i, p))
-            for k in range(depth):
-                o0, o1 = fma_all(x[i, k], load(w, (k, j)), o0), fma_all(x[i, k], load(w, (k, m)), o1)
-                o2, o3 = fma_all(x[i, k], load(w, (k, n)), o2), fma_all(x[i, k], load(w, (k, p)), o3)
-            store(out, (i, j), o0)
-            store(out, (i, m), o1)
-            store(out, (i, n), o2)
-            store(out, (i, p), o3)
+            _row_wide(x, (i, 0), w, (0, j), out, (i, j), depth)
         for j in range(fours, whole, LANES):
-            o0 = load(out, (i, j))
-            for k in range(depth):
-                o0 = fma_all(x[i, k], load(w, (k, j)), o0)
-            store(out, (i, j), o0)
+            _row(x, (i, 0), w, (0, j), out, (i, j), depth)
     for i in range(rows if whole < width else 0):
         for j in range(whole, width):
             total = out[i, j]
@@ -97,81 +79,83 @@ def exponential(x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _normalise(row, gain, offset, lanes):  # type: ignore[no-untyped-def]
-    """Apply LayerNorm to one row in place; sums run in fixed lanes."""
-    width = row.shape[0]
-    mean = _lane_sum(row, np.float32(0.0), False, lanes) / np.float32(width)
-    variance = _lane_sum(row, mean, True, lanes) / np.float32(width)
-    inverse = np.float32(1.0) / np.sqrt(variance + NORM_EPSILON)
-    for j in range(width):
-        row[j] = fma((row[j] - mean) * inverse, gain[j], offset[j])
+def _normalise(x, rows, gain, offset, means, factors, lanes):  # type: ignore[no-untyped-def]
+    """Apply LayerNorm to x[:rows], float32[R, width], in place; `means` and `factors` float32[R], `lanes` [R, 16]."""
+    width = np.float32(x.shape[1])
+    means[:] = np.float32(0.0)
+    _lane_sums(x, rows, means, False, lanes, factors)
+    for i in range(rows):
+        means[i] = factors[i] / width
+    _lane_sums(x, rows, means, True, lanes, factors)
+    for i in range(rows):
+        inverse = np.float32(1.0) / np.sqrt(factors[i] / width + NORM_EPSILON)
+        for j in range(x.shape[1]):
+            x[i, j] = fma((x[i, j] - means[i]) * inverse, gain[j], offset[j])
 
 
 @njit(cache=True, nogil=True)
-def _lane_sum(row, mean, squared, lanes):  # type: ignore[no-untyped-def]
-    """Return the sum of what a row is beyond a mean, or of its square; `lanes` float32[16] to work with."""
-    whole = row.shape[0] - row.shape[0] % LANES
-    sums, less = spread(np.float32(0.0)), spread(-mean)
-    for start in range(0, whole, LANES):
-        d = fma_all(np.float32(1.0), load(row, (start,)), less)
-        sums = fma_all(d, d, sums) if squared else fma_all(np.float32(1.0), d, sums)
-    store(lanes, (0,), sums)
-    for j in range(whole, row.shape[0]):
-        d0 = row[j] - mean
-        lanes[0] = fma(d0, d0, lanes[0]) if squared else lanes[0] + d0
-    total = np.float32(0.0)
-    for j in range(LANES):
-        total += lanes[j]
-    return total
+def _lane_sums(x, rows, means, squared, lanes, totals):  # type: ignore[no-untyped-def]
+    """Fill in the sums of what rows are beyond their means, or of its square; of all rows, so that none waits."""
+    whole = x.shape[1] - x.shape[1] % LANES
+    for i in range(rows):
+        sums, less = spread(np.float32(0.0)), spread(-means[i])
+        for start in range(0, whole, LANES):
+            d = fma_all(np.float32(1.0), load(x, (i, start)), less)
+            sums = fma_all(d, d, sums) if squared else fma_all(np.float32(1.0), d, sums)
+        store(lanes, (i, 0), sums)
+        for j in range(whole, x.shape[1]):
+            d0 = x[i, j] - means[i]
+            lanes[i, 0] = fma(d0, d0, lanes[i, 0]) if squared else lanes[i, 0] + d0
+    for i in range(rows):
+        total = np.float32(0.0)
+        for j in range(LANES):
+            total += lanes[i, j]
+        totals[i] = total
 
 
 @njit(cache=True, nogil=True)
-def _compare(query, keys, risks, gain, scale, filled, logits):  # type: ignore[no-untyped-def]
-    """Compare one row's query, float32[hidden], with `filled` remembered steps, head by head; see `step_rows`.
+def _compare(queries, i, keys, slot, layer, risks, gain, scale, filled, logits):  # type: ignore[no-untyped-def]
+    """Compare row `i` of queries, float32[R, hidden], with `filled` remembered steps, head by head; see `step_rows`.
 
-    :param keys: float32[window, hidden]; risks: float32[window]; gain: float32[heads].
-    :param logits: float32[window, heads], less the greatest of the head.
+    :param keys: float32[slot, L, hidden, S], S the window up to a multiple of `STEPS`; risks: float32[slot, window].
+    :param gain: float32[L, heads]; logits: float32[R, heads, S], zeros; gets them less the greatest of the head.
     """
-    heads = logits.shape[1]
-    depth = query.size // heads
-    for s in range(filled):
-        for h in range(heads):
-            total = np.float32(0.0)
-            for d in range(h * depth, (h + 1) * depth):
-                total = fma(query[d], keys[s, d], total)
-            logits[s, h] = fma(gain[h], risks[s], total * scale)
+    heads, steps = logits.shape[1], logits.shape[2]
+    depth = queries.shape[1] // heads
     for h in range(heads):
-        top = logits[0, h]
-        for s in range(1, filled):
-            top = max(top, logits[s, h])
+        for s in range(0, steps, STEPS):
+            _four_steps(queries, (i, h * depth), keys, (slot, layer, h * depth, s), logits, (i, h, s), depth)
+    for h in range(heads):
+        top = np.float32(-np.inf)
         for s in range(filled):
-            logits[s, h] -= top
+            logits[i, h, s] = fma(gain[layer, h], risks[slot, s], logits[i, h, s] * scale)
+            top = max(top, logits[i, h, s])
+        for s in range(filled):
+            logits[i, h, s] -= top
 
 
 @njit(cache=True, nogil=True)
-def _recall(shares, values, filled, context):  # type: ignore[no-untyped-def]
-    """Fill in what one row recalls of `filled` steps, float32[hidden], by shares, float32[window, heads], unscaled.
+def _recall(shares, values, i, slot, layer, filled, context):  # type: ignore[no-untyped-def]
+    """Fill in what row `i` recalls of `filled` steps, context float32[R, hidden], by shares, unscaled.
 
-    :param values: float32[window, hidden].
+    :param shares: float32[R, heads, S]; values: float32[slot, L, window, hidden].
     """
     heads = shares.shape[1]
-    depth = context.size // heads
+    depth = context.shape[1] // heads
     whole = depth - depth % LANES
+    for j in range(context.shape[1]):
+        context[i, j] = np.float32(0.0)
     for h in range(heads):
         total = np.float32(0.0)
         for s in range(filled):
-            total += shares[s, h]
+            total += shares[i, h, s]
         for s in range(filled):
-            shares[s, h] /= total
+            shares[i, h, s] /= total
         for d in range(h * depth, h * depth + whole, LANES):
-            part = spread(np.float32(0.0))
-            for s in range(filled):
-                part = fma_all(shares[s, h], load(values, (s, d)), part)
-            store(context, (d,), part)
+            _row(shares, (i, h, 0), values, (slot, layer, 0, d), context, (i, d), filled)
         for d in range(h * depth + whole, (h + 1) * depth):
-            context[d] = np.float32(0.0)
             for s in range(filled):
-                context[d] = fma(shares[s, h], values[s, d], context[d])
+                context[i, d] = fma(shares[i, h, s], values[slot, layer, s, d], context[i, d])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -212,12 +196,28 @@ def take_in(rows, observation, curvttc, reset, scaling, action, states, counts, 
 
 @njit(cache=True, nogil=True)
 def step_slots(  # type: ignore[no-untyped-def]
-    slots, inputs, risks, drawn, entry, layers, head, limit, states, keys, values, seen, counts, window, work, out
+    slots,
+    inputs,
+    risks,
+    drawn,
+    entry,
+    layers,
+    head,
+    limit,
+    states,
+    keys,
+    values,
+    seen,
+    counts,
+    window,
+    work,
+    action,
+    out,
 ):
     """`step_rows` of any number of rows, as many at once as `work` has room for, so that all of them stay in the cache.
 
     :param drawn: (latent numbers float32[slot, latent]; noise float32[slot, 2]).
-    :param out: float32[slot, 2].
+    :param action, out: float32[slot, 2], both get the actions.
     """
     size = work.shape[1]
     answer, noise = np.empty((size, out.shape[1]), np.float32), np.empty((size, out.shape[1]), np.float32)
@@ -232,6 +232,7 @@ def step_slots(  # type: ignore[no-untyped-def]
             limit, states, keys, values, seen, counts, window, work, answer,
         )  # fmt: skip
         for i in range(own.size):
+            _copy(answer[i], action[own[i]])
             _copy(answer[i], out[own[i]])
 
 
@@ -248,15 +249,17 @@ def step_rows(  # type: ignore[no-untyped-def]
     :param entry: (w [I, hidden], b [hidden]); layers: (decay, skip, gain, norm weight, norm bias: [L, ...], then the
         dense input, query, key, attended, readout: [L, hidden, hidden], inputs first); head: w, its
         rows for the latent numbers, and b of the first layer, then two (w, b).
-    :param states: float32[slot, L, hidden]; keys, values: float32[slot, L, window, hidden]; seen: float32[slot,
-        window], risks; counts: int64[slot], steps taken; all move on by one step.
+    :param states: float32[slot, L, hidden]; keys: float32[slot, L, hidden, S], S the window up to a multiple of
+        `STEPS`; values: float32[slot, L, window, hidden]; seen: float32[slot, window], risks; counts: int64[slot],
+        steps taken; all move on by one step.
     :param work: float32[6, R, hidden] scratch, n at most R; out: float32[n, 2] clipped actions [m/s2].
     """
     n, width = slots.shape[0], states.shape[2]
     decay, skip, gain, norm_w, norm_b, w_in, w_query, w_key, w_attended, w_readout = layers
     x, h, q, k, context, mixed = work[0], work[1], work[2], work[3], work[4], work[5]
     heads = gain.shape[1]
-    shares, lanes = np.zeros((n, window, heads), np.float32), np.empty(LANES, np.float32)
+    shares = np.zeros((n, heads, keys.shape[3]), np.float32)
+    means, factors, lanes = np.empty(n, np.float32), np.empty(n, np.float32), np.empty((n, LANES), np.float32)
     scale = np.float32(1.0) / np.sqrt(np.float32(width // heads))
     for i in range(n):
         _copy(entry[1], x[i])
@@ -273,23 +276,27 @@ def step_rows(  # type: ignore[no-untyped-def]
         accumulate(h, w_key[layer], k, n)
         for i in range(n):
             slot = slots[i]
-            place, filled = counts[slot] % window, min(counts[slot] + 1, window)
+            place = counts[slot] % window
             _copy(h[i], states[slot, layer])
             _copy(h[i], values[slot, layer, place])
-            _copy(k[i], keys[slot, layer, place])
-            _compare(q[i], keys[slot, layer], seen[slot], gain[layer], scale, filled, shares[i])
+            for j in range(width):
+                keys[slot, layer, j, place] = k[i, j]
+        shares[:] = np.float32(0.0)
+        for i in range(n):
+            slot = slots[i]
+            _compare(q, i, keys, slot, layer, seen, gain, scale, min(counts[slot] + 1, window), shares)
         flat = shares.reshape(shares.size)
         for j in range(flat.size):
             flat[j] = exponential(flat[j])
         for i in range(n):
             slot = slots[i]
-            _recall(shares[i], values[slot, layer], min(counts[slot] + 1, window), context[i])
+            _recall(shares, values, i, slot, layer, min(counts[slot] + 1, window), context)
             for j in range(width):
                 mixed[i, j] = fma(skip[layer, j], x[i, j], x[i, j])
         accumulate(h, w_readout[layer], mixed, n)
         accumulate(context, w_attended[layer], mixed, n)
+        _normalise(mixed, n, norm_w[layer], norm_b[layer], means, factors, lanes)
         for i in range(n):
-            _normalise(mixed[i], norm_w[layer], norm_b[layer], lanes)
             _copy(mixed[i], x[i])
     latent, noise = drawn
     w1, w_latent, b1, w2, b2, w3, b3 = head

@@ -99,6 +99,61 @@ def store(typing_context, array, place, value):  # type: ignore[no-untyped-def]
     return types.void(array, place, VECTOR), generate
 
 
+def product(rows: int, vectors: int, lanes: int = LANES) -> Any:
+    """Return what a kernel calls to add to a part of an array the matrix product of parts of two others, float32.
+
+    `(x, x_place, w, w_place, out, out_place, depth)`: out's `rows` rows by `vectors` * `lanes` columns from a place on
+    get x's so many rows by `depth` columns times w's `depth` rows. Places are tuples of an index an axis, of which the
+    last two are rows and columns; all of it is unchecked. The sums stay in registers, and each has one accumulator,
+    which gets its products in the order of the depth, each rounded once: the same bits whatever the shape.
+    """
+    form = ir.VectorType(ir.FloatType(), lanes)
+    zeros = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
+
+    @intrinsic
+    def add_product(typing_context, x, x_place, w, w_place, out, out_place, depth):  # type: ignore[no-untyped-def]
+        def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+            def part(kind: Any, array: Any, place: Any, row: Any, column: Any) -> Any:
+                own = context.make_array(kind)(context, builder, array)
+                *outer, i, j = cgutils.unpack_tuple(builder, place)
+                indices = [*outer, builder.add(i, row), builder.add(j, column)]
+                return cgutils.get_item_pointer(context, builder, kind, own, indices, wraparound=False)
+
+            def whole(pointer: Any) -> Any:
+                return builder.bitcast(pointer, form.as_pointer())
+
+            x_kind, _, w_kind, _, out_kind, _, _ = signature.args
+            x_array, x_at, w_array, w_at, out_array, out_at, count = arguments
+            index = count.type
+            places = [(r, v) for r in range(rows) for v in range(vectors)]
+            targets = [
+                whole(part(out_kind, out_array, out_at, ir.Constant(index, r), ir.Constant(index, v * lanes)))
+                for r, v in places
+            ]
+            sums = [cgutils.alloca_once_value(builder, builder.load(target, align=4)) for target in targets]
+            kind = ir.FunctionType(form, [form, form, form])
+            fused = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fma.v{lanes}f32")
+            with cgutils.for_range(builder, count) as loop:
+                weights = [
+                    builder.load(whole(part(w_kind, w_array, w_at, loop.index, ir.Constant(index, v * lanes))), align=4)
+                    for v in range(vectors)
+                ]
+                for r in range(rows):
+                    one = builder.load(part(x_kind, x_array, x_at, ir.Constant(index, r), loop.index))
+                    first = builder.insert_element(ir.Constant(form, ir.Undefined), one, ir.Constant(ir.IntType(32), 0))
+                    spread_out = builder.shuffle_vector(first, first, zeros)
+                    for v in range(vectors):
+                        place = sums[r * vectors + v]
+                        builder.store(builder.call(fused, [spread_out, weights[v], builder.load(place)]), place)
+            for target, place in zip(targets, sums, strict=True):
+                builder.store(builder.load(place), target, align=4)
+            return context.get_dummy_value()
+
+        return types.void(x, x_place, w, w_place, out, out_place, depth), generate
+
+    return add_product
+
+
 @intrinsic
 def power_of_two(typing_context, n):  # type: ignore[no-untyped-def]
     """Return 2**n as float32, for whole n from -126 to 127."""

@@ -1,5 +1,7 @@
 """What happened: from the bits that the engine sets per slot to EVENT records."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +20,13 @@ def list_events(state: NDArray[np.void], bits: NDArray[np.uint16]) -> NDArray[np
     out = np.zeros(_count(bits, slots), EVENT)
     _fill(state, bits, slots, out)
     return out
+
+
+def joined(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
+    """Return EVENT[n] of several, in their order; as bytes, since numpy copies records field by field."""
+    if len(parts) < 2:
+        return parts[0] if parts else NO_EVENTS
+    return np.concatenate([part.view(np.uint8) for part in parts]).view(EVENT)
 
 
 @kernel

@@ -63,21 +63,25 @@ def _observe_arrays(x, y, heading, forward, left, ped_x, ped_y, ped_vx, ped_vy, 
 
 
 @kernel
-def _observe(state, vehicle, pedestrian):  # type: ignore[no-untyped-def]
+def _observe(state, rows, vehicle, pedestrian):  # type: ignore[no-untyped-def]
     for i in range(state.size):
+        if not rows[i]:
+            continue
         slot = state[i]
         car = slot.vehicle_x, slot.vehicle_y, slot.vehicle_heading, slot.vehicle_speed, 0.0
         walker = slot.pedestrian_x, slot.pedestrian_y, slot.pedestrian_vx, slot.pedestrian_vy
         _observe_pair(*car, *walker, vehicle[i], pedestrian[i])
 
 
-def observe(state: NDArray[np.void]) -> tuple[Observations, Observations]:
+def observe(state: NDArray[np.void], rows: NDArray[np.bool_] | None = None) -> tuple[Observations, Observations]:
     """Return what the vehicle and the pedestrian observe, float32[B, 6] each, for EPISODE[B] records.
 
     The simulated vehicle moves along its heading, so its lateral speed is 0 (equations 6 and 7).
+
+    :param rows: bool[B], of which it is wanted, zeros elsewhere; None: of all.
     """
-    vehicle, pedestrian = (np.empty((len(state), OBSERVATION_SIZE), np.float32) for _ in range(2))
-    _observe(state, vehicle, pedestrian)
+    vehicle, pedestrian = (np.zeros((len(state), OBSERVATION_SIZE), np.float32) for _ in range(2))
+    _observe(state, np.ones(len(state), np.bool_) if rows is None else rows, vehicle, pedestrian)
     return vehicle, pedestrian
 
 

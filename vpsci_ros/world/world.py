@@ -12,7 +12,7 @@ from vpsci_ros.safety.compiled import in_threads
 from vpsci_ros.world import engine, handover
 from vpsci_ros.world.compiled import PER_THREAD
 from vpsci_ros.world.config import WorldConfig
-from vpsci_ros.world.events import NO_EVENTS, list_events
+from vpsci_ros.world.events import NO_EVENTS, joined, list_events
 from vpsci_ros.world.parked import end_crashed, in_sight, parked_from
 from vpsci_ros.world.recording import NO_RECORDINGS, Recorded
 from vpsci_ros.world.scenario import Points, Scenario
@@ -68,6 +68,7 @@ class World:
         self._most = config.pedestrians
         rows = batch * self._most
         self.state: NDArray[np.void] = np.zeros(rows, EPISODE)
+        self._bytes = self.state.view(np.uint8).reshape(rows, -1)  # writing whole rows by fields is slow
         self._no_slots = np.zeros(rows, np.bool_)
         if "replay" in (config.vehicle_driver, config.pedestrian_driver) and recorded is None:
             raise InvalidInput(
@@ -111,15 +112,15 @@ class World:
         engine.decide(self.state, answers, self._settings, self._bits)
         decided = list_events(self.state, self._bits)
         if len(self._ended):
-            self.state[self._ended] = 0
+            self._bytes[self._ended] = 0
             self._idle += int(np.count_nonzero(self._ended % self._most == 0))
         in_threads(lambda part: self._move(answers, part), len(self.state), PER_THREAD, self._most)
         if self._parked is not None:
             end_crashed(self.state, self._parked, self._bits)
-        self._ended = np.flatnonzero(self._bits)
+        self._ended = self._bits.nonzero()[0]
         arrived = list_events(self.state, self._bits)
         happened = [events for events in (decided, arrived, self._begin(self.now.number + 1)) if len(events)]
-        return np.concatenate(happened) if happened else NO_EVENTS
+        return joined(happened)
 
     def _move(self, answers: Inputs, part: slice) -> None:
         own = Inputs(*(array[part] for array in answers))  # type: ignore[arg-type]  # length 0 stays 0
