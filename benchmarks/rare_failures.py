@@ -2,8 +2,8 @@
 
     python benchmarks/rare_failures.py OUT [--repetitions 100] [--budget 1000]
 
-Three drivers of `benchmarks/search.py`, that fail in about 4, 0.4 and 0.04% of the episodes, drive a large pool once,
-which is the truth; OUT keeps it. Then each method estimates the rate of that pool with a budget of episodes, again and
+Drivers of `benchmarks/search.py`, that fail in about 4 to 0.03% of the episodes, drive a large pool once, which is the
+truth; OUT keeps it. Then each method estimates the rate of that pool with a budget of episodes, again and
 again: in none of them is an episode known before it is requested, and any can be requested twice, so that the pool is
 the distribution itself. Drawing costs nothing, so the density of a proposal and thus the likelihood ratio is known.
 
@@ -41,8 +41,14 @@ from vpsci_ros.world import COLLISION, ENDED
 from vpsci_ros.world.tick import Actions
 
 Floats = NDArray[np.float64]
-DRIVERS = {"4%": (24, 0.7, 20_000), "0.4%": (5, 1.7, 40_000), "0.04%": (2, 2.5, 40_000)}
-"""About how often it fails -> ticks by which it sees late, horizon [s], episodes of the pool."""
+DRIVERS = {
+    "4%": (24, 0.7, 5.0, 20_000),
+    "0.4%": (5, 1.7, 5.0, 40_000),
+    "0.1%": (2, 2.5, 5.0, 40_000),
+    "0.06%": (1, 2.5, 4.7, 100_000),
+    "0.03%": (1, 2.5, 4.4, 100_000),
+}
+"""About how often it fails -> ticks by which it sees late, horizon [s], its speed [m/s], episodes of the pool."""
 SEED, BATCH, NEIGHBOURS, Z = 2000, 1024, 20, 1.96
 CROSS_ENTROPY = ("cross-entropy", "cross-entropy, Fay and Feuer", "cross-entropy, each draw by its own density")
 SPAWN = ("vehicle_speed", "vehicle_acceleration", "vehicle_curvature", "cruise_throttle", "pedestrian_offset",
@@ -74,10 +80,10 @@ class Estimate(NamedTuple):
 
 def pool_of(folder: Path, name: str) -> Pool:
     """Return a driver's pool, which it drives unless the folder holds it."""
-    late, horizon, size = DRIVERS[name]
-    path = folder / f"pool_{late}_{horizon}_{size}.npz"
+    late, horizon, cruise, size = DRIVERS[name]
+    path = folder / f"pool_{late}_{horizon}_{cruise}_{size}.npz"
     if not path.is_file():
-        np.savez(path, **driven(late, horizon, size, name))
+        np.savez(path, **driven(LateDriver(late, horizon, cruise), size, name))
     with np.load(path) as kept:
         seen, score = kept["seen"], np.where(kept["failed"], -1.0, np.maximum(kept["margin"], 1e-9))
     near = NearestNeighbors(n_neighbors=NEIGHBOURS + 1).fit(seen).kneighbors(return_distance=False)[:, 1:]
@@ -86,11 +92,11 @@ def pool_of(folder: Path, name: str) -> Pool:
     return Pool(seen, score, np.split(pairs[:, 1], np.searchsorted(pairs[:, 0], np.arange(1, size))))
 
 
-def driven(late: int, horizon: float, size: int, name: str) -> dict[str, NDArray[Any]]:
+def driven(driver: LateDriver, size: int, name: str) -> dict[str, NDArray[Any]]:
     """Have a driver drive episodes; return `seen`, `margin` and `failed` of each."""
     exam = prepare(read_sections(params_path("ads_test"), [f"world_simulator.seed={SEED}"]))
     keys = [(scenario, number) for number in range(size // 8) for scenario in exam.run.scenarios]
-    loop, driver = loop_with(exam, "learned", "external", keys, BATCH), LateDriver(late, horizon)
+    loop = loop_with(exam, "learned", "external", keys, BATCH)
     least, failed, seen = LeastMargins(Watched(exam.config)), set(), {}
     reported = 0
     while not loop.world.done:

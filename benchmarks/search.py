@@ -45,10 +45,10 @@ State = NDArray[np.void]
 
 
 class LateDriver:
-    """Brakes for a contact within the horizon [s], at what it saw `late` ticks ago; else keeps its speed."""
+    """Brakes for a contact within the horizon [s], at what it saw `late` >= 1 ticks ago; else keeps its speed."""
 
-    def __init__(self, late: int = LATE, horizon: float = HORIZON) -> None:
-        self._late, self._horizon = late, horizon
+    def __init__(self, late: int = LATE, horizon: float = HORIZON, cruise: float = CRUISE) -> None:
+        self._late, self._horizon, self._cruise = late, horizon, cruise
         self._past: list[State] = []
 
     def act(self, state: State) -> NDArray[np.float64]:
@@ -62,7 +62,7 @@ class LateDriver:
         speed = state["vehicle_speed"]
         time_left = contact_time(seen, np.maximum(speed, 1.0), self._horizon)
         braking = -np.minimum(8.0, np.maximum(3.0, 0.5 * speed / np.maximum(time_left, 0.1)))
-        along = np.where(time_left < self._horizon, braking, np.clip((CRUISE - speed) / 0.5, -2.0, 2.0))
+        along = np.where(time_left < self._horizon, braking, np.clip((self._cruise - speed) / 0.5, -2.0, 2.0))
         return np.stack([along, np.zeros_like(along)], axis=1)
 
 
