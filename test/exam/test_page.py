@@ -21,6 +21,9 @@ EXAM = {
 }
 
 
+_WIDEST = "Math.max(...[...document.querySelectorAll('{}')].map(each => each.getBoundingClientRect().width))"
+
+
 def episodes(pedestrian, driver, collide):
     """Twelve episodes, all critical, of which the first `collide` end in a contact at 1, 2, ... m/s."""
     made = [drive(np.full(40, 1.0 + k), curvttc=1.0, episode=k, outcome="collision") for k in range(collide)]
@@ -99,11 +102,22 @@ def test_the_page_is_readable_on_a_phone_a_wide_screen_and_paper(page, browser, 
         tab.goto((tmp_path / "report.html").as_uri())
         assert tab.evaluate("document.documentElement.scrollWidth") == width
         assert tab.evaluate("document.querySelector('.beside').getBoundingClientRect().width") > 0.5 * width
+        assert tab.evaluate(_WIDEST.format(".wide caption")) <= width, "captions are not cut off"
+        assert tab.evaluate(_WIDEST.format(".wide td:first-child")) < 0.5 * width, "sticky, it would cover the others"
     assert tab.evaluate("document.documentElement.scrollHeight") < 5200
     assert tab.pdf(prefer_css_page_size=True).startswith(b"%PDF")
     tab.emulate_media(media="print")
     assert tab.evaluate("getComputedStyle(document.querySelector('.wide')).overflowX") == "visible", "nothing is cut"
     tab.close()
+
+
+def test_without_a_failure_there_is_nothing_to_explain(tmp_path):
+    drives, table = episodes("learned", "ads", 0)
+    report = make_report(table, {"learned": Conduct(12)}, CONFIG) | {"exam": EXAM, "failures": [], "criteria": []}
+    report["why"] = {"failure": "moving_collision", "groups": []}
+    write_page(tmp_path / "report.html", report, table, {"learned": drives})
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "No episode fails (collisions, vehicle moving), so nothing was driven again." in text
 
 
 def test_a_command_line_with_markup_is_shown_as_it_is(page):
