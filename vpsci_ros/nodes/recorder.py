@@ -17,6 +17,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes import serialized
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import EXECUTABLES, NODES, RecorderConfig
+from vpsci_ros.nodes.exchange import Outgoing
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.serialized import message_of
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
@@ -86,16 +87,18 @@ class Recorder(GraphNode):
 
     def _subscribe(self) -> None:
         for row in self._waiting:
-            self.input(row.name, bytes, partial(self._on_message, row.name), RECORDING, raw=True, polled=True)
+            take = partial(self._on_message, row.name)
+            self.input(row.name, lambda message: message, take, RECORDING, raw=True, polled=True)
         self._waiting = []
         self.wall_timer(POLL, self.intake.poll)
 
-    def _on_message(self, topic: str, data: bytes) -> None:
+    def _on_message(self, topic: str, message: bytes | Outgoing) -> None:
+        data = bytes(message)
         if TOPICS[topic].shared and not self.intake.read(topic, _is_own, topic, data, self.frame_prefix):
             return
         at = self.intake.read(topic, received.stamp, topic, data)
         clean = None if at is None else self.intake.read(topic, zeroed, TOPICS[topic].type_name, data, topic)
-        ticked = self.intake.read(topic, self._checked, topic, data) if clean is not None else None
+        ticked = self.intake.read(topic, self._checked, topic, message) if clean is not None else None
         if at is None or clean is None or ticked is None:
             self._bag.refuse(topic)
             return
@@ -109,22 +112,22 @@ class Recorder(GraphNode):
             self._at = at
             self.simulated_time = Time(sec=at // 1_000_000_000, nanosec=at % 1_000_000_000)
 
-    def _checked(self, topic: str, data: bytes) -> tuple[int, list[EventRow]]:
-        """Return the tick and the events of a serialized EpisodeEvent, none of other messages.
+    def _checked(self, topic: str, message: bytes | Outgoing) -> tuple[int, list[EventRow]]:
+        """Return the tick and the events of an EpisodeEvent, none of other messages.
 
         :raises InvalidInput: a state, an answer or events that the nodes which act on them refuse as well.
         """
         if topic == EVENTS:
-            message = message_of(data, EpisodeEvent, EVENTS)
-            return message.tick, event_rows(layout.events(message))
+            event = message_of(bytes(message), EpisodeEvent, EVENTS)
+            return event.tick, event_rows(layout.events(event))
         if topic == WORLD:
-            rows = len(serialized.shown(data).tick.state)
+            rows = len(serialized.shown(message).tick.state)
             if self._rows and rows != self._rows:
                 raise InvalidInput(f"{topic}: expected {self._rows} pedestrians, got {rows}; are two worlds here?")
         elif topic == SAFETY and self._rows:
-            layout.safety_state(serialized.safety_state(data), self._rows)
+            layout.safety_state(serialized.safety_state(message), self._rows)
         elif topic in _ACTIONS and self._rows:
-            Actions(**{_ACTIONS[topic]: layout.action(serialized.action(data, topic), self._rows, topic)})
+            Actions(**{_ACTIONS[topic]: layout.action(serialized.action(message, topic), self._rows, topic)})
         return 0, []
 
     def _write_ended(self) -> None:
