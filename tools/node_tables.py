@@ -63,9 +63,9 @@ NOTES = """
   `graph.restarts` has `vpsci graph` do so by itself.
 - `vpsci graph --composed` (parameter `graph.composed`) runs all nodes, the recorder among them, in one process. They
   have the same topics and leave the same bag; what they publish for each other does not go through the middleware, so
-  that a tick takes less than a third of the CPU time. Choose it for many episodes on few cores, or where nobody else
-  takes part. Separate processes, the default, use several cores, outlive the death of a policy (`graph.restarts`) and
-  have a log each. Programs outside subscribe and publish as they do otherwise.
+  that a tick takes a fifth of the CPU time, with or without the recorder. Choose it for many episodes on few cores,
+  or where nobody else takes part. Separate processes, the default, use several cores, outlive the death of a policy
+  (`graph.restarts`) and have a log each. Programs outside subscribe and publish as they do otherwise.
 - With one episode at a time (`batch: 1`) the world also publishes both odometries, with `pedestrians` above 1 one a
   pedestrian on `/pedestrians/odometry` (frame `pedestrian_N/base_link`), transforms and `/markers`, for as
   long as anybody listens, and models of the car and the pedestrian. `rviz2 -d` with the package's `rviz/vpsci.rviz`
