@@ -190,7 +190,7 @@ class StreamingActor:
 
 
 def _kernel_parameters(weights: ActorWeights) -> tuple[Any, ...]:
-    """Return the arguments `entry, layers, head` of `step_rows`: transposed, stacked, an answer as wide as a vector."""
+    """Return `entry, layers, head` of `step_slots`: transposed, stacked, an answer as wide as a vector."""
     network, tensors = weights.network, weights.tensors
     inputs = ["observation", "action", *(["risk"] if network.risk_input else [])]
 

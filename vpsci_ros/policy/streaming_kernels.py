@@ -12,11 +12,11 @@ Library matrix products do not have this property: they choose kernels, and so t
 import math
 
 import numpy as np
-from numba import njit
 
 from vpsci_ros.policy.config import LOG_SCALE
 from vpsci_ros.policy.vectors import LANES, fma, fma_all, load, power_of_two, product, spread, store
 from vpsci_ros.safety import CRITICAL_TTC
+from vpsci_ros.safety.compiled import kernel
 
 STEPS = 4  # remembered ones that are compared at once
 NORM_EPSILON = np.float32(1e-5)
@@ -32,7 +32,7 @@ _eight_rows_wide, _eight_rows, _row_wide, _row = product(8, 2), product(8, 1), p
 _four_steps = product(1, 1, STEPS)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def accumulate(x, w, out, rows):  # type: ignore[no-untyped-def]
     """Add x[:rows] @ w to out[:rows]: x float32[R, K], w float32[K, N], out float32[R, N]."""
     depth, width = w.shape
@@ -56,14 +56,14 @@ def accumulate(x, w, out, rows):  # type: ignore[no-untyped-def]
             out[i, j] = total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _copy(row, out):  # type: ignore[no-untyped-def]
     """Copy a row; numba's own assignment takes seconds to compile, for the error text of shapes that differ."""
     for j in range(out.shape[0]):
         out[j] = row[j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def exponential(x):  # type: ignore[no-untyped-def]
     """Return exp(x) for x <= 0, float32, to 2 units in the last place; 0 below -80 (Cephes' expf)."""
     within = max(x, _FAR)
@@ -78,7 +78,7 @@ def exponential(x):  # type: ignore[no-untyped-def]
     return fma(fma(p, r * r, r), scale, scale) if x >= _FAR else np.float32(0.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _normalise(x, rows, gain, offset, means, factors, lanes):  # type: ignore[no-untyped-def]
     """Apply LayerNorm to x[:rows], float32[R, width], in place; `means` and `factors` float32[R], `lanes` [R, 16]."""
     width = np.float32(x.shape[1])
@@ -93,7 +93,7 @@ def _normalise(x, rows, gain, offset, means, factors, lanes):  # type: ignore[no
             x[i, j] = fma((x[i, j] - means[i]) * inverse, gain[j], offset[j])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _lane_sums(x, rows, means, squared, lanes, totals):  # type: ignore[no-untyped-def]
     """Fill in the sums of what rows are beyond their means, or of its square; of all rows, so that none waits."""
     whole = x.shape[1] - x.shape[1] % LANES
@@ -113,9 +113,9 @@ def _lane_sums(x, rows, means, squared, lanes, totals):  # type: ignore[no-untyp
         totals[i] = total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _compare(queries, i, keys, slot, layer, risks, gain, scale, filled, logits):  # type: ignore[no-untyped-def]
-    """Compare row `i` of queries, float32[R, hidden], with `filled` remembered steps, head by head; see `step_rows`.
+    """Compare row `i` of queries, float32[R, hidden], with `filled` remembered steps, head by head; see `step_slots`.
 
     :param keys: float32[slot, L, hidden, S], S the window up to a multiple of `STEPS`; risks: float32[slot, window].
     :param gain: float32[L, heads]; logits: float32[R, heads, S], zeros; gets them less the greatest of the head.
@@ -134,7 +134,7 @@ def _compare(queries, i, keys, slot, layer, risks, gain, scale, filled, logits):
             logits[i, h, s] -= top
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _recall(shares, values, i, slot, layer, filled, context):  # type: ignore[no-untyped-def]
     """Fill in what row `i` recalls of `filled` steps, context float32[R, hidden], by shares, unscaled.
 
@@ -158,7 +158,7 @@ def _recall(shares, values, i, slot, layer, filled, context):  # type: ignore[no
                 context[i, d] = fma(shares[i, h, s], values[slot, layer, s, d], context[i, d])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def take_in(rows, observation, curvttc, reset, scaling, action, states, counts, inputs, risks):  # type: ignore[no-untyped-def]
     """Begin the histories of those `rows` that are reset, and fill in what the network gets for a step of each.
 
@@ -194,7 +194,7 @@ def take_in(rows, observation, curvttc, reset, scaling, action, states, counts, 
     return -1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def step_slots(  # type: ignore[no-untyped-def]
     slots,
     inputs,
@@ -214,130 +214,109 @@ def step_slots(  # type: ignore[no-untyped-def]
     action,
     out,
 ):
-    """`step_rows` of any number of rows, as many at once as `work` has room for, so that all of them stay in the cache.
-
-    :param drawn: (latent numbers float32[slot, latent]; noise float32[slot, 2]).
-    :param action, out: float32[slot, 2], both get the actions.
-    """
-    size = work.shape[1]
-    answer, noise = np.empty((size, out.shape[1]), np.float32), np.empty((size, out.shape[1]), np.float32)
-    latent = np.empty((size, drawn[0].shape[1]), np.float32)
-    for begin in range(0, slots.size, size):
-        own = slots[begin : begin + size]
-        for i in range(own.size):
-            _copy(drawn[0][own[i]], latent[i])
-            _copy(drawn[1][own[i]], noise[i])
-        step_rows(
-            own, inputs[begin : begin + size], risks[begin : begin + size], (latent, noise), entry, layers, head,
-            limit, states, keys, values, seen, counts, window, work, answer,
-        )  # fmt: skip
-        for i in range(own.size):
-            _copy(answer[i], action[own[i]])
-            _copy(answer[i], out[own[i]])
-
-
-@njit(cache=True, nogil=True)
-def step_rows(  # type: ignore[no-untyped-def]
-    slots, inputs, risks, drawn, entry, layers, head, limit, states, keys, values, seen, counts, window, work, out
-):
-    """Take `slots.size` rows, at most as many as `work` holds, one step further.
+    """Take `slots.size` rows one step further, as many at once as `work` has room for, so that they stay in the cache.
 
     :param slots: int64[n], which histories; inputs: float32[n, I], normalised observation, action before and, where
         the network has it, risk; risks: float32[n].
-    :param drawn: (latent numbers float32[n, latent]; noise float32[n, 2]); both zero for the deterministic middle. A
-        network with latent numbers scales the noise, to the action of one without it is added as it is [m/s2].
+    :param drawn: (latent numbers float32[slot, latent]; noise float32[slot, 2]); both zero for the deterministic
+        middle. A network with latent numbers scales the noise, to the action of one without it is added as it is
+        [m/s2].
     :param entry: (w [I, hidden], b [hidden]); layers: (decay, skip, gain, norm weight, norm bias: [L, ...], then the
         dense input, query, key, attended, readout: [L, hidden, hidden], inputs first); head: w, its
         rows for the latent numbers, and b of the first layer, then two (w, b).
     :param states: float32[slot, L, hidden]; keys: float32[slot, L, hidden, S], S the window up to a multiple of
         `STEPS`; values: float32[slot, L, window, hidden]; seen: float32[slot, window], risks; counts: int64[slot],
         steps taken; all move on by one step.
-    :param work: float32[6, R, hidden] scratch, n at most R; out: float32[n, 2] clipped actions [m/s2].
+    :param work: float32[6, R, hidden] scratch; action, out: float32[slot, 2], both get the clipped actions [m/s2].
     """
-    n, width = slots.shape[0], states.shape[2]
+    size, width = work.shape[1], states.shape[2]
     decay, skip, gain, norm_w, norm_b, w_in, w_query, w_key, w_attended, w_readout = layers
     x, h, q, k, context, mixed = work[0], work[1], work[2], work[3], work[4], work[5]
     heads = gain.shape[1]
-    shares = np.zeros((n, heads, keys.shape[3]), np.float32)
-    means, factors, lanes = np.empty(n, np.float32), np.empty(n, np.float32), np.empty((n, LANES), np.float32)
+    shares = np.zeros((size, heads, keys.shape[3]), np.float32)
+    means, factors, lanes = np.empty(size, np.float32), np.empty(size, np.float32), np.empty((size, LANES), np.float32)
     scale = np.float32(1.0) / np.sqrt(np.float32(width // heads))
-    for i in range(n):
-        _copy(entry[1], x[i])
-        seen[slots[i], counts[slots[i]] % window] = risks[i]
-    accumulate(inputs, entry[0], x, n)
-    for layer in range(decay.shape[0]):
-        for i in range(n):
-            state = states[slots[i], layer]
-            for j in range(width):
-                h[i, j] = decay[layer, j] * state[j]
-                q[i, j] = k[i, j] = np.float32(0.0)
-        accumulate(x, w_in[layer], h, n)
-        accumulate(h, w_query[layer], q, n)
-        accumulate(h, w_key[layer], k, n)
-        for i in range(n):
-            slot = slots[i]
-            place = counts[slot] % window
-            _copy(h[i], states[slot, layer])
-            _copy(h[i], values[slot, layer, place])
-            for j in range(width):
-                keys[slot, layer, j, place] = k[i, j]
-        shares[:] = np.float32(0.0)
-        for i in range(n):
-            slot = slots[i]
-            _compare(q, i, keys, slot, layer, seen, gain, scale, min(counts[slot] + 1, window), shares)
-        flat = shares.reshape(shares.size)
-        for j in range(flat.size):
-            flat[j] = exponential(flat[j])
-        for i in range(n):
-            slot = slots[i]
-            _recall(shares, values, i, slot, layer, min(counts[slot] + 1, window), context)
-            for j in range(width):
-                mixed[i, j] = fma(skip[layer, j], x[i, j], x[i, j])
-        accumulate(h, w_readout[layer], mixed, n)
-        accumulate(context, w_attended[layer], mixed, n)
-        _normalise(mixed, n, norm_w[layer], norm_b[layer], means, factors, lanes)
-        for i in range(n):
-            _copy(mixed[i], x[i])
-    latent, noise = drawn
+    noise, latent = drawn[1], np.empty((size, drawn[0].shape[1]), np.float32)
     w1, w_latent, b1, w2, b2, w3, b3 = head
-    first, second = np.empty((n, b1.size), np.float32), np.empty((n, b2.size), np.float32)
-    answer = np.empty((n, b3.size), np.float32)
-    for i in range(n):
-        _copy(b1, first[i])
-        _copy(b2, second[i])
-        _copy(b3, answer[i])
-        counts[slots[i]] += 1
-    accumulate(x, w1, first, n)
-    if latent.shape[1] > 0:
-        accumulate(latent, w_latent, first, n)
-    _rectify(first)
-    accumulate(first, w2, second, n)
-    _rectify(second)
-    accumulate(second, w3, answer, n)
-    for i in range(n):
-        for j in range(out.shape[1]):
-            action = answer[i, j]
-            if latent.shape[1] > 0:
-                action = fma(_scale(answer[i, out.shape[1] + j]), noise[i, j], action)
-            else:
-                action = action + noise[i, j]
-            out[i, j] = min(max(action, -limit), limit)
+    first, second = np.empty((size, b1.size), np.float32), np.empty((size, b2.size), np.float32)
+    answer = np.empty((size, b3.size), np.float32)
+    for begin in range(0, slots.size, size):
+        own = slots[begin : begin + size]
+        n = own.size
+        for i in range(n):
+            _copy(entry[1], x[i])
+            seen[own[i], counts[own[i]] % window] = risks[begin + i]
+        accumulate(inputs[begin : begin + n], entry[0], x, n)
+        for layer in range(decay.shape[0]):
+            for i in range(n):
+                state = states[own[i], layer]
+                for j in range(width):
+                    h[i, j] = decay[layer, j] * state[j]
+                    q[i, j] = k[i, j] = np.float32(0.0)
+            accumulate(x, w_in[layer], h, n)
+            accumulate(h, w_query[layer], q, n)
+            accumulate(h, w_key[layer], k, n)
+            for i in range(n):
+                slot = own[i]
+                place = counts[slot] % window
+                _copy(h[i], states[slot, layer])
+                _copy(h[i], values[slot, layer, place])
+                for j in range(width):
+                    keys[slot, layer, j, place] = k[i, j]
+            shares[:n] = np.float32(0.0)
+            for i in range(n):
+                slot = own[i]
+                _compare(q, i, keys, slot, layer, seen, gain, scale, min(counts[slot] + 1, window), shares)
+            flat = shares[:n].reshape(n * heads * keys.shape[3])
+            for j in range(flat.size):
+                flat[j] = exponential(flat[j])
+            for i in range(n):
+                slot = own[i]
+                _recall(shares, values, i, slot, layer, min(counts[slot] + 1, window), context)
+                for j in range(width):
+                    mixed[i, j] = fma(skip[layer, j], x[i, j], x[i, j])
+            accumulate(h, w_readout[layer], mixed, n)
+            accumulate(context, w_attended[layer], mixed, n)
+            _normalise(mixed, n, norm_w[layer], norm_b[layer], means, factors, lanes)
+            for i in range(n):
+                _copy(mixed[i], x[i])
+        for i in range(n):
+            _copy(b1, first[i])
+            _copy(b2, second[i])
+            _copy(b3, answer[i])
+            _copy(drawn[0][own[i]], latent[i])
+            counts[own[i]] += 1
+        accumulate(x, w1, first, n)
+        if latent.shape[1] > 0:
+            accumulate(latent, w_latent, first, n)
+        _rectify(first[:n])
+        accumulate(first, w2, second, n)
+        _rectify(second[:n])
+        accumulate(second, w3, answer, n)
+        for i in range(n):
+            slot = own[i]
+            for j in range(out.shape[1]):
+                if latent.shape[1] > 0:
+                    wanted = fma(_scale(answer[i, out.shape[1] + j]), noise[slot, j], answer[i, j])
+                else:
+                    wanted = answer[i, j] + noise[slot, j]
+                action[slot, j] = out[slot, j] = min(max(wanted, -limit), limit)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _scale(logarithm):  # type: ignore[no-untyped-def]
     """Return exp of a logarithm clipped to `LOG_SCALE`; `exponential` takes numbers up to 0."""
     return exponential(min(max(logarithm, _LEAST), _GREATEST) - _GREATEST) * _GREATEST_SCALE
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rectify(x):  # type: ignore[no-untyped-def]
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
             x[i, j] = max(x[i, j], np.float32(0.0))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def take_draws(  # type: ignore[no-untyped-def]
     rows, reset, latents, innovation, temperature, persistence, renewal, stillness, latent, noise, burst
 ):

@@ -11,7 +11,7 @@ from typing import TypeVar
 from numba import njit
 
 T = TypeVar("T")
-kernel = njit(cache=True, error_model="numpy", nogil=True)
+kernel = njit(cache=True, no_cfunc_wrapper=True, error_model="numpy", nogil=True)
 
 
 class _Pool:

@@ -7,6 +7,6 @@ arrays costs more than most of what these functions do.
 
 from numba import njit
 
-kernel = njit(cache=True, error_model="numpy", nogil=True, _nrt=False)
-inlined = njit(cache=True, error_model="numpy", nogil=True, _nrt=False, inline="always")
+kernel = njit(cache=True, no_cfunc_wrapper=True, error_model="numpy", nogil=True, _nrt=False)
+inlined = njit(cache=True, no_cfunc_wrapper=True, error_model="numpy", nogil=True, _nrt=False, inline="always")
 PER_THREAD = 2048  # slots below which another thread costs more than it saves

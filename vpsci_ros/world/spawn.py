@@ -178,11 +178,11 @@ def spawn_all(state, slots, table_of, numbers, seeds, tables, recordings, record
             x, y, heading, speed, curvature = recordings.vehicle[recording_of[k], 0]
             episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading = x, y, heading
             episode.vehicle_speed, episode.vehicle_curvature = speed, curvature
-            episode.route_s = nearest(tables.lane, table_of[k], row.lane_count, row.lane_step, x, y)
+            episode.route_s = nearest(tables.lane, episode.table, row.lane_count, row.lane_step, x, y)
             for i in range(first + 1, first + count):
                 share_vehicle(episode, state[i])
         if settings.pedestrian_driver == REPLAY:
             x, y, vx, vy = recordings.pedestrian[recording_of[k], 0]
             episode.pedestrian_x, episode.pedestrian_y = x, y
             episode.pedestrian_vx, episode.pedestrian_vy = vx, vy
-            episode.pedestrian_s = nearest(tables.walk, table_of[k], row.walk_count, row.walk_step, x, y)
+            episode.pedestrian_s = nearest(tables.walk, episode.table, row.walk_count, row.walk_step, x, y)
