@@ -35,6 +35,8 @@ from vpsci_ros.world.state import (
     VEHICLE_ACTION_MISSING,
 )
 
+_REACH = 0.5 * (VEHICLE_LENGTH + VEHICLE_WIDTH) + PEDESTRIAN_RADIUS  # [m] between centres: further apart none touch
+
 
 @inlined
 def _decide(episode, i, answers, settings):  # type: ignore[no-untyped-def]
@@ -119,7 +121,9 @@ def _locate_pedestrian(episode, tables):  # type: ignore[no-untyped-def]
     if episode.pedestrian_s >= row.pedestrian_goal:
         episode.pedestrian_goal = 1
     place = episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading
-    if clearance_pair(*place, x, y, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS) <= 0.0:
+    dx, dy = x - episode.vehicle_x, y - episode.vehicle_y
+    near = dx * dx + dy * dy < _REACH * _REACH  # without it sine and cosine would be computed for nothing
+    if near and clearance_pair(*place, x, y, VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS) <= 0.0:
         episode.struck = 1
         episode.least_curvttc = 0.0
 
