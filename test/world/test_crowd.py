@@ -69,6 +69,7 @@ def test_bits_do_not_depend_on_the_batch_nor_on_threads(monkeypatch):
     one = by_row(history(config, batch=1, pairs=PAIRS[:8]))
     assert one == {key: reference[key] for key in one}
     monkeypatch.setattr("vpsci_ros.world.world.PER_THREAD", 4)
+    monkeypatch.setattr("vpsci_ros.world.world.SPAWNS_PER_THREAD", 4)
     monkeypatch.setattr("vpsci_ros.safety.compiled._pool.size", 3)
     assert by_row(history(config, batch=16)) == reference
 

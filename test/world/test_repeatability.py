@@ -61,6 +61,7 @@ def test_bits_do_not_depend_on_the_order_of_the_scenario_list(reference):
 
 def test_bits_do_not_depend_on_the_number_of_threads(reference, monkeypatch):
     monkeypatch.setattr("vpsci_ros.world.world.PER_THREAD", 3)
+    monkeypatch.setattr("vpsci_ros.world.world.SPAWNS_PER_THREAD", 3)
     monkeypatch.setattr("vpsci_ros.safety.compiled._pool.size", 4)
     assert digest(run(PAIRS, batch=64, config=CONFIG)) == digest(reference)
 

@@ -10,3 +10,4 @@ from numba import njit
 kernel = njit(cache=True, no_cfunc_wrapper=True, error_model="numpy", nogil=True, _nrt=False)
 inlined = njit(cache=True, no_cfunc_wrapper=True, error_model="numpy", nogil=True, _nrt=False, inline="always")
 PER_THREAD = 2048  # slots below which another thread costs more than it saves
+SPAWNS_PER_THREAD = 16  # episodes that start at once, likewise: a start takes some 30 us

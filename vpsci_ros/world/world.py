@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety.compiled import in_threads
 from vpsci_ros.world import engine, handover
-from vpsci_ros.world.compiled import PER_THREAD
+from vpsci_ros.world.compiled import PER_THREAD, SPAWNS_PER_THREAD
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.events import NO_EVENTS, joined, list_events
 from vpsci_ros.world.parked import end_crashed, in_sight, parked_from
@@ -198,20 +198,25 @@ class World:
         recordings = np.zeros(len(slots), np.int64)
         if self._recorded is not None:
             recordings[:] = [self._recorded.row(*episode) for episode in episodes]
+        keys = np.full(len(slots), self.seed, np.uint64) if seeds is None else np.array(seeds, np.uint64)
         self._bits[:] = 0
-        spawn_all(
-            self.state,
-            slots,
-            scenarios,
-            numbers,
-            np.full(len(slots), self.seed, np.uint64) if seeds is None else np.array(seeds, np.uint64),
-            self._tables,
-            self._recordings,
-            recordings,
-            self._settings,
-            self._crowd,
-            self._bits,
-        )
+
+        def run(part: slice) -> None:
+            spawn_all(
+                self.state,
+                slots[part],
+                scenarios[part],
+                numbers[part],
+                keys[part],
+                self._tables,
+                self._recordings,
+                recordings[part],
+                self._settings,
+                self._crowd,
+                self._bits,
+            )
+
+        in_threads(run, len(slots), SPAWNS_PER_THREAD)
         self._idle -= len(slots)
         return list_events(self.state, self._bits)
 
