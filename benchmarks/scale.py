@@ -40,21 +40,23 @@ MILLION, EXAMS = 1_000_000, 1000
 CLUSTERS = (1, 2, 20, 200)
 
 
-class Timed(Serial[Unit, bytes]):
-    """One worker in this process, whose CPU time is kept apart [s]."""
+class Timed(Serial[Unit, tuple[int, bytes]]):
+    """One worker in this process, as of a cluster, whose CPU time is kept apart [s]."""
 
-    def __init__(self, do: Callable[[Unit], bytes]) -> None:
+    here = False
+
+    def __init__(self, do: Callable[[Unit], tuple[int, bytes]]) -> None:
         super().__init__(lambda: do)
         self.seconds: list[float] = []
         self.sizes: list[int] = []
 
-    def collect(self) -> list[tuple[Unit, bytes]]:
+    def collect(self) -> list[tuple[Unit, tuple[int, bytes]]]:
         """Do the next unit."""
         begin = time.process_time()
-        [(unit, data)] = super().collect()
+        [(unit, (kept, data))] = super().collect()
         self.seconds.append(time.process_time() - begin)
         self.sizes.append(len(data))
-        return [(unit, data)]
+        return [(unit, (kept, data))]
 
 
 def dataset(kept: int) -> dict[str, float]:

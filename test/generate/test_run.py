@@ -21,10 +21,10 @@ from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.job import Unit
-from vpsci_ros.generate.journal import FOLDER, RECORD, Journal, journal_of
+from vpsci_ros.generate.journal import FOLDER, RECORD, journal_of
 from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.generate.simulate import Simulator, computing
-from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.files import sha256, written_whole
 from vpsci_ros.runs.workers import Processes, Serial
 
 
@@ -156,12 +156,13 @@ def test_a_worker_killed_while_it_writes_a_result_costs_nothing_but_time(job, mo
 
     monkeypatch.setattr("vpsci_ros.runs.workers.wait", wait)
     workers.submit(unit)
-    ((found, data),) = workers.collect()
+    ((found, (kept, data)),) = workers.collect()
     workers.close()
     assert len(killed) == 1
     assert found == unit
     assert len(data) > 1_000_000, "more than a pipe takes at once"
-    assert data == Simulator(job, 64).run(unit).to_bytes()
+    block = Simulator(job, 64).run(unit)
+    assert (kept, data) == (block.kept.sum(), block.to_bytes())
 
 
 def test_an_error_in_a_worker_is_raised_here(job) -> None:
@@ -216,17 +217,23 @@ def test_two_runs_do_not_share_a_folder(claimed_by_another, tmp_path) -> None:
         pass
 
 
-def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(job, make, made, tmp_path, monkeypatch) -> None:
-    store = Journal.store
+@pytest.mark.parametrize("here", [True, False], ids=["a worker stores", "the run stores what comes from elsewhere"])
+def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(
+    job, make, made, tmp_path, monkeypatch, here: bool
+) -> None:
+    class Workers(Serial):
+        pass
 
-    def full(journal, unit, data):
-        if len(journal.finished(unit.scenario)) == 2:
+    def full(path: Path):
+        if len(list(path.parent.glob("1-*.npz"))) == 2:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        store(journal, unit, data)
+        return written_whole(path)
 
-    monkeypatch.setattr(Journal, "store", full)
+    Workers.here = here
+    writer = "simulate" if here else "journal"
+    monkeypatch.setattr(f"vpsci_ros.generate.{writer}.written_whole", full)
     with pytest.raises(VpsciError, match=r"cannot write \(No space left on device\); .* the same command"):
-        make(tmp_path / "d")
+        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Workers(partial(computing, job, 64)))
     monkeypatch.undo()
     make(tmp_path / "d")
     assert hashes(tmp_path / "d") == hashes(made)

@@ -182,7 +182,7 @@ def bag(
     print(f"{len(chosen)} episodes in {ticks:,} ticks; written: {output}")
 
 
-def _workers(ray: str | None, count: int | None) -> "Callable[[Job, int], Workers[Unit, bytes]]":
+def _workers(ray: str | None, count: int | None) -> "Callable[[Job, int], Workers[Unit, tuple[int, bytes]]]":
     """Return a function that starts the workers chosen by the options, given a job and a batch."""
     if ray is not None:
         from vpsci_ros.generate.simulate import computing

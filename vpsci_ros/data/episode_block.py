@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,10 +49,14 @@ class EpisodeBlock:
         rows = self.rows()
         return EpisodeBlock(self.records[places], np.concatenate([NO_ROWS, *(rows[i] for i in places)]))
 
-    def to_bytes(self) -> bytes:
-        """Return the block as an NPZ file, each array with its checksum."""
-        file = io.BytesIO()
+    def write(self, file: BinaryIO) -> None:
+        """Write the block as an NPZ file, each array with its checksum."""
         np.savez(file, records=self.records, values=self.values)
+
+    def to_bytes(self) -> bytes:
+        """Return what `write` writes."""
+        file = io.BytesIO()
+        self.write(file)
         return file.getvalue()
 
 

@@ -45,7 +45,8 @@ def _write(share: ScenarioWriter, plan: ScenarioPlan, journal: Journal) -> None:
         block = journal.load(plan.unit(place))
         if block is None:
             raise InvalidInput(f"{journal.path(plan.unit(place))}: damaged since it was written; generate again")
-        block = block.take(np.arange(_up_to_kept(block, missing)))
+        if (count := _up_to_kept(block, missing)) < len(block):
+            block = block.take(np.arange(count))
         missing -= int(block.kept.sum())
         share.write(block)
 

@@ -37,6 +37,7 @@ class Unit(NamedTuple):
 
     scenario: int
     numbers: Sequence[int]
+    file: Path | None = None  # where they are stored; None: they are handed back as bytes
 
     def __str__(self) -> str:
         return f"scenario {self.scenario} from {self.numbers[0]}"

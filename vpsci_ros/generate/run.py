@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.data.dataset_index import DESCRIPTION
-from vpsci_ros.data.episode_block import block_from_bytes
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.assemble import assemble
@@ -40,7 +39,7 @@ class Generated:
     seconds: tuple[float, float]
 
 
-def simulators(job: Job, batch: int, count: int) -> Workers[Unit, bytes]:
+def simulators(job: Job, batch: int, count: int) -> Workers[Unit, tuple[int, bytes]]:
     """Return `count` workers on this machine; one of them is this process itself."""
     return local_workers(partial(computing, job, batch), count)
 
@@ -50,7 +49,7 @@ def generate(
     targets: Mapping[int, int],
     folder: Path,
     config: DatasetConfig,
-    workers: Callable[[], Workers[Unit, bytes]],
+    workers: Callable[[], Workers[Unit, tuple[int, bytes]]],
     *,
     first: int = 0,
     report: Report | None = None,
@@ -135,13 +134,19 @@ def _resume(scenario: ScenarioPlan, journal: Journal) -> None:
             scenario.take(unit, int(block.kept.sum()))
 
 
-def _compute(plan: DatasetPlan, journal: Journal, workers: Workers[Unit, bytes], report: Report | None) -> int:
+def _compute(
+    plan: DatasetPlan, journal: Journal, workers: Workers[Unit, tuple[int, bytes]], report: Report | None
+) -> int:
+    def next_unit() -> Unit | None:
+        unit = plan.next()
+        return unit._replace(file=journal.path(unit)) if unit is not None and workers.here else unit
+
     episodes = 0
     try:
-        for unit, data in computed(workers, plan.next):
-            journal.store(unit, data)
-            block = block_from_bytes(data, "a unit just computed")
-            plan.scenarios[unit.scenario].take(unit, int(block.kept.sum()))
+        for unit, (kept, data) in computed(workers, next_unit):
+            if unit.file is None:
+                journal.store(unit, data)
+            plan.scenarios[unit.scenario].take(unit, kept)
             episodes += len(unit.numbers)
             if report is not None:
                 report(plan)

@@ -17,6 +17,7 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.policy.agent import PolicyAgent, learned_agent
 from vpsci_ros.policy.weights import weights_from_bytes
+from vpsci_ros.runs.files import written_whole
 from vpsci_ros.world import World
 from vpsci_ros.world.loop import Loop
 
@@ -61,7 +62,17 @@ class Simulator:
         return whole
 
 
-def computing(job: Job, batch: int) -> Callable[[Unit], bytes]:
-    """Return what computes units of a job, each to the bytes of its episodes."""
+def computing(job: Job, batch: int) -> Callable[[Unit], tuple[int, bytes]]:
+    """Return what computes units of a job: how many episodes are kept, and the bytes of all where there is no file."""
     simulator = Simulator(job, batch)
-    return lambda unit: simulator.run(unit).to_bytes()
+
+    def compute(unit: Unit) -> tuple[int, bytes]:
+        block = simulator.run(unit)
+        kept = int(block.kept.sum())
+        if unit.file is None:
+            return kept, block.to_bytes()
+        with written_whole(unit.file) as path, path.open("wb") as file:
+            block.write(file)
+        return kept, b""
+
+    return compute

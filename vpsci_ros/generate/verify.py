@@ -57,7 +57,7 @@ class VerifiedDataset:
 
 def verify(
     folder: Path,
-    workers: Callable[[Job], Workers[Unit, bytes]],
+    workers: Callable[[Job], Workers[Unit, tuple[int, bytes]]],
     *,
     sample: int | None = None,
     tolerance: float = 0.0,
@@ -220,11 +220,11 @@ def _file_check(path: Path, name: str, kept: bool, sampled: bool, tolerance: flo
     return _Check(name, _numbered(file_rows(path)), expected, sampled, tolerance)
 
 
-def _simulated(pool: Workers[Unit, bytes], scenario: int, numbers: np.ndarray) -> Iterator[EpisodeBlock]:
+def _simulated(pool: Workers[Unit, tuple[int, bytes]], scenario: int, numbers: np.ndarray) -> Iterator[EpisodeBlock]:
     """Yield blocks of episodes, in rising order."""
     units = [Unit(scenario, numbers[k : k + BLOCK].tolist()) for k in range(0, len(numbers), BLOCK)]
     left, due, waiting = iter(units), deque(units), dict[int, bytes]()
-    for unit, data in computed(pool, lambda: next(left, None)):
+    for unit, (_, data) in computed(pool, lambda: next(left, None)):
         waiting[unit.numbers[0]] = data
         while due and due[0].numbers[0] in waiting:
             yield block_from_bytes(waiting.pop(due.popleft().numbers[0]), "a block just simulated")

@@ -20,6 +20,8 @@ class RayWorkers(Generic[Unit, Result]):
     :raises NotInstalled: Ray is not installed.
     """
 
+    here = False  # but where the whole cluster is one machine
+
     def __init__(self, job: Job[Unit, Result], address: str, size: int | None) -> None:
         require("ray")
         import ray

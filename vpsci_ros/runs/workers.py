@@ -29,9 +29,13 @@ Job = Callable[[], Callable[[Unit], Result]]
 
 
 class Workers(Protocol[Unit, Result]):
-    """Whoever does units of work."""
+    """Whoever does units of work.
+
+    :ivar here: all of them see the files that this process sees.
+    """
 
     size: int
+    here: bool
 
     def submit(self, unit: Unit) -> None:
         """Have a unit done, some time."""
@@ -70,7 +74,7 @@ def computed(
 class Serial(Generic[Unit, Result]):
     """Does units in this process, one in each `collect`."""
 
-    size = 1
+    size, here = 1, True
 
     def __init__(self, job: Job[Unit, Result]) -> None:
         self._do = job()
@@ -98,6 +102,8 @@ class Processes(Generic[Unit, Result]):
     place, and its unit is done again. A pool of `concurrent.futures` or of loky, whose processes share a pipe that
     the parent can write to as well, waits for ever for a process that is killed while it writes a result.
     """
+
+    here = True
 
     def __init__(self, job: Job[Unit, Result], size: int) -> None:
         self.size = size
