@@ -21,7 +21,7 @@ import shutil
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -78,10 +78,9 @@ def cpu_seconds() -> float:
     return sum(each.ru_utime + each.ru_stime for each in used)
 
 
-def end_to_end(job: Job, values: DatasetConfig, episodes: int, workers: int) -> dict[str, float]:
-    """Generate a dataset and return its rate, its times and the memory of it."""
+def end_to_end(job: Job, values: DatasetConfig, targets: Mapping[int, int], workers: int) -> dict[str, float]:
+    """Generate a dataset, of so many kept episodes by scenario, and return its rate, its times and the memory of it."""
     folder, used = Path(tempfile.mkdtemp()), cpu_seconds()
-    targets = {scenario.number: episodes for scenario in job.scenarios}
     begin = time.perf_counter()
     done = generate(job, targets, folder / "d", values, lambda: simulators(job, values.parallel, workers))
     wall = time.perf_counter() - begin
@@ -184,7 +183,8 @@ def main() -> None:
         sections = sections.changed(f"{agent}_policy", {"weights": options.weights})
     job, values = job_from(sections), sections.get(DatasetConfig, "dataset")
 
-    run = end_to_end(job, values, options.episodes, options.workers)
+    targets = {scenario.number: options.episodes for scenario in job.scenarios}
+    run = end_to_end(job, values, targets, options.workers)
     print(
         f"{run['kept']:,} kept of {run['simulated']:,} episodes in {run['wall_s']:.1f} s by {options.workers} workers"
         f" ({run['cpu_s']:.1f} s of CPU; writing {run['writing_s']:.1f} s, {run['parquet_mb']:.0f} MB)\n"
