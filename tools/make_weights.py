@@ -14,7 +14,6 @@ one core. Deviations of (14)-(15) are at least 0.9 m/s, for the rewards of Table
 """
 
 import argparse
-import os
 import shutil
 import subprocess
 import sys
@@ -82,12 +81,12 @@ def learn(command: str, params: str, folder: Path, near_misses: list[str], setti
 
 
 def vpsci(*words: str) -> None:
-    """Run a command of the package, in one thread, so that no sum depends on the number of cores.
+    """Run a command of the package.
 
     :raises VpsciError: it failed; it has said why.
     """
     command = [sys.executable, "-m", "vpsci_ros.cli", *words]
-    status = subprocess.run(command, check=False, env=os.environ | {"OMP_NUM_THREADS": "1"}).returncode
+    status = subprocess.run(command, check=False).returncode
     if status:
         raise VpsciError(f"vpsci {words[0]} ended with {status}")
 

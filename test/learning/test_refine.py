@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import polars as pl
 import pytest
+import torch
 
 from vpsci_ros.data.near_misses import clips_of, split_by_clip
 from vpsci_ros.errors import InvalidInput, Stopped, VpsciError
@@ -208,6 +209,20 @@ def test_clips_that_stage_1_held_out_stay_held_out(networks, near_misses):
     assert refiner.current().facts["data"]["held_out_clips"] == clips
     other = Refiner(QUICK, networks().weights({}, {}), near_misses, seed=4)
     assert set(other._held_out.interactions.clip) != set(refiner._held_out.interactions.clip)
+
+
+def test_a_machine_with_more_cores_learns_the_same_bits_and_has_its_threads_back(networks, near_misses):
+    """Products of 128 columns, as Table 8 has them, are shared between threads where torch may have several."""
+    learned = []
+    for threads in (1, 2):
+        torch.set_num_threads(threads)
+        learner = Refiner(QUICK, networks(NetworkConfig(), gain=1.0).weights({}, {}), near_misses, seed=4)
+        learner.add(experience())
+        while learner.due:
+            learner.update()
+        learned.append(learner.weights())
+        assert torch.get_num_threads() == threads
+    assert learned[0] == learned[1]
 
 
 def test_a_learner_goes_on_from_a_checkpoint_to_the_same_result(tmp_path, networks, near_misses):

@@ -21,6 +21,7 @@ from vpsci_ros.learning.divergence import check_losses
 from vpsci_ros.learning.maddpg import Maddpg, Tensors
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
+from vpsci_ros.learning.one_thread import one_thread
 from vpsci_ros.learning.replay import Batch, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import RecordedRewards
 from vpsci_ros.policy.config import NetworkConfig
@@ -36,6 +37,7 @@ CHECKPOINT, WEIGHTS, LOG = "checkpoint.safetensors", "pretrained.safetensors", "
 Report = dict[str, float]
 
 
+@one_thread()
 def pretrain(
     near_misses: pl.DataFrame,
     config: PretrainConfig,

@@ -33,6 +33,7 @@ from vpsci_ros.learning.divergence import check_losses, require_finite_reward_we
 from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
+from vpsci_ros.learning.one_thread import one_thread
 from vpsci_ros.learning.replay import Batch, History, ReplayBuffer, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import SimulatedRewards
 from vpsci_ros.parameters import build
@@ -66,6 +67,7 @@ class Refiner:
     :raises InvalidInput: too few near misses or clips.
     """
 
+    @one_thread()
     def __init__(
         self,
         config: RefineConfig,
@@ -157,6 +159,7 @@ class Refiner:
         """
         self.take(self.assembler.add(transitions), len(transitions))
 
+    @one_thread()
     def take(self, finished: Sequence[NDArray[np.void]], transitions: int) -> None:
         """Take whole histories in, TRANSITION[T] each, as so many new transitions completed them."""
         self.received += transitions
@@ -189,6 +192,7 @@ class Refiner:
 
     # ---- learning
 
+    @one_thread()
     def update(self) -> dict[str, float]:
         """Draw a batch, update all networks, and return the losses by name; `summary` has them too.
 
@@ -237,6 +241,7 @@ class Refiner:
         """Return the accepted actors and the critics as they are."""
         return self._described(self._accepted[self._acting], self.errors)
 
+    @one_thread()
     def final(self) -> Weights:
         """Return `current`, its actors drawn towards those of stage 1 by `refresh.stage_1_share`, measured again.
 

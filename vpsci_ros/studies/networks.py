@@ -19,6 +19,7 @@ from vpsci_ros.learning.imitation import TrajectoryImitation
 from vpsci_ros.learning.maddpg import Maddpg
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
+from vpsci_ros.learning.one_thread import one_thread
 from vpsci_ros.learning.prediction import Prediction
 from vpsci_ros.learning.replay import collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import RecordedRewards
@@ -57,6 +58,7 @@ def untrained(name: str, network: NetworkConfig, seed: int) -> Networks:
     return Networks(network_of(name, network))
 
 
+@one_thread()
 def train(
     name: str,
     interactions: Interactions,
