@@ -202,19 +202,33 @@ def test_following_the_gradient_teaches_to_avoid_a_collision(networks):
     for _ in range(7):
         collision, _ = lost(net, histories, [0, 0, 0], steps=25)
         losses.append(float(collision.detach()))
-        step_along(optimiser, net.actor, collision, torch.zeros((), requires_grad=True), 0.0, 1.0)
+        step_along(optimiser, net.actor, collision, lambda: torch.zeros((), requires_grad=True), 0.0, 1.0)
     assert losses[-1] < 0.5 * losses[0]
 
 
 def test_neither_the_rehearsal_nor_the_simulated_seconds_drown_the_other(networks):
     net = networks()
     first, second, *_ = net.actor.parameters()
-    norm = step_along(
-        torch.optim.SGD(net.actor.parameters(), 0.0), net.actor, 1e6 * first.sum(), second.sum(), 0.5, 0.1
-    )
+    still = torch.optim.SGD(net.actor.parameters(), 0.0)
+    norm, rehearsed = step_along(still, net.actor, 1e6 * first.sum(), second.sum, 0.5, 0.1)
+    assert rehearsed == float(second.detach().sum())
     assert norm == pytest.approx(1e6 * np.sqrt(first.numel()))
     assert float(first.grad.norm()) == pytest.approx(0.1)
     assert float(second.grad.norm()) == pytest.approx(0.5 * 0.1)
+
+
+def test_gradients_taken_side_by_side_have_the_bits_of_one_after_the_other(networks):
+    net, histories = networks(gain=1.0), [meeting([10.0 + d, 0.3], 4.0, [0.0, 0.1]) for d in (0.0, 1.0, 2.0)]
+    parameters = list(net.actor.parameters())
+
+    def both():
+        return lost(net, histories, [0, 0, 0], steps=25)[0], lost(net, histories, [1, 2, 3], steps=25)[1]
+
+    alone = [torch.autograd.grad(loss, parameters, materialize_grads=True) for loss in both()]
+    collision, goal = both()
+    still = torch.optim.SGD(parameters, 0.0)
+    step_along(still, net.actor, collision, lambda: goal, 1.0, 1e9)
+    assert all(torch.equal(p.grad, one + other) for p, one, other in zip(parameters, *alone, strict=True))
 
 
 def test_most_moments_are_hand_overs_and_no_history_is_drawn_twice():

@@ -70,10 +70,9 @@ class Foreseeing:
         losses = {"collision": collision, "goal": goal, "speed": speed_loss}
         weights = self._training.weights() * config.scale
         total = sum((float(w) * part for w, part in zip(weights, losses.values(), strict=True)), torch.zeros(()))
-        rehearsed = self._rehearsal.loss(rng)
         optimiser, actors = maddpg.actor_optimiser, maddpg.networks.actor
         weight, clip = self._config.rehearsal.weight, self._config.updates.gradient_clip
-        norm = step_along(optimiser, actors, total, rehearsed, weight, clip)
+        norm, _ = step_along(optimiser, actors, total, lambda: self._rehearsal.loss(rng), weight, clip)
         return {f"lost_{name}": float(part.detach()) for name, part in losses.items()} | {"gradient_norm": norm}
 
 

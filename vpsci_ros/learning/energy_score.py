@@ -246,12 +246,12 @@ class Regularised:
         lost = foresee_people(actors, self._stage_1, moments, config.foresight, self._residuals)
         weights = self._training.weights() * config.foresight.scale
         total = sum((float(w) * part for w, part in zip(weights, lost, strict=True)), torch.zeros(()))
-        likeness, _ = self._likeness.loss(rng)
-        norm = step_along(
-            maddpg.actor_optimiser, actors, total, likeness, config.rehearsal.weight, config.updates.gradient_clip
+        weight, clip = config.rehearsal.weight, config.updates.gradient_clip
+        norm, likeness = step_along(
+            maddpg.actor_optimiser, actors, total, lambda: self._likeness.loss(rng)[0], weight, clip
         )
         parts = {f"lost_{name}": float(part.detach()) for name, part in lost._asdict().items()}
-        return parts | {"likeness": float(likeness.detach()), "gradient_norm": norm}
+        return parts | {"likeness": likeness, "gradient_norm": norm}
 
 
 OBJECTIVE = Objective(

@@ -25,7 +25,8 @@ do not hold is taken for granted: the paper's 0.5 of (21)-(24), lane following, 
 differs is refused and needs `objective: ddpg`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -159,24 +160,38 @@ def draw_scripted(
 
 
 def step_along(
-    optimiser: torch.optim.Optimizer, actors: Actors, lost: Tensor, rehearsal: Tensor, weight: float, clip: float
-) -> float:
+    optimiser: torch.optim.Optimizer,
+    actors: Actors,
+    lost: Tensor,
+    rehearsal: Callable[[], Tensor],
+    weight: float,
+    clip: float,
+) -> tuple[float, float]:
     """Take a step with the actors down the gradients of what they lose and, `weight` times, of the rehearsal.
 
     Each is scaled down to the norm `clip` before they are added, so that neither drowns the other.
 
-    :returns: the norm of the first gradient.
+    :param rehearsal: returns its loss, while another thread goes back through `lost`: that draws no random numbers and
+        needs no lock of Python, so both come out as one after the other.
+    :returns: the norm of the first gradient, and the loss of the rehearsal.
     """
     parameters = list(actors.parameters())
+
+    def gradient_of(loss: Tensor) -> tuple[Tensor, ...]:
+        return torch.autograd.grad(loss, parameters, allow_unused=True, materialize_grads=True)
+
+    with ThreadPoolExecutor(1, initializer=torch.set_num_threads, initargs=(torch.get_num_threads(),)) as other_core:
+        of_lost = other_core.submit(gradient_of, lost)
+        rehearsed = rehearsal()
+        both = gradient_of(rehearsed), of_lost.result()
     parts, norms = [], []
-    for loss in (lost, rehearsal):
-        gradients = torch.autograd.grad(loss, parameters, allow_unused=True, materialize_grads=True)
+    for gradients in both[::-1]:
         norms.append(float(torch.linalg.vector_norm(torch.stack([g.norm() for g in gradients]))))
         parts.append([g * min(1.0, clip / max(norms[-1], 1e-12)) for g in gradients])
     for parameter, first, second in zip(parameters, *parts, strict=True):
         parameter.grad = first + weight * second
     optimiser.step()
-    return norms[0]
+    return norms[0], float(rehearsed.detach())
 
 
 @torch.no_grad()
