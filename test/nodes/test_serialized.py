@@ -77,12 +77,12 @@ def test_a_safety_state_is_written_as_ros_writes_it_and_read_as_it_was(batch: in
     rng, (header, start) = np.random.default_rng(batch), headers(frame)
     values = rng.random(batch), rng.random(batch), rng.random(batch) < 0.5
     data = serialize_message(convert.safety_message(header, TICK, *values))
-    written = write_safety_state(start, SerializedSafety(TICK, *values))
+    written = write_safety_state(SerializedSafety(start, TICK, *values))
     assert written == zeroed("vpsci_msgs/msg/SafetyState", data, "/safety/state")
     back = read_safety_state(data)
     assert back is not None
-    assert back.tick == TICK
-    for given, found in zip(values, back[1:], strict=True):
+    assert (back.header, back.tick) == (start, TICK)
+    for given, found in zip(values, back[2:], strict=True):
         assert np.array_equal(given, found)
 
 
@@ -92,11 +92,11 @@ def test_an_action_is_written_as_ros_writes_it_and_read_as_it_was(batch: int, fr
     header, start = headers(frame)
     pairs = np.random.default_rng(batch).random((batch, 2))
     data = serialize_message(action_message(header, TICK, pairs, 9))
-    written = write_action(start, SerializedAction(TICK, *pairs.T, 9))
+    written = write_action(SerializedAction(start, TICK, *pairs.T, 9))
     assert written == zeroed("vpsci_msgs/msg/AgentAction", data, "/vehicle/action")
     back = read_action(data)
     assert back is not None
-    assert (back.tick, back.policy_version) == (TICK, 9)
+    assert (back.header, back.tick, back.policy_version) == (start, TICK, 9)
     assert np.array_equal(layout.action(back, batch, "/vehicle/action"), pairs)
 
 
@@ -106,10 +106,10 @@ def test_a_message_that_breaks_off_anywhere_is_refused() -> None:
     state, policy_frame = some_state(2)
     whole = [
         (serialized.shown, write_world_state(SerializedState(start, Tick(1, state, policy_frame), PERIOD))),
-        (serialized.safety_state, write_safety_state(start, SerializedSafety(1, ones, ones, ones > 0))),
+        (serialized.safety_state, write_safety_state(SerializedSafety(start, 1, ones, ones, ones > 0))),
         (
             lambda data: serialized.action(data, "/vehicle/action"),
-            write_action(start, SerializedAction(1, ones, ones, 1)),
+            write_action(SerializedAction(start, 1, ones, ones, 1)),
         ),
     ]
     for read, data in whole:
@@ -155,7 +155,7 @@ def test_empty_answers_are_read_as_empty() -> None:
     safety, action = read_safety_state(serialize_message(SafetyState())), read_action(serialize_message(AgentAction()))
     assert safety is not None
     assert action is not None
-    assert [len(each) for each in (*safety[1:], *action[1:3])] == [0] * 5
+    assert [len(each) for each in (*safety[2:], *action[2:4])] == [0] * 5
     with pytest.raises(InvalidInput, match="expected 1 entries in curvttc, got 0"):
         layout.assessment(safety, Tick(0, np.zeros(1, EPISODE), np.ones(1, bool)))
     assert SimpleNamespace(**action._asdict()).policy_version == 0

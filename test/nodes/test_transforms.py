@@ -12,7 +12,7 @@ from tf2_msgs.msg import TFMessage
 
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.graph import run_graph
-from vpsci_ros.nodes.recorder import is_own
+from vpsci_ros.nodes.recorder_reading import is_own
 from vpsci_ros.nodes.topics import TOPICS
 from vpsci_ros.resources import robot_description
 from vpsci_ros.runs.sections import Sections

@@ -1,5 +1,7 @@
 """Views that are filled into templates are the bytes that ROS makes of their messages."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
@@ -11,8 +13,10 @@ from vpsci_ros.nodes import convert, views
 from vpsci_ros.nodes.markers import scene_markers
 from vpsci_ros.nodes.template import MARK, Template
 from vpsci_ros.wire import layout, received
+from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.padding import zeroed
-from vpsci_ros.world import IDLE, World, WorldConfig, load_scenarios
+from vpsci_ros.wire.world_state import SerializedState
+from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import NO_ACTIONS
 
@@ -21,26 +25,37 @@ def serialized(kind: str, message: object) -> bytes:
     return zeroed(kind, serialize_message(message), kind)
 
 
-def test_views_of_every_scenario_are_the_bytes_of_their_messages_tick_by_tick() -> None:
+def test_views_of_every_scenario_are_the_bytes_of_their_messages_one_by_one_and_all_at_once() -> None:
     scenarios = load_scenarios([1, 2, 3, 4, 5, 6, 7, 8, 101])
     numbered = {scenario.number: scenario for scenario in scenarios}
-    scene = views.Scene(numbered)
+    scene = views.Views(numbered)
     config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", pedestrians=2)
+    frames = {f"left/{agent}": mover for mover, agent in enumerate(AGENTS)}
+    kinds = {
+        "visualization_msgs/msg/MarkerArray": scene.markers,
+        "tf2_msgs/msg/TFMessage": partial(scene.transforms, frames, {}),
+        "nav_msgs/msg/Odometry": partial(scene.odometry, 0, "left/vehicle"),
+    }
+    ticks: list[SerializedState] = []
+    expected: dict[str, list[bytes]] = {kind: [] for kind in kinds}
     for number in numbered:
         world = World(config, scenarios, [(number, 3)], 1, 5)
         for tick in range(40):
-            state, stamp = world.now.state, convert.stamp(tick, 0.05)
+            state, stamp = world.now.state.copy(), convert.stamp(tick, 0.05)
             header = Header(stamp=stamp, frame_id="map")
-            expected = serialized("visualization_msgs/msg/MarkerArray", scene_markers(state, numbered, header))
-            assert scene.markers(state, stamp) == expected
-            if state[0]["status"] != IDLE:
-                odometry = convert.odometry_messages(state[0], header, "left/")
-                motions = {f"left/{agent}": layout.motion_of(state[0], agent) for agent in AGENTS}
-                for (frame, motion), message in zip(motions.items(), odometry, strict=True):
-                    assert views.odometry(frame, motion, stamp) == serialized("nav_msgs/msg/Odometry", message)
-                moved = serialized("tf2_msgs/msg/TFMessage", convert.transforms(odometry))
-                assert views.transforms(motions, stamp) == moved
+            odometry = convert.odometry_messages(state[0], header, "left/")
+            ticks.append(
+                SerializedState(WireHeader(stamp.sec, stamp.nanosec, "map"), world.now._replace(state=state), 1)
+            )
+            messages = (scene_markers(state, numbered, header), convert.transforms(odometry), odometry[0])
+            for (kind, write), message in zip(kinds.items(), messages, strict=True):
+                expected[kind].append(serialized(kind, message))
+                assert write(ticks[-1:]) == expected[kind][-1:]
+            (walking,) = scene.odometry(1, "left/pedestrian", ticks[-1:])
+            assert walking == serialized("nav_msgs/msg/Odometry", odometry[1])
             world.advance(world.now.unassessed(), NO_ACTIONS)
+    for kind, write in kinds.items():
+        assert write(ticks) == expected[kind]
 
 
 def test_a_template_without_one_of_its_numbers_is_refused() -> None:

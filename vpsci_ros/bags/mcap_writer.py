@@ -49,7 +49,7 @@ class McapWriter:
         self._metadata: list[McapRecord] = []
         self._compressor = zstandard.ZstdCompressor()
         self._counts: Counter[int] = Counter()  # messages by channel
-        self._first, self._last = -1, 0  # log times [ns]
+        self._first, self._last = 2**63 - 1, 0  # log times [ns]
         self._crc = 0  # of all that was written
         self._parts: list[bytes] = []  # of the present chunk
         self._size = 0  # of them together
@@ -93,8 +93,16 @@ class McapWriter:
         self._metadata.append(MetadataIndex(offset=self._stream.tell(), length=len(data), name=name))
         self._write(data)
 
-    def finish(self) -> None:
-        """Write what waits, and the summary; errors as `add_message`."""
+    @property
+    def has_messages(self) -> bool:
+        """Whether any message was added."""
+        return bool(self._index or self._chunks)
+
+    def finish(self) -> tuple[int, int, int]:
+        """Write what waits, and the summary; return the first and last log time [ns] and the number of messages.
+
+        :raises OSError: the disk refuses it.
+        """
         if self._index:
             self._end_chunk()
         self._write(_bytes(DataEnd(self._crc)))
@@ -106,7 +114,7 @@ class McapWriter:
             chunk_count=len(self._chunks),
             message_count=self._counts.total(),
             message_end_time=self._last,
-            message_start_time=max(self._first, 0),
+            message_start_time=self._first if self._chunks else 0,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
@@ -127,6 +135,7 @@ class McapWriter:
         summary += _bytes(*offsets)
         footer = _bytes(Footer(*places, summary_crc=0))[:-4]
         self._stream.write(summary + footer + struct.pack("<I", zlib.crc32(footer, zlib.crc32(summary))) + MCAP0_MAGIC)
+        return self._first, self._last, self._counts.total()
 
     def _append(self, record: bytes) -> None:
         self._parts.append(record)
@@ -162,8 +171,7 @@ class McapWriter:
                 uncompressed_size=len(data),
             )
         )
-        self._first = first if self._first < 0 else min(first, self._first)
-        self._last = max(last, self._last)
+        self._first, self._last = min(first, self._first), max(last, self._last)
         self._parts, self._size = [], 0
         self._index.clear()
 

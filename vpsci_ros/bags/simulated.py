@@ -75,10 +75,11 @@ def _messages(step: Step, config: WorldConfig, time: int) -> Iterator[tuple[str,
     header = WireHeader(time // 10**9, time % 10**9, layout.MAP)
     yield layout.WORLD, write_world_state(SerializedState(header, tick, config.tick))
     safety = assessed.curvttc, assessed.distance, assessed.critical
-    yield layout.SAFETY, write_safety_state(header, SerializedSafety(tick.number, *safety))
+    yield layout.SAFETY, write_safety_state(SerializedSafety(header, tick.number, *safety))
     for agent in AGENTS:
         if (action := step.actions.of(agent)) is not None:
-            yield f"/{agent}/action", write_action(header, SerializedAction(tick.number, action[:, 0], action[:, 1], 1))
+            answer = SerializedAction(header, tick.number, action[:, 0], action[:, 1], 1)
+            yield f"/{agent}/action", write_action(answer)
     if tick.state[0]["status"]:
         for agent in AGENTS:
             yield f"/{agent}/odometry", _odometry(header, agent, layout.motion_of(tick.state[0], agent))

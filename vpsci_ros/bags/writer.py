@@ -110,17 +110,16 @@ class BagWriter:
         row = self.topics[topic]
         self._require_whole()
         try:  # rather than `_on_disk`, which takes as long as half a small message
-            if self._split_size and self._file.tell() >= self._split_size and self.files[-1].messages:
+            if self._full and self._writer.has_messages:
                 self._claim.require_there()
                 self._finish()
                 self._open()
             row.seen += 1
             if self._writer.add_message(row.channel, row.messages, log_time, publish_time, data):
-                self._file.flush()  # a chunk that has just filled goes to the operating system at once
+                self._flush()  # a chunk that has just filled goes to the operating system at once
         except OSError as error:
             raise self._refused(error) from error
         row.messages += 1
-        self.files[-1].count(log_time)
 
     def refuse(self, topic: str) -> None:
         """Count a message that came and is not written, since it cannot be read."""
@@ -131,7 +130,7 @@ class BagWriter:
         """Store a named record of text values, found again without reading the messages; errors as `write`."""
         with self._on_disk():
             self._writer.add_metadata(name, values)
-            self._file.flush()
+            self._flush()
 
     def describe(self, name: str, values: Mapping[str, str]) -> None:
         """Store a named record of text values in this file and in every one that follows; errors as `write`."""
@@ -182,9 +181,19 @@ class BagWriter:
         for name, values in self._described:
             self._writer.add_metadata(name, values)
 
+        self._look()
+
+    def _flush(self) -> None:
+        self._file.flush()
+        self._look()
+
+    def _look(self) -> None:
+        self._full = bool(self._split_size) and self._file.tell() >= self._split_size
+
     def _finish(self, custom_data: Mapping[str, str] | None = None) -> None:
         self.add_metadata(RUN, self._totals() | dict(custom_data or {}))
-        self._writer.finish()
+        file = self.files[-1]
+        file.first, file.last, file.messages = self._writer.finish()
         self._file.close()
 
     def _totals(self) -> dict[str, str]:

@@ -12,7 +12,7 @@ from vpsci_msgs.msg import PolicyWeights, SafetyState
 from vpsci_msgs.srv import History
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.exchange import Outgoing
+from vpsci_ros.nodes.exchange import Outgoing, each
 from vpsci_ros.nodes.history import frames_of
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.output import Output
@@ -34,6 +34,7 @@ SILENCE = 0.5  # [s] without a message before the missed ones are requested from
 REPLY_PATIENCE = 1.0  # [s] for the world's reply, before the next request
 FOREIGN_PATIENCE = 0.2  # [s] for the service of another program's world, which may not offer it; ours does
 OWN_PATIENCE = 3.0  # [s]
+_write = each(write_action)
 
 
 class AgentPolicy(GraphNode):
@@ -167,8 +168,8 @@ class AgentPolicy(GraphNode):
         self._known = tick.number
         action = self._agent.act(tick, assessed).astype(np.float64)
         Actions(pedestrian=action)  # refuses another shape, and numbers that are not finite
-        answer = SerializedAction(tick.number, action[:, 0], action[:, 1], self._version)
-        return Outgoing(answer, partial(write_action, header))
+        answer = SerializedAction(header, tick.number, action[:, 0], action[:, 1], self._version)
+        return Outgoing(answer, _write)
 
     # ---- catching up
 

@@ -6,7 +6,7 @@ its executor, as much as the world takes for a tick. Readers in other processes 
 
 import time
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.publisher import Publisher
@@ -19,15 +19,20 @@ class Outgoing:
     """A message before it is serialized: nodes of this process read its value, all others its bytes.
 
     :param value: what a reader of the bytes makes of them; nobody changes it any more.
-    :param write: makes the bytes of the value, where anybody needs them.
+    :param write: makes the bytes of values, where anybody needs them; of several at once they may cost less each.
     """
 
-    def __init__(self, value: Any, write: Callable[[Any], bytes]) -> None:
-        self.value, self._write, self._data = value, write, b""
+    def __init__(self, value: Any, write: Callable[[Sequence[Any]], list[bytes]]) -> None:
+        self.value, self.write, self._data = value, write, b""
 
     def __bytes__(self) -> bytes:
-        self._data = self._data or _padded(self._write(self.value))
+        self._data = self._data or padded(self.write([self.value])[0])
         return self._data
+
+
+def each(write: Callable[[Any], bytes]) -> Callable[[Sequence[Any]], list[bytes]]:
+    """Return what makes the bytes of values one by one."""
+    return lambda values: list(map(write, values))
 
 
 class LocalReader:
@@ -66,7 +71,7 @@ class Exchange:
         """Publish a message, in whatever form, to the readers here, and through the middleware if there are others."""
         readers = self._readers[topic]
         if readers and not isinstance(message, Outgoing):
-            message = _padded(message if isinstance(message, bytes) else serialize_message(message))
+            message = padded(message if isinstance(message, bytes) else serialize_message(message))
         self._waiting.extend([(reader, message) for reader in readers])
         if publisher.get_subscription_count() > len(readers):
             message = bytes(message) if isinstance(message, Outgoing) else message
@@ -84,6 +89,6 @@ class Exchange:
         return bool(self._waiting)
 
 
-def _padded(data: bytes) -> bytes:
+def padded(data: bytes) -> bytes:
     """Return a serialized message as the middleware brings it."""
     return data + bytes(-len(data) % 4)

@@ -46,7 +46,7 @@ class Intake:
     def add(
         self,
         topic: str,
-        decode: Callable[[Any], T],
+        decode: Callable[[Any], T] | None,
         handle: Callable[[T], None],
         qos: QoSProfile | None = None,
         *,
@@ -56,12 +56,15 @@ class Intake:
         """Subscribe to a topic of the table.
 
         :param decode: called with each message, or its bytes where `raw`; refuses one by `InvalidInput`, and the
-            refusal is counted and logged.
+            refusal is counted and logged. None: `handle` is called with every message at once.
         :param handle: called with what `decode` returned.
         :param polled: messages, `raw` ones, come when the node calls `poll`, and wake no executor.
         """
-        row, self._receivers[topic] = TOPICS[topic], (decode, handle)
-        receive: Callable[[Any], None] = partial(self.receive, topic)
+        row = TOPICS[topic]
+        receive: Callable[[Any], None] = handle
+        if decode is not None:
+            self._receivers[topic] = decode, handle
+            receive = partial(self.receive, topic)
         if self._exchange is not None and raw and row.qos is not LATCHED:
             receive = self._exchange.reader(topic, receive).from_middleware
         self._inputs[topic] = self._node.create_subscription(

@@ -2,35 +2,29 @@
 
 import hashlib
 import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
-from tf2_msgs.msg import TFMessage
 
-from vpsci_msgs.msg import EpisodeEvent, PolicyWeights
-from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog, EventRow, event_rows
+from vpsci_msgs.msg import PolicyWeights
+from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes import serialized
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.config import EXECUTABLES, NODES, RecorderConfig
+from vpsci_ros.nodes.config import NODES, RecorderConfig
 from vpsci_ros.nodes.exchange import Outgoing
 from vpsci_ros.nodes.peer_parameters import PeerParameters
-from vpsci_ros.nodes.serialized import message_of
+from vpsci_ros.nodes.recorder_reading import FOREIGN, Reading
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
-from vpsci_ros.wire import layout, received
+from vpsci_ros.wire import received
 from vpsci_ros.wire.decoder import describe
-from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
-from vpsci_ros.wire.padding import zeroed
 from vpsci_ros.world import load_scenarios
-from vpsci_ros.world.observation import AGENTS
-from vpsci_ros.world.tick import Actions
 
 POLL = 0.02  # [s]: at a thousand ticks a second two hundred messages at once, in place of as many calls
-_ACTIONS = {f"/{agent}/action": agent for agent in AGENTS}
 
 
 class Recorder(GraphNode):
@@ -56,7 +50,7 @@ class Recorder(GraphNode):
         sizes = {"chunk_size": config.chunk_size * 1024, "split_size": config.split_size}
         self._bag = BagWriter(config.bag, topics, **sizes)
         self._bag.describe(SOFTWARE, software_record())
-        self._rows = 0  # of the arrays of states and answers; 0: not known
+        self._reading = Reading(self.intake, self.frame_prefix)
         self._episodes = EpisodeLog()
         self._ended: list[BagEpisode] = []
         self._recorded_episodes = 0
@@ -65,11 +59,14 @@ class Recorder(GraphNode):
             self.simulated_time = self.get_clock().now().to_msg()
         self._at = -1  # [ns] of the latest message
         self._begun = time.monotonic()
+        self._came: list[tuple[str, bytes | Outgoing, int]] = []  # topic, message, wall time [ns]
+        self._thread = ThreadPoolExecutor(1, "recorder")
+        self._written: Future[None] | None = None  # what was handed over to it
         serialized.warm_up()
         others = [name for name in (self.peers if explicit else NODES) if name not in ("recorder", "replayer")]
         self._peer_parameters = PeerParameters(self, others, self._on_parameters)
         if "learner" in others:
-            self.input("/policy/weights", _digest, partial(self._bag.describe, WEIGHTS), LATCHED)
+            self.input("/policy/weights", _digest, partial(self._describe, WEIGHTS), LATCHED)
         # Where the nodes wait for this one, it first waits for their parameters: a short run would be over before.
         self._waiting: list[Topic] = wanted
         if explicit:
@@ -87,48 +84,53 @@ class Recorder(GraphNode):
 
     def _subscribe(self) -> None:
         for row in self._waiting:
-            take = partial(self._on_message, row.name)
-            self.input(row.name, lambda message: message, take, RECORDING, raw=True, polled=True)
+            self.input(row.name, None, partial(self._take, row.name), RECORDING, raw=True, polled=True)
         self._waiting = []
-        self.wall_timer(POLL, self.intake.poll)
+        self.wall_timer(POLL, self._poll)
 
-    def _on_message(self, topic: str, message: bytes | Outgoing) -> None:
-        data = bytes(message)
-        if TOPICS[topic].shared and not self.intake.read(topic, _is_own, topic, data, self.frame_prefix):
-            return
-        at = self.intake.read(topic, received.stamp, topic, data)
-        clean = None if at is None else self.intake.read(topic, zeroed, TOPICS[topic].type_name, data, topic)
-        ticked = self.intake.read(topic, self._checked, topic, message) if clean is not None else None
-        if at is None or clean is None or ticked is None:
-            self._bag.refuse(topic)
-            return
-        if self._ended and at > self._ended[0].end_time:
-            self._write_ended()
-        self._bag.write(topic, clean, at, time.time_ns())
-        tick, events = ticked
-        if events:
-            self._ended += self._episodes.add(tick, at, events, self._bag.files[-1].name)
-        if at != self._at and (topic != "/diagnostics" or self._untimed):
-            self._at = at
-            self.simulated_time = Time(sec=at // 1_000_000_000, nanosec=at % 1_000_000_000)
+    def _take(self, topic: str, message: bytes | Outgoing) -> None:
+        self._came.append((topic, message, time.time_ns()))
 
-    def _checked(self, topic: str, message: bytes | Outgoing) -> tuple[int, list[EventRow]]:
-        """Return the tick and the events of an EpisodeEvent, none of other messages.
+    def _poll(self) -> None:
+        """Have written what has come, beside what this process does next.
 
-        :raises InvalidInput: a state, an answer or events that the nodes which act on them refuse as well.
+        :raises VpsciError: the disk has refused what was to be written before.
         """
-        if topic == EVENTS:
-            event = message_of(bytes(message), EpisodeEvent, EVENTS)
-            return event.tick, event_rows(layout.events(event))
-        if topic == WORLD:
-            rows = len(serialized.shown(message).tick.state)
-            if self._rows and rows != self._rows:
-                raise InvalidInput(f"{topic}: expected {self._rows} pedestrians, got {rows}; are two worlds here?")
-        elif topic == SAFETY and self._rows:
-            layout.safety_state(serialized.safety_state(message), self._rows)
-        elif topic in _ACTIONS and self._rows:
-            Actions(**{_ACTIONS[topic]: layout.action(serialized.action(message, topic), self._rows, topic)})
-        return 0, []
+        self.intake.poll()
+        if self._came:
+            self.intake.arrived = time.perf_counter()
+            self._settle()
+            self._written = self._thread.submit(self._record, self._came)
+            self._came = []
+
+    def _settle(self) -> None:
+        """Wait until everything is written that was handed over; a writer that is slower thus slows down the graph."""
+        written, self._written = self._written, None
+        if written is not None:
+            written.result()
+
+    def _describe(self, name: str, values: Mapping[str, str]) -> None:
+        self._settle()
+        self._bag.describe(name, values)
+
+    def _record(self, came: Sequence[tuple[str, bytes | Outgoing, int]]) -> None:
+        """Write messages that came at these wall times [ns], in their order."""
+        own = self._reading.own([message[:2] for message in came])
+        for (topic, message, came_at), found in zip(came, own, strict=True):
+            read = found or self._reading.message(topic, bytes(message))
+            if read is None:
+                self._bag.refuse(topic)
+            elif read is not FOREIGN:
+                at, data, tick, events = read
+                if self._ended and at > self._ended[0].end_time:
+                    self._write_ended()
+                self._bag.write(topic, data, at, came_at)
+                if events:
+                    self._ended += self._episodes.add(tick, at, events, self._bag.files[-1].name)
+                if topic != "/diagnostics" or self._untimed:
+                    self._at = at
+        if self._at >= 0:
+            self.simulated_time = Time(sec=self._at // 1_000_000_000, nanosec=self._at % 1_000_000_000)
 
     def _write_ended(self) -> None:
         """Write the records of the episodes whose last tick is over."""
@@ -139,11 +141,11 @@ class Recorder(GraphNode):
 
     def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
         scenarios = scenario_records(load_scenarios(values.get("scenarios", ()), values.get("scenario_files", ())))
-        self._bag.describe(NODE, node_record(node, values))
+        self._describe(NODE, node_record(node, values))
         if node == "world_simulator":
-            self._rows = int(values.get("batch", 0)) * int(values.get("pedestrians", 1))
+            self._reading.rows = int(values.get("batch", 0)) * int(values.get("pedestrians", 1))
         for record in scenarios:
-            self._bag.describe(SCENARIO, record)
+            self._describe(SCENARIO, record)
 
     def figures(self) -> dict[str, Any]:
         """Return numbers of messages, episodes and files."""
@@ -157,7 +159,9 @@ class Recorder(GraphNode):
 
     def close(self) -> None:
         """Complete the bag."""
-        self.intake.poll()
+        self._poll()
+        self._settle()
+        self._thread.shutdown()
         self._write_ended()
         totals = {"episodes": str(self._recorded_episodes), "episodes_unfinished": str(self._episodes.unfinished)}
         self._bag.close(totals)
@@ -171,25 +175,3 @@ def _digest(message: PolicyWeights) -> dict[str, str]:
     :raises InvalidInput: they are another's.
     """
     return {"version": str(message.version), "sha256": hashlib.sha256(received.weights(message)).hexdigest()}
-
-
-def _is_own(topic: str, data: bytes, prefix: str) -> bool:
-    """Return `is_own` of a serialized message.
-
-    :raises InvalidInput: it is none.
-    """
-    if topic == "/diagnostics":
-        return is_own(message_of(data, DiagnosticArray, topic), prefix)
-    return _are_own(received.child_frames(data, topic), prefix)
-
-
-def is_own(message: DiagnosticArray | TFMessage, prefix: str) -> bool:
-    """Return whether a message is of the graph whose names begin with `prefix`, such as "left/", or nothing."""
-    if isinstance(message, DiagnosticArray):
-        own = {f"{prefix}{name}" for name in EXECUTABLES}
-        return bool(message.status) and all(status.name in own for status in message.status)
-    return _are_own([transform.child_frame_id for transform in message.transforms], prefix)
-
-
-def _are_own(frames: list[str], prefix: str) -> bool:
-    return bool(frames) and all(frame.startswith(tuple(f"{prefix}{agent}" for agent in AGENTS)) for frame in frames)

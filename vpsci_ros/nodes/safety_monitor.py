@@ -1,16 +1,17 @@
 """The CurvTTC safety monitor: answers every WorldState with the CurvTTC of each parallel episode."""
 
-from functools import partial
 from typing import Any
 
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.exchange import Outgoing
+from vpsci_ros.nodes.exchange import Outgoing, each
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.serialized import shown, time_of
 from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
 from vpsci_ros.wire.answers import SerializedSafety, write_safety_state
 from vpsci_ros.wire.world_state import SerializedState
 from vpsci_ros.world.monitor import MonitorConfig, assess, warm_up
+
+_write = each(write_safety_state)
 
 
 class SafetyMonitor(GraphNode):
@@ -32,8 +33,8 @@ class SafetyMonitor(GraphNode):
     def _on_state(self, world: SerializedState) -> None:
         header, tick, _ = world
         curvttc, distance, critical = assess(tick.state, self._config)
-        safety = SerializedSafety(tick.number, curvttc, distance, critical)
-        self._safety.publish(Outgoing(safety, partial(write_safety_state, header)))
+        safety = SerializedSafety(header, tick.number, curvttc, distance, critical)
+        self._safety.publish(Outgoing(safety, _write))
         self.simulated_time = time_of(header)
         self._meter.tick(tick.number)
         self._meter.answered(self.intake.arrived)

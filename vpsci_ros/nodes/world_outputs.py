@@ -1,23 +1,25 @@
 """What the world publishes: state and time, events and transitions, and views of one episode for existing tools."""
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import String
 
-from vpsci_ros.nodes import convert, views
+from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.exchange import Outgoing
-from vpsci_ros.nodes.views import Scene
+from vpsci_ros.nodes.exchange import Outgoing, each
+from vpsci_ros.nodes.views import Views
 from vpsci_ros.resources import robot_description
-from vpsci_ros.wire import layout
 from vpsci_ros.wire.header import WireHeader, write_clock
 from vpsci_ros.wire.layout import MAP
 from vpsci_ros.wire.world_state import SerializedState, as_read, warm_up, write_world_state
 from vpsci_ros.world import IDLE, Scenario, WorldConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Tick
+
+_write_clock, _write_state = each(lambda world: write_clock(world.header)), each(write_world_state)
 
 
 class WorldOutputs:
@@ -42,22 +44,36 @@ class WorldOutputs:
     ) -> None:
         self._node = node
         self._period = config.tick
-        self._scene = Scene(scenarios)
         self._time = node.output("/clock")
         self._state = node.output("/world/state")
         self._event = node.output("/episode/event")
         self._replay = [node.output("/replay")] if transitions else []
         agents = AGENTS if pedestrian_odometry else AGENTS[:1]
-        self._odometry = [node.output(f"/{agent}/odometry") for agent in agents] if batch == 1 else []
-        several = batch == 1 and config.pedestrians > 1 and pedestrian_odometry
-        self._pedestrians = [node.output("/pedestrians/odometry")] if several else []
-        self._markers = [node.output("/markers")] if batch == 1 else []
-        self._transforms = [node.output("/tf")] if batch == 1 else []
-        self._fixed = [node.output("/tf_static")] if batch == 1 else []
-        views = [*self._odometry, *self._pedestrians, *self._markers, *self._transforms, *self._fixed]
-        self.all = [self._time, self._state, self._event, *self._replay, *views]
-        for agent in AGENTS if batch == 1 else ():
+        one, several = batch == 1, batch == 1 and config.pedestrians > 1 and pedestrian_odometry
+        odometry = [node.output(f"/{agent}/odometry") for agent in agents] if one else []
+        pedestrians = [node.output("/pedestrians/odometry")] if several else []
+        markers = [node.output("/markers")] if one else []
+        transforms = [node.output("/tf")] if one else []
+        self._fixed = [node.output("/tf_static")] if one else []
+        self.all = [self._time, self._state, self._event, *self._replay]
+        self.all += [*odometry, *pedestrians, *markers, *transforms, *self._fixed]
+        for agent in AGENTS if one else ():
             node.output(f"/{agent}/robot_description").publish_now(String(data=robot_description(agent)))
+        views, prefix = Views(scenarios), node.frame_prefix
+        frames = {f"{prefix}{agent}": mover for mover, agent in enumerate(agents)}
+        people = {f"{prefix}pedestrian_{k}": 1 + k for k in range(config.pedestrians if several else 0)}
+        self._moving = [*odometry, *pedestrians, *transforms]
+        self._motion = [
+            (output, partial(views.odometry, mover, frame))
+            for output, (frame, mover) in zip(odometry, frames.items(), strict=bool(odometry))
+        ]
+        self._people = [
+            (output, mover, partial(views.odometry, mover, frame))
+            for output in pedestrians
+            for frame, mover in people.items()
+        ]
+        self._transforms = [(output, partial(views.transforms, frames, people)) for output in transforms]
+        self._markers = [(output, views.markers) for output in markers]
         self._fixed_published = False  # with the first tick, when a recorder is there
         warm_up()
 
@@ -72,38 +88,39 @@ class WorldOutputs:
     def tick(self, tick: Tick) -> None:
         """Publish a tick."""
         self._node.simulated_time = convert.stamp(tick.number, self._period)
-        header = WireHeader(self._node.simulated_time.sec, self._node.simulated_time.nanosec, MAP)
-        self._time.publish(write_clock(header))
-        world = SerializedState(header, tick, self._period)
-        self._state.publish(Outgoing(as_read(world) if self._state.shared else world, write_world_state))
+        world = self._world(tick)
+        self._time.publish(Outgoing(world, _write_clock))
+        self._state.publish(Outgoing(world, _write_state))
         for output in self._fixed if not self._fixed_published else ():
             output.publish(convert.fixed_transforms(self._node.frame_prefix))
         self._fixed_published = True
-        self._publish_motion(tick)
-        for output in self._markers:
+        self._publish_motion(world)
+        for output, write in self._markers:
             if output.has_readers:
-                output.publish(self._scene.markers(tick.state, self._node.simulated_time))
+                output.publish(Outgoing(world, write))
 
     def repeat(self, tick: Tick) -> None:
         """Publish odometry and transforms of a tick once more, for readers that were not subscribed yet."""
-        self._publish_motion(tick)
+        self._publish_motion(self._world(tick))
 
-    def _publish_motion(self, tick: Tick) -> None:
+    def _world(self, tick: Tick) -> SerializedState:
+        """Return a tick as it is published; what nodes of this process get, they may keep."""
+        header = WireHeader(self._node.simulated_time.sec, self._node.simulated_time.nanosec, MAP)
+        world = SerializedState(header, tick, self._period)
+        return as_read(world) if self._state.shared else world
+
+    def _publish_motion(self, world: SerializedState) -> None:
         """Publish odometry and the same as transforms, while there are readers."""
-        record, prefix, stamp = tick.state[0], self._node.frame_prefix, self._node.simulated_time
-        moving = (*self._odometry, *self._pedestrians, *self._transforms)
-        if record["status"] == IDLE or not any(output.has_readers for output in moving):
+        status = world.tick.state["status"]
+        if status[0] == IDLE or not any(output.has_readers for output in self._moving):
             return
-        motions = {f"{prefix}{agent}": layout.motion_of(record, agent) for agent in AGENTS[: len(self._odometry)]}
-        for output, (frame, motion) in zip(self._odometry, motions.items(), strict=True):
-            output.publish(views.odometry(frame, motion, stamp))
-        for output in self._pedestrians:
-            for pedestrian in tick.state[tick.state["status"] != IDLE]:
-                frame = f"{prefix}pedestrian_{pedestrian['pedestrian']}"
-                motions[frame] = layout.motion_of(pedestrian, "pedestrian")
-                output.publish(views.odometry(frame, motions[frame], stamp))
-        for output in self._transforms:
-            output.publish(views.transforms(motions, stamp))
+        for output, write in self._motion:
+            output.publish(Outgoing(world, write))
+        for output, mover, write in self._people:
+            if status[mover - 1] != IDLE:
+                output.publish(Outgoing(world, write))
+        for output, write in self._transforms:
+            output.publish(Outgoing(world, write))
 
     def events(self, events: NDArray[np.void], number: int) -> None:
         """Publish what happened up to the tick of this number, EVENT[n], n > 0."""

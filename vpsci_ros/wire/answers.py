@@ -19,6 +19,7 @@ _U32 = struct.Struct("<I")
 class SerializedSafety(NamedTuple):
     """A SafetyState."""
 
+    header: WireHeader
     tick: int
     curvttc: Floats  # [s]
     distance: Floats  # [m]
@@ -28,6 +29,7 @@ class SerializedSafety(NamedTuple):
 class SerializedAction(NamedTuple):
     """An AgentAction."""
 
+    header: WireHeader
     tick: int
     longitudinal: Floats  # [m/s2]
     lateral: Floats  # [m/s2]
@@ -37,33 +39,33 @@ class SerializedAction(NamedTuple):
 def read_safety_state(data: bytes) -> SerializedSafety | None:
     """Return what a serialized SafetyState says; None where the bytes are not as ROS writes them."""
     found = _read(data)
-    if found is None or found[3] > len(data) - found[4]:
+    if found is None or found[4] > len(data) - found[5]:
         return None
-    tick, curvttc, distance, count, at = found
+    header, tick, curvttc, distance, count, at = found
     critical = np.frombuffer(data, np.uint8, count, at) if count else np.zeros(0, np.uint8)
-    return SerializedSafety(tick, curvttc, distance, critical)
+    return SerializedSafety(header, tick, curvttc, distance, critical)
 
 
 def read_action(data: bytes) -> SerializedAction | None:
     """Return what a serialized AgentAction says; None where the bytes are not as ROS writes them."""
     found = _read(data)
-    return SerializedAction(*found[:4]) if found else None
+    return SerializedAction(*found[:5]) if found else None
 
 
-def write_safety_state(header: WireHeader, safety: SerializedSafety) -> bytes:
+def write_safety_state(safety: SerializedSafety) -> bytes:
     """Return a SafetyState of at least one episode, serialized."""
-    data = _with_floats(_with_floats(write_start(header, safety.tick), safety.curvttc), safety.distance)
+    data = _with_floats(_with_floats(write_start(safety.header, safety.tick), safety.curvttc), safety.distance)
     return data + _U32.pack(len(safety.critical)) + safety.critical.tobytes()
 
 
-def write_action(header: WireHeader, action: SerializedAction) -> bytes:
+def write_action(action: SerializedAction) -> bytes:
     """Return an AgentAction of at least one episode, serialized."""
-    data = _with_floats(_with_floats(write_start(header, action.tick), action.longitudinal), action.lateral)
+    data = _with_floats(_with_floats(write_start(action.header, action.tick), action.longitudinal), action.lateral)
     return data + _U32.pack(action.policy_version)
 
 
-def _read(data: bytes) -> tuple[int, Floats, Floats, int, int] | None:
-    """Return tick, two float64[] and a uint32 with which both messages begin, and the offset behind them.
+def _read(data: bytes) -> tuple[WireHeader, int, Floats, Floats, int, int] | None:
+    """Return header, tick, two float64[] and a uint32 with which both messages begin, and the offset behind them.
 
     :return: None where the bytes are not as ROS writes them.
     """
@@ -76,7 +78,7 @@ def _read(data: bytes) -> tuple[int, Floats, Floats, int, int] | None:
         (number,) = _U32.unpack_from(data, aligned(at, 4))
     except (struct.error, ValueError):  # shorter than its lengths say
         return None
-    return start[1], first, second, number, aligned(at, 4) + _U32.size
+    return start[0], start[1], first, second, number, aligned(at, 4) + _U32.size
 
 
 def _floats(data: bytes, at: int) -> tuple[Floats, int]:

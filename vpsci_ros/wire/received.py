@@ -44,7 +44,7 @@ def credible(tick: Tick, where: str = WORLD) -> Tick:
     """
     if len(tick.state) == 0:
         raise InvalidInput(f"{where}: expected at least one episode, got none; does another program publish it?")
-    if not _in_range(tick.state):  # at every tick, so one compiled look at all; this one finds out what is wrong
+    if not in_range(tick.state):  # at every tick, so one compiled look at all; this one finds out what is wrong
         layout.require_codes(tick.state["status"], ENDED, f"{where}: status")
         for name in _MOTION:
             bad = ~(np.abs(tick.state[name]) <= FARTHEST)
@@ -58,7 +58,7 @@ def credible(tick: Tick, where: str = WORLD) -> Tick:
 
 
 @kernel
-def _in_range(state):  # type: ignore[no-untyped-def]
+def in_range(state):  # type: ignore[no-untyped-def]
     """Return whether status and `_MOTION` of EPISODE[B] are what a world can have; NaN is not."""
     for i in range(state.size):
         slot = state[i]
