@@ -61,6 +61,7 @@ class Exchange:
     def __init__(self) -> None:
         self._readers: defaultdict[str, list[LocalReader]] = defaultdict(list)
         self._waiting: deque[tuple[LocalReader, bytes | Outgoing]] = deque()
+        self._counts: dict[Publisher, int] = {}  # of subscriptions, while messages are handed on
 
     def reader(self, topic: str, receive: Callable[[bytes | Outgoing], None]) -> LocalReader:
         """Return another reader of a topic."""
@@ -73,19 +74,28 @@ class Exchange:
         if readers and not isinstance(message, Outgoing):
             message = padded(message if isinstance(message, bytes) else serialize_message(message))
         self._waiting.extend([(reader, message) for reader in readers])
-        if publisher.get_subscription_count() > len(readers):
+        if self.subscriptions(publisher) > len(readers):
             message = bytes(message) if isinstance(message, Outgoing) else message
             for reader in readers:
                 reader.copies[message] += 1
             publisher.publish(message)
 
+    def subscriptions(self, publisher: Publisher) -> int:
+        """Return how many there are to a publisher, here and elsewhere; `deliver` has the middleware count anew."""
+        count = self._counts.get(publisher)
+        if count is None:
+            self._counts[publisher] = count = publisher.get_subscription_count()
+        return count
+
     def deliver(self, seconds: float) -> bool:
         """Hand on what waits and what comes of it, for so long [s] at most; return whether there is more."""
+        self._counts.clear()
         until = time.perf_counter() + seconds
         while self._waiting and time.perf_counter() < until:
             for _ in range(min(_AT_ONCE, len(self._waiting))):
                 reader, data = self._waiting.popleft()
                 reader.receive(data)
+        self._counts.clear()
         return bool(self._waiting)
 
 

@@ -46,9 +46,11 @@ class Output:
         publisher = node.create_publisher(row.type, row.ros_name, **row.quality())
         self._publisher = publisher
         self._send: Callable[[Any], None] = self._send_to_readers
+        self._count: Callable[[], int] = publisher.get_subscription_count
         self.shared = exchange is not None and not self._latched
         if exchange is not None and self.shared:
             self._send = partial(exchange.publish, topic, publisher=publisher)
+            self._count = partial(exchange.subscriptions, publisher)
         self._timeout = timeout
         self._stopping = stopping
         self._ready = False
@@ -92,7 +94,7 @@ class Output:
     @property
     def has_readers(self) -> bool:
         """Whether there is a reader; views of the world are made only for one."""
-        return bool(self._publisher.get_subscription_count())
+        return self._count() > 0
 
     def publish(self, message: Any) -> None:
         """Publish; the first time, wait for the expected readers.
