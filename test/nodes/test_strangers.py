@@ -229,7 +229,7 @@ def test_a_recorder_that_a_graph_started_requests_no_parameters_from_anybody(
     recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
     here = stage(recorder)
     here.spin_until(lambda: "world_simulator" not in recorder._peer_parameters.missing)
-    assert recorder._rows == 6
+    assert recorder._reading.rows == 6
     recorder.close()
 
 
@@ -239,9 +239,9 @@ def test_a_recorder_refuses_bytes_that_are_no_message(
     recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
     stage(recorder)
     for topic in ("/tf", "/tf_static", "/diagnostics", "/episode/event"):
-        recorder._on_message(topic, b"\x00\x01\x00\x00" + b"\xff" * 40)
-    assert refused(recorder) == {"/tf": 1, "/tf_static": 1, "/diagnostics": 1, "/episode/event": 1}
+        recorder._take(topic, b"\x00\x01\x00\x00" + b"\xff" * 40)
     recorder.close()
+    assert refused(recorder) == {"/tf": 1, "/tf_static": 1, "/diagnostics": 1, "/episode/event": 1}
 
 
 def test_a_recorder_refuses_states_and_answers_that_the_other_nodes_refuse(
@@ -263,9 +263,9 @@ def test_a_recorder_refuses_states_and_answers_that_the_other_nodes_refuse(
     }
     for topic, messages in sent.items():
         for message in messages:
-            recorder._on_message(topic, serialize_message(message))
-    assert refused(recorder) == {topic: len(messages) - 1 for topic, messages in sent.items()}
+            recorder._take(topic, serialize_message(message))
     recorder.close()
+    assert refused(recorder) == {topic: len(messages) - 1 for topic, messages in sent.items()}
     info = bag_info(tmp_path / "bag")
     assert (info["messages_seen"], info["messages"]) == (11, 3)
 
@@ -275,7 +275,7 @@ def test_a_recorder_writes_no_byte_that_says_nothing(
 ) -> None:
     recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
     stage(recorder)
-    recorder._on_message("/world/state", serialize_message(state(1)) + b"\x07\x07\x07")
+    recorder._take("/world/state", serialize_message(state(1)) + b"\x07\x07\x07")
     recorder.close()
     (raw,) = Bag(tmp_path / "bag").messages(["/world/state"])
     assert bytes(raw.data)[-3:] == bytes(3)

@@ -21,7 +21,6 @@ from vpsci_ros.wire import layout, received
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.wire.padding import zeroed
 from vpsci_ros.world.observation import AGENTS
-from vpsci_ros.world.state import EPISODE
 from vpsci_ros.world.tick import Actions, has_nan
 
 _ACTIONS = {f"/{agent}/action": agent for agent in AGENTS}
@@ -67,14 +66,17 @@ class Reading:
             if self._credible(topic, values):
                 for place, value, data in zip(places, values, write(values), strict=True):
                     header = value.header
-                    found[place] = Read(header.seconds * 1_000_000_000 + header.nanoseconds, padded(data))
+                    at = header.seconds * 1_000_000_000 + header.nanoseconds
+                    found[place] = Read(at, padded(data))
+                    if topic == EVENTS:
+                        found[place] = Read(at, padded(data), value.tick, event_rows(value.events))
         return found
 
     def _credible(self, topic: str, values: Sequence[Any]) -> bool:
         """Return whether the nodes that act on these values refuse none of them."""
         if topic == WORLD:
             states = [value.tick.state for value in values]
-            arrays, fine = states, received.in_range(np.frombuffer(b"".join(map(bytes, states)), EPISODE))
+            arrays, fine = states, all(map(received.in_range, states))
         elif topic == SAFETY:
             arrays = [numbers for value in values for numbers in (value.curvttc, value.distance)]
             fine = not has_nan(np.concatenate(arrays))

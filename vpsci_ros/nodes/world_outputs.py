@@ -2,24 +2,41 @@
 
 from collections.abc import Mapping
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.exchange import Outgoing, each
+from vpsci_ros.nodes.topics import TOPICS
 from vpsci_ros.nodes.views import Views
 from vpsci_ros.resources import robot_description
 from vpsci_ros.wire.header import WireHeader, write_clock
-from vpsci_ros.wire.layout import MAP
+from vpsci_ros.wire.layout import EVENTS, MAP
+from vpsci_ros.wire.padding import zeroed
 from vpsci_ros.wire.world_state import SerializedState, as_read, warm_up, write_world_state
 from vpsci_ros.world import IDLE, Scenario, WorldConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Tick
 
 _write_clock, _write_state = each(lambda world: write_clock(world.header)), each(write_world_state)
+
+
+class _Happened(NamedTuple):
+    """What an EpisodeEvent says."""
+
+    header: WireHeader
+    tick: int
+    events: NDArray[np.void]  # EVENT[n]
+
+    def written(self, period: float) -> bytes:
+        """Return the serialized message; a tick takes so long [s]."""
+        message = convert.event_message(self.events, self.tick, period)
+        return zeroed(TOPICS[EVENTS].type_name, serialize_message(message), EVENTS)
 
 
 class WorldOutputs:
@@ -46,7 +63,8 @@ class WorldOutputs:
         self._period = config.tick
         self._time = node.output("/clock")
         self._state = node.output("/world/state")
-        self._event = node.output("/episode/event")
+        self._event = node.output(EVENTS)
+        self._write_events = each(lambda happened: happened.written(config.tick))
         self._replay = [node.output("/replay")] if transitions else []
         agents = AGENTS if pedestrian_odometry else AGENTS[:1]
         one, several = batch == 1, batch == 1 and config.pedestrians > 1 and pedestrian_odometry
@@ -124,7 +142,9 @@ class WorldOutputs:
 
     def events(self, events: NDArray[np.void], number: int) -> None:
         """Publish what happened up to the tick of this number, EVENT[n], n > 0."""
-        self._event.publish(convert.event_message(events, number, self._period))
+        stamp = convert.stamp(number, self._period)
+        header = WireHeader(stamp.sec, stamp.nanosec, MAP)
+        self._event.publish(Outgoing(_Happened(header, number, events), self._write_events))
 
     def transitions(self, rows: NDArray[np.void], number: int) -> None:
         """Publish the transitions that the tick of this number completed, TRANSITION[n]."""
