@@ -17,6 +17,7 @@ from vpsci_ros.safety import curvttc
 from vpsci_ros.world.observation import STEP
 
 SHARPEST_TURN = math.tan(0.52) / 2.875  # [1/m]
+_TO_THE_RIGHT = torch.tensor([1.0, -1.0])  # of a vector whose components are exchanged: it is turned by 90 degrees
 _STANDING = 1e-3  # [m/s] below this the heading does not turn
 
 
@@ -38,7 +39,7 @@ class Scene(NamedTuple):
     @property
     def finite(self) -> bool:
         """Whether every number is finite."""
-        return all(bool(part.isfinite().all()) for part in self)
+        return bool(torch.cat([part.detach().flatten() for part in self]).isfinite().all())
 
 
 def scene_at(motion: Tensor, at: Tensor, tracked_steps: int = 0) -> Scene:
@@ -88,9 +89,8 @@ def _tracked_velocity(motion: Tensor, at: Tensor, steps: int) -> Tensor:
 
 def observe(scene: Scene) -> tuple[Tensor, Tensor]:
     """Return what vehicle and pedestrian observe, [B, 6] each, equations (6) and (7); as `vpsci_ros.world.observe`."""
-    own = to_heading_frame(scene.vehicle_velocity, scene.heading)
-    other = to_heading_frame(scene.pedestrian_velocity, scene.heading)
-    distance = to_heading_frame(scene.vehicle - scene.pedestrian, scene.heading)
+    seen = scene.vehicle_velocity, scene.pedestrian_velocity, scene.vehicle - scene.pedestrian
+    own, other, distance = to_heading_frame(torch.stack(seen, dim=1), scene.heading[:, None]).unbind(dim=1)
     return torch.cat([own, distance, own - other], dim=1), torch.cat([other, -distance, other - own], dim=1)
 
 
@@ -124,12 +124,12 @@ def time_to_collision(scene: Scene) -> Tensor:
 
 
 def to_heading_frame(vector: Tensor, heading: Tensor) -> Tensor:
-    """Return the (forward, left) components [B, 2] of (east, north) vectors [B, 2] for headings [B] [rad]."""
-    c, s = torch.cos(heading), torch.sin(heading)
-    return torch.stack([c * vector[:, 0] + s * vector[:, 1], c * vector[:, 1] - s * vector[:, 0]], dim=1)
+    """Return the (forward, left) components [..., 2] of (east, north) vectors [..., 2] for headings [...] [rad]."""
+    c, s = torch.cos(heading)[..., None], torch.sin(heading)[..., None]
+    return c * vector + s * (vector.flip(-1) * _TO_THE_RIGHT)
 
 
 def from_heading_frame(vector: Tensor, heading: Tensor) -> Tensor:
-    """Return the (east, north) components [B, 2] of (forward, left) vectors [B, 2] for headings [B] [rad]."""
-    c, s = torch.cos(heading), torch.sin(heading)
-    return torch.stack([c * vector[:, 0] - s * vector[:, 1], s * vector[:, 0] + c * vector[:, 1]], dim=1)
+    """Return the (east, north) components [..., 2] of (forward, left) vectors [..., 2] for headings [...] [rad]."""
+    c, s = torch.cos(heading)[..., None], torch.sin(heading)[..., None]
+    return c * vector - s * (vector.flip(-1) * _TO_THE_RIGHT)

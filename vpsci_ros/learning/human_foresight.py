@@ -15,6 +15,7 @@ from torch import Tensor
 
 from vpsci_ros.kinematics.lane import OnLane
 from vpsci_ros.kinematics.rollout import Actions, ActorPair, Draws, Seen, roll_out
+from vpsci_ros.kinematics.scene import Scene
 from vpsci_ros.learning.config import ForesightConfig
 from vpsci_ros.learning.foresight import CLEARANCE_MARGIN, PACE_WEIGHTS, Moments, bounded, remembered
 from vpsci_ros.learning.residuals import Borrowing
@@ -49,44 +50,79 @@ def foresee_people(
 
     :param residuals: that actors without latent numbers borrow.
     """
-    count = len(start.speed)
+    count, steps = len(start.speed), config.steps
     latent = {agent: torch.randn(count, actors[agent].latent) for agent in AGENTS}
     draws = Draws(latent, {agent: torch.randn(count, ACTION_SIZE) for agent in AGENTS})
     lane = OnLane(start.lane, start.speed, start.pedestrian, start.walking, GAIN)
     borrowing = None if residuals is None else Borrowing(residuals, count, start.before["vehicle"][:, 0])
     pair = ActorPair(actors, remembered(actors, start), start.before, draws, residual=borrowing, bound=bounded)
-    reference = remembered(stage_1, start)
-    collision, goal, departure = torch.zeros(()), torch.zeros(()), torch.zeros(())
+    met: list[_Met] = []
 
     def act(seen: Seen) -> Actions:
-        nonlocal goal, departure
-        before, actions, departed = pair.before, pair(seen), torch.zeros(())
-        for agent in AGENTS:
-            with torch.no_grad():
-                known = seen.observation[agent], before[agent], seen.curvttc, reference[agent]
-                was = stage_1[agent].distribution(*known, latent[agent])
-            departed = departed + divergence(pair.distribution[agent], was).mean()
-        lateral = lane.speed * lane.speed * seen.scene.curvature.abs()
-        faster, sharper = actions["vehicle"][:, 0] - SPEEDING_UP, lateral - CORNERING
-        beyond = faster.clamp(min=0.0) ** 2 + sharper.clamp(min=0.0) ** 2
-        pace = PACE_WEIGHTS[0] * vehicle_pace_loss(lane.speed, start.cruise).mean()
-        walk = pedestrian_pace_loss(seen.scene.pedestrian_velocity, start.course).mean()
-        goal = goal + (pace + PACE_WEIGHTS[1] * walk) / config.steps
-        departure = departure + (departed + beyond.mean()) / config.steps
+        before, speed, actions = pair.before, lane.speed, pair(seen)
+        met.append(_Met(seen, speed, before, actions, pair.distribution))
+        pair.distribution = {}
         return actions
 
-    for scene in roll_out(lane.start, act, [count] * config.steps, lane.advance):
-        near = collision_loss(scene, lane.speed, CLEARANCE_MARGIN, config.clearance_ahead).mean()
-        collision = collision + near / config.steps
-    return Losses(collision, goal, departure)
+    reached = [(scene, lane.speed) for scene in roll_out(lane.start, act, [count] * steps, lane.advance)]
+    # One call for all steps rather than one a step: what they cost is mostly the number of calls.
+    scene = _all([scene for scene, _ in reached])
+    near = collision_loss(scene, torch.cat([speed for _, speed in reached]), CLEARANCE_MARGIN, config.clearance_ahead)
+    scene, speed = _all([each.seen.scene for each in met]), torch.cat([each.speed for each in met])
+    pace = vehicle_pace_loss(speed, start.cruise.repeat(len(met))).mean()
+    walk = pedestrian_pace_loss(scene.pedestrian_velocity, start.course.repeat(len(met), 1)).mean()
+    faster = torch.cat([each.actions["vehicle"][:, 0] for each in met]) - SPEEDING_UP
+    sharper = speed * speed * scene.curvature.abs() - CORNERING
+    departure = (faster.clamp(min=0.0) ** 2 + sharper.clamp(min=0.0) ** 2).mean()
+    for agent in AGENTS:
+        will = Distribution(*(torch.stack(part, dim=1) for part in zip(*(m.will[agent] for m in met), strict=True)))
+        departure = departure + divergence(will, _reference(stage_1, agent, start, met, latent[agent])).mean()
+    return Losses(near.mean(), PACE_WEIGHTS[0] * pace + PACE_WEIGHTS[1] * walk, departure)
+
+
+class _Met(NamedTuple):
+    """A step of a roll-out of B scenes."""
+
+    seen: Seen
+    speed: Tensor  # [B] [m/s] of the vehicle
+    before: Actions
+    actions: Actions
+    will: dict[str, Distribution]
+
+
+def _all(scenes: list[Scene]) -> Scene:
+    """Return the scenes of all steps, one after the other."""
+    return Scene(*map(torch.cat, zip(*scenes, strict=True)))
+
+
+@torch.no_grad()
+def _reference(stage_1: Actors, agent: str, start: Moments, met: list[_Met], latent: Tensor) -> Distribution:
+    """Return what the actor of stage 1 would have done at each step, float32[B, T, 2]."""
+    place = start.taken[:, None] + torch.arange(len(met))
+    index = torch.arange(len(latent))[:, None], place
+
+    def whole(known: Tensor, steps: list[Tensor]) -> Tensor:
+        """Return [B, ...] of histories that go on after `start.taken` steps, each row at its own place."""
+        following = torch.stack(steps, dim=1).to(known.dtype)
+        out = torch.cat([known, torch.zeros_like(following)], dim=1)
+        out[index] = following
+        return out
+
+    was = stage_1[agent].distributions(
+        whole(start.observation[agent], [each.seen.observation[agent] for each in met]),
+        whole(start.acted[agent], [each.before[agent] for each in met]),
+        whole(start.curvttc, [each.seen.curvttc for each in met]),
+        latent,
+    )
+    return Distribution(*(part[index] for part in was))
 
 
 def divergence(will: Distribution, was: Distribution) -> Tensor:
-    """Return the Kullback-Leibler divergence of `will` from `was`, float32[B], as if both were normal.
+    """Return the Kullback-Leibler divergence of `will` from `was`, float32[...], as if both were normal.
 
     The scales of both have `TOLERANCE` added, since a person who stands quite still has a scale near zero, and any
     other behaviour would then be infinitely far away.
     """
     scale, other = (torch.sqrt(part.scale**2 + TOLERANCE**2) for part in (will, was))
     ratio = (scale / other) ** 2
-    return (0.5 * (((will.mean - was.mean) / other) ** 2 + ratio - 1.0 - torch.log(ratio))).sum(dim=1)
+    return (0.5 * (((will.mean - was.mean) / other) ** 2 + ratio - 1.0 - torch.log(ratio))).sum(dim=-1)

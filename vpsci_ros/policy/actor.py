@@ -93,7 +93,17 @@ class Actor(nn.Module):
 
         Without latent numbers it has no noise of its own: the scale is 0.
         """
-        both = self._head(self.encoder.step(observation, action_before, curvttc, states), latent)
+        return self._distribution(self.encoder.step(observation, action_before, curvttc, states), latent)
+
+    def distributions(
+        self, observation: Tensor, action_before: Tensor, curvttc: Tensor, latent: Tensor
+    ) -> Distribution:
+        """Return `distribution` at every step of whole histories as in `SSTEncoder.forward`, float32[B, T, 2]."""
+        encoded = self.encoder(observation, action_before, curvttc)
+        return self._distribution(encoded, latent[:, None].expand(-1, encoded.shape[1], -1))
+
+    def _distribution(self, encoded: Tensor, latent: Tensor) -> Distribution:
+        both = self._head(encoded, latent)
         if not self.latent:
             return Distribution(both, torch.zeros_like(both))
         return Distribution(both[..., :ACTION_SIZE], both[..., ACTION_SIZE:].clamp(*LOG_SCALE).exp())

@@ -25,6 +25,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.sst_step import StepWeights, recurrence, sst_step
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
 
@@ -65,6 +66,7 @@ class StepState:
 
     def __init__(self) -> None:
         self.window: Window | None = None
+        self.weights: StepWeights | None = None  # of the layer as it was at the first step
         self.h: Tensor | None = None
         self.keys: list[Tensor] = []
         self.values: list[Tensor] = []
@@ -137,38 +139,35 @@ class SSTLayer(EncoderLayer):
         With `taken`, int64[B], also return what the layer remembers after the first `taken` steps of each row.
         """
         a = self.decay()
-        h = self.input(x) * torch.sqrt(1.0 - a * a)
-        steps, reach, power = x.shape[1], 1, a
-        while reach < steps:  # log-depth scan of the linear recurrence
-            h = torch.cat([h[:, :reach], h[:, reach:] + power * h[:, :-reach]], dim=1)
-            reach, power = 2 * reach, power * power
-        position = torch.arange(steps, device=x.device)
-        age = position[:, None] - position[None, :]
-        hidden = torch.zeros(steps, steps, device=x.device).masked_fill((age < 0) | (age >= self.window), -torch.inf)
-        bias = self.risk_gain[None, :, None, None] * risks[:, None, None, :] + hidden
+        h = recurrence(self.input(x) * torch.sqrt(1.0 - a * a), a)
         keys = self.key(h)
-        context = functional.scaled_dot_product_attention(
-            self._split(self.query(h)), self._split(keys), self._split(h), attn_mask=bias
-        )
+        context = self._attend(self.query(h), keys, h, risks)
         state = None if taken is None else self._remembered(h, keys, risks, taken)
-        return self._output(x, h, context.transpose(1, 2).flatten(2)), state
+        return self._output(x, h, context), state
 
     def step(self, x: Tensor, risks: Tensor, state: StepState) -> Tensor:
         """Return float32[B, hidden] for one more input float32[B, hidden] and risk float32[B]; `state` moves on."""
-        a = self.decay()
-        driven = self.input(x) * torch.sqrt(1.0 - a * a)
-        h = driven if state.h is None else a * state.h + driven
-        state.h = h
-        state.keys = [*state.keys, self.key(h)][-self.window :]
-        state.values = [*state.values, h][-self.window :]
+        if state.weights is None:
+            state.weights = self._step_weights()
         state.gates = [*state.gates, self.risk_gain * risks[:, None]][-self.window :]
-        keys = torch.stack(state.keys, dim=1).unflatten(2, (self.heads, -1))  # B, steps, heads, key
-        values = torch.stack(state.values, dim=1).unflatten(2, (self.heads, -1))
-        query = self.query(h).unflatten(1, (self.heads, -1)) / math.sqrt(keys.shape[-1])
-        # Products and sums rather than a batched matrix product, which is three times slower for one query.
-        logits = (query[:, None] * keys).sum(dim=3) + torch.stack(state.gates, dim=1)
-        context = (torch.softmax(logits, dim=1)[..., None] * values).sum(dim=1).flatten(1)
-        return self._output(x, h, context)
+        keys, values = ([*part][len(part) + 1 - len(state.gates) :] for part in (state.keys, state.values))
+        before = torch.zeros_like(x) if state.h is None else state.h
+        out, state.h, key = sst_step(state.weights, x, before, torch.stack(state.gates, dim=1), [*keys, *values])
+        state.keys, state.values = [*keys, key], [*values, state.h]
+        return out
+
+    def _step_weights(self) -> StepWeights:
+        a, key_dimension = self.decay(), self.query.weight.shape[0] // self.heads
+        query = self.query.weight / math.sqrt(key_dimension)
+        return StepWeights(
+            decay=a,
+            driving=self.input.weight * torch.sqrt(1.0 - a * a)[:, None],
+            spread=torch.cat([query, self.key.weight, self.readout.weight]),
+            attended=self.attended.weight,
+            passed=1.0 + self.skip,
+            gain=self.norm.weight,
+            bias=self.norm.bias,
+        )
 
     def _remembered(self, h: Tensor, keys: Tensor, risks: Tensor, taken: Tensor) -> StepState:
         state, rows = StepState(), torch.arange(len(h))
@@ -185,8 +184,21 @@ class SSTLayer(EncoderLayer):
         out: Tensor = self.norm(x + self.readout(h) + self.skip * x + self.attended(context))
         return out
 
-    def _split(self, x: Tensor) -> Tensor:
-        return x.unflatten(2, (self.heads, -1)).transpose(1, 2)
+    def _attend(self, queries: Tensor, keys: Tensor, values: Tensor, risks: Tensor) -> Tensor:
+        """Return each step's mix of the values of the last `window` steps, float32[B, T, hidden].
+
+        One age after the other: a matrix of all steps by all steps is mostly steps too old to be attended to.
+        """
+        before, steps = self.window - 1, queries.shape[1]
+        keys, values = (
+            functional.pad(part, (0, 0, before, 0)).unflatten(2, (self.heads, -1)) for part in (keys, values)
+        )
+        gates = functional.pad(self.risk_gain * risks[..., None], (0, 0, before, 0), value=ABSENT)
+        queries = queries.unflatten(2, (self.heads, -1)) / math.sqrt(keys.shape[-1])
+        ages = [slice(first, first + steps) for first in range(self.window)]
+        logits = [(queries * keys[:, age]).sum(dim=3) + gates[:, age] for age in ages]
+        shares = torch.softmax(torch.stack(logits), dim=0)[..., None]
+        return sum((s * values[:, age] for s, age in zip(shares, ages, strict=True)), torch.zeros(())).flatten(2)
 
 
 class SSTEncoder(nn.Module):
