@@ -120,6 +120,14 @@ def test_a_lender_is_adjusted_in_training_as_at_work(interactions, networks) -> 
         np.testing.assert_allclose(got, expected, atol=1e-5)
 
 
+def test_residuals_beside_actors_that_do_not_learn_are_the_same_taken_once_or_each_time(interactions, networks) -> None:
+    start = draw_moments(interactions, 6, STEPS, True, np.random.default_rng(0))
+    frozen = Donors(interactions, STEPS, networks.actor), Donors(interactions, STEPS)
+    once, each_time = (one.borrowed(networks.actor, start, 3, np.random.default_rng(1)) for one in frozen)
+    torch.testing.assert_close(once, each_time, rtol=0.0, atol=1e-5)
+    assert once.abs().max() > 0.1
+
+
 def test_one_clip_alone_has_nobody_to_borrow_from(interactions, networks) -> None:
     rows = np.flatnonzero(interactions.clip == interactions.clip[0])
     alone = interactions.take(rows)

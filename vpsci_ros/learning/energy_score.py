@@ -167,7 +167,7 @@ class Likeness:
                 "since it averages positions over so many"
             )
         self._networks, self._interactions, self._config, self._donor = networks, interactions, config, donor
-        self.donors = Donors(interactions, steps) if networks.config.residuals else None
+        self.donors = Donors(interactions, steps, donor) if networks.config.residuals else None
 
     def loss(self, rng: np.random.Generator) -> tuple[Tensor, dict[str, float]]:
         """Return a scalar with gradient, and its parts by name."""

@@ -38,6 +38,7 @@ from vpsci_ros.world.observation import AGENTS, STEP
 
 EVERY = 3  # steps from one moment of a track whose residuals are borrowed in training to the next
 JERK_WEIGHT = 1e-4  # [s6] of squared jerk against squared distance to the recorded positions: noise of 1 to 3 cm
+AT_ONCE = 256  # moments whose residuals are taken at once
 RIDGE = 0.1  # penalty of slopes, per onset
 _MOVING = 0.5  # [m/s] below it the direction of motion says nothing of a vehicle's heading
 
@@ -49,9 +50,10 @@ class Donors:
 
     :param interactions: whole tracks.
     :param steps: of a residual in training, and at least those of one that is kept.
+    :param frozen: actors that do not learn, beside whose means residuals are always borrowed: they are taken once.
     """
 
-    def __init__(self, interactions: Interactions, steps: int) -> None:
+    def __init__(self, interactions: Interactions, steps: int, frozen: Actors | None = None) -> None:
         self._fitted, self._steps = fitted(interactions), steps
         own_people = [people_of(clip) for clip in interactions.clip]
         self.people = list(dict.fromkeys(own_people))
@@ -83,19 +85,27 @@ class Donors:
         self._features = features.reshape(*shape, -1) / self._scale[self._source][:, None]
         _, self._clip = np.unique(interactions.clip.astype(str), return_inverse=True)
         self._slope = self._slopes()
+        self._beside_frozen = (
+            None if frozen is None else torch.stack([self._all_beside(frozen, side) for side in (False, True)])
+        )
 
     def borrowed(self, actors: Actors, start: Start, samples: int, rng: np.random.Generator) -> Tensor:
         """Return what others did beside the mean of `actors` at moments like these, [M * samples, steps, 2, 2].
 
         Rows as `beside` has them; nothing is borrowed from each moment's own people.
 
+        :param actors: not read where `frozen` ones were given.
         :raises InvalidInput: a moment's clip is the only one of its source.
         """
-        picked = np.stack([self._pick(row, at, samples, rng) for row, at in zip(start.row, start.at, strict=True)])
-        row, at = self._row[picked].ravel(), self._at[picked].ravel()
+        pairs = zip(start.row, start.at, strict=True)
+        picked = np.stack([self._pick(row, at, samples, rng) for row, at in pairs]).ravel()
+        row, at = self._row[picked], self._at[picked]
         side = np.where(start.mirror, -1.0, 1.0) * self._side[start.row, start.at]
         mirror = np.repeat(side, samples) != self._side[row, at]
-        beside = self._beside(actors, Start(row, np.maximum(at - OBSERVED, 0), at, mirror), self._steps)[0]
+        if self._beside_frozen is None:
+            beside = self._beside(actors, Start(row, np.maximum(at - OBSERVED, 0), at, mirror), self._steps)[0]
+        else:
+            beside = self._beside_frozen[mirror.astype(np.int64), picked]
         own = np.repeat(self._features[start.row, start.at], samples, axis=0)
         gap = np.clip(own - self._features[row, at], -FURTHEST, FURTHEST)
         adjust = np.einsum("bf,bfsc->bsc", gap, self._slope[self._source[row]])
@@ -121,6 +131,14 @@ class Donors:
             steps=beside[known].flatten(1).numpy(),
             slope=self._slope.astype(np.float32),
         ).tensors()
+
+    @torch.no_grad()
+    def _all_beside(self, actors: Actors, mirror: bool) -> Tensor:
+        """Return `_beside` of every moment, [moments, steps, 2, 2]."""
+        begin, sides = np.maximum(self._at - OBSERVED, 0), np.full(len(self._at), mirror)
+        whole = Start(self._row, begin, self._at, sides)
+        parts = np.array_split(np.arange(len(self._at)), 1 + len(self._at) // AT_ONCE)
+        return torch.cat([self._beside(actors, whole.take(part), self._steps)[0] for part in parts])
 
     def _slopes(self) -> Floats:
         """Return `Residuals.slope`: ridge regressions of what was done after the onsets of each kind of people."""
