@@ -25,6 +25,8 @@ from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.provenance import cpu_name, software_versions
 
 ROUNDS = 3  # unless the command says otherwise
+STAGE_2_UPDATES = 1102  # of `params/stage2_online.yaml` as shipped, on the right turns
+FEW_EPISODES = 12  # of its 84 in each scenario
 PAGE = Path(__file__).parents[1] / "docs" / "speed.md"
 BEGIN, END = "<!-- written by benchmarks/card.py -->", "<!-- until here -->"
 
@@ -197,7 +199,7 @@ def _seconds(command: list[str], output: Path, environment: Mapping[str, str]) -
 
 
 def learning(_: int) -> list[Row]:
-    """An update of each stage on the recorded right turns, one thread."""
+    """An update of each stage on the recorded right turns; both stages as shipped, the second from its first part."""
     from bench_training import measure, rows
 
     found = []
@@ -205,7 +207,27 @@ def learning(_: int) -> list[Row]:
         row = measure(number, None, 12)
         what = f"learning: an update of stage {stage}" + "".join(f", {value}" for value in settings.values())
         found.append(Row(what, f"{row['cpu_s']:.3f} CPU s"))
+    with tempfile.TemporaryDirectory() as folder:
+        base = [sys.executable, "-m", "vpsci_ros.cli"]
+        cpu, wall = _used([*base, "pretrain", "--quiet", "-o", f"{folder}/1"])
+        found.append(Row("learning: stage 1, all of it", f"{cpu:.0f} CPU s, {wall:.0f} s"))
+        few = ["--set", f"world_simulator.episodes={FEW_EPISODES}"]
+        cpu, wall = _used([*base, "refine", "--quiet", *few, "-o", f"{folder}/2"])
+        log = Path(folder, "2", "refine_log.csv").read_text(encoding="utf-8").splitlines()
+        updates = float(dict(zip(log[0].split(","), log[-1].split(","), strict=True))["updates"])
+        share = STAGE_2_UPDATES / updates
+        what = f"learning: stage 2, reckoned from {updates:.0f} of its {STAGE_2_UPDATES:,} updates"
+        found.append(Row(what, f"{cpu * share:.0f} CPU s, {wall * share:.0f} s"))
     return found
+
+
+def _used(command: list[str]) -> tuple[float, float]:
+    """Run a command of the package to its end; return the CPU time and the time that it took [s]."""
+    begun, before = time.perf_counter(), os.times()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    after = os.times()
+    cpu = after.children_user + after.children_system - before.children_user - before.children_system
+    return cpu, time.perf_counter() - begun
 
 
 PARTS = {part.__name__: part for part in (dataset, world, policies, graph, first_use, learning)}
