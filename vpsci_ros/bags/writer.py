@@ -108,7 +108,8 @@ class BagWriter:
         :raises VpsciError: the disk refuses it.
         """
         row = self.topics[topic]
-        self._require_whole()
+        if self._refusal:
+            self._require_whole()
         try:  # rather than `_on_disk`, which takes as long as half a small message
             if self._full and self._writer.has_messages:
                 self._claim.require_there()

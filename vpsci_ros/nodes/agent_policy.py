@@ -16,7 +16,7 @@ from vpsci_ros.nodes.exchange import Outgoing, each
 from vpsci_ros.nodes.history import frames_of
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.output import Output
-from vpsci_ros.nodes.serialized import assessment, checked_safety_state, safety_state, shown, time_of, warm_up
+from vpsci_ros.nodes.serialized import assessment, checked_safety_state, safety_state, shown, warm_up
 from vpsci_ros.nodes.topics import LATCHED
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
@@ -150,7 +150,7 @@ class AgentPolicy(GraphNode):
             self._first_received_at = self._first_received_at or arrived
             self._catch_up()
             return
-        self.simulated_time = time_of(header)
+        self.simulated_at = header.at
         message = self._act(header, tick, safety)
         if message is not None:
             self._actions.publish(message)

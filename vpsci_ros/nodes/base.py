@@ -99,8 +99,8 @@ class GraphNode(Node, metaclass=_Destroying):
         namespace = self.get_namespace().strip("/")
         self.frame_prefix = f"{namespace}/" if namespace else ""
         """Before the frames of this graph's vehicle and pedestrian, and its nodes' names in diagnostics."""
-        self.simulated_time = Time()
-        """Of the latest message received or published: the stamp of the diagnostics; each node sets it."""
+        self.simulated_at = 0
+        """Simulated time [ns] of the latest message received or published, for the diagnostics; each node sets it."""
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.add_on_set_parameters_callback(self._check_parameters)  # both would be called at every declaration
         self.add_post_set_parameters_callback(self._take_up_parameters)
@@ -143,6 +143,11 @@ class GraphNode(Node, metaclass=_Destroying):
     def full_name(self, topic: str) -> str:
         """Return the name under which a topic of the table is found: with this node's namespace."""
         return self.resolve_topic_name(TOPICS[topic].ros_name)
+
+    @property
+    def simulated_time(self) -> Time:
+        """`simulated_at` as a stamp."""
+        return Time(sec=self.simulated_at // 1_000_000_000, nanosec=self.simulated_at % 1_000_000_000)
 
     def wall_timer(self, period: float, callback: Callable[[], None]) -> Timer:
         """Call back each `period` [s] of wall time, whatever `use_sim_time` says: simulated time stands still at first.

@@ -22,6 +22,8 @@ class Outgoing:
     :param write: makes the bytes of values, where anybody needs them; of several at once they may cost less each.
     """
 
+    __slots__ = "_data", "value", "write"
+
     def __init__(self, value: Any, write: Callable[[Sequence[Any]], list[bytes]]) -> None:
         self.value, self.write, self._data = value, write, b""
 
@@ -74,7 +76,7 @@ class Exchange:
         if readers and not isinstance(message, Outgoing):
             message = padded(message if isinstance(message, bytes) else serialize_message(message))
         self._waiting.extend([(reader, message) for reader in readers])
-        if self.subscriptions(publisher) > len(readers):
+        if (self._counts.get(publisher) or self.subscriptions(publisher)) > len(readers):
             message = bytes(message) if isinstance(message, Outgoing) else message
             for reader in readers:
                 reader.copies[message] += 1

@@ -95,18 +95,24 @@ class Intake:
         """Take a message of a topic in, or refuse it."""
         self.arrived = time.perf_counter()
         decode, handle = self._receivers[topic]
-        value = self.read(topic, decode, message)
-        if value is not None:
-            handle(value)
+        try:
+            value = decode(message)
+        except InvalidInput as error:
+            self._refuse(topic, error)
+            return
+        handle(value)
 
     def read(self, topic: str, convert: Callable[..., T], *arguments: Any) -> T | None:
         """Return what `convert` makes of a message; None where it refuses the message, which is counted and logged."""
         try:
             return convert(*arguments)
         except InvalidInput as error:
-            self.refused[topic] += 1
-            self._log_refusal(topic, str(error))
+            self._refuse(topic, error)
             return None
+
+    def _refuse(self, topic: str, error: InvalidInput) -> None:
+        self.refused[topic] += 1
+        self._log_refusal(topic, str(error))
 
     def _log_refusal(self, topic: str, text: str) -> None:
         now = time.monotonic()

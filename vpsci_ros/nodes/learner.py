@@ -113,7 +113,7 @@ class Learner(GraphNode):
         self._publish_weights(refiner)
 
     def _transitions(self, message: Transition) -> NDArray[np.void]:
-        self.simulated_time = message.header.stamp
+        self.simulated_at = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
         return layout.transitions(message)
 
     def _on_transitions(self, refiner: Refiner, rows: NDArray[np.void]) -> None:
@@ -157,7 +157,7 @@ class Learner(GraphNode):
         if now - self._reported > REPORT_PERIOD or last:
             self._reported = now
             if not self._refiner:  # stage 1 knows no simulated time
-                self.simulated_time = self.get_clock().now().to_msg()
+                self.simulated_at = self.get_clock().now().nanoseconds
             self.report(wait=last)
 
     def close(self) -> None:

@@ -103,7 +103,8 @@ class Output:
         """
         if not self._ready:
             self._wait()
-        self.publish_now(message)
+        self._send(message)
+        self.published += 1
 
     def publish_now(self, message: Any) -> None:
         """Publish to the readers that are matched."""

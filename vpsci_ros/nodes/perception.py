@@ -13,7 +13,7 @@ from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.exchange import Outgoing
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.peer_parameters import PeerParameters
-from vpsci_ros.nodes.serialized import shown, time_of
+from vpsci_ros.nodes.serialized import shown
 from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
 from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.wire.world_state import SerializedState
@@ -90,7 +90,7 @@ class Perception(GraphNode):
             self._objects.publish(listed)
             self._first = listed if first and self._external else None
         self._listed += len(seen)
-        self.simulated_time = time_of(header)
+        self.simulated_at = header.at
         self._meter.tick(tick.number)
 
     def _repeat_first(self) -> None:

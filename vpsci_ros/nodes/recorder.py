@@ -7,8 +7,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
-from builtin_interfaces.msg import Time
-
 from vpsci_msgs.msg import PolicyWeights
 from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
@@ -24,6 +22,7 @@ from vpsci_ros.wire import received
 from vpsci_ros.wire.decoder import describe
 from vpsci_ros.world import load_scenarios
 
+AT_ONCE = 250  # messages that are written together; the values of more would be in the cache no longer
 POLL = 0.02  # [s]: at a thousand ticks a second two hundred messages at once, in place of as many calls
 
 
@@ -56,8 +55,7 @@ class Recorder(GraphNode):
         self._recorded_episodes = 0
         self._untimed = explicit and "world_simulator" not in self.peers  # stage 1: diagnostics alone, in wall time
         if self._untimed:
-            self.simulated_time = self.get_clock().now().to_msg()
-        self._at = -1  # [ns] of the latest message
+            self.simulated_at = self.get_clock().now().nanoseconds
         self._begun = time.monotonic()
         self._came: list[tuple[str, bytes | Outgoing, int]] = []  # topic, message, wall time [ns]
         self._thread = ThreadPoolExecutor(1, "recorder")
@@ -90,13 +88,18 @@ class Recorder(GraphNode):
 
     def _take(self, topic: str, message: bytes | Outgoing) -> None:
         self._came.append((topic, message, time.time_ns()))
+        if len(self._came) >= AT_ONCE:
+            self._hand_over()
 
     def _poll(self) -> None:
+        self.intake.poll()
+        self._hand_over()
+
+    def _hand_over(self) -> None:
         """Have written what has come, beside what this process does next.
 
         :raises VpsciError: the disk has refused what was to be written before.
         """
-        self.intake.poll()
         if self._came:
             self.intake.arrived = time.perf_counter()
             self._settle()
@@ -128,9 +131,7 @@ class Recorder(GraphNode):
                 if events:
                     self._ended += self._episodes.add(tick, at, events, self._bag.files[-1].name)
                 if topic != "/diagnostics" or self._untimed:
-                    self._at = at
-        if self._at >= 0:
-            self.simulated_time = Time(sec=self._at // 1_000_000_000, nanosec=self._at % 1_000_000_000)
+                    self.simulated_at = at
 
     def _write_ended(self) -> None:
         """Write the records of the episodes whose last tick is over."""

@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -23,19 +23,14 @@ from vpsci_ros.wire.padding import zeroed
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Actions, has_nan
 
+_NOTHING: tuple[int, Sequence[EventRow]] = 0, ()
 _ACTIONS = {f"/{agent}/action": agent for agent in AGENTS}
 
 
-class Read(NamedTuple):
-    """A message as it is recorded."""
+Read = tuple[int, bytes, int, Sequence[EventRow]]
+"""A message as it is recorded: its stamp [ns], its bytes with zeros for padding; of events their tick, and which."""
 
-    at: int  # [ns] its stamp
-    data: bytes  # with zeros for padding
-    tick: int = 0  # of events
-    events: Sequence[EventRow] = ()
-
-
-FOREIGN = Read(-1, b"")
+FOREIGN: Read = (-1, b"", 0, ())
 """In place of a message of another graph, on a topic that graphs share."""
 
 
@@ -67,9 +62,8 @@ class Reading:
                 for place, value, data in zip(places, values, write(values), strict=True):
                     header = value.header
                     at = header.seconds * 1_000_000_000 + header.nanoseconds
-                    found[place] = Read(at, padded(data))
-                    if topic == EVENTS:
-                        found[place] = Read(at, padded(data), value.tick, event_rows(value.events))
+                    happened = (value.tick, event_rows(value.events)) if topic == EVENTS else _NOTHING
+                    found[place] = (at, padded(data), *happened)
         return found
 
     def _credible(self, topic: str, values: Sequence[Any]) -> bool:
@@ -103,7 +97,7 @@ class Reading:
         at, clean = received.stamp(topic, data), zeroed(TOPICS[topic].type_name, data, topic)
         if topic == EVENTS:
             event = message_of(data, EpisodeEvent, EVENTS)
-            return Read(at, clean, event.tick, event_rows(layout.events(event)))
+            return at, clean, event.tick, event_rows(layout.events(event))
         if topic == WORLD:
             rows = len(serialized.shown(data).tick.state)
             if self.rows and rows != self.rows:
@@ -112,7 +106,7 @@ class Reading:
             layout.safety_state(serialized.safety_state(data), self.rows)
         elif topic in _ACTIONS and self.rows:
             Actions(**{_ACTIONS[topic]: layout.action(serialized.action(data, topic), self.rows, topic)})
-        return Read(at, clean)
+        return at, clean, *_NOTHING
 
 
 def _is_own(topic: str, data: bytes, prefix: str) -> bool:

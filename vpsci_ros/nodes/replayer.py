@@ -5,7 +5,6 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -138,8 +137,7 @@ class Replayer(GraphNode):
         message = self._next
         assert message is not None
         if message.time > self._at or not self._sent:
-            self._at = message.time
-            self.simulated_time = Time(sec=self._at // 1_000_000_000, nanosec=self._at % 1_000_000_000)
+            self._at = self.simulated_at = message.time
             if self._makes_clock:
                 self._outlets[CLOCK].publish(Clock(clock=self.simulated_time))
         self._outlets[message.topic].publish(message.data)

@@ -84,7 +84,7 @@ class Respondents:
             self._node.intake.read(topic, take, message)
             self._answered()
 
-        return self._node.input(topic, lambda message: message, submit, qos, raw=qos is None)
+        return self._node.input(topic, None, submit, qos, raw=qos is None)
 
     def _take_safety(self, message: SafetyState | bytes | Outgoing) -> None:
         answer = safety_state(message)

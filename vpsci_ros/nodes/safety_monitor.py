@@ -5,7 +5,7 @@ from typing import Any
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.exchange import Outgoing, each
 from vpsci_ros.nodes.meter import Meter
-from vpsci_ros.nodes.serialized import shown, time_of
+from vpsci_ros.nodes.serialized import shown
 from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
 from vpsci_ros.wire.answers import SerializedSafety, write_safety_state
 from vpsci_ros.wire.world_state import SerializedState
@@ -35,6 +35,6 @@ class SafetyMonitor(GraphNode):
         curvttc, distance, critical = assess(tick.state, self._config)
         safety = SerializedSafety(header, tick.number, curvttc, distance, critical)
         self._safety.publish(Outgoing(safety, _write))
-        self.simulated_time = time_of(header)
+        self.simulated_at = header.at
         self._meter.tick(tick.number)
         self._meter.answered(self.intake.arrived)

@@ -8,7 +8,6 @@ from operator import is_
 from typing import Any, TypeVar
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message
 
 from vpsci_msgs.msg import AgentAction, SafetyState, WorldState
@@ -97,11 +96,6 @@ def _once(kind: object, read: Callable[..., T], *given: object) -> T:
         _latest[kind] = latest = given, read(*given)
     found: T = latest[1]
     return found
-
-
-def time_of(header: WireHeader) -> Time:
-    """Return the stamp of a header."""
-    return Time(sec=header.seconds, nanosec=header.nanoseconds)
 
 
 def message_of(data: bytes, kind: Any, where: str) -> Any:

@@ -105,7 +105,7 @@ class WorldOutputs:
 
     def tick(self, tick: Tick) -> None:
         """Publish a tick."""
-        self._node.simulated_time = convert.stamp(tick.number, self._period)
+        self._node.simulated_at = tick.number * round(self._period * 1e9)
         world = self._world(tick)
         self._time.publish(Outgoing(world, _write_clock))
         self._state.publish(Outgoing(world, _write_state))
@@ -123,9 +123,11 @@ class WorldOutputs:
 
     def _world(self, tick: Tick) -> SerializedState:
         """Return a tick as it is published; what nodes of this process get, they may keep."""
-        header = WireHeader(self._node.simulated_time.sec, self._node.simulated_time.nanosec, MAP)
-        world = SerializedState(header, tick, self._period)
+        world = SerializedState(self._header(tick.number), tick, self._period)
         return as_read(world) if self._state.shared else world
+
+    def _header(self, number: int) -> WireHeader:
+        return WireHeader(*divmod(number * round(self._period * 1e9), 1_000_000_000), MAP)
 
     def _publish_motion(self, world: SerializedState) -> None:
         """Publish odometry and the same as transforms, while there are readers."""
@@ -142,9 +144,7 @@ class WorldOutputs:
 
     def events(self, events: NDArray[np.void], number: int) -> None:
         """Publish what happened up to the tick of this number, EVENT[n], n > 0."""
-        stamp = convert.stamp(number, self._period)
-        header = WireHeader(stamp.sec, stamp.nanosec, MAP)
-        self._event.publish(Outgoing(_Happened(header, number, events), self._write_events))
+        self._event.publish(Outgoing(_Happened(self._header(number), number, events), self._write_events))
 
     def transitions(self, rows: NDArray[np.void], number: int) -> None:
         """Publish the transitions that the tick of this number completed, TRANSITION[n]."""

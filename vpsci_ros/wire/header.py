@@ -20,6 +20,11 @@ class WireHeader(NamedTuple):
     nanoseconds: int
     frame_id: str
 
+    @property
+    def at(self) -> int:
+        """The stamp [ns]."""
+        return self.seconds * 1_000_000_000 + self.nanoseconds
+
 
 def read_start(data: bytes) -> tuple[WireHeader, int, int] | None:
     """Return header and tick of a serialized message, and the offset behind them.

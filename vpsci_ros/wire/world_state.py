@@ -24,10 +24,10 @@ _SEQUENCES = layout.sequences("WorldState")
 _SIZES = np.array([np.dtype(kind).itemsize for kind in _SEQUENCES.values()])
 _PLACES = np.array([_FRAME if name == "policy_frame" else _OFFSETS[name] for name in _SEQUENCES])
 _ROW = int(_SIZES.sum())  # [bytes] of one slot
-_SENT = np.zeros(EPISODE.itemsize, np.uint8)  # mask of a record's bytes that a message has
+_SENT = np.zeros(EPISODE.itemsize // 8, np.uint64)  # mask of a record's bytes that a message has
 for _size, _place in zip(_SIZES, _PLACES, strict=True):
     if _place != _FRAME:
-        _SENT[_place : _place + _size] = 255
+        _SENT.view(np.uint8)[_place : _place + _size] = 255
 
 
 class SerializedState(NamedTuple):
@@ -77,10 +77,10 @@ def write_world_state(world: SerializedState) -> bytes:
 
 def as_read(world: SerializedState) -> SerializedState:
     """Return what a reader of the serialized state gets, arrays of its own, without the bytes between."""
-    words = world.tick.state.view(np.uint64).reshape(len(world.tick.state), -1) & _SENT.view(np.uint64)
-    state = words.reshape(-1).view(EPISODE)
+    words = world.tick.state.view(np.uint64).reshape(len(world.tick.state), -1) & _SENT
+    state = np.frombuffer(words, EPISODE)  # a view, which numpy makes in a third of the time of `view`
     layout.number_pedestrians(state)
-    return world._replace(tick=Tick(world.tick.number, state, world.tick.policy_frame))
+    return SerializedState(world.header, Tick(world.tick.number, state, world.tick.policy_frame), world.period)
 
 
 def warm_up() -> None:
