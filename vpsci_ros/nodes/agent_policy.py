@@ -28,7 +28,7 @@ from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_act
 from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.signature import is_signed
 from vpsci_ros.wire.world_state import SerializedState
-from vpsci_ros.world.tick import Actions, Tick
+from vpsci_ros.world.tick import Tick, finite_pairs
 
 SILENCE = 0.5  # [s] without a message before the missed ones are requested from the world
 REPLY_PATIENCE = 1.0  # [s] for the world's reply, before the next request
@@ -158,7 +158,7 @@ class AgentPolicy(GraphNode):
 
     def _act(self, header: WireHeader, tick: Tick, safety: SafetyState | SerializedSafety) -> Outgoing | None:
         """Take one tick in; return the answer, or None where none is wanted."""
-        if not tick.policy_frame.any():
+        if not np.count_nonzero(tick.policy_frame):
             if self.intake.read("/safety/state", checked_safety_state, safety, len(tick.state)):
                 self._known = tick.number
             return None
@@ -167,7 +167,7 @@ class AgentPolicy(GraphNode):
             return None
         self._known = tick.number
         action = self._agent.act(tick, assessed).astype(np.float64)
-        Actions(pedestrian=action)  # refuses another shape, and numbers that are not finite
+        finite_pairs("pedestrian", action)  # refuses another shape, and numbers that are not finite
         answer = SerializedAction(header, tick.number, action[:, 0], action[:, 1], self._version)
         return Outgoing(answer, _write)
 

@@ -48,7 +48,7 @@ class FrameHistory:
 
     def note(self, tick: Tick, assessment: Assessment) -> None:
         """Keep the episodes in which the policies act at this tick, with all of their pedestrians."""
-        if assessment.answered and assessment.acting.any():
+        if assessment.answered and np.count_nonzero(assessment.acting):
             acts = assessment.acting.reshape(-1, self._most).any(axis=1)
             slots = np.flatnonzero(np.repeat(acts, self._most))
             self._frames.append(

@@ -82,14 +82,13 @@ class Perception(GraphNode):
         self._memory, objects = perceive(
             self._memory, tick.state, self._config, period, self._parked, self._pedestrians
         )
-        seen = objects[objects["status"] == SEEN]
         self._first, self._first_at = None, time.perf_counter()
         if first or self._objects.has_readers:
             seen_at = convert.stamp(max(0, tick.number - self._config.delay(period)), period)
-            listed = convert.objects_message(seen, seen_at)
+            listed = convert.objects_message(objects[objects["status"] == SEEN], seen_at)
             self._objects.publish(listed)
             self._first = listed if first and self._external else None
-        self._listed += len(seen)
+        self._listed += objects["status"].tobytes().count(SEEN)
         self.simulated_at = header.at
         self._meter.tick(tick.number)
 

@@ -97,7 +97,7 @@ class PolicyAgent:
             self._borrower = None
         if self._residuals is not None and self._borrower is None:
             self._borrower = Borrower(self._residuals, self._index, len(state), self._source)
-        if not active.any():
+        if not np.count_nonzero(active):
             return np.zeros((len(state), 2), np.float32)
         reset = active & (state["controlled"] == 0)
         self._step += active
@@ -116,7 +116,7 @@ class PolicyAgent:
             noise = exploration_noise(self._seed, *which, self._index, self._noise, limit)
             action = np.where(active[:, None], np.clip(action + noise, -limit, limit), 0).astype(np.float32)
             self._actor.executed(action, active)
-        if self._index == 0 and state["pedestrian"].any():
+        if self._index == 0 and np.count_nonzero(state["pedestrian"]):
             leaders = leading_rows(state, active, assessment.curvttc)
             action = np.where(active[:, None], action[leaders], np.float32(0))
             self._actor.executed(action, active)
@@ -151,7 +151,7 @@ class PolicyAgent:
         if self._index == 0:
             key = key.copy()
             key[:, 3] = 0  # the driver is the same to all
-        if reset.any():
+        if np.count_nonzero(reset):
             seed, scenario, episode, person, _ = key[reset].T
             self._latent[reset] = draw_latent(seed, scenario, episode, self._index, size, person)
         return Draws(self._latent, draw_innovation(key, self._index, active), np.float32(self._temperature))

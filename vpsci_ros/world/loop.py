@@ -69,7 +69,7 @@ class Loop:
     def actions(self, given: Actions = NO_ACTIONS) -> Actions:
         """Return what the agents do at the present tick, beside what is `given` for the others."""
         tick = self.world.now
-        if not self.agents or not tick.policy_frame.any():
+        if not self.agents or not np.count_nonzero(tick.policy_frame):
             return given
         acted = {name: agent.act(tick, self.assessment) for name, agent in self.agents.items()}
         return replace(given, **{name: action.astype(np.float64) for name, action in acted.items()})

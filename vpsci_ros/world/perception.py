@@ -161,7 +161,7 @@ def perceive(
         return PerceptionState(trackers, memory.late), now
     late = np.empty((len(memory.late) + 1, len(state)), OBJECT)
     late[:-1], late[-1] = memory.late, now
-    if begun.any():
+    if np.count_nonzero(begun):
         late[:-1, begun] = np.zeros((), OBJECT)
     return PerceptionState(trackers, late[1:]), late[0]
 

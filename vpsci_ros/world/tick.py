@@ -133,6 +133,14 @@ def _floats(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Floats:
     return array
 
 
+def finite_pairs(agent: str, values: ArrayLike) -> Floats:
+    """Return the accelerations of "vehicle" or "pedestrian", float64[B, 2] [m/s2].
+
+    :raises InvalidInput: another shape, or numbers that are not finite.
+    """
+    return _finite(agent, values, 2)
+
+
 def _finite(name: str, values: ArrayLike, columns: int) -> Floats:
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.shape != (len(array), columns):
