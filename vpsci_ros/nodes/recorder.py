@@ -32,6 +32,9 @@ class Recorder(GraphNode):
     Log times are the simulated times in the messages, so that a bag plays back at the pace of the world and is the
     same for the same seed; publish times are the wall times of receipt. Beside the messages the bag gets the
     parameters of the other nodes, which it requests, and a record of each episode.
+
+    What comes is gathered, and a thread of its own reads and writes it, some hundred messages at a time: what nodes of
+    this process publish has its bytes made there, all of a kind together.
     """
 
     drains = True
