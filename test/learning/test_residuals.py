@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 from synthetic import synthetic_near_misses
+from threadpoolctl import threadpool_limits
 
 from vpsci_ros.data.interactions import from_table
 from vpsci_ros.errors import InvalidInput
@@ -13,7 +14,7 @@ from vpsci_ros.learning.energy_score import draw_moments
 from vpsci_ros.learning.imitation import Start
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.pretrain import pretrain
-from vpsci_ros.learning.residuals import RIDGE, Donors, fitted
+from vpsci_ros.learning.residuals import RIDGE, Donors, _fit, fitted
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.residuals import FURTHEST, SECOND, SLOWEST, residuals_of, slopes
 from vpsci_ros.world.observation import AGENTS
@@ -150,3 +151,11 @@ def test_stage_1_keeps_residuals_of_all_near_misses_that_it_learned_from(tmp_pat
 def test_objectives_that_keep_no_residuals_are_refused(tmp_path) -> None:
     with pytest.raises(InvalidInput, match="objective closed_loop keeps none"):
         pretrain(synthetic_near_misses(40, 1).table, PretrainConfig(episodes=1), SMALL, seed=1, out_dir=tmp_path)
+
+
+def test_a_fitted_track_has_the_same_bits_however_many_threads_numpy_has():
+    fits = []
+    for threads in (1, 2):
+        with threadpool_limits(threads, user_api="blas"):
+            fits.append(_fit.__wrapped__(120))
+    assert all(map(np.array_equal, *fits))

@@ -280,6 +280,8 @@ def _fit(length: int) -> tuple[Floats, Floats]:
     jerk = np.zeros((max(length - 2, 0), length + 1))
     for step in range(len(jerk)):
         jerk[step, step + 1 : step + 4] = np.array([1.0, -2.0, 1.0]) / STEP**2
-    normal = way.T @ way + JERK_WEIGHT * jerk.T @ jerk + 1e-9 * np.eye(length + 1)
-    solved = np.asarray(np.linalg.solve(normal, way.T), np.float64)
-    return solved[1:], way @ solved
+    # By torch, since numpy's products take as many threads as there are cores, and other last bits with each number.
+    ways, jerks = torch.from_numpy(way), torch.from_numpy(jerk)
+    normal = ways.T @ ways + JERK_WEIGHT * jerks.T @ jerks + 1e-9 * torch.eye(length + 1, dtype=torch.float64)
+    solved = torch.linalg.solve(normal, ways.T)
+    return solved[1:].numpy(), (ways @ solved).numpy()
