@@ -213,7 +213,7 @@ def test_clips_that_stage_1_held_out_stay_held_out(networks, near_misses):
 
 def test_a_machine_with_more_cores_learns_the_same_bits_and_has_its_threads_back(networks, near_misses):
     """Products of 128 columns, as Table 8 has them, are shared between threads where torch may have several."""
-    learned = []
+    learned, before = [], torch.get_num_threads()
     for threads in (1, 2):
         torch.set_num_threads(threads)
         learner = Refiner(QUICK, networks(NetworkConfig(), gain=1.0).weights({}, {}), near_misses, seed=4)
@@ -222,6 +222,7 @@ def test_a_machine_with_more_cores_learns_the_same_bits_and_has_its_threads_back
             learner.update()
         learned.append(learner.weights())
         assert torch.get_num_threads() == threads
+    torch.set_num_threads(before)
     assert learned[0] == learned[1]
 
 

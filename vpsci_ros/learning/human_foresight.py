@@ -56,11 +56,11 @@ def foresee_people(
     lane = OnLane(start.lane, start.speed, start.pedestrian, start.walking, GAIN)
     borrowing = None if residuals is None else Borrowing(residuals, count, start.before["vehicle"][:, 0])
     pair = ActorPair(actors, remembered(actors, start), start.before, draws, residual=borrowing, bound=bounded)
-    met: list[_Met] = []
+    rolled: list[_RolledStep] = []
 
     def act(seen: Seen) -> Actions:
         before, speed, actions = pair.before, lane.speed, pair(seen)
-        met.append(_Met(seen, speed, before, actions, pair.distribution))
+        rolled.append(_RolledStep(seen, speed, before, actions, pair.distribution))
         pair.distribution = {}
         return actions
 
@@ -68,19 +68,19 @@ def foresee_people(
     # One call for all steps rather than one a step: what they cost is mostly the number of calls.
     scene = _all([scene for scene, _ in reached])
     near = collision_loss(scene, torch.cat([speed for _, speed in reached]), CLEARANCE_MARGIN, config.clearance_ahead)
-    scene, speed = _all([each.seen.scene for each in met]), torch.cat([each.speed for each in met])
-    pace = vehicle_pace_loss(speed, start.cruise.repeat(len(met))).mean()
-    walk = pedestrian_pace_loss(scene.pedestrian_velocity, start.course.repeat(len(met), 1)).mean()
-    faster = torch.cat([each.actions["vehicle"][:, 0] for each in met]) - SPEEDING_UP
+    scene, speed = _all([each.seen.scene for each in rolled]), torch.cat([each.speed for each in rolled])
+    pace = vehicle_pace_loss(speed, start.cruise.repeat(len(rolled))).mean()
+    walk = pedestrian_pace_loss(scene.pedestrian_velocity, start.course.repeat(len(rolled), 1)).mean()
+    faster = torch.cat([each.actions["vehicle"][:, 0] for each in rolled]) - SPEEDING_UP
     sharper = speed * speed * scene.curvature.abs() - CORNERING
     departure = (faster.clamp(min=0.0) ** 2 + sharper.clamp(min=0.0) ** 2).mean()
     for agent in AGENTS:
-        will = Distribution(*(torch.stack(part, dim=1) for part in zip(*(m.will[agent] for m in met), strict=True)))
-        departure = departure + divergence(will, _reference(stage_1, agent, start, met, latent[agent])).mean()
+        will = Distribution(*(torch.stack(part, dim=1) for part in zip(*(m.will[agent] for m in rolled), strict=True)))
+        departure = departure + divergence(will, _reference(stage_1, agent, start, rolled, latent[agent])).mean()
     return Losses(near.mean(), PACE_WEIGHTS[0] * pace + PACE_WEIGHTS[1] * walk, departure)
 
 
-class _Met(NamedTuple):
+class _RolledStep(NamedTuple):
     """A step of a roll-out of B scenes."""
 
     seen: Seen
@@ -96,9 +96,9 @@ def _all(scenes: list[Scene]) -> Scene:
 
 
 @torch.no_grad()
-def _reference(stage_1: Actors, agent: str, start: Moments, met: list[_Met], latent: Tensor) -> Distribution:
+def _reference(stage_1: Actors, agent: str, start: Moments, rolled: list[_RolledStep], latent: Tensor) -> Distribution:
     """Return what the actor of stage 1 would have done at each step, float32[B, T, 2]."""
-    place = start.taken[:, None] + torch.arange(len(met))
+    place = start.taken[:, None] + torch.arange(len(rolled))
     index = torch.arange(len(latent))[:, None], place
 
     def whole(known: Tensor, steps: list[Tensor]) -> Tensor:
@@ -109,9 +109,9 @@ def _reference(stage_1: Actors, agent: str, start: Moments, met: list[_Met], lat
         return out
 
     was = stage_1[agent].distributions(
-        whole(start.observation[agent], [each.seen.observation[agent] for each in met]),
-        whole(start.acted[agent], [each.before[agent] for each in met]),
-        whole(start.curvttc, [each.seen.curvttc for each in met]),
+        whole(start.observation[agent], [each.seen.observation[agent] for each in rolled]),
+        whole(start.acted[agent], [each.before[agent] for each in rolled]),
+        whole(start.curvttc, [each.seen.curvttc for each in rolled]),
         latent,
     )
     return Distribution(*(part[index] for part in was))

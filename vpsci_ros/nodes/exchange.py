@@ -83,7 +83,7 @@ class Exchange:
             publisher.publish(message)
 
     def subscriptions(self, publisher: Publisher) -> int:
-        """Return how many there are to a publisher, here and elsewhere; `deliver` has the middleware count anew."""
+        """Return how many there are to a publisher, here and elsewhere; after `deliver` the middleware counts again."""
         count = self._counts.get(publisher)
         if count is None:
             self._counts[publisher] = count = publisher.get_subscription_count()

@@ -20,7 +20,7 @@ class RayWorkers(Generic[Unit, Result]):
     :raises NotInstalled: Ray is not installed.
     """
 
-    here = False  # but where the whole cluster is one machine
+    here = False  # the machines of a cluster need not share a disk
 
     def __init__(self, job: Job[Unit, Result], address: str, size: int | None) -> None:
         require("ray")
