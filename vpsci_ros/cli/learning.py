@@ -211,7 +211,7 @@ def models(
     training clips. A study that is stopped (Ctrl-C) goes on when the same
     command is given again; finished trainings are kept.
 
-    Budgets and their cost: docs/results/2026-11-table-9.md. A trial of a
+    Budgets and their cost: docs/results.md. A trial of a
     minute: --models ma_sst,lstm --folds 2 --set learner.episodes=20
     """
     from vpsci_ros.studies.run import ModelStudy, run_model_study

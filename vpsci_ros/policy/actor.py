@@ -5,7 +5,7 @@ and agent, and also gives the logarithm of a scale, by which a noise is multipli
 noise e is autoregressive of first order with deviation one, its persistence from one step of 0.1 s to the next one
 learned number an agent. It enters as e^3 / (e^2 + c^2), with a learned c for each acceleration: people do nothing for
 most of the time, and then something for a second or so, which Gaussian noise of whatever size does not (measured in
-docs/results/2026-11-people.md). So z is what kind of person acts, and the noise what this person happens to do; how
+docs/results.md). So z is what kind of person acts, and the noise what this person happens to do; how
 much of both shows depends on the situation. With z = 0 and without noise the actor is the deterministic middle.
 """
 

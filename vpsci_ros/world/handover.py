@@ -8,7 +8,7 @@ control to and fro.
 
 The danger is over when the two have passed each other, not when one of them has begun to give way: then the rule-based
 pair, which knows nothing of it, would take up its speed and its way into the same conflict, with less room than before.
-How long to wait was decided by measurement: docs/results/2026-11-policies.md.
+How long to wait was decided by measurement: docs/results.md.
 """
 
 import numpy as np
