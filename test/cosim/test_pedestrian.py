@@ -1,9 +1,12 @@
 """The pedestrian in anybody's engine: time steps, late vehicles, hand-over and release, and what is refused."""
 
+import copy
 import math
+import pickle
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -197,6 +200,13 @@ def test_others_in_the_way_are_kept_apart_from(weights: Weights) -> None:
     assert crowded.step(own, {}, oncoming).ax < alone.step(own, {}).ax, "aside"
 
 
+@pytest.mark.parametrize("change", [copy.deepcopy, lambda agent: pickle.loads(pickle.dumps(agent))])
+def test_a_copy_in_mid_episode_goes_on_to_the_bit(weights: Weights, change: Callable[[Pedestrian], Pedestrian]) -> None:
+    pedestrian = Pedestrian(weights, seed=1, episode=4, route=ROUTE)
+    crossing(pedestrian, 3.0)
+    assert crossing(change(pedestrian), 3.0) == crossing(pedestrian, 3.0)
+
+
 def test_where_the_engine_has_it_elsewhere_it_goes_on_from_there(weights: Weights) -> None:
     pedestrian = Pedestrian(weights, seed=3, route=[(0.0, 0.0), (10.0, 0.0), (10.0, 10.0)], speed=1.2)
     pedestrian.step(Walker(0.0, 0.0, 1.2, 0.0), {})
@@ -214,6 +224,9 @@ GOOD: dict[str, Any] = {"own": AT_THE_KERB, "vehicles": {"car": Vehicle(-20.0, 0
         ({"own": (0.0, 1.0)}, "own: expected a vpsci_ros.Walker, got tuple"),
         ({"own": Walker(math.nan, 0.0)}, "own: x = nan: expected a finite number"),
         ({"own": Walker(0.0, 0.0, None)}, "own: vx = None: expected a finite number"),
+        ({"own": Walker(10**400, 0.0)}, "expected a finite number"),
+        ({"own": Walker(0.0, 1e154)}, "own: y = 1e+154: expected a finite number, 2e+07 at most"),
+        ({"parked": [[0.0, 1e154, 0.0, 4.0, 2.0]]}, "parked: expected numbers from -2e+07 to 2e+07"),
         (
             {"vehicles": [Vehicle(0.0, 0.0, 0.0, 1.0)]},
             "vehicles: expected a mapping from who it is to a vpsci_ros.Vehicle",
@@ -255,6 +268,11 @@ def test_a_bad_step_is_refused_and_changes_nothing(weights: Weights, bad: dict[s
         ({"route": ROUTE, "weights": "best"}, "weights 'best': expected a .safetensors file or a shipped name"),
         ({"route": ROUTE, "seed": -1}, "seed must be from 0 to"),
         ({"route": ROUTE, "episode": -1}, "an episode's number must be from 0 to"),
+        ({"route": ROUTE, "episode": 1.5}, "Pedestrian, episode: expected int or integer, got 1.5"),
+        ({"route": ROUTE, "seed": "1"}, "Pedestrian, seed: expected int or integer, got '1'"),
+        ({"route": ROUTE, "config": {}}, "Pedestrian, config: expected WorldConfig or NoneType, got {}"),
+        ({"route": [(0.0, 0.0), (0.0, 10**400)]}, "route: expected at least two finite points"),
+        ({"goal": (0.0, 10**400)}, "goal: expected (x, y) [m], both finite"),
     ],
 )
 def test_a_pedestrian_that_cannot_be_is_refused(bad: dict[str, Any], message: str) -> None:

@@ -1,5 +1,8 @@
 """The doors: the ecosystem's own contract tests, the same bits batched and alone, and a driving system that learns."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -106,6 +109,22 @@ def test_an_environment_of_a_batch_is_to_the_bit_the_one_alone(weights):
                 alone, _ = env.reset()
             assert alone.tobytes() == observations[i].tobytes()
     assert finished >= 3
+
+
+@pytest.mark.parametrize("change", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_in_mid_episode_goes_on_to_the_bit(change):
+    env = RightTurnEnv(weights=small_weights(), render_mode="rgb_array")
+    observation, _ = env.reset(seed=2)
+    for _ in range(30):
+        observation, *_ = env.step(drive(observation))
+    env.render()
+    copied = change(env)
+    for _ in range(250):  # into the next episode
+        (one, *rest), (other, *same) = env.step(drive(observation)), copied.step(drive(observation))
+        assert (one.tobytes(), rest) == (other.tobytes(), same)
+        observation = env.reset()[0] if rest[1] or rest[2] else one
+        if rest[1] or rest[2]:
+            assert copied.reset()[0].tobytes() == observation.tobytes()
 
 
 def test_a_seed_repeats_an_episode_and_resets_go_on_to_the_next():
@@ -232,6 +251,7 @@ def test_the_gain_is_the_share_of_the_pedestrians_acceleration_that_becomes_moti
         (lambda: RightTurnEnv(weights="nowhere.safetensors"), "no such file"),
         (lambda: RightTurnEnv(**WALKER).reset(options={"scenario": 1}), "expected scenario and episode"),
         (lambda: RightTurnVectorEnv(2, **WALKER).reset(seed=[1]), "one number or 2 of them"),
+        (lambda: RightTurnEnv(**WALKER).reset(seed=2**64), r"seed = \d+: expected a whole number from 0 to 2\^63 - 1"),
     ],
 )
 def test_bad_arguments_are_refused(make, message):

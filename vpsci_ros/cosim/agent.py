@@ -50,7 +50,6 @@ class Body:
 
     :param agent: "vehicle" or "pedestrian": whom the policy moves.
     :param number: of the pedestrian within its episode; its row.
-    :ivar record: the agent's own EPISODE record.
     :ivar parked: what stands in the scenario, float64[K, 5].
     :raises InvalidInput: the episode has no such pedestrian, or as `World`, `Weights` and the configurations.
     """
@@ -81,10 +80,15 @@ class Body:
         self.state[:] = spawned[number]
         self.state[: len(spawned)] = spawned
         self.state["pedestrian"] = np.arange(MOST)
-        self.record = self.state[number]
         own = weights if isinstance(weights, Weights) else load_weights(weights_path(str(weights)))
         self.agent = policies(own, self.world, None if policy is None else {agent: policy})[agent]
         self._number, self._agent = number, agent
+
+    @property
+    def record(self) -> np.void:
+        """The agent's own EPISODE record, a view: kept, it would be torn off by a copy or a pickle of the body."""
+        record: np.void = self.state[self._number]
+        return record
 
     def person(self, speed: float) -> Person:
         """Return who acts."""

@@ -10,7 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from vpsci_ros.cosim import scenarios
 from vpsci_ros.cosim.agent import Body, Clock, Person
-from vpsci_ros.cosim.inputs import Vehicle, Walker, checked, checked_all, checked_parked, checked_period, walked_on
+from vpsci_ros.cosim.inputs import (
+    Vehicle,
+    Walker,
+    checked,
+    checked_all,
+    checked_parked,
+    checked_period,
+    require_kinds,
+    walked_on,
+)
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.weights import Weights
@@ -81,6 +90,7 @@ class Driver:
         monitor: MonitorConfig | None = None,
         policy: PolicyConfig | None = None,
     ) -> None:
+        require_kinds("Driver", locals())
         if speed is not None and not LEAST_CAR <= speed <= GREATEST_CAR:
             raise InvalidInput(
                 f"speed = {speed!r}: expected {LEAST_CAR:g} to {GREATEST_CAR:g} m/s, as recorded drivers turn right"

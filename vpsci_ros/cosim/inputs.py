@@ -6,20 +6,42 @@ Positions are metres in a right-handed frame, x east and y north; angles are rad
 
 import math
 from collections.abc import Hashable, Iterable, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vpsci_ros.documents import require_form, shown
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH, curvature_from_yaw_rate
 from vpsci_ros.safety.inputs import as_floats
 from vpsci_ros.safety.line_of_sight import BOX, as_boxes
+from vpsci_ros.world import Scenario, WorldConfig
 from vpsci_ros.world.kinematics import curvature_of, drive, steer_to
+from vpsci_ros.world.monitor import MonitorConfig
 
 SHARPEST = curvature_of(1.0)  # [1/m]
 LONGEST_PERIOD = 2.0  # [s]
 LEAST_PERIOD = 1e-3  # [s]
+GREATEST = 2e7  # [m, m/s, ...] of any number: no place on earth has greater metric coordinates
+_KINDS: dict[str, tuple[type, ...]] = {
+    **dict.fromkeys(("seed", "episode", "number"), (int, np.integer)),
+    "scenario": (int, str, Path, Scenario, type(None)),
+    "speed": (float, int, np.number, type(None)),
+    "config": (WorldConfig, type(None)),
+    "monitor": (MonitorConfig, type(None)),
+    "policy": (PolicyConfig, type(None)),
+}  # of what an agent is made from
+
+
+def require_kinds(who: str, given: Mapping[str, Any]) -> None:
+    """Refuse arguments of an agent's constructor, by name, that are of another kind than it takes.
+
+    :raises InvalidInput: names the first one.
+    """
+    require_form(given, {name: kinds for name, kinds in _KINDS.items() if name in given}, who)
 
 
 class Vehicle(NamedTuple):
@@ -59,7 +81,7 @@ Agent = TypeVar("Agent", Vehicle, Walker)
 def checked(who: str, given: Any, kind: type[Agent]) -> Agent:
     """Return what was given as one of `kind`, with plain floats.
 
-    :raises InvalidInput: something else, numbers that are not finite, or a size that is not above 0; `who` says whose.
+    :raises InvalidInput: something else, numbers beyond `GREATEST`, or a size that is not above 0; `who` says whose.
     """
     if not isinstance(given, kind):
         raise InvalidInput(f"{who}: expected a vpsci_ros.{kind.__name__}, got {type(given).__name__}")
@@ -70,10 +92,10 @@ def checked(who: str, given: Any, kind: type[Agent]) -> Agent:
             continue
         try:
             number = float(value)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             number = math.nan
-        if not math.isfinite(number):
-            raise InvalidInput(f"{who}: {name} = {value!r}: expected a finite number")
+        if not abs(number) <= GREATEST:
+            raise InvalidInput(f"{who}: {name} = {shown(value)}: expected a finite number, {GREATEST:g} at most")
         if name in ("length", "width") and number <= 0.0:
             raise InvalidInput(f"{who}: {name} = {number:g} m: expected a size above 0")
         values.append(number)
@@ -96,11 +118,13 @@ def checked_all(what: str, given: Any, kind: type[Agent]) -> dict[Hashable, Agen
 def checked_parked(given: ArrayLike | None) -> NDArray[np.float64] | None:
     """Return vehicles that stand, float64[K, 5]: x, y [m], heading [rad], length, width [m]; None where not given.
 
-    :raises InvalidInput: another shape, numbers that are not finite, or sizes that are not above 0.
+    :raises InvalidInput: another shape, numbers beyond `GREATEST`, or sizes that are not above 0.
     """
     if given is None:
         return None
     boxes = as_floats("parked", given)
+    if (np.abs(boxes) > GREATEST).any():
+        raise InvalidInput(f"parked: expected numbers from {-GREATEST:g} to {GREATEST:g}, got {shown(boxes.tolist())}")
     return np.zeros((0, BOX)) if boxes.size == 0 else as_boxes(boxes)
 
 
@@ -111,7 +135,8 @@ def checked_period(period: Any) -> int:
     """
     if isinstance(period, bool) or not isinstance(period, (int, float)) or not LEAST_PERIOD <= period <= LONGEST_PERIOD:
         raise InvalidInput(
-            f"period = {period!r}: expected the time to the next step [s], from {LEAST_PERIOD:g} to {LONGEST_PERIOD:g}"
+            f"period = {shown(period)}: expected the time to the next step [s], "
+            f"from {LEAST_PERIOD:g} to {LONGEST_PERIOD:g}"
         )
     return round(period * 1e9)
 

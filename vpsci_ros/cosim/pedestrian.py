@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from vpsci_ros.cosim import scenarios
 from vpsci_ros.cosim.agent import Body, Clock, Person
 from vpsci_ros.cosim.inputs import (
+    GREATEST,
     Tracks,
     Vehicle,
     Walker,
@@ -19,8 +20,10 @@ from vpsci_ros.cosim.inputs import (
     checked_parked,
     checked_period,
     driven_on,
+    require_kinds,
     walked_on,
 )
+from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.weights import Weights
@@ -92,6 +95,7 @@ class Pedestrian:
         monitor: MonitorConfig | None = None,
         policy: PolicyConfig | None = None,
     ) -> None:
+        require_kinds("Pedestrian", locals())
         ways = {"scenario": scenario, "route": route, "goal": goal}
         if len(given := [name for name, way in ways.items() if way is not None]) != 1:
             raise InvalidInput(f"Pedestrian: expected one of scenario, route and goal, got {given or 'none of them'}")
@@ -109,7 +113,7 @@ class Pedestrian:
         elif route is not None:
             self._body = self._new_body(scenarios.of_walk(route), straight=True)
         elif not _is_point(goal):
-            raise InvalidInput(f"goal: expected (x, y) [m], both finite, got {goal!r}")
+            raise InvalidInput(f"goal: expected (x, y) [m], both finite, got {shown(goal)}")
 
     @property
     def start(self) -> Walker:
@@ -229,6 +233,6 @@ class Pedestrian:
 def _is_point(value: Any) -> bool:
     try:
         point = np.array(value, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return False
-    return point.shape == (2,) and bool(np.isfinite(point).all())
+    return point.shape == (2,) and bool((np.abs(point) <= GREATEST).all())

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vpsci_ros.cosim.inputs import GREATEST
+from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.paths import Path as Way
 from vpsci_ros.world.paths import resample
@@ -49,10 +51,10 @@ def _middle(points: ArrayLike, what: str) -> tuple[list[list[float]], Way, list[
     """Return points as a list, the way along them, and another way straight across its middle."""
     try:
         array = np.array(points, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.empty(0)
-    if array.ndim != 2 or array.shape[1] != 2 or len(array) < 2 or not np.isfinite(array).all():
-        raise InvalidInput(f"{what}: expected at least two finite points [x, y] in metres, got {points!r}")
+    if array.ndim != 2 or array.shape[1] != 2 or len(array) < 2 or not (np.abs(array) <= GREATEST).all():
+        raise InvalidInput(f"{what}: expected at least two finite points [x, y] in metres, got {shown(points)}")
     if (np.hypot(*np.diff(array, axis=0).T) < 1e-3).any():
         raise InvalidInput(f"{what}: has two points in a row at the same place; remove one")
     way = resample(array)

@@ -1,7 +1,5 @@
 """The scene from above as an image, north up: lane, crosswalk, vehicle and pedestrian with its velocity."""
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
@@ -58,8 +56,11 @@ class Views:
 
     def __init__(self, scenarios: tuple[Scenario, ...]) -> None:
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
-        self._of = lru_cache(maxsize=None)(lambda number: View(self._scenarios[number]))
+        self._drawn: dict[int, View] = {}
 
     def image(self, record: np.void) -> NDArray[np.uint8]:
         """Return uint8[480, 480, 3] for one EPISODE record of one of the scenarios."""
-        return self._of(int(record["scenario"])).image(record)
+        number = int(record["scenario"])
+        if number not in self._drawn:
+            self._drawn[number] = View(self._scenarios[number])
+        return self._drawn[number].image(record)

@@ -1,13 +1,14 @@
 """A batch of episodes that move on when the environment's user acts: world, monitor and learned pedestrian together."""
 
 import dataclasses
-import itertools
+import operator
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import AGENT_TYPES, make_agent
@@ -79,15 +80,20 @@ class Simulation:
             own = weights if isinstance(weights, Weights) else load_weights(weights_path(str(weights)))
             self._learned.load(own, 1)
         self._loop = Loop(self.world, agents=agents, always_critical=always_critical)
-        self._next = [itertools.count() for _ in range(batch)]
+        self._begun = [0] * batch  # episodes, of each slot
         self._seeds = [0] * batch
 
     def seed(self, slot: int, seed: int) -> None:
-        """Begin again with episode 0 of `seed` in this slot's row of episodes."""
+        """Begin again with episode 0 of `seed` in this slot's row of episodes.
+
+        :raises InvalidInput: a seed that is not from 0 to 2^63 - 1.
+        """
+        if not 0 <= operator.index(seed) < 2**63:
+            raise InvalidInput(f"seed = {shown(seed)}: expected a whole number from 0 to 2^63 - 1")
         self._seeds[slot] = seed
         if self._learned is not None:
             self._learned.set_seeds(np.repeat(self._seeds, self.config.pedestrians))
-        self._next[slot] = itertools.count()
+        self._begun[slot] = 0
 
     def start(self, slots: Sequence[int], episode: tuple[int, int] | None = None) -> None:
         """Start the next episode of each of these slots, or `episode` (scenario number, episode number) in all."""
@@ -95,7 +101,8 @@ class Simulation:
         self.world.place(slots, episodes, [self._seeds[slot] for slot in slots])
 
     def _following(self, slot: int) -> tuple[int, int]:
-        number, which = divmod(next(self._next[slot]), len(self.scenarios))
+        number, which = divmod(self._begun[slot], len(self.scenarios))
+        self._begun[slot] += 1
         return self.scenarios[which].number, number
 
     def now(self) -> Snapshot:

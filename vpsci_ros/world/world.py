@@ -68,7 +68,6 @@ class World:
         self._most = config.pedestrians
         rows = batch * self._most
         self.state: NDArray[np.void] = np.zeros(rows, EPISODE)
-        self._bytes = self.state.view(np.uint8).reshape(rows, -1)  # writing whole rows by fields is slow
         self._no_slots = np.zeros(rows, np.bool_)
         if "replay" in (config.vehicle_driver, config.pedestrian_driver) and recorded is None:
             raise InvalidInput(
@@ -112,7 +111,8 @@ class World:
         engine.decide(self.state, answers, self._settings, self._bits)
         decided = list_events(self.state, self._bits)
         if len(self._ended):
-            self._bytes[self._ended] = 0
+            whole = self.state.view(np.uint8).reshape(len(self.state), -1)  # to write rows by their fields is slow
+            whole[self._ended] = 0
             self._idle += int(np.count_nonzero(self._ended % self._most == 0))
         in_threads(lambda part: self._move(answers, part), len(self.state), PER_THREAD, self._most)
         if self._parked is not None:
