@@ -1,12 +1,19 @@
 #!/usr/bin/env python
-"""Write docs/nodes.md and docs/parameters.md from the code; with `--check` only compare them with it."""
+"""Write docs/nodes.md, docs/parameters.md and the columns in docs/dataset.md from the code.
+
+    python tools/node_tables.py [--check]
+
+With `--check` it only compares, and ends with 1 where a page differs.
+"""
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from vpsci_ros.cli.parameter_file import ELSEWHERE
+from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
 from vpsci_ros.data.filters import FilterConfig
+from vpsci_ros.data.parquet import Column
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
@@ -24,60 +31,43 @@ from vpsci_ros.world.perception import PerceptionConfig
 from vpsci_ros.world.safe_stop import ExternalConfig
 
 DOCS = Path(__file__).parent.parent / "docs"
+BEGIN, END = "<!-- written by tools/node_tables.py -->\n", "<!-- until here -->\n"
 INTRODUCTION = """# Nodes: topics and services
 
-Written from the code by `tools/node_tables.py`; a test holds it to the code. What can be set is in
-[Parameters](parameters.md).
+`tools/node_tables.py` writes this page from the code. [Parameters](parameters.md) lists what can be set.
 """
 
 PARAMETERS = """# Parameters
 
-Every parameter once, by what it is for. Written from the code by `tools/node_tables.py`; a test holds it to the code.
-`params/*.yaml` set most of them; `--set NODE.NAME=VALUE` of the commands, `vpsci node NODE --ros-args ...` and
-`ros2 run vpsci_ros NODE --ros-args -p NAME:=VALUE` override them. An unknown name, a wrong type or a value out of range
-ends the command with a message that says so, and so does a name in a file that nothing reads in the stage that it is
-for: the message names the stage that does. A name with a dot is one of a group, which a file may write as a mapping
-(`noise: {start: 0.1}`). What several nodes have, such as `seed` and `noise`, stands once, in the section `/**`, which
-ROS 2 gives to every node. "(running)": may be set on the running node.
+`tools/node_tables.py` writes this page from the code: each parameter once, by purpose. `params/*.yaml` set most of
+them; `--set NODE.NAME=VALUE`, `vpsci node NODE --ros-args -p NAME:=VALUE` and `ros2 run` override them. An unknown
+name, a wrong type, a value out of range, or a name that the stage does not read ends the command with a message. A
+dot marks a group, which a file may write as a mapping (`noise: {start: 0.1}`). The section `/**` holds what several
+nodes have. "(running)": may be set while the node runs.
 """
 
 NOTES = """
 ## Names, time and diagnostics
 
-- Names follow the node's namespace: with `-r __ns:=/left` the state is on `/left/world/state`, simulated time on
-  `/left/clock`. rclpy takes simulated time from `/clock`: in a namespace, give a node with `use_sim_time` also
-  `-r /clock:=clock`. `/tf`, `/tf_static` and `/diagnostics` stay at the root, where other tools look for them; there
-  frames and nodes have the namespace before their names (`left/vehicle/base_link`, `left/recorder`; `map` is one for
-  all), and recorder and `vpsci graph` take those of their own graph alone. So graphs in two namespaces, or with two
-  values of `ROS_DOMAIN_ID`, do not disturb each other. The package's parameter files name nodes in any namespace
-  (`/**/world_simulator:`), as ROS 2 wants it; `world_simulator:` means the one without a namespace.
-- `qos_overrides./TOPIC.publisher.depth` (also `subscription`; `history`, `reliability`) changes a quality of service.
-- No node of this package needs `use_sim_time`; their timers run on the wall clock, so setting it stops nothing.
-- Every node reports on `/diagnostics` once a second of wall time, stamped with simulated time: rates, lag in
-  milliseconds, ticks missed or late, messages published and refused. They depend on the machine and differ from run to
-  run; what the keys of the world's counts mean stands in `vpsci_ros/world/counts.py`. Everything else in a bag is a
-  function of the parameters alone, whatever the load and the order in which nodes were started, as long as no answer is
-  missed (`action_timeout`; at the first tick 10 s at least) and no learner or external driving system takes part.
-- A policy that is killed and started again within `action_timeout` (the node alone, while the others wait) leaves the
-  same bag: it requests the frames that it has not seen from the world and goes on as if it had been there.
-  `graph.restarts` has `vpsci graph` do so by itself.
-- `vpsci graph --composed` (parameter `graph.composed`) runs all nodes, the recorder among them, in one process. They
-  have the same topics and leave the same bag; what they publish for each other does not go through the middleware, so
-  that a tick takes a fifth of the CPU time, with or without the recorder. Choose it for many episodes on few cores,
-  or where nobody else takes part. Separate processes, the default, use several cores, outlive the death of a policy
-  (`graph.restarts`) and have a log each. Programs outside subscribe and publish as they do otherwise.
-- With one episode at a time (`batch: 1`) the world also publishes both odometries, with `pedestrians` above 1 one a
-  pedestrian on `/pedestrians/odometry` (frame `pedestrian_N/base_link`), transforms and `/markers`, for as
-  long as anybody listens, and models of the car and the pedestrian. `rviz2 -d` with the package's `rviz/vpsci.rviz`
-  (`rviz:=true` under launch) and Foxglove (layout: `docs/foxglove_layout.json`) show them. Frames are `map`,
-  `vehicle/base_link`, the centre of the car's rectangle on the ground, `pedestrian/base_link`, whose x is where it
-  walks, and `vehicle/rear_axle`.
-- The world ends with its episodes; the other nodes stay, for a next world, until Ctrl-C. Discovery stays on this
-  machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` says otherwise; Fast DDS is given `params/middleware.xml`, by which a
-  node that ends need not wait long for the recorder, unless `FASTRTPS_DEFAULT_PROFILES_FILE` names another file.
-- Where an ADS leaves the first tick unanswered for a second, the odometry of that tick and the first list of objects
-  are published again, since its subscriptions may have been matched too late for them.
-- Parameters marked "running" may be set on the running node (`ros2 param set`); the others are read-only.
+- **Namespaces.** With `-r __ns:=/left` all names move: `/left/world/state`, `/left/clock`. Give a node with
+  `use_sim_time` also `-r /clock:=clock`, since rclpy reads `/clock`. `/tf`, `/tf_static` and `/diagnostics` stay
+  global; their frames and nodes carry the namespace (`left/vehicle/base_link`). Graphs in two namespaces or two
+  values of `ROS_DOMAIN_ID` do not disturb each other.
+- **Quality of service.** `qos_overrides./TOPIC.publisher.depth` (also `subscription`; `history`, `reliability`)
+  changes it.
+- **Time.** Timers of this package run on the wall clock, so no node needs `use_sim_time`.
+- **Diagnostics.** Every node reports once a second of wall time: rates, lag, missing ticks, refused messages
+  (`vpsci_ros/world/counts.py`). These depend on the machine. Everything else in a bag depends on the parameters
+  alone, as long as no answer is missing and no learner or external driving system takes part.
+- **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag, in less
+  CPU time. Separate processes, the default, use several cores and have a log each.
+- **Frames.** With `batch: 1` the world also publishes odometry, transforms, `/markers` and robot descriptions while
+  somebody subscribes. Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle`
+  and `pedestrian/base_link` (x where it walks). `rviz2 -d rviz/vpsci.rviz` and Foxglove (`docs/foxglove_layout.json`)
+  show them.
+- **End.** The world ends with its episodes. The other nodes wait for a next world until Ctrl-C.
+- **Network.** Discovery stays on this machine unless `ROS_AUTOMATIC_DISCOVERY_RANGE` says otherwise. Fast DDS reads
+  `params/middleware.xml` unless `FASTRTPS_DEFAULT_PROFILES_FILE` names another file.
 """
 
 
@@ -168,9 +158,27 @@ def _joined(parts: list[str]) -> str:
     return "\n".join(parts).replace("\n\n\n", "\n\n").rstrip() + "\n"
 
 
+def column_tables() -> str:
+    """Return the columns of a scenario's file and of the index of episodes."""
+    parts = ["", "Columns of a scenario's file (Table 7):\n", _columns(DATASET_COLUMNS)]
+    return "\n".join([*parts, "\nColumns of `episodes.parquet`:\n", _columns(INDEX_COLUMNS), "", ""])
+
+
+def _columns(columns: Mapping[str, Column]) -> str:
+    lines = ["| column | unit | meaning |", "|---|---|---|"]
+    return "\n".join([*lines, *(f"| `{name}` | {each.unit} | {each.description} |" for name, each in columns.items())])
+
+
+def dataset_page(before: str) -> str:
+    """Return docs/dataset.md with the tables of columns between its marks."""
+    head, begin, rest = before.partition(BEGIN)
+    return head + begin + column_tables() + END + rest.partition(END)[2]
+
+
 def main() -> int:
     """Write the pages, or compare them with the code."""
-    for name, text in (("nodes.md", page()), ("parameters.md", parameter_page())):
+    dataset = dataset_page((DOCS / "dataset.md").read_text(encoding="utf-8"))
+    for name, text in (("nodes.md", page()), ("parameters.md", parameter_page()), ("dataset.md", dataset)):
         path = DOCS / name
         if "--check" not in sys.argv[1:]:
             path.write_text(text, encoding="utf-8")
