@@ -22,7 +22,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     assert built.returncode == 0, built.stderr[-4000:]
     assert "curvature_from_positions" in (tmp_path / "site/api/safety.html").read_text("utf-8")
     assert "vpsci generate" in (tmp_path / "site/commands.html").read_text("utf-8")
-    assert "refined" in (tmp_path / "site/model_card.html").read_text("utf-8")
+    assert "ma_sst_ddpg" in (tmp_path / "site/model_card.html").read_text("utf-8")
 
 
 def test_the_diagram_of_rooms_is_that_of_the_imports(tool: Callable[[str], ModuleType]) -> None:
