@@ -8,18 +8,20 @@ import typer
 
 from vpsci_ros.cli.options import writes_folder
 
-bag_app = typer.Typer(no_args_is_help=True, help="Look into recorded bags, this package's or other ROS 2 tools'.")
+bag_app = typer.Typer(
+    no_args_is_help=True, help="Inspect, export, verify and repair bags of this package or of other ROS 2 tools."
+)
 
 BagPath = Annotated[Path, typer.Argument(metavar="BAG", help="rosbag2 folder (MCAP or sqlite3), or one of its files.")]
-Recover = Annotated[bool, typer.Option("--recover", help="Read what is whole of a damaged bag.")]
+Recover = Annotated[bool, typer.Option("--recover", help="Read the whole messages of a damaged bag.")]
 
 
 @bag_app.command()
 def info(
     bag: BagPath,
-    as_json: Annotated[bool, typer.Option("--json", help="Everything, with all episodes, as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything, with all episodes, as JSON.")] = False,
 ) -> None:
-    """Topics, types, rates, episodes, outcomes, how the bag was made; of a damaged bag what is readable."""
+    """Print topics, types, rates, episodes, outcomes and origin of a bag."""
     from rich.console import Console
 
     from vpsci_ros.bags.info import bag_info, print_info
@@ -37,22 +39,21 @@ def export(
     bag: BagPath,
     output: Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")],
     episodes: Annotated[
-        str, typer.Option(metavar="3,7-9,6:12", help="These numbers only; 6:12 is number 12 of scenario 6.")
+        str, typer.Option(metavar="3,7-9,6:12", help="Export these episodes only; 6:12 is number 12 of scenario 6.")
     ] = "",
     outcome: Annotated[
         str, typer.Option(metavar="OUTCOME", help="collision, goal, timeout, parked_collision or none.")
     ] = "",
     curvttc_below: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Only episodes whose least CurvTTC is below.")
+        float | None, typer.Option(metavar="SECONDS", help="Export episodes whose least CurvTTC is below.")
     ] = None,
-    csv: Annotated[bool, typer.Option("--csv", help="Table 7 as CSV, too.")] = False,
-    keep_rejected: Annotated[bool, typer.Option(help="Write rejected episodes, too.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Write CSV besides Parquet.")] = False,
+    keep_rejected: Annotated[bool, typer.Option(help="Write rejected episodes besides.")] = False,
     recover: Recover = False,
 ) -> None:
     """Write a bag's episodes as a dataset (Tables 6 and 7), with a summary and a picture.
 
-    Without a selection the four filters of the paper decide what is kept. Episodes that are selected by number,
-    outcome or CurvTTC are kept whatever the filters say.
+    Without a selection the paper's four filters decide. A selection by number, outcome or CurvTTC overrides them.
     """
     from vpsci_ros.bags.export import Selection, export_bag
 
@@ -64,7 +65,9 @@ def export(
 @bag_app.command()
 def plot(
     bag: BagPath,
-    episode: Annotated[str, typer.Argument(metavar="EPISODE", help="Its number, or SCENARIO:NUMBER, as info prints.")],
+    episode: Annotated[
+        str, typer.Argument(metavar="EPISODE", help="Number or SCENARIO:NUMBER of the episode, as info prints.")
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="PNG to write.")],
     recover: Recover = False,
 ) -> None:
@@ -79,13 +82,13 @@ def plot(
 def verify(
     bag: BagPath,
     weights: Annotated[
-        str, typer.Option(metavar="FILE", help="Weights to simulate with, where those that the bag names are not here.")
+        str, typer.Option(metavar="FILE", help="Weights to simulate with, if the bag's are not installed.")
     ] = "",
     recover: Recover = False,
 ) -> None:
-    """Simulate a bag again from the parameters in it and compare, to the bit.
+    """Simulate a bag again from its parameters and compare every message, to the bit.
 
-    Exit status: 0 all is the same; 1 there is a difference; 2 it cannot be simulated again; 3 a part was not compared.
+    Exit status: 0 equal; 1 a difference; 2 it cannot be simulated again; 3 a part was not compared.
     """
     from vpsci_ros.bags.verify import verify_bag
 
@@ -109,7 +112,7 @@ def verify(
 def repair(
     bag: Annotated[Path, typer.Argument(metavar="BAG", help="rosbag2 folder whose recorder was killed.")],
 ) -> None:
-    """Complete a bag that was not closed: every whole message is kept, index and metadata are written again."""
+    """Complete a bag that was not closed: keep every whole message, write index and metadata again."""
     from vpsci_ros.bags.repair import repair_bag
 
     print(repair_bag(bag))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from vpsci_ros.generate.job import Job, Unit
     from vpsci_ros.runs.workers import Workers
 
-dataset_app = typer.Typer(no_args_is_help=True, help="Generated datasets: what is in them, and whether it is true.")
+dataset_app = typer.Typer(no_args_is_help=True, help="Inspect and verify generated datasets.")
 
 Count = Annotated[
     int | None, typer.Option("--workers", min=1, metavar="N", help="Processes; default: one for each usable core.")
@@ -35,16 +35,14 @@ def generate(
     scenarios: Annotated[
         str | None, typer.Option(metavar="1,2,...", help="Scenarios; default: the parameter file's.")
     ] = None,
-    episodes: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Kept episodes wanted in each scenario.")
-    ] = None,
-    table10: Annotated[bool, typer.Option("--table10", help="As many kept episodes as in Table 10: 198,157.")] = False,
+    episodes: Annotated[int | None, typer.Option(min=1, metavar="N", help="Kept episodes in each scenario.")] = None,
+    table10: Annotated[bool, typer.Option("--table10", help="Generate Table 10: 198,157 kept episodes.")] = False,
     settings: Settings = None,
     workers: Count = None,
     ray: Ray = None,
     quiet: Quiet = False,
 ) -> None:
-    """Stage 3: a dataset by the refined policies; the same command goes on with a run that was stopped."""
+    """Generate a dataset of episodes (stage 3); the same command resumes a stopped run."""
     from vpsci_ros.cli.parameter_file import load
     from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
     from vpsci_ros.generate.config import DatasetConfig
@@ -90,18 +88,14 @@ def report(
             metavar="TABLE", help="Recorded near misses to compare with: right_turns, a Parquet file, a part."
         ),
     ] = Path(RIGHT_TURNS),
-    beside: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Another dataset to compare with, say of the rule-based pair.")
-    ] = None,
+    beside: Annotated[Path | None, typer.Option(metavar="DIR", help="Another dataset to compare with.")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Draw a dataset's figures and statistics of the paper's section 4, as one HTML page.
 
-    How near the generated interactions come, how often they become conflicts
-    and who gives way, beside recorded people and another dataset, with
-    intervals, in the manner of Figures 7 to 9 and 11 to 13 and of Table 10.
-    Leaves report.html, which holds everything, report.json with all numbers,
-    and the pictures. Of the rule-based pair there is a dataset by
+    Figures 7 to 9 and 11 to 13 and Table 10, beside recorded people and
+    another dataset, with intervals. Writes report.html (needs no other file),
+    report.json and the pictures. A dataset of the rule-based pair:
 
       vpsci generate -o OUT
         --set world_simulator.vehicle_driver=autopilot
@@ -126,7 +120,7 @@ def report(
 
 @dataset_app.command()
 def info(folder: Folder) -> None:
-    """Table 10 beside the paper's numbers, rejections by reason, least CurvTTC with and without early collisions."""
+    """Print Table 10 beside the paper's numbers, rejections by reason, and quartiles of the least CurvTTC."""
     from rich.console import Console
 
     from vpsci_ros.report.summary import print_info
@@ -143,11 +137,11 @@ def verify(
     tolerance: Annotated[
         float, typer.Option(min=0.0, help="Allowed difference [m, m/s, s]; 0: to the bit, for the same kind of CPU.")
     ] = 0.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of the sample.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sample.")] = 0,
     workers: Count = None,
     ray: Ray = None,
 ) -> None:
-    """Simulate a dataset's episodes again and compare; names each file that differs, with its first differing row."""
+    """Simulate a dataset's episodes again and name each file that differs, with its first differing row."""
     from vpsci_ros.generate.verify import verify as run
 
     result = run(folder, lambda job: _workers(ray, workers)(job, 512), sample=sample, tolerance=tolerance, seed=seed)
@@ -169,7 +163,7 @@ def bag(
         list[str], typer.Option("--episode", metavar="SCENARIO:COUNT", help="An episode, say 6:12; repeatable.")
     ],
 ) -> None:
-    """Write chosen episodes as a rosbag2 folder (MCAP): world, safety, actions, odometry, as a graph records them."""
+    """Write chosen episodes as a bag (rosbag2, MCAP), with the topics of a graph."""
     from vpsci_ros.generate.record import record_episodes
 
     chosen = []

@@ -1,4 +1,4 @@
-"""The arguments of `ros2 launch`, and the nodes' parameter file that follows; free of `launch` itself."""
+"""The arguments of `ros2 launch` and the nodes' parameter file made from them. It does not import `launch`."""
 
 import time
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from vpsci_ros.runs.files import require_empty_folder
 
 
 class Argument(NamedTuple):
-    """A launch argument that sets parameters; empty, it leaves them as the parameter file has them.
+    """A launch argument that sets parameters; an empty one leaves those of the parameter file.
 
     :ivar sets: stage -> the parameters that it sets, "section.name".
     """
@@ -42,25 +42,25 @@ ARGUMENTS = (
     ),
     Argument(
         "batch",
-        "episodes at once; with 1, RViz and Foxglove have something to show",
+        "parallel episodes; RViz and Foxglove need 1",
         dict.fromkeys(_WORLD, ("world_simulator.batch",)),
     ),
     Argument(
         "weights",
-        "a safetensors file or shipped ones: of both policies; stage 2: to start from",
+        "safetensors file or shipped name, for both policies; stage 2: to start from",
         {"refine": ("learner.weights",), "generate": ("vehicle_policy.weights", "pedestrian_policy.weights")},
     ),
     Argument(
         "near_misses",
-        "Parquet files to learn from, with commas",
+        "Parquet files to learn from, separated by commas",
         dict.fromkeys(("pretrain", "refine"), ("learner.near_misses",)),
     ),
-    Argument("namespace", "of all nodes, such as /left", dict.fromkeys(_EVERY, ("graph.namespace",))),
+    Argument("namespace", "namespace of all nodes, such as /left", dict.fromkeys(_EVERY, ("graph.namespace",))),
 )
 
 
 class LaunchedRun(NamedTuple):
-    """What is to be started.
+    """A prepared run: its folder, parameter file and nodes.
 
     :ivar folder: output folder.
     :ivar parameters: file that all nodes take.
@@ -75,7 +75,7 @@ class LaunchedRun(NamedTuple):
 
 
 def prepare(params: str, output: str, given: Mapping[str, str], settings: str = "") -> LaunchedRun:
-    """Check the arguments, and write the nodes' parameters down with every default filled in.
+    """Check the arguments and write the nodes' parameter file with every default; return the run to start.
 
     :param params: a parameter file, or the name of one of the package's.
     :param output: folder, new or empty; empty: out/NAME-DATE-TIME.

@@ -32,12 +32,11 @@ def pretrain(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Stage 1 in this process: learn from real near misses.
+    """Learn from recorded near misses (stage 1).
 
-    Leaves pretrained.safetensors, log.csv, learning.png, params.yaml and
-    run.json. A run that is stopped (Ctrl-C) goes on when the same command is
-    given again, to the same result. `vpsci graph` runs the same stage through
-    a node.
+    Writes pretrained.safetensors, log.csv, learning.png, params.yaml and
+    run.json. The same command resumes a stopped run, to the same result.
+    `vpsci graph` runs the same stage through a node.
     """
     from vpsci_ros.cli.stages import run_pretraining
 
@@ -53,13 +52,11 @@ def refine(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Stage 2 in this process: learn on in simulation.
+    """Learn in simulation (stage 2), starting from the parameter learner.weights.
 
-    Starts from the parameter learner.weights. Leaves refined.safetensors,
-    refine_log.csv, learning.png (Figure 6), params.yaml and run.json. A run
-    that is stopped (Ctrl-C) goes on from its last whole portion of episodes
-    when the same command is given again, to the same result. `vpsci graph`
-    runs the same stage through the nodes.
+    Writes refined.safetensors, refine_log.csv, learning.png (Figure 6),
+    params.yaml and run.json. The same command resumes a stopped run, to the
+    same result. `vpsci graph` runs the same stage through the nodes.
     """
     from vpsci_ros.cli.stages import run_refinement
 
@@ -85,13 +82,13 @@ def evaluate(
     refined: Annotated[str, typer.Option(help="Weights after stage 2: a file or a shipped name.")] = "refined",
     pretrained: Annotated[str, typer.Option(help="Weights after stage 1: a file or a shipped name.")] = "pretrained",
     held_out: Annotated[
-        bool, typer.Option("--held-out", help="Only clips that neither has learned from, by their metadata.")
+        bool, typer.Option("--held-out", help="Measure only clips that neither has learned from.")
     ] = False,
 ) -> None:
-    """Errors of both stages' policies on near misses, beside naive controls: Table 9's columns, by two protocols.
+    """Print errors of both stages' policies on near misses, beside naive controls: Table 9's columns, two protocols.
 
-    Measures all interactions in the data; for honest errors give
-    --held-out, or recordings that the weights have never seen.
+    All near misses of the data count; give --held-out, or recordings that
+    the weights have not seen.
     """
     from vpsci_ros.cli.stages import run_evaluation
 
@@ -305,7 +302,7 @@ def paper(
 
 
 def _parts(text: str | None) -> list[str]:
-    """Return what stands between the commas; nothing where nothing was given."""
+    """Return the texts between the commas; an empty list for no text."""
     return [part.strip() for part in text.split(",")] if text else []
 
 

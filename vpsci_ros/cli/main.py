@@ -21,7 +21,7 @@ from vpsci_ros.errors import InvalidInput, VpsciError, in_words, is_shortage
 
 app = typer.Typer(
     name="vpsci",
-    help="Safety-critical vehicle-pedestrian interactions: learned from near misses, simulated, recorded, replayed.",
+    help="Generate safety-critical episodes of a car and a pedestrian, and examine driving systems with them.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -50,14 +50,14 @@ def import_command(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of recordings as published.")],
     formats: Annotated[
         list[str],
-        typer.Option("--format", help="vci-dut, levelx, ...: docs/formats.md. For all folders, or one for each."),
+        typer.Option(
+            "--format", help="Format of all folders, or one for each: vci-dut, levelx, ... (docs/formats.md)."
+        ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Parquet file to write.")],
-    compact: Annotated[
-        bool, typer.Option("--compact", help="In single precision, to 0.1 mm: a third as large.")
-    ] = False,
+    compact: Annotated[bool, typer.Option("--compact", help="Write single precision: a third as large.")] = False,
 ) -> None:
-    """Real trajectories in, near misses out: every pair whose CurvTTC falls below 5 s, at steps of 0.1 s."""
+    """Write a table of near misses from recordings: every pair whose CurvTTC falls below 5 s, at steps of 0.1 s."""
     from vpsci_ros.data.importers import import_folders, print_import_summary
     from vpsci_ros.data.near_misses import write_near_misses
 
@@ -76,12 +76,10 @@ def graph(
     domain_id: Annotated[
         int | None, typer.Option(min=0, max=232, help="ROS_DOMAIN_ID; default: the environment's.")
     ] = None,
-    composed: Annotated[
-        bool, typer.Option("--composed", help="All nodes in one process, as graph.composed: faster.")
-    ] = False,
+    composed: Annotated[bool, typer.Option("--composed", help="Run all nodes in one process: faster.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run a whole graph of nodes as processes: start, watch, stop cleanly. The parameter file selects the stage."""
+    """Run a graph of nodes from start to end. The parameter file selects the stage."""
     from vpsci_ros.nodes.graph import run_graph
 
     sections = read_sections(params, [*(settings or []), *["graph.composed=true"] * composed])
@@ -97,7 +95,7 @@ def graph(
 def node(
     context: typer.Context, name: Annotated[str, typer.Argument(help="Executable, as for `ros2 run vpsci_ros`.")]
 ) -> None:
-    """Run one node without a ROS 2 installation's own tools: vpsci node NAME --ros-args -p batch:=4 ..."""
+    """Run one node, as `ros2 run` does, without ROS's tools: vpsci node NAME --ros-args -p batch:=4 ..."""
     from vpsci_ros.errors import InvalidInput
     from vpsci_ros.nodes.config import EXECUTABLES
     from vpsci_ros.nodes.entry import start
@@ -113,13 +111,11 @@ def demo(
     output: Output = Path("out/demo"),
     data: Annotated[
         Path | None,
-        typer.Option(help="Folder with vci_dut and vci_citr, to be learned from as well.", envvar="VPSCI_DATA"),
+        typer.Option(help="Folder with vci_dut and vci_citr, for more near misses.", envvar="VPSCI_DATA"),
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace what an earlier demo left in the output folder.")
-    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier demo in the output folder.")] = False,
 ) -> None:
-    """All three stages, small, through the graph of nodes: leaves bags, tables and a page in which episodes play."""
+    """Run all three stages, small, through the nodes; writes bags, tables and a page that plays the episodes."""
     from vpsci_ros.cli.demo import run_demo
 
     run_demo(output, data, force=force)
@@ -127,7 +123,7 @@ def demo(
 
 @safety_app.command("compare")
 def safety_compare(near_misses: Annotated[Path, typer.Argument(help="Near-miss table (Parquet).")]) -> None:
-    """How often each safety measure sees the conflicts that the others see, and how much earlier."""
+    """Print how often each safety measure sees the conflicts of the others, and how much earlier."""
     from vpsci_ros.evaluation.safety_compare import compare
 
     compare(near_misses)
@@ -139,7 +135,7 @@ def world_show(
         str, typer.Argument(help="Number 1 to 8 (Table 6) or 101 to 104, name, or a YAML file of your own.")
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="PNG to write.")],
-    seed: Annotated[int, typer.Option(help="Seed of the spawns that are drawn.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the spawns in the picture.")] = 1,
 ) -> None:
     """Draw a scenario: lane, crosswalk, routes, goals and where agents are spawned."""
     from vpsci_ros.report.world_figures import save_scenario
@@ -152,7 +148,7 @@ def world_show(
 def main() -> None:
     """Run the command line; an error of this package is one line on standard error.
 
-    Exit status: 2 where what was given is refused, 1 where what was begun has failed, 130 where it was interrupted.
+    Exit status: 2 for refused input, 1 for a failure, 130 for an interrupt.
     """
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # idle threads of torch wait without burning a core
     try:
@@ -171,7 +167,7 @@ def main() -> None:
 
 
 def _end(status: int, text: str) -> None:
-    """End the process; what cannot be printed any more, because the disk or the pipe behind it is full, is left out."""
+    """Print `text` and end the process with `status`; a full disk or closed pipe loses the text."""
     from vpsci_ros.documents import printable
 
     for stream in (sys.stdout, sys.stderr):

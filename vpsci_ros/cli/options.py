@@ -37,7 +37,7 @@ NearMisses = Annotated[
 
 
 def writes_folder(command: Callable[P, None]) -> Callable[P, None]:
-    """Claim the folder that a command's parameter `output` names for as long as the command runs."""
+    """Lock the folder of a command's parameter `output` while the command runs."""
 
     @functools.wraps(command)
     def held(*args: P.args, **given: P.kwargs) -> None:
@@ -58,7 +58,7 @@ def writes_folder(command: Callable[P, None]) -> Callable[P, None]:
 
 @contextlib.contextmanager
 def stoppable(folder: Path) -> Iterator[None]:
-    """Say after Ctrl-C or SIGTERM where what is done is, and how to go on."""
+    """Print after Ctrl-C or SIGTERM where the results are and how to resume; exit with 130."""
     from vpsci_ros.errors import Stopped
 
     try:

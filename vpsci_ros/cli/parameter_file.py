@@ -1,4 +1,4 @@
-"""Parameter files: what each stage reads of one, and a refusal of all that nothing reads."""
+"""Parameter files: the parameters that each stage reads; any other parameter is refused."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,10 +24,10 @@ EXAM_SETS = ("graph.nodes", "world_simulator.batch", "world_simulator.recorded_b
 
 
 class Stage(NamedTuple):
-    """What reads a parameter file: a stage of learning, generation, or the exam.
+    """A stage and the parameters that it reads: learning, generation, or the exam.
 
-    :ivar sections: section -> the configuration classes that are read from it.
-    :ivar sets: parameters that it sets itself, whatever the file says.
+    :ivar sections: section -> configuration classes read from it.
+    :ivar sets: parameters that the stage itself sets, whatever the file says.
     """
 
     name: str
@@ -35,7 +35,7 @@ class Stage(NamedTuple):
     sets: Sequence[str] = ()
 
     def reads(self, section: str) -> set[str]:
-        """Return the names of the parameters that are read from a section; `/**` is part of every one."""
+        """Return the names of the parameters that this stage reads from a section; `/**` is part of every section."""
         parts = self.sections.values() if section == EVERY_NODE else [self.sections.get(section, ())]
         return {row.name for kinds in parts for kind in kinds for row in table(kind)}
 
@@ -56,12 +56,12 @@ ELSEWHERE = (*STAGES.values(), Stage("the node replayer by itself", _sections("r
 
 
 def load(path: str | Path, settings: Sequence[str] = ()) -> Sections:
-    """Read a parameter file; what it holds says which stage it is for.
+    """Return the sections of a parameter file; its content selects the stage.
 
     :param path: of a file, or the name of one of the package's ("stage3_generate").
-    :param settings: `section.parameter=value`, which override it; values are YAML.
-    :raises InvalidInput: see `read_parameter_file` and `check_sections`; a setting is not of that form; or nothing
-        reads a parameter in this stage, and then all of these are named, each with what reads it.
+    :param settings: overrides, `section.parameter=value` with YAML values.
+    :raises InvalidInput: see `read_parameter_file` and `check_sections`; a setting has another form; or the stage does
+        not read a parameter. The message names all of these, each with the stages that read it.
     """
     sections = read_parameter_file(params_path(path))
     for text in settings:
@@ -77,9 +77,9 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Sections:
 
 
 def stage_of(sections: Mapping[str, Mapping[str, Any]]) -> Stage:
-    """Return the stage that these sections are for.
+    """Return the stage of these sections.
 
-    :raises InvalidInput: learner.stage is none.
+    :raises InvalidInput: learner.stage is not a stage.
     """
     if "ads_test" in sections:
         return STAGES["exam"]
@@ -90,7 +90,7 @@ def stage_of(sections: Mapping[str, Mapping[str, Any]]) -> Stage:
 
 
 def _unread(stage: Stage, section: str, values: Mapping[str, Any]) -> list[str]:
-    """Return why parameters of a section are refused, one text each: nothing reads them, but something else would."""
+    """Return a text for each parameter of a section that this stage does not read but another stage does."""
     texts = []
     known = stage.reads(section)
     for name in values:

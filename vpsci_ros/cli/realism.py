@@ -1,4 +1,4 @@
-"""`vpsci realism`: how like people the policies behave, by the three protocols, beside their controls."""
+"""`vpsci realism`: likeness of the agents to recorded people, beside naive controls."""
 
 from pathlib import Path
 from typing import Annotated
@@ -16,7 +16,7 @@ def realism(
         typer.Option(
             "--data",
             metavar="TABLE",
-            help="Near misses to be scored on: right_turns, a Parquet file, a part of one.",
+            help="Near misses to measure on: right_turns, a Parquet file, a part of one.",
         ),
     ] = Path(TO_MEASURE_ON),
     library: Annotated[
@@ -33,22 +33,24 @@ def realism(
     folds: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="Folder of `vpsci study folds` on --data: each clip by the weights that never saw it."
+            metavar="DIR", help="Folder of `vpsci study folds` on --data: each clip by the fold that did not see it."
         ),
     ] = None,
     dataset: Annotated[Path | None, typer.Option(help="Folder of generated episodes, for free simulation.")] = None,
     conflicts: Annotated[
-        Path | None, typer.Option(help="datlong.csv of the right-turn study, for evidence from elsewhere.")
+        Path | None, typer.Option(help="datlong.csv of a study of reactions at 34 other intersections.")
     ] = None,
     held_out: Annotated[
-        bool, typer.Option("--held-out", help="Only clips that no weights given have learned from, by their metadata.")
+        bool, typer.Option("--held-out", help="Measure only clips that none of the weights has learned from.")
     ] = False,
     clean: Annotated[
-        bool, typer.Option("--clean", help="Without cars that stand and tracks that begin critical.")
+        bool, typer.Option("--clean", help="Leave out cars that stand and tracks that begin critical.")
     ] = False,
-    temperature: Annotated[float, typer.Option(min=0.0, max=2.0, help="Of stochastic policies.")] = 1.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of all that is drawn.")] = 0,
-    episodes: Annotated[int, typer.Option(min=1, help="Of the dataset that are looked at, at most.")] = 2000,
+    temperature: Annotated[
+        float, typer.Option(min=0.0, max=2.0, help="Scale of random draws of stochastic policies.")
+    ] = 1.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the roll-outs.")] = 0,
+    episodes: Annotated[int, typer.Option(min=1, help="Most episodes of the dataset to read.")] = 2000,
     json_path: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers to this file.")
     ] = None,
@@ -58,15 +60,14 @@ def realism(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """How like people: energy score, likelihood, and how well a classifier separates simulated from recorded.
+    """Print likeness to people: energy score, likelihood, and a classifier's AUC of simulated against recorded.
 
-    From the same recorded onsets: the shipped weights and --weights beside
-    the recording itself, constant velocity, social force, and residuals of
-    other people. With --dataset and --conflicts free simulation and evidence
-    from elsewhere, too. Weights are measured as they are; for honest numbers
-    give --held-out, --folds, or recordings that they have never seen. With
-    -o a run that is stopped (Ctrl-C) goes on when the same command is given
-    again.
+    All start at the same recorded onsets: the shipped weights and --weights,
+    the recording, constant velocity, social force, and residuals of other
+    people. --dataset adds free simulation, --conflicts reactions at other
+    intersections. For honest numbers give --held-out, --folds, or recordings
+    that the weights have not seen. With -o the same command resumes a
+    stopped run.
 
     About a minute of one core for each model.
     """

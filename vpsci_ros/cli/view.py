@@ -18,18 +18,20 @@ def view(
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write.")] = Path("view.html"),
     limit: Annotated[
-        int, typer.Option(min=1, max=20_000, metavar="N", help="Episodes of each source; of more, evenly spread ones.")
+        int, typer.Option(min=1, max=20_000, metavar="N", help="Most episodes of each source, evenly spread.")
     ] = 1000,
     episodes: Annotated[
         list[str] | None,
-        typer.Option("--episode", metavar="NAME", help="Only this one, say 6:12 or 17; repeatable; one source only."),
+        typer.Option(
+            "--episode", metavar="NAME", help="Show this episode only, say 6:12 or 17; repeatable; for one source."
+        ),
     ] = None,
-    title: Annotated[str, typer.Option(help="Of the page; default: the sources' names.")] = "",
+    title: Annotated[str, typer.Option(help="Title of the page; default: the sources' names.")] = "",
 ) -> None:
-    """Write one HTML file in which episodes play, seen from above; it opens from disk and needs nothing else.
+    """Write one HTML page that plays episodes from above; it opens from disk without a network.
 
-    Two sources stand side by side: recorded people beside generated episodes,
-    and of an exam the driving system beside the autopilot.
+    Two sources play side by side: recorded beside generated episodes, or the
+    driving system of an exam beside the autopilot.
     """
     from vpsci_ros.errors import InvalidInput
     from vpsci_ros.exam.run import is_exam, read_exam
