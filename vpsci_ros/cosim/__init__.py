@@ -1,8 +1,8 @@
-"""One agent for anybody's engine: the learned pedestrian, and the learned driver, without ROS and torch.
+"""One agent for your own engine: the learned pedestrian, or the learned driver, without ROS and torch.
 
-`Pedestrian` and `Driver` are the agents of our own world, one at a time: at each step of the other engine they are fed
-where everybody is, and return how they move on. Same seed, episode and inputs give the same bits as in our world, for
-they run its code on one record. `Vehicle` and `Walker` are what they are fed; docs/pedestrian.md has an example.
+At each step your engine gives `Pedestrian` or `Driver` the states of all road users (`Vehicle`, `Walker`); it returns
+its motion to the next step. The same seed, episode and inputs give the same bits as in our world, whose code both run.
+docs/pedestrian.md has an example.
 """
 
 from vpsci_ros.cosim.agent import Person

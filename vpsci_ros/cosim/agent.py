@@ -1,4 +1,4 @@
-"""What the two agents have in common: a world of one episode, whose state another engine overwrites between ticks."""
+"""The base of both agents: a world of one episode, whose state another engine overwrites between ticks."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,15 +24,15 @@ from vpsci_ros.world.paths import nearest, project
 from vpsci_ros.world.tables import tables_from
 from vpsci_ros.world.tick import Actions
 
-AWAY = 1e5  # [m] from everybody, where somebody stands who is not there
-NEAR = 2.0  # [m] within which an agent is looked for along its way first
+AWAY = 1e5  # [m] from the vehicle, the place of a pedestrian that does not exist
+NEAR = 2.0  # [m] an agent that moved less is searched near its last place on its way
 
 
 class Person(NamedTuple):
-    """Who acts, as drawn by seed, scenario and episode.
+    """The drawn person of an agent: a function of seed, scenario and episode.
 
     :ivar kind: of `vpsci_ros.world.kinds.KINDS`; a driver's is that of its first pedestrian.
-    :ivar speed: [m/s] at which it walks or drives where nothing is near.
+    :ivar speed: [m/s] with nothing near.
     :ivar reaction_delay: [s] after the hand-over before a pedestrian reacts; infinity: never.
     :ivar latent: its latent numbers, drawn at the hand-over; empty where the policy has none.
     :ivar recorded: number of the recorded person whose deviation from the mean acts, drawn at the hand-over; -1: none.
@@ -46,11 +46,11 @@ class Person(NamedTuple):
 
 
 class Body:
-    """One episode in a world of `MOST` rows, in which another engine says where everybody is.
+    """One episode in a world of `MOST` rows, in which another engine places all road users.
 
-    :param agent: "vehicle" or "pedestrian": whom the policy moves.
+    :param agent: "vehicle" or "pedestrian": the agent that the policy moves.
     :param number: of the pedestrian within its episode; its row.
-    :ivar parked: what stands in the scenario, float64[K, 5].
+    :ivar parked: parked vehicles of the scenario, float64[K, 5].
     :raises InvalidInput: the episode has no such pedestrian, or as `World`, `Weights` and the configurations.
     """
 
@@ -91,7 +91,7 @@ class Body:
         return record
 
     def person(self, speed: float) -> Person:
-        """Return who acts."""
+        """Return the drawn person; fields drawn at the hand-over are empty before it."""
         latent, recorded = self.agent.drawn(self._number)
         record = self.record
         kind, delay = KINDS[int(record["kind"])], float(record["reaction_delay"])
@@ -108,7 +108,7 @@ class Body:
             self.state[f"vehicle_{name}"] = getattr(vehicle, name)
 
     def put_walkers(self, walkers: Sequence[Walker | None]) -> None:
-        """Put pedestrians into the rows from the first one on; None: nobody is there."""
+        """Put pedestrians into the rows from the first one on; None leaves a row empty."""
         for row, walker in enumerate(walkers):
             there = Walker(self.record["vehicle_x"] + AWAY, AWAY) if walker is None else walker
             for name, value in there._asdict().items():
@@ -116,7 +116,7 @@ class Body:
         self.state["pedestrians"] = len(walkers)
 
     def locate(self, what: str, x: float, y: float) -> None:
-        """Find the "vehicle" or the "pedestrian" on its way, unless it is where the world itself has moved it."""
+        """Project the "vehicle" or the "pedestrian" onto its way, unless it is where the world moved it."""
         record = self.record
         if (record[f"{what}_x"], record[f"{what}_y"]) == (x, y):
             return
@@ -133,13 +133,13 @@ class Body:
         self.state[name][self.rows(what)] = place
 
     def rows(self, what: str) -> slice:
-        """Return the rows of an agent: a vehicle is the same in all of them."""
+        """Return the rows of an agent; a vehicle has all of them."""
         return slice(None) if what == "vehicle" else slice(self._number, self._number + 1)
 
     def tick(self, ttc: NDArray[np.float64], distance: NDArray[np.float64], parked: NDArray[np.float64]) -> None:
-        """Have the policy decide, and the world move everybody on by one tick.
+        """Let the policy decide and the world move all agents by one tick.
 
-        :param ttc: float64[MOST] [s]; distance: float64[MOST] [m]; infinity and NaN where nobody is.
+        :param ttc: float64[MOST] [s]; distance: float64[MOST] [m]; infinity and NaN in empty rows.
         """
         self.state["status"] = np.where(np.arange(MOST) < self.record["pedestrians"], RUNNING, 0)
         self.world.resume(parked)
@@ -160,10 +160,10 @@ class Body:
 
 
 class Clock:
-    """Which part of a step belongs to which tick: steps may be shorter and longer than ticks.
+    """Division of an engine's steps into ticks; steps may be shorter or longer than ticks.
 
-    The agent decides every tick, whatever the engine's steps are. A tick that begins within a step finds everybody
-    where they are then if they go on as they did at its beginning.
+    The agent decides every tick. For a tick that begins within a step, all others keep their motion since the
+    beginning of that step.
     """
 
     def __init__(self, tick: float) -> None:

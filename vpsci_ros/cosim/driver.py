@@ -1,4 +1,4 @@
-"""The learned driver as one object, for anybody's engine."""
+"""The learned driver as one object for your own engine."""
 
 import math
 from collections.abc import Hashable, Mapping
@@ -31,17 +31,17 @@ from vpsci_ros.world.people import GREATEST_CAR, LEAST_CAR
 
 
 class Drive(NamedTuple):
-    """How a vehicle moves on until the next step, and why.
+    """A driver's motion to the next step, and its reason.
 
-    :ivar x, y, heading: [m, rad] where it is then, for engines that put bodies rather than drive them.
-    :ivar speed: [m/s] then.
-    :ivar acceleration: [m/s2] mean until then.
+    :ivar x, y, heading: [m, rad] at the next step, for engines that place bodies.
+    :ivar speed: [m/s] at the next step.
+    :ivar acceleration: [m/s2] mean over the step.
     :ivar curvature: [1/m] of its path, positive to the left.
-    :ivar steer, throttle, brake: of the last tick: -1 (right) to 1 (left), 0 to 1, 0 to 1; of the world's Model 3.
-    :ivar curvttc: [s] of the pedestrian that it faces, at the beginning of the step; infinity where none comes near.
-    :ivar faces: which pedestrian that is, its key; None: there is none.
-    :ivar controlled: whether the learned policy drives; before the hand-over and after the release, the autopilot does.
-    :ivar arrived: whether it has come to the goal of its lane; it drives on.
+    :ivar steer, throttle, brake: of the last tick, -1 (right) to 1 (left), 0 to 1, 0 to 1, of a Model 3.
+    :ivar curvttc: [s] to the pedestrian that it faces, at the beginning of the step; infinity without a contact.
+    :ivar faces: key of that pedestrian; None without one.
+    :ivar controlled: whether the learned policy drives, rather than the autopilot.
+    :ivar arrived: whether it has reached the goal of its lane; it drives on.
     """
 
     x: float
@@ -62,19 +62,18 @@ class Drive(NamedTuple):
 class Driver:
     """One learned driver of a Model 3 in its lane; give exactly one of `scenario` and `lane`.
 
-    The rule-based driver drives at its drawn pace until CurvTTC of a pedestrian in sight falls below 5 s; from the next
-    policy frame on the learned policy decides how fast, and gives back 3 s after the last critical tick. It keeps its
-    lane and knows pedestrians only: other vehicles are not for it to see.
+    The autopilot drives until CurvTTC of a visible pedestrian falls below 5 s. Then the learned policy sets the speed,
+    until 3 s after the last critical tick. The driver keeps its lane and does not see other vehicles.
 
-    :param weights: a file, a name shipped with the package, or the weights themselves.
-    :param seed: of everything drawn; with `episode` (and the scenario's number) it says who this is.
-    :param scenario: one of ours by number, name, file or as a value.
+    :param weights: a file, a name shipped with the package, or `Weights`.
+    :param seed: of every random draw; with `episode` and the scenario's number it determines the person.
+    :param scenario: one of ours by number, name, file or value.
     :param lane: float[N, 2] [m], centreline of its lane, with bends of 6.2 m at least.
-    :param speed: [m/s] at which it drives where nothing is near; None: drawn from recorded right turns, 0.4 to 5.6.
-    :param config: periods and hand-over; its drivers do not matter.
-    :param monitor: when it is critical.
-    :param policy: how it draws; None: by `seed`, at temperature 1.
-    :raises InvalidInput: not exactly one way to go, or a value that is refused, with what was expected.
+    :param speed: [m/s] with nothing near; None: drawn from recorded right turns, 0.4 to 5.6.
+    :param config: periods and hand-over; its drivers are ignored.
+    :param monitor: threshold of critical.
+    :param policy: random draws; None: by `seed`, at temperature 1.
+    :raises InvalidInput: not exactly one of scenario and lane, or a refused value.
     """
 
     def __init__(
@@ -113,13 +112,13 @@ class Driver:
 
     @property
     def start(self) -> Vehicle:
-        """Where the episode of a scenario of ours begins, before the first step; then where it was last to be."""
+        """The spawn of the scenario's episode before the first step; later the last place that `step` returned."""
         names = ("x", "y", "heading", "speed", "curvature", "acceleration")
         return Vehicle(*(float(self._body.record[f"vehicle_{name}"]) for name in names))
 
     @property
     def person(self) -> Person:
-        """Who drives; what is drawn at the hand-over is empty before it."""
+        """The drawn person; fields drawn at the hand-over are empty before it."""
         return self._body.person(float(self._body.record["cruise_throttle"]) * self._full)
 
     def step(
@@ -129,15 +128,15 @@ class Driver:
         parked: ArrayLike | None = None,
         period: float = 0.05,
     ) -> Drive:
-        """Return how it moves on until the next step.
+        """Return the motion to the next step.
 
-        :param own: where it is now; its sizes are the Model 3's.
-        :param pedestrians: by who they are; the same key is the same pedestrian from step to step. Of more than `MOST`
-            the nearest count. It acts as it would for the one in sight with the least CurvTTC.
-        :param parked: float[K, 5]: x, y [m], heading [rad], length, width [m] of what stands and hides pedestrians;
-            None: what stands in the scenario.
-        :param period: [s] until the next step, from 0.001 to 2; any, and each time another.
-        :raises InvalidInput: a value that is refused, or it reverses; nothing has changed then.
+        :param own: its present state; the sizes are the Model 3's.
+        :param pedestrians: states by key; a key names the same pedestrian in every step. The nearest `MOST` count; the
+            driver reacts to the visible one with the least CurvTTC.
+        :param parked: float[K, 5]: x, y [m], heading [rad], length, width [m] of vehicles that hide pedestrians; None:
+            the scenario's.
+        :param period: [s] to the next step, 0.001 to 2; it may change.
+        :raises InvalidInput: a refused value, or a negative speed; the driver is unchanged then.
         """
         own = checked("own", own, Vehicle)
         if own.speed < 0.0:

@@ -1,4 +1,4 @@
-"""What an agent is fed at a step: who is where, checked, and what is not known of a vehicle from the step before.
+"""The inputs of one step: checked states of all road users, completed from the step before.
 
 Positions are metres in a right-handed frame, x east and y north; angles are radians, counter-clockwise from x (REP
 103). docs/pedestrian.md has the conversions from other engines' frames.
@@ -33,11 +33,11 @@ _KINDS: dict[str, tuple[type, ...]] = {
     "config": (WorldConfig, type(None)),
     "monitor": (MonitorConfig, type(None)),
     "policy": (PolicyConfig, type(None)),
-}  # of what an agent is made from
+}  # of an agent's constructor
 
 
 def require_kinds(who: str, given: Mapping[str, Any]) -> None:
-    """Refuse arguments of an agent's constructor, by name, that are of another kind than it takes.
+    """Refuse arguments of an agent's constructor that have another type than it takes.
 
     :raises InvalidInput: names the first one.
     """
@@ -51,7 +51,7 @@ class Vehicle(NamedTuple):
     :ivar heading: [rad] of its front.
     :ivar speed: [m/s] along the heading; below 0: it reverses.
     :ivar curvature: of its path [1/m], positive to the left: yaw rate over speed. None: from the change of heading
-        since the last step, 0 at the first one; of one's own in `Driver.step`: what it has last done.
+        since the last step, 0 at the first step; for the own vehicle of `Driver.step`: its last curvature.
     :ivar acceleration: along the heading [m/s2]. None: from the change of speed, likewise.
     :ivar length, width: of its rectangle [m].
     """
@@ -79,9 +79,9 @@ Agent = TypeVar("Agent", Vehicle, Walker)
 
 
 def checked(who: str, given: Any, kind: type[Agent]) -> Agent:
-    """Return what was given as one of `kind`, with plain floats.
+    """Return `given`, a value of `kind`, with plain floats.
 
-    :raises InvalidInput: something else, numbers beyond `GREATEST`, or a size that is not above 0; `who` says whose.
+    :raises InvalidInput: another type, numbers beyond `GREATEST`, or a size that is not above 0; `who` names its owner.
     """
     if not isinstance(given, kind):
         raise InvalidInput(f"{who}: expected a vpsci_ros.{kind.__name__}, got {type(given).__name__}")
@@ -103,9 +103,9 @@ def checked(who: str, given: Any, kind: type[Agent]) -> Agent:
 
 
 def checked_all(what: str, given: Any, kind: type[Agent]) -> dict[Hashable, Agent]:
-    """Return several, by who they are.
+    """Return checked states by key.
 
-    :raises InvalidInput: no mapping, or as `checked`.
+    :raises InvalidInput: not a mapping, or as `checked`.
     """
     if not isinstance(given, Mapping):
         raise InvalidInput(
@@ -116,7 +116,7 @@ def checked_all(what: str, given: Any, kind: type[Agent]) -> dict[Hashable, Agen
 
 
 def checked_parked(given: ArrayLike | None) -> NDArray[np.float64] | None:
-    """Return vehicles that stand, float64[K, 5]: x, y [m], heading [rad], length, width [m]; None where not given.
+    """Return parked vehicles, float64[K, 5]: x, y [m], heading [rad], length, width [m]; None for None.
 
     :raises InvalidInput: another shape, numbers beyond `GREATEST`, or sizes that are not above 0.
     """
@@ -142,13 +142,13 @@ def checked_period(period: Any) -> int:
 
 
 class Tracks:
-    """The vehicles of the step before, for what an engine does not say of them."""
+    """The vehicles of the step before, to complete curvature and acceleration."""
 
     def __init__(self) -> None:
         self._last: dict[Hashable, Vehicle] = {}
 
     def completed(self, vehicles: dict[Hashable, Vehicle], since: float) -> dict[Hashable, Vehicle]:
-        """Return vehicles with a curvature and an acceleration each, none of them reversing.
+        """Return vehicles with curvature and acceleration; a reversing one is turned round.
 
         :param since: time since the step before [s]; 0 at the first one.
         """

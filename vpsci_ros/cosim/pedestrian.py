@@ -1,4 +1,4 @@
-"""The learned pedestrian as one object, for anybody's engine."""
+"""The learned pedestrian as one object for your own engine."""
 
 import math
 from collections.abc import Hashable, Mapping
@@ -37,15 +37,15 @@ from vpsci_ros.world.people import LEAST_WALK
 
 
 class Walk(NamedTuple):
-    """How a pedestrian moves on until the next step, and why.
+    """A pedestrian's motion to the next step, and its reason.
 
-    :ivar x, y: [m] where it is then, for engines that put bodies rather than push them.
-    :ivar vx, vy: [m/s] its velocity then.
-    :ivar ax, ay: [m/s2] its mean acceleration until then.
-    :ivar curvttc: [s] of the vehicle that it faces, at the beginning of the step; infinity where none comes near.
-    :ivar faces: which vehicle that is, its key; None: there is none.
-    :ivar controlled: whether the learned policy moves it; before the hand-over and after the release, the walker does.
-    :ivar arrived: whether it has come to the end of its route, where it stops.
+    :ivar x, y: [m] at the next step, for engines that place bodies.
+    :ivar vx, vy: [m/s] at the next step.
+    :ivar ax, ay: [m/s2] mean acceleration over the step.
+    :ivar curvttc: [s] to the vehicle that it faces, at the beginning of the step; infinity without a contact.
+    :ivar faces: key of that vehicle; None without one.
+    :ivar controlled: whether the learned policy moves it, rather than the rule-based walker.
+    :ivar arrived: whether it has reached the end of its route.
     """
 
     x: float
@@ -63,21 +63,20 @@ class Walk(NamedTuple):
 class Pedestrian:
     """One learned pedestrian; give exactly one of `scenario`, `route` and `goal`.
 
-    It walks by its drawn pace and line until CurvTTC of a vehicle in sight falls below 5 s; from the next policy frame
-    on the learned policy moves it, and gives it back 3 s after the last critical tick. Policy frames are every 0.1 s
-    since the first step.
+    It walks its route until CurvTTC of a visible vehicle falls below 5 s. From the next policy frame the learned
+    policy moves it, until 3 s after the last critical tick. Policy frames come every 0.1 s from the first step.
 
-    :param weights: a file, a name shipped with the package, or the weights themselves.
-    :param seed: of everything drawn; with `episode` (and the scenario's number) it says who this is.
-    :param scenario: one of ours by number, name, file or as a value: pace, line and delay as drawn for this episode.
-    :param route: float[N, 2] [m], walked to its end; its walker sets off at once and keeps to it but for its sway.
-    :param goal: (x, y) [m], walked to straight from where it is at the first step.
-    :param speed: [m/s] at which it walks where nothing is near; None: drawn from recorded people.
+    :param weights: a file, a name shipped with the package, or `Weights`.
+    :param seed: of every random draw; with `episode` and the scenario's number it determines the person.
+    :param scenario: one of ours by number, name, file or value; pace, line and delay are drawn for this episode.
+    :param route: float[N, 2] [m], walked from the first step to its end.
+    :param goal: (x, y) [m], reached straight from the place of the first step.
+    :param speed: [m/s] with nothing near; None: drawn from recorded people.
     :param number: of the pedestrian within an episode of ours with several, see `WorldConfig.pedestrians`.
-    :param config: periods, kinds of pedestrian, hand-over; its drivers do not matter.
-    :param monitor: when it is critical.
-    :param policy: how it draws; None: by `seed`, at temperature 1.
-    :raises InvalidInput: not exactly one way to go, or a value that is refused, with what was expected.
+    :param config: periods, kinds of pedestrian, hand-over; its drivers are ignored.
+    :param monitor: threshold of critical.
+    :param policy: random draws; None: by `seed`, at temperature 1.
+    :raises InvalidInput: not exactly one of scenario, route and goal, or a refused value.
     """
 
     def __init__(
@@ -117,16 +116,16 @@ class Pedestrian:
 
     @property
     def start(self) -> Walker:
-        """Where the episode of a scenario of ours begins, before the first step; then where it was last to be.
+        """The spawn of the scenario's episode before the first step; later the last place that `step` returned.
 
-        :raises InvalidInput: it walks to a goal from where it is, so it has no start before the first step.
+        :raises InvalidInput: before the first step of a pedestrian with a `goal`.
         """
         record = self._made_body().record
         return Walker(*(float(record[f"pedestrian_{name}"]) for name in Walker._fields))
 
     @property
     def person(self) -> Person:
-        """Who it is; what is drawn at the hand-over is empty before it."""
+        """The drawn person; fields drawn at the hand-over are empty before it."""
         body = self._made_body()
         return body.person(float(body.record["walking_speed"]))
 
@@ -138,16 +137,16 @@ class Pedestrian:
         parked: ArrayLike | None = None,
         period: float = 0.05,
     ) -> Walk:
-        """Return how it moves on until the next step.
+        """Return the motion to the next step.
 
-        :param own: where it is now.
-        :param vehicles: those that may drive, by who they are; the same key is the same vehicle from step to step. It
-            faces the one in sight with the least CurvTTC, of equal ones the one that it faced before, then the nearest.
-        :param pedestrians: the others, whom it keeps apart from; the `MOST` - 1 nearest count.
-        :param parked: float[K, 5]: x, y [m], heading [rad], length, width [m] of what stands and hides vehicles; None:
-            what stands in the scenario.
-        :param period: [s] until the next step, from 0.001 to 2; any, and each time another.
-        :raises InvalidInput: a value that is refused; nothing has changed then.
+        :param own: its present state.
+        :param vehicles: states by key; a key names the same vehicle in every step. The pedestrian faces the visible
+            one with the least CurvTTC; of equal ones the one faced before, then the nearest.
+        :param pedestrians: the others, whom it keeps apart from; the nearest `MOST` - 1 count.
+        :param parked: float[K, 5]: x, y [m], heading [rad], length, width [m] of vehicles that hide others; None: the
+            scenario's.
+        :param period: [s] to the next step, 0.001 to 2; it may change.
+        :raises InvalidInput: a refused value; the pedestrian is unchanged then.
         """
         own = checked("own", own, Walker)
         cars = checked_all("vehicle", vehicles, Vehicle)
@@ -183,7 +182,7 @@ class Pedestrian:
         return scenarios.of_walk([(own.x, own.y), self._goal])
 
     def _new_body(self, scenario: Scenario, straight: bool = False) -> Body:
-        """Return the body; who walks a route of the engine's own sets off at once and does not cross obliquely."""
+        """Return a body; with `straight` the walker sets off at once and does not cross obliquely."""
         weights, seed, episode, number, config, monitor, policy = self._made
         body = Body("pedestrian", weights, scenario, seed, episode, number, config, monitor, policy)
         if straight:

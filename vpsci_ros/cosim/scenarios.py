@@ -1,4 +1,4 @@
-"""The scenario in which an agent is at home: one of ours, or one made of a route in somebody else's map."""
+"""The scenario of an agent: one of ours, or one made of a route in another map."""
 
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ def find(scenario: int | str | Path | Scenario) -> Scenario:
 
 
 def of_walk(route: ArrayLike) -> Scenario:
-    """Return a scenario whose pedestrian walks a route, float[N, 2] [m], to its end, straight along it.
+    """Return a scenario whose pedestrian walks a route, float[N, 2] [m], to its end.
 
     :raises InvalidInput: fewer than two different points, or a way below a metre or above 20 km.
     """
@@ -38,7 +38,7 @@ def of_walk(route: ArrayLike) -> Scenario:
 
 
 def of_lane(lane: ArrayLike) -> Scenario:
-    """Return a scenario whose driver keeps to a lane's centreline, float[N, 2] [m].
+    """Return a scenario whose driver follows a lane's centreline, float[N, 2] [m].
 
     :raises InvalidInput: as `of_walk`, or a bend that the vehicle cannot take.
     """

@@ -1,9 +1,8 @@
-"""Doors for people who train and test driving systems: Gymnasium environments and a PettingZoo one.
+"""Gymnasium environments and a PettingZoo environment to train and test driving systems.
 
-`gymnasium.make("vpsci_ros/RightTurn-v0")` after `import vpsci_ros.envs`: the environment's user drives the vehicle
-through one of the scenarios, and the learned pedestrian (or a reference one) answers. `gymnasium.make_vec` gives the
-batched form, `parallel.parallel_env` both agents. All are thin: the world, the monitor and the policy
-are the ones that the nodes run. Needs the extra `rl` (gymnasium, pettingzoo).
+After `import vpsci_ros.envs`, `gymnasium.make("vpsci_ros/RightTurn-v0")` makes an environment in which you drive the
+vehicle and the learned pedestrian, or a reference one, reacts. `gymnasium.make_vec` makes a batch;
+`parallel.parallel_env` has both agents. World, monitor and policy are those of the nodes. Needs the extra `rl`.
 """
 
 from vpsci_ros.errors import require
@@ -15,7 +14,7 @@ ENV_ID = "vpsci_ros/RightTurn-v0"
 
 
 def register() -> None:
-    """Make `ENV_ID` known to Gymnasium; importing this package does it."""
+    """Register `ENV_ID` with Gymnasium; the import of this package calls it."""
     if ENV_ID not in gymnasium.registry:
         gymnasium.register(
             id=ENV_ID,

@@ -1,4 +1,4 @@
-"""What a driving system sees, does and is paid for in the right-turn environment.
+"""Observation, action and reward of the right-turn environment.
 
 Observation, float32[21], in SI units and the vehicle's heading frame (forward, left):
 
@@ -30,7 +30,7 @@ from vpsci_ros.world.tables import Tables
 
 PREVIEW = (2.0, 4.0, 7.0, 11.0, 16.0)  # [m]
 SIZE = 21
-HORIZON = 10.0  # [s] what an infinite CurvTTC is shown as
+HORIZON = 10.0  # [s] stands for an infinite CurvTTC
 BOUND = 500.0  # no entry of an observation is larger
 OFF_LANE = 3.5  # [m]
 PROGRESS, LATERAL, AT_GOAL, AT_FAILURE = 0.1, 0.02, 10.0, -10.0

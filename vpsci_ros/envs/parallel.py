@@ -25,17 +25,16 @@ Observations = dict[str, NDArray[np.float32]]
 
 
 class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
-    """Vehicle and pedestrian, both driven by the environment's user from the first frame on, 0.1 s a step.
+    """Vehicle and pedestrian, both under the user's control from the first frame, 0.1 s a step.
 
     Observations are (6) and (7), float32[6]; actions accelerations (longitudinal, lateral) [m/s2], both in the
     vehicle's heading frame, which become motion by (18)-(20) and (21)-(24). Reward: (25), -200 to both at a collision,
     and (26), 100 to an agent at its own arrival. The episode ends for both together.
 
     :param scenarios: numbers, names or files; episodes take them in turn.
-    :param lane_following: keep the vehicle's lane for it, since observation (6) holds nothing of the road.
+    :param lane_following: the world keeps the vehicle's lane, since observation (6) does not contain the road.
     :param render_mode: "rgb_array" or None.
-    :param pedestrian_gain: share of the pedestrian's acceleration that becomes motion: all of it, as under the shipped
-        policies; 0.5 in (21)-(24).
+    :param pedestrian_gain: share of the pedestrian's acceleration that becomes motion; 0.5 in (21)-(24).
     :raises InvalidInput: an unknown scenario or render mode.
     """
 
@@ -71,13 +70,13 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
         return self._observation_space
 
     def action_space(self, agent: str) -> spaces.Box:
-        """Return the space of accelerations, 5 m/s2 either way."""
+        """Return the space of accelerations, -5 to 5 m/s2."""
         return self._action_space
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, dict[str, dict[str, Any]]]:
-        """Start an episode, as `RightTurnEnv.reset` does; other options are ignored, as PettingZoo's contract wants."""
+        """Start an episode, as `RightTurnEnv.reset` does; other options are ignored, by PettingZoo's contract."""
         if seed is not None:
             self._simulation.seed(0, seed)
         known: dict[str, Any] = {key: value for key, value in (options or {}).items() if key in ("scenario", "episode")}
@@ -89,7 +88,7 @@ class VehiclePedestrianEnv(ParallelEnv[str, NDArray[np.float32], NDArray[np.floa
     def step(
         self, actions: dict[str, NDArray[np.float32]]
     ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Drive and walk for 0.1 s."""
+        """Advance both agents by 0.1 s; return observations, rewards, terminations, truncations and infos by agent."""
         assert self._last is not None, "call reset() before step()"
         before = self._last.state[0]
         vehicle, pedestrian = (

@@ -26,14 +26,14 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One episode after the other; `vpsci_ros.envs.driving` has observation, action and reward.
 
     A step is the policy period, 0.1 s. An episode terminates on collision, at the vehicle's goal and off the lane, and
-    is truncated after 10 s. `reset(seed=...)` begins with episode 0 of that seed, later resets go on with the next
-    one; `options={"scenario": 3, "episode": 17}` starts a particular one.
+    is truncated after `episode_time` (30 s). `reset(seed=...)` starts episode 0 of that seed, each later reset the
+    next one; `options={"scenario": 3, "episode": 17}` starts that episode.
 
     :param scenarios: numbers, names or files; episodes take them in turn.
     :param pedestrian: "policy", or a reference pedestrian: "autopilot", "constant_velocity", "social_force".
-    :param weights: of the learned pedestrian: a file, a name shipped with the package, or the weights themselves.
+    :param weights: of the learned pedestrian: a file, a name shipped with the package, or `Weights`.
     :param render_mode: "rgb_array" or None.
-    :param config: of the world, say with several `pedestrians` or other `kinds`; whoever is most critical is observed.
+    :param config: of the world; of several `pedestrians` the one with the least CurvTTC is observed.
     :raises InvalidInput: an unknown scenario, pedestrian, weights file or render mode.
     """
 
@@ -70,7 +70,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return driving.observe(self._last.state, self._last.curvttc, self._tables)[0], self._info(self._last)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Drive for 0.1 s."""
+        """Advance by 0.1 s; return observation, reward, terminated, truncated and info."""
         if self._last is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         before = self._last.state

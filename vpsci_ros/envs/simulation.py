@@ -1,4 +1,4 @@
-"""A batch of episodes that move on when the environment's user acts: world, monitor and learned pedestrian together."""
+"""A batch of episodes with world, monitor and learned pedestrian, advanced by the environment's actions."""
 
 import dataclasses
 import operator
@@ -26,12 +26,12 @@ PEDESTRIANS = tuple(driver for driver in PEDESTRIAN_DRIVERS if driver != "replay
 
 @dataclasses.dataclass(frozen=True)
 class Snapshot:
-    """Where each slot's episode is after a step, at the frame at which it ended if it did: arrays over slots.
+    """State of each slot's episode after a step, or at the frame at which it ended within the step.
 
-    Of several pedestrians an episode is shown with the one whose CurvTTC is least, the first of equal ones.
+    Of several pedestrians it has the one with the least CurvTTC, the first of equal ones.
 
     :ivar state: EPISODE[B]; `status` ENDED where the world ended the episode within the step.
-    :ivar curvttc: float64[B] [s], infinity where there is none.
+    :ivar curvttc: float64[B] [s], infinity without a contact.
     """
 
     state: NDArray[np.void]
@@ -41,13 +41,13 @@ class Snapshot:
 class Simulation:
     """`batch` slots, each with an episode of its own, advanced by the policy period at each step.
 
-    Actions are one a slot, however many pedestrians there are: they are the vehicle's, or those of all of them.
+    There is one action a slot: the vehicle's, or that of all its pedestrians.
 
     :param scenarios: numbers, names or files, taken in turn by each slot's episodes.
     :param pedestrian: "policy" (needs `weights`), or a reference pedestrian: "autopilot", "constant_velocity",
         "social_force"; "external" to give its actions to `step`; or an agent that another distribution adds.
-    :param weights: of the learned pedestrian: a file, a name shipped with the package, or the weights themselves.
-    :param always_critical: let policy drivers act from the first frame on, critical or not.
+    :param weights: of the learned pedestrian: a file, a name shipped with the package, or `Weights`.
+    :param always_critical: policies act from the first frame, critical or not.
     :raises InvalidInput: an unknown driver, scenario or weights file.
     """
 
@@ -84,7 +84,7 @@ class Simulation:
         self._seeds = [0] * batch
 
     def seed(self, slot: int, seed: int) -> None:
-        """Begin again with episode 0 of `seed` in this slot's row of episodes.
+        """Restart this slot's sequence with episode 0 of `seed`.
 
         :raises InvalidInput: a seed that is not from 0 to 2^63 - 1.
         """
@@ -106,11 +106,11 @@ class Simulation:
         return self.scenarios[which].number, number
 
     def now(self) -> Snapshot:
-        """Return where the episodes are."""
+        """Return the present state of all slots."""
         return self._shown(self.world.state.copy(), self._loop.assessment.curvttc)
 
     def step(self, given: Actions = NO_ACTIONS) -> Snapshot:
-        """Move on by the policy period with these actions."""
+        """Advance by the policy period with these actions; return the new state of all slots."""
         world, several = self.world, self.config.pedestrians
         if several > 1:
             arrays = {name: value for name, value in vars(given).items() if value is not None}

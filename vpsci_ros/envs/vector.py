@@ -24,12 +24,12 @@ Infos = dict[str, Any]
 
 
 class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]):
-    """`num_envs` independent right turns; environment i is to the bit the `RightTurnEnv` with seed + i.
+    """`num_envs` independent right turns; environment i is bit-identical to `RightTurnEnv` with seed + i.
 
-    Environments whose episode is over start their next one in the same step (autoreset mode "same step"): the
-    observation returned is the new episode's first, the old one's last is in `infos["final_obs"]`.
+    An environment whose episode ends starts the next one in the same step (autoreset mode "same step"): the returned
+    observation is the new episode's first; the last of the old one is in `infos["final_obs"]`.
 
-    :param num_envs: how many; the rest as for `RightTurnEnv`.
+    :param num_envs: number of environments; other parameters as for `RightTurnEnv`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -60,7 +60,7 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], Infos]:
-        """Start an episode everywhere: episode 0 of seed + i in environment i, or the next one without a seed.
+        """Start an episode in each environment: episode 0 of seed + i in environment i, or the next one without a seed.
 
         :raises InvalidInput: options, or a list of seeds of another length.
         """
@@ -81,7 +81,7 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]:
-        """Drive for 0.1 s everywhere; actions float32[num_envs, 2]."""
+        """Advance all by 0.1 s with actions float32[num_envs, 2]; return arrays over environments and infos."""
         if self._last is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         before = self._last.state
