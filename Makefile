@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 JOBS ?= 3
 PYTEST_ARGS ?=
 # CommonRoad's packages need another protobuf than osi's, so their tests run apart (tools/commonroad.txt).
-COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(BIN)/python -m pytest -q -rs -k commonroad test/export/test_commonroad.py test/cosim
+COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(BIN)/python -m pytest -q -rs -k commonroad test/extras/formats/test_commonroad.py test/cosim
 # Recordings (vci_dut/, vci_citr/) for the demo to learn from besides the right turns that the package holds.
 VPSCI_DATA ?= $(wildcard ../shared/data)
 

@@ -14,7 +14,8 @@ NAME = "vpsci_ros"
 HERE = Path(__file__).resolve().parent
 VERSION = re.search(r'^__version__ = "(.+)"$', (HERE / NAME / "__init__.py").read_text(), re.MULTILINE)[1]
 
-# `ros2 run vpsci_ros EXECUTABLE` runs vpsci_ros/nodes/EXECUTABLE.py; test/test_packaging.py compares the two.
+# `ros2 run vpsci_ros EXECUTABLE` runs vpsci_ros/nodes/EXECUTABLE.py, carla_world that of extras/carla;
+# test/test_packaging.py compares them.
 EXECUTABLES = [
     "carla_world",
     "example_ads",
@@ -93,19 +94,21 @@ EXTRAS = {
     "realism": ["scikit-learn>=1.4,<2"],
     # `vpsci ads-test --search`: the stand-in of the driving system.
     "search": ["scikit-learn>=1.4,<2", "threadpoolctl>=3.1,<4"],
-    # `vpsci export --to openscenario, osi, commonroad`; the last two need different protobufs, so they exclude
-    # each other in one environment.
-    "openscenario": ["scenariogeneration>=0.16,<0.17"],
-    "osi": ["asam-osi-utilities>=0.4,<0.5", "osi-python>=3.8,<4"],
+    # The branches, vpsci_ros/extras/: each README.md says what it adds.
+    "paper": ["scikit-learn>=1.4,<2", "torch>=2.4,<3"],
+    # openscenario, osi and mp4 (H.264 by FFmpeg's libraries, which the wheel has).
+    "formats": [
+        "asam-osi-utilities>=0.4,<0.5",
+        "av>=13,<19",
+        "osi-python>=3.8,<4",
+        "scenariogeneration>=0.16,<0.17",
+    ],
+    # The format commonroad, whose protobuf excludes that of osi in one environment.
     "commonroad": ["commonroad-io>=2024.3,<2025"],
-    # `vpsci_ros.carla` and the node `carla_world`: CARLA's client, whose version is that of the server.
+    # CARLA's client, whose version is that of the server.
     "carla": ["carla>=0.9.15,<0.10"],
-    # `vpsci drive`: the page in which a person drives.
-    "drive": ["tornado>=6.4,<7"],
-    # `vpsci drive --watch --foxglove`: a running graph in Foxglove.
-    "foxglove": ["foxglove-sdk>=0.30,<1"],
-    # `vpsci export --to mp4`: H.264 by FFmpeg's libraries, which the wheel has.
-    "video": ["av>=13,<19"],
+    # The page in which a person drives, and a running graph in Foxglove.
+    "drive": ["foxglove-sdk>=0.30,<1", "tornado>=6.4,<7"],
     # examples/motion_planner.py: a public motion planner, as a driving system in the exam.
     "planner": ["fiss-planner>=1,<2"],
     # examples/sumo_crossing.py and examples/highway_crossing.py: our pedestrian in other people's engines.
@@ -138,6 +141,30 @@ EXTRAS = {
         "setuptools>=64,<80",
     ],
 }
+
+
+WHERE = {"carla_world": "extras.carla.entry"}  # executable -> its module, where that is not nodes.entry
+BRANCHES = {
+    "vpsci_ros.commands": [
+        "drive = vpsci_ros.extras.drive.commands:drive_app",
+        "export = vpsci_ros.extras.formats.commands:export_app",
+        "study = vpsci_ros.extras.paper.commands:study_app",
+        "turing = vpsci_ros.extras.paper.commands:turing_app",
+    ],
+    "vpsci_ros.engines": ["carla = vpsci_ros.extras.carla.world:CARLA"],
+    "vpsci_ros.importers": [
+        "argoverse2 = vpsci_ros.extras.formats.track_tables:ARGOVERSE2",
+        "hc = vpsci_ros.extras.formats.hc:HC",
+        "hdi = vpsci_ros.extras.paper.authors:HDI",
+        "interaction = vpsci_ros.extras.formats.track_tables:INTERACTION",
+        "levelx = vpsci_ros.extras.formats.track_tables:LEVELX",
+        "sind = vpsci_ros.extras.formats.track_tables:SIND",
+        "taf-bw = vpsci_ros.extras.formats.taf_bw:TAF_BW",
+        "tgsim = vpsci_ros.extras.formats.track_tables:TGSIM",
+        "vpsci = vpsci_ros.extras.paper.authors:VPSCI",
+    ],
+}
+"""Group of entry points -> what the branches in vpsci_ros/extras/ add, as others do (docs/extending.md)."""
 
 
 class InstallData(install_data):
@@ -182,13 +209,19 @@ setup(
     license_files=["LICENSE", f"{NAME}/recordings/LICENSE"],  # of the recorded right turns, MIT
     python_requires=">=3.10,<3.13",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["models/*", "recordings/*", "*/templates/*", "exam/search/templates/*"]},
+    package_data={
+        NAME: [
+            *("models/*", "recordings/*", "*/templates/*", "exam/search/templates/*"),
+            *("extras/*/README.md", "extras/*/templates/*", "extras/*/*/templates/*"),
+        ]
+    },
     data_files=data_files(),
     install_requires=REQUIRED,
     extras_require=EXTRAS,
     entry_points={
         "console_scripts": [f"vpsci = {NAME}.cli.main:main"]
-        + [f"{executable} = {NAME}.nodes.entry:{executable}" for executable in EXECUTABLES]
+        + [f"{name} = {NAME}.{WHERE.get(name, 'nodes.entry')}:{name}" for name in EXECUTABLES],
+        **BRANCHES,
     },
     cmdclass={"install_data": InstallData},
     zip_safe=False,

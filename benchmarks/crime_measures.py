@@ -25,8 +25,8 @@ from scipy.stats import spearmanr
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.episodes import read_episodes
-from vpsci_ros.export import Options, export
-from vpsci_ros.export.commonroad import PEDESTRIAN, VEHICLE
+from vpsci_ros.extras.formats.commonroad import PEDESTRIAN, VEHICLE
+from vpsci_ros.extras.formats.run import Options, export
 from vpsci_ros.safety import CRITICAL_TTC, clearance
 
 

@@ -16,6 +16,7 @@ PAGES = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
     ROOT / "vpsci_ros/models/README.md",
+    *sorted((ROOT / "vpsci_ros/extras").glob("*/README.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
 _LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)")
@@ -45,8 +46,9 @@ def options(words: list[str]) -> tuple[Any, list[str]]:
     rest = list(words)
     while hasattr(command, "commands") and rest:
         name = rest.pop(0)
-        assert name in command.commands, f"vpsci {' '.join(words)}: no command {name!r}"
-        command = command.commands[name]
+        found = command.get_command(typer.Context(command), name)
+        assert found is not None, f"vpsci {' '.join(words)}: no command {name!r}"
+        command = found
     if "--ros-args" in rest:
         rest = rest[: rest.index("--ros-args")]
     return command, [word.partition("=")[0] for word in rest if re.match(r"--?[a-z]", word)]

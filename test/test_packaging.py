@@ -18,14 +18,17 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import vpsci_ros
+from vpsci_ros.cli.added import COMMANDS
+from vpsci_ros.data.importers import IMPORTERS
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import messages_dir, params_dir
+from vpsci_ros.world.engines import ENGINES
 
 ROOT = Path(vpsci_ros.__file__).resolve().parents[1]
 SETUP = {
     node.targets[0].id: ast.literal_eval(node.value)
     for node in ast.parse((ROOT / "setup.py").read_text()).body
-    if isinstance(node, ast.Assign) and node.targets[0].id in ("EXECUTABLES", "REQUIRED", "EXTRAS")
+    if isinstance(node, ast.Assign) and node.targets[0].id in ("EXECUTABLES", "REQUIRED", "EXTRAS", "BRANCHES")
 }
 REQUIREMENTS = [
     Requirement(line) for line in SETUP["REQUIRED"] + [line for extra in SETUP["EXTRAS"].values() for line in extra]
@@ -51,7 +54,7 @@ OPTIONAL |= {
     "osi3",
     "osi_utilities",
     "scenariogeneration",
-}  # and formats of vpsci_ros/export
+}  # and formats of vpsci_ros/extras/formats
 NOT_REQUIRED = {"builtin_interfaces", "rcl_interfaces", "tf2_msgs", "vpsci_msgs"}  # with rclpy and this repository
 ROS = {"domain_coordinator", "launch", "launch_ros", "rclpy", "std_srvs"}  # and whatever ends in _msgs or _interfaces
 
@@ -80,7 +83,7 @@ def manifest(path: str = "package.xml") -> ET.Element:
 
 def test_every_node_is_an_executable_and_nothing_else_is():
     nodes = set()
-    for path in (ROOT / "vpsci_ros" / "nodes").glob("*.py"):
+    for path in [*(ROOT / "vpsci_ros" / "nodes").glob("*.py"), *(ROOT / "vpsci_ros" / "extras").glob("*/node.py")]:
         for each in ast.parse(path.read_text()).body:
             if isinstance(each, ast.ClassDef) and {ast.unparse(base) for base in each.bases} & NODE_CLASSES:
                 nodes.add(re.sub("(?<=[a-z])(?=[A-Z])", "_", each.name).lower())
@@ -160,6 +163,10 @@ def test_every_entry_point_of_the_installed_package_loads():
     scripts = [script for script in entry_points(group="console_scripts") if script.value.startswith("vpsci_ros")]
     assert sorted(script.name for script in scripts) == sorted([*SETUP["EXECUTABLES"], "vpsci"])
     assert all(callable(script.load()) for script in scripts)
+    for group in (COMMANDS, ENGINES, IMPORTERS):
+        assert {name for name in group.names() if group.find(name) and group.origin(name).startswith("vpsci_ros ")} == {
+            point.partition(" = ")[0] for point in SETUP["BRANCHES"][group.group]
+        }, group.group
 
 
 def installed(package: str) -> Path:

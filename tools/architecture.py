@@ -36,7 +36,7 @@ def arrows() -> dict[str, set[str]]:
                 names = [f"{node.module}.{alias.name}" for alias in node.names]
             for name in names:
                 package, *rest = name.split(".")
-                if package == PACKAGE.name and rest:
+                if package == PACKAGE.name and rest and rest[0] != "extras":
                     mine.add(rest[0] if rest[0] in rooms else HALL)
     return {room: theirs - {room} for room, theirs in sorted(found.items())}
 

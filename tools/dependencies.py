@@ -2,7 +2,7 @@
 r"""Write what is installed for what, its licences and its hashes, from a report of pip.
 
     pip install --dry-run --ignore-installed --report report.json -c constraints.txt \
-        '.[learn,ros,messages,rl,realism,search,openscenario,osi,planner,sumo,highway,carla,drive,foxglove,test,docs]'
+        '.[learn,ros,messages,rl,realism,search,paper,formats,carla,drive,planner,sumo,highway,test,docs]'
     .venv/bin/python tools/dependencies.py report.json
 
 Writes docs/dependencies.md, and constraints-hashes.txt: the files that pip chose on this platform, each with its

@@ -8,8 +8,8 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from vpsci_ros.data.published import TABLE_3, TABLE_5
+from vpsci_ros.extras.paper.studies.tables import print_table_3, print_table_5, save_table_3, save_table_5
 from vpsci_ros.report.learning import save_learning
-from vpsci_ros.studies.tables import print_table_3, print_table_5, save_table_3, save_table_5
 
 ERRORS = {"reconstruction_ade": 0.01, "reconstruction_fde": 0.02, "closed_loop_ade": 0.3, "closed_loop_fde": 0.6}
 

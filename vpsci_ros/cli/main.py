@@ -8,19 +8,19 @@ from typing import Annotated
 import typer
 
 from vpsci_ros import __version__
+from vpsci_ros.cli.added import WithAddedCommands
 from vpsci_ros.cli.bag import bag_app
 from vpsci_ros.cli.dataset import dataset_app, generate, report
-from vpsci_ros.cli.drive import drive
 from vpsci_ros.cli.exam import ads_test
-from vpsci_ros.cli.export import export
-from vpsci_ros.cli.learning import evaluate, pretrain, refine, study_app
+from vpsci_ros.cli.learning import evaluate, pretrain, refine
 from vpsci_ros.cli.options import Output, Params, Quiet, Settings, read_sections, writes_folder
 from vpsci_ros.cli.realism import realism
-from vpsci_ros.cli.view import turing_app, view
+from vpsci_ros.cli.view import view
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words, is_shortage
 
 app = typer.Typer(
     name="vpsci",
+    cls=WithAddedCommands,
     help="Generate safety-critical episodes of a car and a pedestrian, and examine driving systems with them.",
     no_args_is_help=True,
     add_completion=False,
@@ -32,9 +32,7 @@ app.add_typer(bag_app, name="bag")
 app.add_typer(safety_app, name="safety")
 app.add_typer(world_app, name="world")
 app.add_typer(dataset_app, name="dataset")
-app.add_typer(study_app, name="study")
-app.add_typer(turing_app, name="turing")
-for command in (pretrain, refine, evaluate, realism, generate, report, ads_test, drive, view, export):
+for command in (pretrain, refine, evaluate, realism, generate, report, ads_test, view):
     app.command()(command)
 
 

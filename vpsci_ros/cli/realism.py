@@ -72,7 +72,7 @@ def realism(
     About a minute of one core for each model.
     """
     given = locals()
-    from vpsci_ros.studies.realism import RealismStudy, run_realism
+    from vpsci_ros.cli.realism_run import RealismStudy, run_realism
 
     own = ("json_path", "output", "quiet")
     study = RealismStudy(**{name: value for name, value in given.items() if name not in own})

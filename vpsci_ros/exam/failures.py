@@ -15,7 +15,6 @@ from vpsci_ros.exam.failure_group import FailureGroup, failure_group
 from vpsci_ros.exam.measures import RunResult
 from vpsci_ros.exam.report import ADS
 from vpsci_ros.exam.why import Search
-from vpsci_ros.export.run import EXPORTERS, Options
 from vpsci_ros.view.sources import Shown, Source, shown
 
 
@@ -44,6 +43,8 @@ def export_smallest(why: Mapping[str, Any], runs: Mapping[str, RunResult], folde
 
     :param folder: in which each pedestrian gets one of its own.
     """
+    from vpsci_ros.extras.formats.run import EXPORTERS, Options
+
     try:
         write = EXPORTERS.find("openscenario").load()
     except InvalidInput as error:

@@ -27,7 +27,7 @@ NODES = (
     "perception",
     "recorder",
 )
-EXECUTABLES = (*NODES, "replayer", "example_ads", "carla_world")  # of `ros2 run vpsci_ros` and `vpsci node`
+EXECUTABLES = (*NODES, "replayer", "example_ads")  # of `vpsci node`
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,10 @@ _MODULES = dict.fromkeys(("vehicle_policy", "pedestrian_policy"), "agent_policy"
 
 
 def node_class(name: str) -> Any:
-    """Return the class of a node, `WorldSimulator` of "world_simulator"."""
+    """Return the class of a node, `WorldSimulator` of "world_simulator"; or what "module:Class" names."""
+    where, _, kind = name.partition(":")
+    if kind:
+        return getattr(importlib.import_module(where), kind)
     module = importlib.import_module(f"vpsci_ros.nodes.{_MODULES.get(name, name)}")
     return getattr(module, "".join(part.capitalize() for part in name.split("_")))
 

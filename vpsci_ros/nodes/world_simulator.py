@@ -15,8 +15,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from vpsci_msgs.srv import History
 from vpsci_ros.bags.recorded import recorded_from_bag
-from vpsci_ros.carla.server import LiveServer, Server
-from vpsci_ros.carla.world import EngineWorld
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.nodes import convert
@@ -29,7 +27,7 @@ from vpsci_ros.wire import received
 from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
 from vpsci_ros.world.counts import MISSING_ANSWERS, WorldCounts
-from vpsci_ros.world.engines import EngineConfig
+from vpsci_ros.world.engines import ENGINES, EngineConfig
 from vpsci_ros.world.intervention import InterventionConfig, Interventions
 from vpsci_ros.world.lockstep import LockStep, LockStepConfig
 from vpsci_ros.world.loop import Loop
@@ -53,7 +51,7 @@ class WorldSimulator(GraphNode):
 
     counts: WorldCounts
 
-    def __init__(self, *, server: Server | None = None, **given: Any) -> None:
+    def __init__(self, *, server: Any = None, **given: Any) -> None:
         super().__init__("world_simulator", **given)
         self._run = self.config(RunConfig)
         self._config = self.config(WorldConfig)
@@ -65,11 +63,13 @@ class WorldSimulator(GraphNode):
         self._recorded = recorded_from_bag(config.recorded_bag) if config.recorded_bag else None
         engine = self.config(EngineConfig)
         changed = self.config(InterventionConfig)
-        if engine.engine == "carla" and changed != InterventionConfig():
+        self._engine = None if engine.engine == "vpsci" else ENGINES.find(engine.engine)
+        if self._engine and changed != InterventionConfig():
             raise InvalidInput(
-                "engine = carla: held_until and interventions change the car by our kinematics; leave them out"
+                f"engine = {engine.engine}: held_until and interventions change the car by our kinematics; "
+                "leave them out"
             )
-        self._server = server or (LiveServer(engine, self._config.tick) if engine.engine == "carla" else None)
+        self._server = server or (self._engine.connect(engine, self._config.tick) if self._engine else None)
         changes = Interventions(changed, scenarios, lane_following=self._config.lane_following)
         self._loop = Loop(self._new_world(), interventions=changes)
         self.counts = WorldCounts()
@@ -122,7 +122,7 @@ class WorldSimulator(GraphNode):
 
     def _new_world(self, first_tick: int = 0) -> World:
         run, scenarios = self._run, list(self._scenarios.values())
-        make = World if self._server is None else partial(EngineWorld, self._server)
+        make = partial(self._engine.world, self._server) if self._engine else World
         return make(
             self._config, scenarios, run.queue(), run.batch, run.seed, recorded=self._recorded, first_tick=first_tick
         )

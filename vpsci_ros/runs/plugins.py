@@ -2,18 +2,21 @@
 
 A distribution that somebody installs beside this one names its addition in its own `pyproject.toml`, and from then on
 the name is as good as a built-in one: in parameter files, on the command line and in code. `docs/extending.md` has a
-page for each kind. Nothing of another distribution is imported before its name is used.
+page for each kind. Nothing of another distribution is imported before its name is used. The branches of this package
+(`vpsci_ros/extras/`) add what they have in the same way; what a branch adds is gone with its folder.
 See https://packaging.python.org/en/latest/specifications/entry-points/.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Generic, TypeVar
 
 from vpsci_ros.errors import InvalidInput
 
 T = TypeVar("T")
+_PACKAGE = Path(__file__).resolve().parents[1]
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class PluginGroup(Generic[T]):
 
     def _added(self) -> dict[str, EntryPoint]:
         added: dict[str, EntryPoint] = {}
-        for point in entry_points(group=self.group):
+        for point in filter(_is_there, entry_points(group=self.group)):
             if point.name in self.built_in:
                 raise InvalidInput(
                     f"{_owner(point)} adds {self.what} {point.name!r}, which is built in; rename it there"
@@ -81,6 +84,12 @@ class PluginGroup(Generic[T]):
             kind = f"{self.kind.__module__}.{self.kind.__qualname__}"
             raise InvalidInput(f"{where}: expected an instance of {kind}, got {loaded!r}; mend that distribution")
         return loaded
+
+
+def _is_there(point: EntryPoint) -> bool:
+    """Return whether an entry point is another distribution's, or of a branch of this package whose folder is there."""
+    package, extras, *branch = (*point.module.split(".")[:3], "")
+    return (package, extras) != (_PACKAGE.name, "extras") or (_PACKAGE / extras / branch[0]).is_dir()
 
 
 def _owner(point: EntryPoint) -> str:

@@ -1,7 +1,7 @@
 """Real recordings in, near misses out: every format becomes clips of tracks at 0.1 s, and then the same thing happens.
 
-`importer` says what an importer is; `tracks` reads, checks, resamples; `vci`, `cqut_pvi`, `published` and others know
-formats, some by a `layout` of columns; `pairing` puts each vehicle together with each pedestrian and keeps the
+`importer` says what an importer is; `tracks` reads, checks, resamples; `vci`, `cqut_pvi` and `described` know formats,
+some by a `layout` of columns; `pairing` puts each vehicle together with each pedestrian and keeps the
 near misses; `result` is what comes out; `run` is the door, with the list of formats, to which other distributions add
 theirs (`docs/extending.md`).
 """

@@ -3,21 +3,16 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from vpsci_ros.data.importers.authors import AUTHORS
 from vpsci_ros.data.importers.cqut_pvi import CQUT_PVI
 from vpsci_ros.data.importers.described import DESCRIBED
-from vpsci_ros.data.importers.hc import HC
 from vpsci_ros.data.importers.importer import Importer
 from vpsci_ros.data.importers.pairing import near_misses_of
-from vpsci_ros.data.importers.published import PUBLISHED
 from vpsci_ros.data.importers.result import ImportResult, joined
-from vpsci_ros.data.importers.taf_bw import TAF_BW
 from vpsci_ros.data.importers.vci import VCI_CITR, VCI_DUT
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.plugins import PluginGroup
 
-BUILT_IN = {"vci-dut": VCI_DUT, "vci-citr": VCI_CITR, "hc": HC, "taf-bw": TAF_BW, "cqut-pvi": CQUT_PVI}
-BUILT_IN |= {**PUBLISHED, **AUTHORS, "described": DESCRIBED}
+BUILT_IN = {"vci-dut": VCI_DUT, "vci-citr": VCI_CITR, "cqut-pvi": CQUT_PVI, "described": DESCRIBED}
 IMPORTERS = PluginGroup("vpsci_ros.importers", "format", Importer, BUILT_IN)
 
 

@@ -1,0 +1,136 @@
+import json
+
+import polars as pl
+import pytest
+
+from vpsci_ros.errors import InvalidInput, Stopped
+from vpsci_ros.extras.paper.studies.learning import WEIGHTINGS, FreshEpisodes, reward_weight_study, sample_size_study
+from vpsci_ros.learning.config import (
+    ImitationConfig,
+    OnlineDdpgConfig,
+    OnlineReplayConfig,
+    OnlineUpdatesConfig,
+    PretrainConfig,
+    RefineConfig,
+    RehearsalConfig,
+    ReplayConfig,
+)
+from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
+from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.world import WorldConfig, load_scenarios
+from vpsci_ros.world.observation import AGENTS
+
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+STAGE_1 = PretrainConfig(
+    episodes=3,
+    held_out_fraction=0.3,
+    replay=ReplayConfig(batch_size=10),
+    imitation=ImitationConfig(rollouts=2, rollout_steps=2),
+)
+EXPLORING = dict.fromkeys(AGENTS, PolicyConfig(explore=True, seed=4))
+STAGE_2 = RefineConfig(
+    replay=OnlineReplayConfig(batch_size=40),
+    updates=OnlineUpdatesConfig(warm_up_steps=20, steps_per_update=40),
+    ddpg=OnlineDdpgConfig(critic_warm_up=1),
+    rehearsal=RehearsalConfig(rollouts=2),
+)
+TWO = {name: WEIGHTINGS[name] for name in ("safety", "adaptive")}
+
+
+def test_sizes_are_measured_on_the_same_clips_none_of_which_they_learn_from(tmp_path, near_misses):
+    table = sample_size_study(near_misses, STAGE_1, SMALL, sizes=(4, 8, 16), seed=1, out_dir=tmp_path)
+    assert table["interactions"].to_list() == ["4", "8", "16", "repeat_velocity"]
+    assert (table["vehicle_reward"].drop_nulls() < 0.0).all()
+    measured = table["closed_loop_ade"].is_not_null().to_list()
+    assert measured == [True, True, False, True], "16 are all that there are, so none is left to measure on"
+    assert table["vehicle_held_out_reward"].is_not_null().to_list() == measured
+    learned_from = [load_weights(tmp_path / n / "pretrained.safetensors").facts["data"] for n in ("4", "8", "16")]
+    assert [data["interactions"] for data in learned_from] == [4, 8, 16]
+    assert pl.read_csv(tmp_path / "table_3.csv").height == 4
+
+
+def test_a_size_beyond_the_near_misses_is_refused_before_anything_is_trained(tmp_path, near_misses):
+    with pytest.raises(InvalidInput, match="expected 2 to 16 interactions, as the near misses hold, got 1000"):
+        sample_size_study(near_misses, STAGE_1, SMALL, sizes=(4, 1000), seed=1, out_dir=tmp_path)
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_stopped_study_goes_on_without_training_what_is_finished_again(tmp_path, near_misses):
+    def run(folder, stop_at="", seen=None):
+        def report(name, values):
+            if seen is not None:
+                seen.append((name, values["episode"]))
+            if name == stop_at and values["episode"] == 2:
+                raise Stopped
+
+        return sample_size_study(near_misses, STAGE_1, SMALL, sizes=(4, 8), seed=1, out_dir=folder, report=report)
+
+    whole = run(tmp_path / "whole")
+    with pytest.raises(Stopped):
+        run(tmp_path / "parts", stop_at="8")
+    seen: list[tuple[str, float]] = []
+    assert run(tmp_path / "parts", seen=seen).equals(whole)
+    assert seen == [("8", 3)]
+
+
+def test_a_folder_of_another_study_is_refused_by_the_parameter_that_differs(tmp_path, near_misses):
+    sample_size_study(near_misses, STAGE_1, SMALL, sizes=(4,), seed=1, out_dir=tmp_path)
+    other = PretrainConfig(**{**vars(STAGE_1), "episodes": 2})
+    with pytest.raises(InvalidInput, match=r"study.json: .* with PretrainConfig.episodes = 3, and this one has 2"):
+        sample_size_study(near_misses, other, SMALL, sizes=(4,), seed=1, out_dir=tmp_path)
+
+
+@pytest.fixture
+def weight_study(near_misses, networks):
+    """The function that runs Table 5, small: two weightings, four episodes to learn from and six to measure on."""
+    start = networks(gain=1.0).weights({}, {})
+
+    def run(folder, weightings=TWO, fresh_seed=99, report=None):
+        return reward_weight_study(
+            near_misses,
+            STAGE_2,
+            start,
+            SimulationConfig(
+                load_scenarios([1]),
+                [(1, e) for e in range(4)],
+                4,
+                4,
+                WorldConfig(pedestrian_gain=0.5),
+                policies=EXPLORING,
+            ),
+            fresh=FreshEpisodes([(1, e) for e in range(6)], fresh_seed),
+            out_dir=folder,
+            weightings=weightings,
+            report=report,
+        )
+
+    return run
+
+
+def test_weightings_and_controls_are_measured_on_the_same_fresh_episodes(tmp_path, weight_study):
+    table = weight_study(tmp_path)
+    assert table["weights"].to_list() == ["safety", "adaptive", "pretrained", "constant_velocity"]
+    assert table["w_collision"][0] == pytest.approx(0.6)
+    assert table["w_collision"][1:].to_list() == [pytest.approx(1 / 3, abs=0.01), None, None]
+    assert table["critical_episodes"].n_unique() == 1, "who is handed over is decided before any policy acts"
+    assert 0 < table["critical_episodes"][0] <= 6
+    for name in ("collision", "goal"):
+        assert (table[f"{name}_low"] <= table[f"{name}_rate"]).all()
+        assert (table[f"{name}_rate"] <= table[f"{name}_high"]).all()
+    assert table["reconstruction_fde"].null_count() == table["closed_loop_ade"].null_count() == 0
+    assert pl.read_csv(tmp_path / "table_5.csv").height == 4
+
+
+def test_repeating_the_study_with_more_weightings_trains_only_those(tmp_path, weight_study):
+    weight_study(tmp_path, {"safety": WEIGHTINGS["safety"]})
+    seen = []
+    table = weight_study(tmp_path, report=lambda name, values: seen.append(name))
+    assert set(seen) == {"adaptive"}
+    state = json.loads((tmp_path / "safety" / "study.json").read_text())
+    assert state["row"]["collision_rate"] == table["collision_rate"][0]
+
+
+def test_episodes_of_the_training_seed_are_not_fresh(tmp_path, weight_study):
+    with pytest.raises(InvalidInput, match="expected another seed than training's, got 4 for both"):
+        weight_study(tmp_path, fresh_seed=4)

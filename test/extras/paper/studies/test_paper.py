@@ -1,0 +1,102 @@
+"""One page of all the paper's figures and tables: what is given is drawn, what is not is named with its command."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from extras.paper.turing.raters import simulated
+from typer.testing import CliRunner
+
+from vpsci_ros.cli.main import app
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.extras.paper.studies.paper import CAPTIONS
+from vpsci_ros.extras.paper.turing.page import write_result
+from vpsci_ros.report.figures import DISTANCE, PEDESTRIAN_SPEED, surface
+from vpsci_ros.report.snapshots import HALF, moments
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Folders as stage 2, the studies of Tables 3 and 5, and the Turing test leave them."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name in ("refine", "samples", "weights"):
+        (folder / name).mkdir()
+    rewards = {"episode": range(40), "vehicle": np.linspace(-9.0, -2.0, 40), "pedestrian": np.linspace(-9.0, -4.0, 40)}
+    pl.DataFrame(rewards).write_csv(folder / "refine/refine_episodes.csv")
+    row = {"interactions": "50", "vehicle_reward": -1.5, "pedestrian_reward": -2.5, "vehicle_critic_loss": 0.4}
+    pl.DataFrame([row, dict.fromkeys(row) | {"interactions": "repeat_velocity"}]).write_csv(
+        folder / "samples/table_3.csv"
+    )
+    rates = {"collision_rate": 0.048, "goal_rate": 0.92, "closed_loop_ade": 0.31}
+    pl.DataFrame([{"weights": "equal"} | rates, {"weights": "pretrained"} | rates]).write_csv(
+        folder / "weights/table_5.csv"
+    )
+    write_result(simulated(np.random.default_rng(1), 12, 4), folder / "turing")
+    return [folder / name for name in ("refine", "samples", "weights", "turing")]
+
+
+def study(dataset: Path, output: Path, *more: object) -> tuple[str, str]:
+    """Return what the command prints, and the page."""
+    result = CliRunner().invoke(app, ["study", "paper", str(dataset), "-o", str(output), *map(str, more)])
+    assert result.exit_code == 0, result.output
+    return result.output, (output / "paper.html").read_text(encoding="utf-8")
+
+
+def test_everything_that_is_given_is_drawn(
+    dataset: Path, near_misses_file: Path, runs: list[Path], tmp_path: Path
+) -> None:
+    given = [word for run in runs for word in ("--run", run)]
+    said, page = study(dataset, tmp_path / "out", "--near-misses", near_misses_file, "--rules", dataset, *given)
+    assert "not given: table 9 (vpsci study models)" in said
+    assert said.count("not given") == 1
+    for name in CAPTIONS:
+        assert (tmp_path / f"out/{name}.png").read_bytes().startswith(b"\x89PNG"), name
+    assert page.count("data:image/png;base64,") == len(CAPTIONS)
+    assert "<td>50<td>-1.50<td>-6.83" in page, "Table 3 beside the paper's"
+    assert "4.8%<td>18.4%" in page, "Table 5 beside the paper's"
+    assert "LocationA_PedCross_S-N<td>4<td>20,066" in page, "Table 10 beside the paper's"
+    assert "<td>-13.5<td>" in page, "Table 11 beside the paper's"
+    assert json.loads((tmp_path / "out/paper.json").read_text())["table_5"][0]["goal_rate"] == 0.92
+
+
+def test_what_is_not_given_is_named_and_a_folder_of_nothing_refused(
+    dataset: Path, near_misses_file: Path, tmp_path: Path
+) -> None:
+    said, page = study(dataset, tmp_path / "out", "--near-misses", near_misses_file)
+    assert "not given: figure 6 (vpsci refine)" in said
+    assert "rule-based pair in figures 11 to 13: <code>--rules DIR</code>" in page
+    assert not (tmp_path / "out/figure_10.png").exists()
+    result = CliRunner().invoke(
+        app, ["study", "paper", str(dataset), "-o", str(tmp_path / "x"), "--run", str(tmp_path)]
+    )
+    assert "expected the folder of a finished run" in str(result.exception)
+
+
+def test_a_surface_is_the_share_around_each_point_and_nothing_where_nobody_is() -> None:
+    rng = np.random.default_rng(2)
+    distance = rng.uniform(0.0, 20.0, 20_000)
+    table = pl.DataFrame(
+        {"distance": distance, "pedestrian_speed": rng.uniform(0.0, 2.0, 20_000), "flag": distance < 10.0}
+    )
+    share, along, high = surface(table, DISTANCE, PEDESTRIAN_SPEED, "flag")
+    at = {metres: share[np.abs(along - metres).argmin(), np.abs(high - 1.0).argmin()] for metres in (5.0, 10.0, 15.0)}
+    assert at[5.0] == pytest.approx(1.0, abs=0.01)
+    assert at[10.0] == pytest.approx(0.5, abs=0.1)
+    assert at[15.0] == pytest.approx(0.0, abs=0.01)
+    assert np.isnan(share[:, high > 3.0]).all()
+    assert np.isnan(surface(table[:9], DISTANCE, PEDESTRIAN_SPEED, "flag")[0]).all(), "nine are too few"
+
+
+def test_snapshots_are_before_at_the_onset_at_the_least_and_when_both_leave(dataset: Path) -> None:
+    pair = next(Dataset(dataset).read()).pair()
+    ttc = np.full((1, len(pair)), np.inf)
+    ttc[0, 60:100] = np.abs(np.arange(60, 100) - 80) / 10.0 + 1.0
+    walker = np.linspace(-40.0, 40.0, len(pair))[None]
+    (before, onset, least, last), middle = moments(replace(pair, curvttc=ttc, ped_x=walker, ped_y=0.0 * walker,
+                                                           x=0.0 * pair.x, y=0.0 * pair.y))  # fmt: skip
+    assert (before, onset, least) == (40, 60, 80)
+    assert middle == (pytest.approx(0.5 * walker[0, 80]), 0.0)
+    assert abs(walker[0, last] - middle[0]) < HALF - 2.0 < abs(walker[0, last + 1] - middle[0])

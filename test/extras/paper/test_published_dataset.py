@@ -1,0 +1,176 @@
+"""The authors' files, written here by the layout that they publish, read as what they are made from."""
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+from vpsci_ros.cli.main import app
+from vpsci_ros.data.importers import import_trajectories
+from vpsci_ros.data.published_dataset import open_dataset
+from vpsci_ros.episodes import open_source, read_episodes
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.formats.carla_csv import write
+from vpsci_ros.extras.formats.run import Options
+from vpsci_ros.extras.paper.authors import SCALE
+
+RATE, METRES = 25.0, 0.05  # of the HDI file
+
+
+BAGS = [Path(__file__).parents[3] / "bags" / name for name in ("LocationA_PedCross_S-N", "LocationB_PedCross_N-S")]
+
+
+@pytest.fixture(scope="session")
+def published(tmp_path_factory):
+    """A folder as the authors publish it: Table 6's names, Table 7's columns, y down; of the episodes of two bags."""
+    folder = tmp_path_factory.mktemp("published")
+    for bag in BAGS:
+        write(read_episodes(bag), folder, Options())
+    return folder
+
+
+@pytest.fixture
+def changed(published, tmp_path):
+    """Return the function that writes one of the files with columns changed, and returns the folder."""
+
+    def write(**change):
+        table = pl.read_csv(published / "LocationA_PedCross_S-N.csv").with_columns(**change)
+        table.write_csv(tmp_path / "LocationA_PedCross_S-N.csv")
+        return tmp_path
+
+    return write
+
+
+def test_published_files_hold_the_episodes_that_they_were_written_from(published):
+    made = {episode.name: episode for bag in BAGS for episode in read_episodes(bag)}
+    source = open_source(published)
+    assert source.period == 0.05
+    assert source.kind == "generated"
+    read = list(source.read())
+    assert [episode.name for episode in read] == list(made)
+    for episode in read:
+        own = made[episode.name]
+        for name in ("x", "y", "heading", "speed"):
+            moving = own.speed > 0.1
+            assert getattr(episode, name)[moving] == pytest.approx(getattr(own, name)[moving], abs=2e-3), name
+        assert episode.ped_y == pytest.approx(own.ped_y, abs=1e-4)
+        assert episode.least_curvttc == pytest.approx(own.least_curvttc, abs=1e-4)
+        assert episode.scenario is not None, "the tracks lie on the lane of Table 6's scenario"
+        assert episode.outcome == "none"
+
+
+def test_y_is_taken_from_the_right_turns_and_not_assumed(published, changed):
+    north = changed(
+        **{name: -pl.col(name) for name in ("position_y_av", "velocity_y_av", "position_y_ped", "velocity_y_ped")}
+    )
+    down, up = open_dataset(published), open_dataset(north)
+    assert up.rows("LocationA_PedCross_S-N").equals(down.rows("LocationA_PedCross_S-N"))
+
+
+def test_frames_may_count_from_anywhere_and_missing_ones_were_not_seen(changed):
+    folder = changed(frame=pl.col("frame") + 41_000)
+    path = folder / "LocationA_PedCross_S-N.csv"
+    table = pl.read_csv(path)
+    table.filter(pl.col("frame") != 41_003).write_csv(path)
+    rows = open_dataset(folder).rows("LocationA_PedCross_S-N")
+    first = rows.filter(pl.col("count") == rows["count"][0])
+    assert first["frame"].to_list() == list(range(first.height))
+    assert np.isnan(first["position_x_av"][3])
+    assert first.drop_nans("position_x_av").height == first.height - 1
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({f"velocity_{axis}_av": pl.col(f"velocity_{axis}_av") * 3.6 for axis in "xy"}, "0.278 times as fast"),
+        ({"frame": pl.col("frame") * 2}, "positions_av move 0.5 times as fast as velocities_av say"),
+        ({"distance": pl.col("distance") + 2.0}, "column distance is 2.00 m off"),
+        ({"frame": pl.col("frame") // 2}, "line 2: frame 0 of episode 86 comes twice"),
+        ({"veh_id": pl.col("frame")}, "episode 86 has several veh_id"),
+        ({"CurvTTC": pl.lit(-1.0)}, "line 2, column CurvTTC: expected a time"),
+        ({"count": pl.col("count") + 0.5}, "line 2, column count: expected a whole number, got 86.5"),
+        ({f"velocity_{axis}_av": pl.lit(0.0) for axis in "xy"}, "turns by 0.00 rad; expected right turns"),
+    ],
+)  # fmt: skip
+def test_a_file_that_contradicts_the_layout_is_refused(changed, change, said):
+    with pytest.raises(InvalidInput, match=said):
+        open_dataset(changed(**change))
+
+
+def test_a_missing_column_is_named(changed):
+    path = changed() / "LocationA_PedCross_S-N.csv"
+    pl.read_csv(path).drop("velocity_x_ped").write_csv(path)
+    with pytest.raises(InvalidInput, match="velocity_x_ped is missing, the file has count, frame"):
+        open_source(path)
+
+
+def test_report_view_info_and_import_take_the_files_as_they_are(published, near_misses_file, tmp_path):
+    for command in (
+        ["view", str(published / "LocationA_PedCross_S-N.csv"), "-o", str(tmp_path / "view.html")],
+        ["report", str(published), "--near-misses", str(near_misses_file), "-o", str(tmp_path / "report")],
+        ["dataset", "info", str(published)],
+        ["import", str(published), "--format", "vpsci", "-o", str(tmp_path / "near.parquet")],
+    ):
+        result = CliRunner().invoke(app, command)
+        assert result.exit_code == 0, result.output
+        if "info" in command:
+            assert "0.00%" not in result.output, "nobody knows how these episodes ended"
+    near = pl.read_parquet(tmp_path / "near.parquet")
+    assert set(near["clip"]) == {"LocationA_PedCross_S-N/86", "LocationB_PedCross_N-S/29"}
+    own = near.filter(clip="LocationA_PedCross_S-N/86")
+    (episode,) = read_episodes(published, ["1:86"])
+    assert own["veh_x"].to_numpy() == pytest.approx(episode.x[::2], abs=1e-4)
+    assert own["veh_heading"].to_numpy() == pytest.approx(episode.heading[::2], abs=1e-3)
+    assert own["curvttc"].min() == pytest.approx(episode.least_curvttc, abs=0.3)  # at every second frame
+
+
+def write_hdi(folder):
+    """Write a car at 6 m/s to the right that a pedestrian at 1.5 m/s crosses, and an e-bike, in pixels, y down."""
+    frame = np.arange(100)
+    time = frame / RATE
+    parts = []
+    for number, (kind, x, y, speed) in enumerate(
+        [
+            ("car", 6.0 * time, 0.0 * time, 6.0),
+            ("Pedestrian", 18.0 + 0.0 * time, 4.5 - 1.5 * time, 1.5),
+            ("e-bike", 3.0 * time, 30.0 + 0.0 * time, 3.0),
+        ]
+    ):
+        px, py = x / METRES + 500.0, -y / METRES + 400.0
+        box = {"Xmin": px - 20.0, "Ymin": py - 10.0, "Xmax": px + 20.0, "Ymax": py + 10.0}
+        parts.append(
+            pl.DataFrame(
+                {"Frame Num": frame, "ID": number, "Type": kind, **box}
+                | {"Speed (km/h)": 3.6 * speed, "Direction": "RIGHT", "Acceleration (m/s²)": 0.0}
+            )
+        )
+    pl.concat(parts).write_csv(folder / "A. Zhandong Road.csv")
+    (folder / SCALE).write_text(f"frame_rate: {RATE}\nmetres: {METRES}\n")
+    return folder
+
+
+def test_hdi_becomes_near_misses_in_metres_with_y_up(tmp_path):
+    found = import_trajectories(write_hdi(tmp_path), "hdi")
+    (summary,) = found.summaries
+    assert (summary.near_misses, dict(summary.left_out)) == (1, {"road users of class e-bike": 1})
+    assert found.table["veh_speed"].to_numpy() == pytest.approx(6.0, abs=1e-6)
+    assert found.table["ped_vy"].to_numpy() == pytest.approx(-1.5, abs=1e-6)  # down in the picture, as it walks
+    assert found.table["ped_x"].to_numpy() - found.table["veh_x"].to_numpy()[0] == pytest.approx(18.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("frame_rate: 50\nmetres: 0.05\n", "move 2 times as fast as their speeds say"),
+        ("frame_rate: 25\nmetres: 0.1\n", "move 2 times as fast as their speeds say"),
+        ("frame_rate: 25\n", "expected frame_rate .* and metres in a pixel"),
+        (None, "say neither their frame rate nor how large a pixel is"),
+    ],
+)
+def test_hdi_wants_its_scale_and_compares_it_with_the_speeds(text, said, tmp_path):
+    scale = write_hdi(tmp_path) / SCALE
+    scale.write_text(text) if text else scale.unlink()
+    with pytest.raises(InvalidInput, match=said):
+        import_trajectories(tmp_path, "hdi")

@@ -1,0 +1,81 @@
+"""The questionnaire of the Turing test in a real browser: it asks all, keeps what was said, and saves it as a file."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import browser as real
+import numpy as np
+import pytest
+
+from vpsci_ros.extras.paper.turing.clips import RatedClip
+from vpsci_ros.extras.paper.turing.kit import write_questionnaire
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    t = np.arange(5) * 0.1
+    motion = [np.column_stack([5.0 * t, 0 * t, 0 * t, 3.0 + k + 0 * t, t]) for k in range(3)]
+    path = tmp_path_factory.mktemp("kit") / "questionnaire.html"
+    write_questionnaire(path, "kit 1", [RatedClip(f"c{k}", 0, "", values) for k, values in enumerate(motion)])
+    return path
+
+
+def begin(page: Any, rater: str) -> None:
+    page.fill("#rater", rater)
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#answer:not([inert])")
+
+
+def answer(page: Any, judgement: str, confidence: int, realism: int) -> None:
+    page.wait_for_selector("#answer:not([inert])")
+    page.check(f"[name=judgement][value={judgement}]")
+    page.check(f"[name=confidence][value='{confidence}']")
+    page.check(f"[name=realism][value='{realism}']")
+    page.click("#next")
+
+
+def test_answers_are_saved_as_a_file_with_judgement_confidence_realism_and_time(browser: Any, path: Path) -> None:
+    with real.opened(browser, path, accept_downloads=True) as page:
+        begin(page, "R / é <b>")
+        for row in (("real", 1, 5), ("made", 4, 1), ("real", 2, 3)):
+            answer(page, *row)
+        with page.expect_download() as download:
+            page.click("#save")
+        assert download.value.suggested_filename == "answers-R_é_b_.json"
+        saved = json.loads(Path(download.value.path()).read_text(encoding="utf-8"))
+    assert (saved["kit"], saved["rater"]) == ("kit 1", "R / é <b>")
+    assert sorted(row["clip"] for row in saved["answers"]) == ["c0", "c1", "c2"]
+    assert [(row["judgement"], row["confidence"], row["realism"]) for row in saved["answers"]] == [
+        ("real", 1, 5), ("made", 4, 1), ("real", 2, 3)]  # fmt: skip
+    assert all(0.0 <= row["seconds"] < 60.0 and row["shown"] >= 1 for row in saved["answers"])
+
+
+def test_a_page_opened_again_goes_on_where_the_rater_stopped(browser: Any, path: Path) -> None:
+    with real.opened(browser, path) as page:
+        begin(page, "S")
+        answer(page, "made", 3, 2)
+        page.wait_for_selector("#answer:not([inert])")
+        page.reload()
+        page.wait_for_selector("body[data-ready]")
+        begin(page, "S")
+        assert page.text_content("#progress") == "clip 2 of 3"
+
+
+def test_nothing_can_be_answered_before_the_clip_was_seen_and_nothing_left_out(browser: Any, path: Path) -> None:
+    with real.opened(browser, path) as page:
+        assert page.evaluate("(questionnaire.begin('T'), $('answer').inert)")
+        page.wait_for_selector("#answer:not([inert])")
+        page.keyboard.press("r")
+        assert page.is_checked("[value=real]")
+        page.click("#next")
+        assert page.text_content("#progress") == "clip 1 of 3", "confidence and realism are missing"
+        page.keyboard.press("a")
+        real.wait_until(page, "questionnaire.shown === 2")
+
+
+def test_raters_see_the_clips_in_orders_of_their_own(browser: Any, path: Path) -> None:
+    with real.opened(browser, path) as page:
+        orders = page.evaluate("[...Array(40).keys()].map((k) => orderFor(`rater ${k}`).join())")
+        assert set(orders) == {"0,1,2", "0,2,1", "1,0,2", "1,2,0", "2,0,1", "2,1,0"}
+        assert page.evaluate("orderFor('rater 7').join()") == orders[7]

@@ -1,0 +1,31 @@
+"""Commands that other distributions, and the branches in `vpsci_ros/extras/`, add to `vpsci` by entry points."""
+
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from vpsci_ros.runs.plugins import PluginGroup
+
+COMMANDS = PluginGroup("vpsci_ros.commands", "command", typer.Typer, {})
+"""Name of a command -> an application of Typer: one command of its own, or a group of several."""
+
+
+class WithAddedCommands(TyperGroup):
+    """The commands of this package, then the added ones; one is imported when it is called, or listed by `--help`."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all commands."""
+        return [*super().list_commands(ctx), *COMMANDS.names()]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command of this name; None where there is none.
+
+        :raises InvalidInput: what is installed under this name cannot be imported, or is no application of Typer.
+        """
+        own = super().get_command(ctx, cmd_name)
+        if own is not None or cmd_name not in COMMANDS.names():
+            return own
+        command = typer.main.get_command(COMMANDS.find(cmd_name))
+        command.name = cmd_name
+        return command

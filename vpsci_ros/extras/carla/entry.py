@@ -1,0 +1,7 @@
+"""The executable `carla_world` of `ros2 run vpsci_ros`, quick to import as `vpsci_ros.nodes.entry` is."""
+
+from functools import partial
+
+from vpsci_ros.nodes.entry import start
+
+carla_world = partial(start, "vpsci_ros.extras.carla.node:CarlaWorld")

@@ -1,0 +1,149 @@
+"""A CARLA server: all calls of its client that need one, but for those of the actors.
+
+Written by the client's documentation of 0.9.15 and 0.9.16, and run against a stand-in of the client's objects: no
+server was at hand.
+"""
+
+import contextlib
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+from vpsci_ros.cosim import Vehicle, Walker
+from vpsci_ros.errors import VpsciError
+from vpsci_ros.extras.carla.actors import vehicle_control, vehicle_of, vehicle_transform, walker_control, walker_of
+from vpsci_ros.world.engines import EngineConfig
+from vpsci_ros.world.kinematics import MAX_STEERING_ANGLE
+
+PATIENCE = 20.0  # [s] for an answer of the server; loading a map takes the longest
+LIFT = 0.3  # [m] above the road at which a vehicle is put, so that its wheels do not touch it
+WAIST = 1.0  # [m] above the ground, of the middle of a walker's capsule
+CAR, WALKER = "vehicle.tesla.model3", "walker.pedestrian.0001"
+
+
+class Controls(NamedTuple):
+    """What the vehicle does at a tick: steer -1 (right) to 1 (left), throttle and brake 0 to 1."""
+
+    steer: float
+    throttle: float
+    brake: float
+
+
+class Server(Protocol):
+    """An engine with one vehicle and one pedestrian; places and velocities are in our frame."""
+
+    def place(self, vehicle: Vehicle, walker: Walker | None) -> None:
+        """Put both where an episode begins, with the speeds that they have there; None: nobody is there."""
+
+    def tick(self, controls: Controls, walker: Walker) -> tuple[Vehicle, Walker | None]:
+        """Move both on by one tick, and return where they are then.
+
+        :param walker: as it wants to be at the end of the tick; nothing where nobody is there.
+        """
+
+    def close(self) -> None:
+        """Leave the engine as it was found."""
+
+
+class LiveServer:
+    """A CARLA server, in synchronous mode while this is open.
+
+    :param period: of a tick [s].
+    :param connect: what makes a client of host and port; None: `carla.Client`.
+    :raises VpsciError: the client is not installed, or no server answers.
+    """
+
+    def __init__(self, config: EngineConfig, period: float, connect: Callable[[str, int], Any] | None = None) -> None:
+        try:
+            import carla
+        except ModuleNotFoundError:
+            raise VpsciError(
+                "engine = carla needs CARLA's client in the server's version: pip install 'vpsci_ros[carla]'"
+            ) from None
+        self._carla, self._actors = carla, list[Any]()
+        where = config.carla_host, config.carla_port
+        try:
+            client = (connect or carla.Client)(*where)
+            client.set_timeout(PATIENCE)
+            self._world = client.load_world(config.carla_map) if config.carla_map else client.get_world()
+        except RuntimeError as error:
+            raise VpsciError(f"carla_host = {where[0]}, carla_port = {where[1]}: {error}; is the server on?") from None
+        self._found = self._world.get_settings()
+        settings = self._world.get_settings()
+        settings.synchronous_mode, settings.fixed_delta_seconds = True, period
+        self._world.apply_settings(settings)
+        self._map = self._world.get_map()
+
+    def place(self, vehicle: Vehicle, walker: Walker | None) -> None:
+        """Put both where an episode begins; they are spawned for the first one.
+
+        :raises VpsciError: the map has no road there, or something stands there.
+        """
+        height = self._height(vehicle.x, vehicle.y)
+        if not self._actors:
+            self._spawn(CAR, vehicle_transform(vehicle, self._carla.Location(), height + LIFT))
+            self._limit_steering()
+        car = self._actors[0]
+        car.set_transform(vehicle_transform(vehicle, car.bounding_box.location, height + LIFT))
+        c, s = math.cos(vehicle.heading), math.sin(vehicle.heading)
+        car.set_target_velocity(self._carla.Vector3D(vehicle.speed * c, -vehicle.speed * s, 0.0))
+        car.set_target_angular_velocity(self._carla.Vector3D())
+        if walker is not None:
+            person = self._carla.Transform(self._carla.Location(walker.x, -walker.y, height + WAIST))
+            if len(self._actors) == 1:
+                self._spawn(WALKER, person)
+            self._actors[1].set_transform(person)
+            self._actors[1].apply_control(walker_control(walker.vx, walker.vy))
+        elif len(self._actors) == 2:
+            self._actors.pop().destroy()
+
+    def tick(self, controls: Controls, walker: Walker) -> tuple[Vehicle, Walker | None]:
+        """Apply both controls, tick, and return where both are.
+
+        :raises VpsciError: the server does not answer.
+        """
+        car, *people = self._actors
+        car.apply_control(vehicle_control(*controls))
+        for actor in people:
+            actor.apply_control(walker_control(walker.vx, walker.vy))
+        try:
+            self._world.tick()
+        except RuntimeError as error:
+            raise VpsciError(f"the CARLA server does not answer: {error}") from None
+        return vehicle_of(car), walker_of(people[0]) if people else None
+
+    def close(self) -> None:
+        """Destroy the actors and give the world its settings back; a server that is gone needs neither."""
+        with contextlib.suppress(RuntimeError):
+            while self._actors:
+                self._actors.pop().destroy()
+            self._world.apply_settings(self._found)
+
+    def _spawn(self, kind: str, transform: Any) -> None:
+        blueprint = self._world.get_blueprint_library().find(kind)
+        actor = self._world.try_spawn_actor(blueprint, transform)
+        if actor is None:
+            raise VpsciError(
+                f"the CARLA server cannot spawn {kind} at {transform.location}; does something stand there?"
+            )
+        self._actors.append(actor)
+
+    def _limit_steering(self) -> None:
+        """Give the front wheels the angle that steer 1 stands for in our world (CARLA's own goes to 70 degrees)."""
+        physics = self._actors[0].get_physics_control()
+        wheels = physics.wheels
+        for wheel in wheels[:2]:
+            wheel.max_steer_angle = math.degrees(MAX_STEERING_ANGLE)
+        physics.wheels = wheels
+        self._actors[0].apply_physics_control(physics)
+
+    def _height(self, x: float, y: float) -> float:
+        """Return the height of the road [m]."""
+        waypoint = self._map.get_waypoint(self._carla.Location(x, -y, 0.0))
+        location = None if waypoint is None else waypoint.transform.location
+        if location is None or math.hypot(location.x - x, location.y + y) > 5.0:
+            raise VpsciError(
+                f"{self._map.name}: no road within 5 m of ({x:.1f}, {y:.1f}) (CARLA's y is {-y:.1f}); the eight "
+                "scenarios lie in Town10HD: set carla_map"
+            )
+        return float(location.z)

@@ -1,0 +1,81 @@
+"""The command of this branch: `vpsci drive`, with which a person drives, or watches a running graph, in a browser."""
+
+import contextlib
+import sys
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vpsci_ros.cli.options import Params, Settings, read_sections, stoppable, writes_folder
+from vpsci_ros.errors import InvalidInput, require
+
+drive_app = typer.Typer(add_completion=False)
+
+
+@drive_app.command()
+@writes_folder
+def drive(
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same drive.")
+    ] = None,
+    params: Params = Path("drive"),
+    episodes: Annotated[int | None, typer.Option(min=1, metavar="N", help="Episodes in each scenario.")] = None,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Drive nothing: show the graph that runs in this ROS_DOMAIN_ID, live.")
+    ] = False,
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="With --watch: for Foxglove, by its own SDK, instead of in the page.")
+    ] = False,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Of 127.0.0.1; 0: a free one.")] = 0,
+    browser: Annotated[bool, typer.Option(help="Open the page; otherwise only print its address.")] = True,
+    settings: Settings = None,
+) -> None:
+    """Drive the car yourself, by keys in a browser: the pedestrian reacts, and the report is that of an exam.
+
+    The page is served to this machine alone, at an address that holds a secret; it is open until you close it.
+    """
+    if foxglove:
+        if not watch or output is not None:
+            raise InvalidInput("--foxglove shows a graph that runs: give it with --watch, and without -o")
+        _watch_in_foxglove(port)
+        return
+    require("tornado")
+    from vpsci_ros.extras.drive.page import Page
+    from vpsci_ros.extras.drive.run import RELOADED, prepare_person, run_drive
+
+    sections = read_sections(params, settings)
+    if episodes is not None:
+        sections = sections.changed("world_simulator", {"episodes": episodes})
+    exam, factor = prepare_person(sections)
+    if (output is None) != watch:
+        raise InvalidInput("give either the folder for bags and report, -o out/drive, or --watch, which leaves nothing")
+    failures = []
+    with contextlib.closing(Page(output or Path(), "watch" if watch else "drive", port)) as page:
+        print(f"open {page.address}", flush=True)
+        if browser and not webbrowser.open(page.address):
+            print("no browser could be opened here; load that address in one on this machine", flush=True)
+        if output is None:
+            from vpsci_ros.extras.drive.watch import watch_graph
+
+            watch_graph(page, exam.scenarios)
+        else:
+            with stoppable(output):
+                failures = run_drive(exam, factor, output, page)
+            print("the page shows what came of it; close it, or press Ctrl-C, to end", flush=True)
+            with contextlib.suppress(KeyboardInterrupt):
+                page.wait_until_left(RELOADED)
+    for reason in failures:
+        print(f"not all were driven: {reason}", file=sys.stderr)
+    if failures:
+        raise typer.Exit(1)
+
+
+def _watch_in_foxglove(port: int) -> None:
+    require("foxglove", "rclpy")
+    from vpsci_ros.extras.drive.foxglove_view import FoxgloveView
+
+    with contextlib.closing(FoxgloveView(port)) as view:
+        print(f"open {view.address} in Foxglove (layout: docs/foxglove_layout.json); Ctrl-C ends it", flush=True)
+        view.show_graph()

@@ -1,0 +1,129 @@
+"""The page: its HTML, what it is shown of a tick, and what a person presses in it."""
+
+import math
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.drive.server import Server
+from vpsci_ros.report import html
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.view.pack import ground
+from vpsci_ros.view.page import SCENE, inlined
+from vpsci_ros.wire.layout import PlanarMotion
+from vpsci_ros.world import Scenario
+
+TEMPLATES = Path(__file__).resolve().parent / "templates"
+
+
+class Left(InvalidInput):
+    """Nobody is at the wheel any more."""
+
+
+class Pressed(NamedTuple):
+    """What is pressed: steer -1 (right) to 1 (left), accelerator and brake 0 to 1."""
+
+    steer: float = 0.0
+    throttle: float = 0.0
+    brake: float = 0.0
+
+
+class Page:
+    """The page of one server, and the person before it.
+
+    :param folder: see `Server`, as `port` is.
+    :param mode: "drive" or "watch".
+    :ivar pressed: at present.
+    :ivar finished: the person wants no further episode.
+    """
+
+    def __init__(self, folder: Path, mode: str, port: int = 0) -> None:
+        self.pressed, self.finished = Pressed(), False
+        self._ready, self._gone, self._changed = False, False, threading.Condition()
+        title = {"drive": "Drive", "watch": "A running graph"}[mode]
+        script = inlined(*SCENE) + (TEMPLATES / "drive.js").read_text(encoding="utf-8")
+        text = html.page(TEMPLATES / "drive.html", connect=True, title=title, style=inlined("view.css"), script=script)
+        self._server = Server(text, folder, self._hear, port)
+        self.address, self.send = self._server.address, self._server.send
+        self.send("hello", mode=mode)
+
+    def close(self) -> None:
+        """End the server; who waits for a person at the page is not kept waiting."""
+        self._hear({"finish": True})
+        self._server.close()
+
+    def begin(self, name: str, scenario: Scenario, which: str) -> None:
+        """Show where an episode takes place; `which` says in words which one it is."""
+        with self._changed:
+            self._ready, self._gone, self.pressed = False, False, Pressed()
+        size = [VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS]
+        self.send("episode", name=name, which=which, scenario=scenario.name, ground=ground(scenario), size=size)
+
+    def show(
+        self, time: float, vehicle: PlanarMotion, people: Sequence[PlanarMotion], curvttc: float | None = None
+    ) -> None:
+        """Show a tick: time since the spawn [s], where all are; and CurvTTC [s], unless it is not for the driver."""
+        seen = {"time": time, "x": vehicle.x, "y": vehicle.y, "heading": vehicle.yaw, "speed": vehicle.speed}
+        seen["curvature"] = vehicle.yaw_rate / vehicle.speed if vehicle.speed > 0.0 else 0.0
+        walk = [(each.x, each.y, each.speed * math.cos(each.yaw), each.speed * math.sin(each.yaw)) for each in people]
+        known = {} if curvttc is None else {"curvttc": curvttc}
+        self.send("frame", people=walk, **seen, **known)
+
+    def wait_until_ready(self) -> None:
+        """Wait until the person begins.
+
+        :raises Left: the person has finished instead.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._ready or self.finished)
+            self._gone = False  # whoever has closed the page meanwhile is there again
+        self.require_person()
+
+    def wait(self, until: float) -> None:
+        """Wait until a time of `time.monotonic`, or until nobody is there."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._gone or self.finished, max(0.0, until - time.monotonic()))
+
+    def require_person(self) -> None:
+        """Go on only with a person at the page.
+
+        :raises Left: there is none.
+        """
+        if self.finished:
+            raise Left("the person has finished")
+        if self._gone:
+            raise Left("the page was closed")
+
+    def wait_until_left(self, patience: float) -> None:
+        """Wait until the page has been closed for `patience` seconds: one that is loaded again stays open."""
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: not self._server.visited, None)
+            time.sleep(patience)
+            if not self._server.visited:
+                return
+
+    def _hear(self, message: dict[str, Any] | None) -> None:
+        with self._changed:
+            if message is None:
+                self._gone, self._ready = True, False
+            elif message.get("ready") is True:
+                self._ready = True
+            elif message.get("finish") is True:
+                self.finished = True
+            else:
+                self.pressed = _pressed(message.get("pressed")) or self.pressed
+            self._changed.notify_all()
+
+
+def _pressed(values: Any) -> Pressed | None:
+    """Return what is pressed; None where a page says something else."""
+    if not isinstance(values, list) or len(values) != 3:
+        return None
+    if not all(isinstance(value, (int, float)) and math.isfinite(value) for value in values):
+        return None
+    steer, throttle, brake = values
+    return Pressed(min(max(steer, -1.0), 1.0), min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0))

@@ -1,0 +1,107 @@
+"""The exam of a person: one episode after the other in the page, each a run that is kept, and then the report.
+
+The output folder is that of an exam (`vpsci_ros.exam.run`), with replays/ beside it. The same command goes on after the
+episodes that are driven.
+"""
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.collect import conduct_of, label_of
+from vpsci_ros.exam.conduct import autopilot_run, loop_with, run_with
+from vpsci_ros.exam.config import EXTERNAL, PERSON, title_of
+from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.measures import RunResult
+from vpsci_ros.exam.run import identity_of, prepare, run_exam, take_folder
+from vpsci_ros.extras.drive.page import Page
+from vpsci_ros.extras.drive.person import Person
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.view.page import write_view
+from vpsci_ros.view.sources import Source, shown
+from vpsci_ros.world.lockstep import LockStepConfig
+from vpsci_ros.world.tick import Actions
+
+RELOADED = 3.0  # [s] in which a page that was closed may come back, as when it is loaded again
+
+
+def prepare_person(sections: Sections) -> tuple[Exam, float]:
+    """Return the exam of a person and how fast its time goes; 1.0: as on a clock.
+
+    :raises InvalidInput: see `prepare`, or its time does not go.
+    """
+    exam = prepare(sections, ads=EXTERNAL)
+    factor = sections.get(LockStepConfig, "world_simulator").real_time_factor
+    if factor <= 0.0:
+        raise InvalidInput("world_simulator.real_time_factor = 0: a person drives in real time; set it to 1.0")
+    return dataclasses.replace(exam, config=dataclasses.replace(exam.config, ads=PERSON)), factor
+
+
+def run_drive(exam: Exam, factor: float, folder: Path, page: Page) -> list[str]:
+    """Have the person before a page drive, show what came of it, and leave what an exam leaves.
+
+    :param exam: of `prepare_person`, with its factor.
+    :returns: why not all episodes were driven; empty: they were.
+    :raises InvalidInput: `folder` holds something else.
+    """
+    exam = dataclasses.replace(exam, person=lambda: Person(page, exam.world.tick, factor))
+    take_folder(folder, identity_of(exam))
+    _compile(exam)
+    runs = [(name, part) for name in exam.opponents for part in exam.parts()]
+    driven = 0
+    for number, (name, part) in enumerate(runs, 1):
+        if not conduct_of(part, folder, name).failure:
+            driven += 1  # before, by an earlier command
+            continue
+        result = _drive(part, name, folder, page, f"episode {number} of {len(runs)}")
+        if not result.episodes:
+            break
+        driven += 1
+        _show(part, name, folder, page, result, more=number < len(runs))
+    page.finished = True  # nobody is to be waited for while the report is made
+    failures = run_exam(exam, folder, quiet=True) if driven else ["nothing was driven"]
+    page.send("end", driven=driven, text=f"Bags, tables and the report are in {folder}.")
+    return failures
+
+
+def _drive(part: Exam, name: str, folder: Path, page: Page, which: str) -> RunResult:
+    """Return what one episode came to; begun again when its page was closed, empty when the person has finished."""
+    (key,) = part.episodes
+    scenario = next(each for each in part.scenarios if each.number == key[0])
+    while True:
+        page.begin(f"{key[0]}:{key[1]}", scenario, which)
+        result = run_with(part, name, folder, which, quiet=True)
+        if result.episodes or page.finished:
+            return result
+        print(f"{which}: {result.conduct.failure}; it begins again", file=sys.stderr)
+
+
+def _show(part: Exam, name: str, folder: Path, page: Page, result: RunResult, *, more: bool) -> None:
+    """Show how an episode ended, with a page in which it plays beside the autopilot's."""
+    (episode,) = result.episodes
+    replay = folder / "replays" / f"{label_of(name, part.part)}.html"
+    replay.parent.mkdir(exist_ok=True)
+    both = {"you": [shown(episode)], "autopilot": [shown(each) for each in autopilot_run(part, name).episodes]}
+    sources = [Source(key, f"{key}, {title_of(name)}", episode.period, own, 1) for key, own in both.items()]
+    write_view(replay, sources, f"Episode {episode.name}, {title_of(name)}")
+    collided = episode.outcome == "collision"
+    page.send(
+        "result",
+        outcome=episode.outcome,
+        least=0.0 if collided else episode.least_curvttc,
+        yielded=both["you"][0].yielded,
+        impact=float(episode.speed[-1]) if collided else 0.0,
+        replay=f"replays/{replay.name}#b=autopilot",
+        more=more,
+    )
+
+
+def _compile(exam: Exam) -> None:
+    """Have what an episode runs compiled before the first one: a person does not wait at the wheel."""
+    for name in exam.opponents:
+        loop = loop_with(exam, name, "external", exam.episodes[:1], 1)
+        while not loop.world.done:
+            loop.step(Actions(vehicle_control=np.tile([0.0, 0.2, 0.0], (len(loop.world.state), 1))))

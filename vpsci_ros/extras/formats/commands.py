@@ -1,0 +1,52 @@
+"""The command of this branch: `vpsci export`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vpsci_ros.cli.options import writes_folder
+
+export_app = typer.Typer(add_completion=False)
+
+
+@export_app.command()
+@writes_folder
+def export(
+    source: Annotated[
+        Path, typer.Argument(metavar="SOURCE", help="Near-miss table, folder of a dataset or of an exam, or bag.")
+    ],
+    formats: Annotated[
+        str,
+        typer.Option(
+            "--to",
+            metavar="FORMAT,...",
+            help="openscenario, commonroad, osi, scenarionet, minari, mp4, carla-csv, or an added one.",
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same command.")],
+    episodes: Annotated[
+        str, typer.Option(metavar="NUMBER,...", help="Only episodes of these numbers or names; default: all.")
+    ] = "",
+    vehicle: Annotated[
+        str,
+        typer.Option(
+            metavar="controllable|trajectory",
+            help="openscenario and commonroad: somebody else drives the vehicle, or it drives as it did.",
+        ),
+    ] = "controllable",
+    road: Annotated[
+        str,
+        typer.Option(
+            "--map", metavar="NAME", help="openscenario: a map of your own, say Town10HD; default: one of the lane."
+        ),
+    ] = "",
+) -> None:
+    """Write episodes in other people's formats, each in a folder of its own below the output folder."""
+    from vpsci_ros.extras.formats.run import Options
+    from vpsci_ros.extras.formats.run import export as run
+
+    names = [name.strip() for name in formats.split(",") if name.strip()]
+    counts = run(source, names, output, Options(vehicle, road), episodes)
+    for name, count in counts.items():
+        print(f"written: {output / name}, {count:,} file{'s' * (count != 1)}")

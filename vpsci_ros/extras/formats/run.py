@@ -1,0 +1,117 @@
+"""The door of the exporters: a source and names of formats in, a folder of files for each format out."""
+
+import importlib
+import shutil
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from vpsci_ros.data.episode import Episode
+from vpsci_ros.episodes import open_source
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.resources import near_misses_part
+from vpsci_ros.runs.folder import PARAMETERS, RunFolder
+from vpsci_ros.runs.plugins import PluginGroup
+from vpsci_ros.runs.sections import Sections
+
+VEHICLES = ("controllable", "trajectory")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user chooses.
+
+    :ivar vehicle: "controllable": formats that can have a road user driven by somebody else (openscenario, commonroad)
+        leave the vehicle to the tool that plays the episode; "trajectory": it drives as it did.
+    :ivar road: name or file of the map that OpenSCENARIO files refer to, such as "Town10HD", instead of one made of
+        the scenario's lane.
+    """
+
+    vehicle: str = "controllable"
+    road: str = ""
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """How one format is written.
+
+    :ivar module: its function `write(episodes, folder, options) -> number of files` is called, with the episodes of
+        one source in order and a folder that holds nothing but the run's parameters.
+    :ivar extra: of this package, whose libraries the module imports; empty: none.
+    """
+
+    module: str
+    extra: str = ""
+
+    def load(self) -> Callable[[Iterable[Episode], Path, Options], int]:
+        """Return the module's function.
+
+        :raises InvalidInput: a library that it imports is not installed.
+        """
+        try:
+            module = importlib.import_module(self.module)
+        except ModuleNotFoundError as error:
+            if (error.name or "").startswith("vpsci_ros"):
+                raise
+            raise InvalidInput(
+                f"this format needs {error.name}, which is not installed: pip install 'vpsci_ros[{self.extra}]'"
+            ) from None
+        write: Callable[[Iterable[Episode], Path, Options], int] = module.write
+        return write
+
+
+EXPORTERS = PluginGroup(
+    "vpsci_ros.exporters",
+    "format",
+    Exporter,
+    {
+        "openscenario": Exporter("vpsci_ros.extras.formats.openscenario", "formats"),
+        "commonroad": Exporter("vpsci_ros.extras.formats.commonroad", "commonroad"),
+        "lanelet2": Exporter("vpsci_ros.extras.formats.lanelet2"),
+        "osi": Exporter("vpsci_ros.extras.formats.osi", "formats"),
+        "scenarionet": Exporter("vpsci_ros.extras.formats.scenarionet"),
+        "minari": Exporter("vpsci_ros.extras.formats.minari"),
+        "mp4": Exporter("vpsci_ros.extras.formats.mp4", "formats"),
+        "carla-csv": Exporter("vpsci_ros.extras.formats.carla_csv"),
+    },
+)
+
+
+def export(
+    source: str | Path, formats: Sequence[str], folder: str | Path, options: Options = Options(), episodes: str = ""
+) -> dict[str, int]:
+    """Write the episodes of a source in each format to `folder`/FORMAT, and return the number of files of each.
+
+    Each of these folders is a run of its own, with its record, so that another format can be added later.
+
+    :param source: see `vpsci_ros.episodes.read_episodes`.
+    :param episodes: only those whose number, name or label is in this list with commas; empty: all.
+    :raises InvalidInput: an unknown format or option, a missing library, a source that is none, no such episode, or
+        `folder`/FORMAT holds anything else than what the same command wrote; only formats named before it are written.
+    """
+    if options.vehicle not in VEHICLES:
+        raise InvalidInput(f"vehicle {options.vehicle!r}: expected {' or '.join(VEHICLES)}")
+    if not formats:
+        raise InvalidInput(f"no format given; expected some of {', '.join(EXPORTERS.names())}")
+    writers = {name: EXPORTERS.find(name).load() for name in formats}
+    found = open_source(source)
+    chosen = [text.strip() for text in episodes.split(",") if text.strip()]
+    if not found.chosen(chosen):
+        raise InvalidInput(f"{source}: holds no episode, so there is nothing to export")
+    root, _ = near_misses_part(source)
+    inputs = [root] if root.is_file() else sorted(path for path in root.rglob("*") if path.is_file())
+    given = {"source": str(source), "episodes": chosen} | asdict(options)
+    counts = {}
+    for name, write in writers.items():
+        run = RunFolder(Path(folder, name), Sections({"export": given}), inputs)
+        counts[name] = run.results.get("files", 0)
+        if run.done:
+            continue
+        with run:
+            for path in Path(folder, name).iterdir():  # what the same command left there, stopped or damaged
+                if path.is_dir():
+                    shutil.rmtree(path)
+                elif path.name != PARAMETERS:
+                    path.unlink()
+            run.results["files"] = counts[name] = write(found.read(chosen), Path(folder, name), options)
+    return counts

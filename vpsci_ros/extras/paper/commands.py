@@ -1,0 +1,306 @@
+"""The commands of this branch: `vpsci study` and `vpsci turing`."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vpsci_ros.cli.options import (
+    NearMisses,
+    Params,
+    Quiet,
+    Resumable,
+    Settings,
+    read_sections,
+    stoppable,
+    writes_folder,
+)
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.resources import RIGHT_TURNS, TO_MEASURE_ON
+
+study_app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    help="The paper's Tables 3, 5 and 9, cross-validation, and all its figures and tables.",
+)
+turing_app = typer.Typer(
+    add_completion=False, no_args_is_help=True, help="The Turing test of section 4.4: recorded or generated?"
+)
+
+
+@study_app.command()
+@writes_folder
+def samples(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    sizes: Annotated[
+        str | None,
+        typer.Option(metavar="N,N,...", help="Interactions to learn from, one run each; default: Table 3's."),
+    ] = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Table 3: stage 1 on 50 to 336 interactions, beside the paper's values.
+
+    Rewards and critic losses in training; rewards and errors on held-out
+    clips, the same for all sizes, beside the last velocity repeated. Leaves
+    table_3.csv, table_3.png, run.json and a folder for each size. A study
+    that is stopped (Ctrl-C) goes on when the same command is given again;
+    finished sizes are not trained again.
+
+    In full, with params/deterministic_stage1.yaml: about 25 minutes on one free
+    core. A trial of a minute: --sizes 50,100 --set learner.episodes=20
+    """
+    from vpsci_ros.extras.paper.studies.run import run_sample_study
+
+    chosen = _parts(sizes)
+    if not all(part.isdigit() for part in chosen):
+        raise InvalidInput(f"--sizes {sizes}: expected whole numbers with commas, say 50,100")
+    with stoppable(output):
+        run_sample_study(read_sections(params, settings, near_misses), output, [*map(int, chosen)], quiet=quiet)
+
+
+@study_app.command()
+@writes_folder
+def folds(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    count: Annotated[int, typer.Option("--folds", min=2, metavar="N", help="Trainings.")] = 5,
+    refine_with: Annotated[
+        Path | None, typer.Option("--refine", metavar="FILE", help="Stage 2 as well, by this parameter file.")
+    ] = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Cross-validation: errors of stage 1, or of both, with every clip held out once, beside naive controls.
+
+    Trains once a fold, on the clips of the others, and measures each
+    interaction by the policies that have not learned from its clip: Table
+    9's columns, by two protocols. With --refine params/deterministic_stage2.yaml
+    each fold goes on in simulation, too. Leaves cross_validation.json, run.json and
+    a folder for each fold. A study that is stopped (Ctrl-C) goes on when the
+    same command is given again; finished folds are not trained again.
+
+    In full, with params/deterministic_stage1.yaml: about 11 minutes on one free
+    core, and with stage 2 110. A trial of a minute, without it: --folds 2
+    --set learner.episodes=20
+    """
+    from vpsci_ros.extras.paper.studies.run import run_fold_study
+
+    with stoppable(output):
+        stage_2 = None if refine_with is None else read_sections(refine_with, None, None)
+        run_fold_study(read_sections(params, settings, near_misses), output, count, stage_2=stage_2, quiet=quiet)
+
+
+@study_app.command()
+@writes_folder
+def models(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    chosen: Annotated[
+        str | None,
+        typer.Option("--models", metavar="NAME,...", help="Networks to compare; default: all."),
+    ] = None,
+    count: Annotated[
+        int, typer.Option("--folds", min=2, metavar="N", help="Parts of the clips, each held out once.")
+    ] = 5,
+    seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Trainings of each model in each fold.")] = 1,
+    reinforcement: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Stage 1 of the models that learn by reinforcement.")
+    ] = None,
+    refine: Annotated[Path | None, typer.Option(metavar="FILE", help="Hybrid setting: their stage 2.")] = None,
+    simulated: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Hybrid setting: simulated near misses for the others.")
+    ] = None,
+    fresh_episodes: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Episodes in each scenario that outcomes are measured on.")
+    ] = 40,
+    steps: Annotated[
+        str | None,
+        typer.Option(metavar="FACTOR,...", help="Factors of the step sizes, tried for each model on training clips."),
+    ] = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Table 9: its eleven models and five of this package's, in both settings.
+
+    All see the same and learn from the same near misses in the same number
+    of updates. ma_sst, ma_transformer, ma_lstm, ma_feedforward: both agents
+    imitate on their own predictions, through the kinematics; sst,
+    transformer, lstm, feedforward: the next velocity alone; ..._ddpg and
+    ddpg: by reinforcement, with --reinforcement params/table9_ddpg.yaml;
+    densetnt, multipath, social_lstm: each by its own loss. With --refine
+    params/table9_refine.yaml and --simulated TABLE each goes on in
+    simulation and is measured there, too (..._refined). Leaves models.json,
+    models.md, models.png, run.json and a folder for each fold, with weights
+    that act by --weights. With --steps 0.3,1,3 each learns by the step sizes,
+    of so many times those of the files, that do best on a quarter of its
+    training clips. A study that is stopped (Ctrl-C) goes on when the same
+    command is given again; finished trainings are kept.
+
+    Budgets and their cost: docs/results.md. A trial of a
+    minute: --models ma_sst,lstm --folds 2 --set learner.episodes=20
+    """
+    from vpsci_ros.extras.paper.studies.run import ModelStudy, run_model_study
+
+    factors = _factors(steps)
+    with stoppable(output):
+        others = [None if file is None else read_sections(file, None, near_misses) for file in (reinforcement, refine)]
+        study = ModelStudy(_parts(chosen), count, seeds, others[0], others[1], simulated, fresh_episodes, factors)
+        run_model_study(read_sections(params, settings, near_misses), output, study, quiet=quiet)
+
+
+@study_app.command()
+@writes_folder
+def weights(
+    params: Params,
+    output: Resumable,
+    near_misses: NearMisses = None,
+    weightings: Annotated[
+        str | None, typer.Option(metavar="NAME,...", help="Weightings of Table 5; default: all.")
+    ] = None,
+    fresh_episodes: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Episodes in each scenario that rates are measured on.")
+    ] = 200,
+    fresh_seed: Annotated[int, typer.Option(min=0, help="Of those episodes; not the seed of training.")] = 1000,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Table 5: stage 2 under seven fixed weightings of its rewards and the adaptive one, beside the paper's values.
+
+    All start from learner.weights. Collision and goal rates, with 95%
+    intervals, are measured after training, on fresh episodes without
+    exploration; ADE and FDE by both protocols on held-out clips; controls:
+    the weights that all start from, and no acceleration at all. Leaves
+    table_5.csv, table_5.png, run.json and a folder for each weighting. A
+    study that is stopped (Ctrl-C) goes on when the same command is given
+    again; what is finished is not trained again.
+
+    In full, with params/deterministic_stage2.yaml: about 80 minutes on one free
+    core. A trial of a minute: --weightings equal,adaptive --fresh-episodes 5
+    --set world_simulator.episodes=4 --set learner.updates.warm_up_steps=100
+    --set learner.refresh.updates=5
+    """
+    from vpsci_ros.extras.paper.studies.run import run_weight_study
+
+    with stoppable(output):
+        run_weight_study(
+            read_sections(params, settings, near_misses),
+            output,
+            _parts(weightings),
+            fresh_episodes=fresh_episodes,
+            fresh_seed=fresh_seed,
+            quiet=quiet,
+        )
+
+
+@study_app.command()
+@writes_folder
+def paper(
+    dataset: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a dataset, or of the authors' files.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write into.")],
+    near_misses: Annotated[
+        Path, typer.Option(metavar="TABLE", help="Recorded people: right_turns, a Parquet file, a part of one.")
+    ] = Path(RIGHT_TURNS),
+    rules: Annotated[Path | None, typer.Option(metavar="DIR", help="Dataset of the rule-based pair.")] = None,
+    runs: Annotated[
+        list[Path] | None,
+        typer.Option("--run", metavar="DIR", help="Folder of refine, study or turing score; repeatable."),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """All figures and tables of the paper, from a dataset and from finished runs, as one page.
+
+    Figures 4, 5, 7 to 9, 11 to 13 and Tables 6, 7, 10 come from the dataset,
+    recorded people and the rule-based pair (`vpsci report --help` has its
+    command). Figures 6, 10 and Tables 3, 5, 9, 11 come from runs given by
+    --run; what is missing is named on the page, with the command that makes
+    it. Leaves paper.html, paper.json and figure_N.png.
+    """
+    from rich.console import Console
+
+    from vpsci_ros.extras.paper.studies.paper import PAGE, write_paper
+    from vpsci_ros.runs.output_folder import output_folder
+
+    with output_folder(output), Console(stderr=True, quiet=quiet).status("reading") as status:
+        missing = write_paper(
+            dataset, output, near_misses=near_misses, rules=rules, runs=runs or (), notify=status.update
+        )
+    for name, command in missing.items():
+        print(f"not given: {name.replace('_', ' ')} ({command})")
+    print(f"written: {output / PAGE}; paper.json and figure_N.png beside it")
+
+
+def _parts(text: str | None) -> list[str]:
+    """Return what stands between the commas; nothing where nothing was given."""
+    return [part.strip() for part in text.split(",")] if text else []
+
+
+def _factors(text: str | None) -> list[float]:
+    try:
+        factors = [float(part) for part in _parts(text)]
+    except ValueError:
+        factors = [math.nan]
+    if not all(0.01 <= factor <= 100.0 for factor in factors):
+        raise InvalidInput(f"--steps {text}: expected numbers from 0.01 to 100 with commas, say 0.3,1,3")
+    return factors
+
+
+@turing_app.command()
+@writes_folder
+def make(
+    output: Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same command.")],
+    near_misses: Annotated[
+        Path, typer.Argument(metavar="TABLE", help="Near misses: right_turns, a Parquet file, or a part of one.")
+    ] = Path(TO_MEASURE_ON),
+    weights: Annotated[
+        str, typer.Option(metavar="FILE", help="Policies to be rated; or shipped ones' name.")
+    ] = "refined",
+    scenes: Annotated[int, typer.Option(min=2, max=200, metavar="N", help="Each makes three clips of 4 s.")] = 8,
+    seed: Annotated[int, typer.Option(min=0, help="Of the draw.")] = 1,
+    temperature: Annotated[
+        float, typer.Option(min=0.0, max=10.0, help="Of stochastic policies; 0: their deterministic middle.")
+    ] = 1.0,
+) -> None:
+    """Write questionnaire.html for the raters, and key.json, which they must not see.
+
+    A scene is shown as recorded, as the policies go on from the same start,
+    and as the rule-based pair does, in the place of CARLA's default controller;
+    the page says nothing of which is which. The paper has --scenes 4.
+    """
+    from vpsci_ros.extras.paper.turing.kit import make_kit
+
+    key = make_kit(near_misses, weights, output, scenes=scenes, seed=seed, temperature=temperature)
+    known = sum(not scene["held_out"] for scene in key["scenes"])
+    if known:
+        print(f"note: {known} of the {scenes} scenes are of recordings that the weights have learned from")
+    print(f"written: {output / 'questionnaire.html'} with {3 * scenes} clips, for the raters,")
+    print(f"and {output / 'key.json'}, which they must not see")
+
+
+@turing_app.command()
+@writes_folder
+def score(
+    key: Annotated[Path, typer.Argument(metavar="KEY", help="key.json of `vpsci turing make`.")],
+    answers: Annotated[list[Path], typer.Argument(metavar="ANSWERS...", help="The raters' files.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for turing.html, turing.json and Figure 10.")],
+) -> None:
+    """Say who was recognised, Table 11 and Figure 10 beside the paper's values, and what stays open."""
+    from vpsci_ros.extras.paper.turing.answers import read_answers
+    from vpsci_ros.extras.paper.turing.page import PAGE, write_result
+
+    result = write_result(read_answers(key, answers), output)
+    accuracy = result["recognised"]["generated"]["accuracy"]
+    bounds = "" if accuracy["low"] is None else f" [{accuracy['low']:.1%}, {accuracy['high']:.1%}]"
+    excluded = result["as_the_paper"]["excluded"]
+    print(f"{result['raters']} raters, {result['clips']} clips; recorded and generated ones distinguished in "
+          f"{accuracy['value']:.1%}{bounds}")  # fmt: skip
+    for name, why in excluded.items():
+        print(f"excluded from the paper's own analysis: {name}, {why}")
+    for text in result["not_concluded"]:
+        print(f"open: {text}")
+    print(f"written: {output / PAGE}; turing.json and figure_10.png beside it")

@@ -1,0 +1,119 @@
+"""Errors of stage 1, and of stage 2 after it, on clips they have not seen, of the whole data: each is held out once.
+
+A few dozen vehicles make one split a lottery: held out or not, a single braking car moves the mean. Cross-validation
+trains as often as there are folds and measures every interaction by the policies that have not learned from its clip.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from vpsci_ros.data.interactions import table_hash
+from vpsci_ros.evaluation.errors import compare
+from vpsci_ros.evaluation.folds import held_out_folds, pooled
+from vpsci_ros.evaluation.predictors import PolicyPredictor
+from vpsci_ros.evaluation.protocols import Measured, measure
+from vpsci_ros.extras.paper.studies.state import once
+from vpsci_ros.learning import online
+from vpsci_ros.learning import pretrain as stage_1
+from vpsci_ros.learning import refine as stage_2
+from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.parameters import values_of
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.weights import load_weights, resolved
+from vpsci_ros.runs.files import write_json
+
+RESULT = "cross_validation.json"
+GUARD = 0.1  # share of near misses, by whole clips
+PRETRAINED, REFINED = "pretrained", "refined"
+FoldReport = Callable[[str, stage_1.Report], None] | None
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Stage 2 of every fold, as `vpsci_ros.learning.online.refine` takes it.
+
+    What guards against forgetting is `GUARD` of the fold's own clips instead of `refresh.held_out_fraction`, since the
+    clips held out are for measuring alone.
+    """
+
+    config: RefineConfig
+    simulation: SimulationConfig
+    learner_seed: int
+
+    def identity(self) -> dict[str, Any]:
+        """Return, as JSON values, everything that its result depends on besides weights and data."""
+        return {
+            "refine": values_of(self.config),
+            "simulation": self.simulation.identity(),
+            "learner_seed": self.learner_seed,
+        }
+
+
+def cross_validate(
+    near_misses: pl.DataFrame,
+    config: PretrainConfig,
+    network: NetworkConfig,
+    *,
+    folds: int,
+    seed: int,
+    out_dir: str | Path,
+    refinement: Refinement | None = None,
+    report: FoldReport = None,
+) -> dict[str, Any]:
+    """Train once a fold and measure on the clips held out; write and return `cross_validation.json`.
+
+    The layout is that of `errors.evaluate`, with the model `pretrained` and, if there is a refinement, `refined`: their
+    errors are those of all interactions, each by the fold's policies that have not learned from its clip. `folds` adds
+    the fold's own n, clips and closed-loop ADE as a share of `repeat_velocity`'s, by model. The intervals resample
+    clips and do not hold how much a training's seed matters.
+
+    :param seed: of folds and trainings of stage 1.
+    :param refinement: stage 2; None: stage 1 alone.
+    :param report: called with the fold's name ("1", or "1, stage 2") and what `pretrain` or `refine` reports.
+    :raises InvalidInput: `folds` is not from 2 to the number of clips, a fold has no interaction that lasts a second,
+        or `out_dir` holds another study.
+    """
+    parts, together = held_out_folds(near_misses, folds, seed)
+    out_dir = Path(out_dir)
+    config = replace(config, held_out_clips=[], held_out_fraction=0.0)
+    identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses), "folds": folds}
+    measured: list[dict[str, Measured]] = []
+    shares = []
+    for number, (training, interactions) in enumerate(parts, 1):
+        folder = out_dir / f"fold_{number}"
+        report_fold = None if report is None else partial(report, f"{number}")
+        once(folder, identity | {"fold": number}, dict)
+        if not (folder / stage_1.WEIGHTS).exists() or (folder / stage_1.CHECKPOINT).exists():
+            stage_1.pretrain(training, config, network, seed=seed, out_dir=folder, report=report_fold)
+        files = {PRETRAINED: folder / stage_1.WEIGHTS}
+        if refinement is not None:
+            report_fold = None if report is None else partial(report, f"{number}, stage 2")
+            files[REFINED] = _refined(training, refinement, folder, report_fold)
+        own = {name: measure(PolicyPredictor(load_weights(path)), interactions) for name, path in files.items()}
+        measured.append(own)
+        result = compare(own, interactions, seed)
+        ratios = {name: result["models"][name]["closed_loop"]["ade_ratio"] for name in own}
+        shares.append({"interactions": len(interactions), "clips": result["clips"], "closed_loop_ade_ratio": ratios})
+    errors = {name: pooled([own[name] for own in measured]) for name in measured[0]}
+    result = compare(errors, together, seed) | {"folds": shares}
+    write_json(out_dir / RESULT, result)
+    return result
+
+
+def _refined(
+    training: pl.DataFrame, refinement: Refinement, fold: Path, report: Callable[[stage_1.Report], None] | None
+) -> Path:
+    """Run stage 2 from the fold's stage 1 on its own clips, unless that was done; return the weights' path."""
+    folder, start = fold / REFINED, load_weights(fold / stage_1.WEIGHTS)
+    once(folder, refinement.identity() | {"weights": start.digest()}, dict)
+    if not (folder / stage_2.WEIGHTS).exists() or (folder / stage_2.CHECKPOINT).exists():
+        config = replace(refinement.config, refresh=replace(refinement.config.refresh, held_out_fraction=GUARD))
+        seed = refinement.learner_seed
+        online.refine(training, config, start, refinement.simulation, learner_seed=seed, out_dir=folder, report=report)
+    return folder / stage_2.WEIGHTS

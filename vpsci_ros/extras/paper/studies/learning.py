@@ -1,0 +1,206 @@
+"""Tables 3 and 5 of the paper: how much real data stage 1 needs, and how stage 2 should weight its rewards.
+
+Each configuration of a study learns in a folder of its own. A study that was stopped goes on with what is missing, and
+one that is repeated with more configurations runs only those.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vpsci_ros.data.interactions import Interactions, from_table, table_hash
+from vpsci_ros.data.near_misses import split_by_clip
+from vpsci_ros.data.published import TABLE_3, TABLE_5
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.held_out import HeldOut
+from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
+from vpsci_ros.evaluation.protocols import reconstruct
+from vpsci_ros.extras.paper.studies.state import once
+from vpsci_ros.learning import online
+from vpsci_ros.learning import pretrain as stage_1
+from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.learning.measured import measure_outcomes, rates_with_intervals
+from vpsci_ros.learning.pretrain import Report
+from vpsci_ros.learning.refine import CHECKPOINT, WEIGHTS, Refiner
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.simulation import SimulationConfig
+from vpsci_ros.policy.weights import Weights, load_weights, resolved
+from vpsci_ros.runs.files import written_whole
+from vpsci_ros.world.observation import AGENTS
+
+SAMPLE_SIZES = tuple(TABLE_3)
+WEIGHTINGS: Mapping[str, tuple[float, ...]] = {name: row.weights for name, row in TABLE_5.items()}
+UNREFINED, NO_ACCELERATION = "pretrained", "constant_velocity"  # controls of Table 5
+REPEATED = "repeat_velocity"  # control of Table 3
+LAST = 0.1  # share of a run's iterations at its end that count as convergence
+
+StudyReport = Callable[[str, Report], None]
+
+
+def sample_size_study(
+    near_misses: pl.DataFrame,
+    config: PretrainConfig,
+    network: NetworkConfig,
+    *,
+    sizes: Sequence[int] = SAMPLE_SIZES,
+    seed: int,
+    out_dir: str | Path,
+    report: StudyReport | None = None,
+) -> pl.DataFrame:
+    """Train stage 1 on subsets of the near misses (Table 3); return and write `table_3.csv`, the control as last row.
+
+    The same whole clips are held out for all sizes (`config.held_out_fraction`), and a subset of n holds the first n
+    interactions of one random order, so smaller ones are parts of larger ones. The order ends with the held-out
+    interactions: a size that needs them has no held-out errors. The replay buffer is made to hold every subset.
+
+    Columns: `interactions`; of the last tenth of the run, means of `vehicle_reward` and `pedestrian_reward` (of the
+    actors' own actions, summed over an interaction) and of each `..._critic_loss`; on the held-out clips, ADE and FDE
+    [m] of both protocols, and `..._held_out_reward`: (14)-(15) summed over the critical steps of an interaction, with
+    the deviations of the whole table, so that sizes compare. Rewards in training use those of the subset.
+
+    :param report: called with the configuration's name (the size) and what `pretrain` reports.
+    :raises InvalidInput: a size exceeds the number of interactions, or `out_dir` holds another study.
+    """
+    pool, kept_out = near_misses, near_misses.head(0)
+    if config.held_out_fraction > 0:
+        pool, kept_out = split_by_clip(near_misses, config.held_out_fraction, seed)
+    rng = np.random.default_rng(seed)
+    numbers = (part["interaction"].unique().sort().to_numpy() for part in (pool, kept_out))
+    order = np.concatenate([rng.permutation(part) for part in numbers])
+    for size in sizes:
+        if not 2 <= size <= len(order):
+            raise InvalidInput(f"sizes: expected 2 to {len(order)} interactions, as the near misses hold, got {size}")
+    replay = replace(config.replay, capacity=max(config.replay.capacity, near_misses.height))
+    config = replace(config, held_out_clips=[], held_out_fraction=0.0, replay=replay)
+    deviation = _deviation(from_table(near_misses), config.rewards.least_speed_deviation)
+    held_out = HeldOut(kept_out) if kept_out.height else None
+    out_dir = Path(out_dir)
+    identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses)}
+
+    def row(size: int) -> dict[str, Any]:
+        subset = near_misses.filter(pl.col("interaction").is_in(order[:size].tolist()))
+        folder, report_one = out_dir / f"{size}", _bound(report, f"{size}")
+        if not (folder / stage_1.WEIGHTS).exists() or (folder / stage_1.CHECKPOINT).exists():
+            stage_1.pretrain(subset, config, network, seed=seed, out_dir=folder, report=report_one)
+        weights = load_weights(folder / stage_1.WEIGHTS)
+        log = pl.read_csv(folder / stage_1.LOG).tail(max(1, int(LAST * config.episodes)))
+        names = [f"{agent}_{what}" for what in ("reward", "critic_loss") for agent in AGENTS]
+        values: dict[str, Any] = {name: log[name].mean() for name in names}
+        if held_out is None or size > pool["interaction"].n_unique():
+            return values
+        rewards = _held_out_rewards(
+            PolicyPredictor(weights), held_out.interactions, deviation, config.rewards.speed_scaling
+        )
+        return values | held_out.errors(weights) | rewards
+
+    rows = [{"interactions": f"{n}"} | once(out_dir / f"{n}", identity, partial(row, n)) for n in sizes]
+    if held_out is not None:
+        rewards = _held_out_rewards(RepeatVelocity(), held_out.interactions, deviation, config.rewards.speed_scaling)
+        rows.append({"interactions": REPEATED} | held_out.control | rewards)
+    return _written(rows, out_dir / "table_3.csv")
+
+
+@dataclass(frozen=True)
+class FreshEpisodes:
+    """What the rates of Table 5 are measured on: simulated without exploration, after training."""
+
+    episodes: Sequence[tuple[int, int]]
+    seed: int
+
+
+def reward_weight_study(
+    near_misses: pl.DataFrame,
+    config: RefineConfig,
+    weights: Weights,
+    simulation: SimulationConfig,
+    *,
+    learner_seed: int | None = None,
+    fresh: FreshEpisodes,
+    out_dir: str | Path,
+    weightings: Mapping[str, Sequence[float]] = WEIGHTINGS,
+    report: StudyReport | None = None,
+) -> pl.DataFrame:
+    """Run stage 2 under each weighting of its rewards (Table 5); return and write `table_5.csv`.
+
+    The last rows are controls: the weights that all start from, and no acceleration at all. Columns: `weights`; the
+    rates of `rates_with_intervals`; ADE and FDE [m] of both protocols on the held-out clips; where there was learning,
+    the final `w_collision`, `w_goal`, `w_speed`, and `updates`, `refreshes`, `rollbacks`.
+
+    :param weightings: name -> w_1 to w_3 of (27), or nothing for the adaptive scheme (28).
+    :param simulation, learner_seed: as for `refine`.
+    :param fresh: other episodes, by another seed.
+    :param report: called with the weighting's name and what `refine` reports.
+    :raises InvalidInput: `fresh` has the seed of training, or `out_dir` holds another study.
+    """
+    if fresh.seed == simulation.seed:
+        raise InvalidInput(f"fresh episodes: expected another seed than training's, got {fresh.seed} for both")
+    out_dir = Path(out_dir)
+    learner_seed = simulation.seed if learner_seed is None else learner_seed
+    resting = {a: replace(c, explore=False, seed=fresh.seed) for a, c in simulation.policies.items()}
+    measuring = replace(simulation, episodes=fresh.episodes, seed=fresh.seed, policies=resting)
+    identity = {"weights": weights.digest(), "data": table_hash(near_misses), "learner_seed": learner_seed}
+    identity |= {"simulation": simulation.identity(), "fresh": measuring.identity()}
+
+    def measured(model: Weights | None) -> dict[str, Any]:
+        return dict(rates_with_intervals(measure_outcomes(model, measuring)))
+
+    def row(name: str, chosen: RefineConfig) -> dict[str, Any]:
+        folder = out_dir / name
+        if not (folder / WEIGHTS).exists() or (folder / CHECKPOINT).exists():
+            report_one = _bound(report, name)
+            online.refine(
+                near_misses, chosen, weights, simulation, learner_seed=learner_seed, out_dir=folder, report=report_one
+            )
+        refined = load_weights(folder / WEIGHTS)
+        last = pl.read_csv(folder / online.LOG).row(-1, named=True)
+        learned = {k: v for k, v in last.items() if k.startswith("w_") or k in ("updates", "refreshes", "rollbacks")}
+        return measured(refined) | refined.facts["held_out"]["errors"] | learned
+
+    rows = []
+    for name, values in weightings.items():
+        chosen = replace(config, rewards=replace(config.rewards, weights=list(values)))
+        done = once(out_dir / name, identity | resolved(chosen), partial(row, name, chosen))
+        rows.append({"weights": name} | done)
+    errors = Refiner(config, weights, near_misses, seed=learner_seed).current().facts["held_out"]
+    for name, model, error in ((UNREFINED, weights, "stage_1"), (NO_ACCELERATION, None, "control")):
+        done = once(out_dir / name, identity, partial(measured, model))
+        rows.append({"weights": name} | done | errors[error])
+    return _written(rows, out_dir / "table_5.csv")
+
+
+def _written(rows: list[dict[str, Any]], path: Path) -> pl.DataFrame:
+    table = pl.DataFrame(rows, infer_schema_length=None)
+    with written_whole(path) as part:
+        table.write_csv(part)
+    return table
+
+
+def _bound(report: StudyReport | None, name: str) -> Callable[[Report], None] | None:
+    return None if report is None else lambda values: report(name, values)
+
+
+def _deviation(interactions: Interactions, least: float) -> dict[str, NDArray[np.float64]]:
+    """Return the deviations of the next speeds, float64[2] [m/s] by agent, as `Networks.set_statistics` takes them."""
+    deviations = {}
+    for agent in AGENTS:
+        speeds = interactions.next_velocity[agent][interactions.acted].astype(np.float64)
+        mean = speeds.mean(axis=0) * [1.0, 0.0]
+        deviations[agent] = np.maximum(np.sqrt(((speeds - mean) ** 2).mean(axis=0)), least)
+    return deviations
+
+
+def _held_out_rewards(
+    model: Predictor, interactions: Interactions, deviation: Mapping[str, NDArray[np.float64]], scaling: float
+) -> dict[str, float]:
+    squares = reconstruct(model, interactions).squares
+    rewards = {}
+    for i, agent in enumerate(AGENTS):
+        own = squares[:, 2 * i : 2 * i + 2] / deviation[agent] ** 2
+        rewards[f"{agent}_held_out_reward"] = -scaling * float(own.sum(axis=1).mean())
+    return rewards

@@ -1,0 +1,199 @@
+"""Table 9 on the near misses at hand: all its models in both settings, by cross-validation, with naive controls.
+
+Data-driven: learned from recorded near misses. Hybrid (`..._refined`): gone on from there with simulation, models by
+reinforcement as `vpsci refine` trains them, the others on simulated interactions among the recorded ones.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from vpsci_ros.data.interactions import from_table, table_hash
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.folds import held_out_folds
+from vpsci_ros.extras.paper.studies.cross_validation import GUARD
+from vpsci_ros.extras.paper.studies.model_table import COST, Hybrid, Measuring, Pooled, without_reaction
+from vpsci_ros.extras.paper.studies.networks import acting, by_reinforcement, train, whole_tracks
+from vpsci_ros.extras.paper.studies.state import once
+from vpsci_ros.extras.paper.studies.trials import try_steps, with_steps
+from vpsci_ros.learning import online
+from vpsci_ros.learning import refine as stage_2
+from vpsci_ros.learning.config import PretrainConfig
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.models import MODELS
+from vpsci_ros.policy.residuals import people_of
+from vpsci_ros.policy.weights import Weights, load_weights, resolved, save_weights
+from vpsci_ros.runs.files import write_json
+
+RESULT, WEIGHTS, REFINED = "models.json", "weights.safetensors", "_refined"
+Row = dict[str, float]
+Report = Callable[[str, Row], None]
+
+
+def compare_models(
+    near_misses: pl.DataFrame,
+    config: PretrainConfig,
+    network: NetworkConfig,
+    *,
+    models: Sequence[str],
+    folds: int,
+    seed: int,
+    out_dir: str | Path,
+    seeds: int = 1,
+    reinforcement: PretrainConfig | None = None,
+    hybrid: Hybrid | None = None,
+    factors: Sequence[float] = (),
+    report: Report | None = None,
+) -> dict[str, Any]:
+    """Train each model `seeds` times a fold and measure it on the clips held out; write and return `models.json`.
+
+    The layout is that of `errors.evaluate`; errors of several seeds are means by interaction. Each model also has
+    `parameters` (of both actors), `training_seconds` (of CPU, one training), `step_microseconds` (of CPU, both actors,
+    one interaction among those of a fold), `people` (a part of `SameStart.measure`: energy score, minADE6, likelihood,
+    classifier; of the first seed), with `hybrid` `world` (`Pooled.world`; of the control `constant_velocity`, too),
+    with `factors` `trials` (what `try_steps` found in each fold), and, where `ma_sst_ddpg` is among the models, its ADE
+    by protocol and its energy score as shares of that model's,
+    with 95% intervals by clips. A training that is stopped begins again; finished ones are kept. One by
+    reinforcement in simulation goes on from its checkpoint: its `training_seconds` are those of the last part.
+
+    :param models: of `vpsci_ros.policy.models.MODELS`.
+    :param seeds: trainings a fold, by seeds `seed`, `seed` + 1, ...; the folds are those of `seed`.
+    :param reinforcement: of the models by reinforcement; its `episodes` are those of `config`.
+    :param hybrid: None: data-driven learning alone.
+    :param factors: of the step sizes of stage 1, tried for each model and fold (`trials.try_steps`); none: no trial.
+    :param report: called with the fold's name ("1", ...) and what `train` reports, updates counted over all its models.
+    :raises InvalidInput: as `held_out_folds`; an objective is chosen, which this study would ignore; a model by
+        reinforcement without `reinforcement`; `network.carry_state` is false, or `out_dir` holds another study.
+    """
+    if config.objective != PretrainConfig().objective:
+        raise InvalidInput(
+            f"learner.objective = {config.objective}: each model of this study has an objective of its own; expected "
+            "none, leave it out (models by reinforcement take theirs from the file of --reinforcement)"
+        )
+    for name in models:
+        if by_reinforcement(name) and reinforcement is None:
+            raise InvalidInput(
+                f"{name} learns by reinforcement: expected --reinforcement FILE, a parameter file of stage 1 with "
+                "objective ddpg, such as params/table9_ddpg.yaml"
+            )
+    parts, together = held_out_folds(near_misses, folds, seed)
+    measuring, out_dir = Measuring(together, near_misses, seed), Path(out_dir)
+    config = replace(config, held_out_clips=[], held_out_fraction=0.0)
+    identity = resolved(config, network) | {"seed": seed, "data": table_hash(near_misses), "folds": folds}
+    data_driven: dict[str, Pooled] = {}
+    refined: dict[str, Pooled] = {}
+    trainings = [(name, s) for name in models for s in range(seeds)]
+    trials: dict[str, list[dict[str, Any]]] = {name: [] for name in models}
+    for number, (training, held_out) in enumerate(parts, 1):
+        for place, (name, s) in enumerate(trainings):
+            own = config
+            if by_reinforcement(name):
+                assert reinforcement is not None
+                own = replace(reinforcement, episodes=config.episodes, held_out_clips=[], held_out_fraction=0.0)
+            folder = out_dir / f"fold_{number}" / (name if s == 0 else f"{name}_{s}")
+            report_model = None if report is None else partial(_pass_on, report, f"{number}", place, len(trainings))
+            if factors and s == 0:
+                of = identity | resolved(own) | {"fold": number, "model": name, "factors": list(factors)}
+                make = partial(
+                    try_steps, name, training, own, network, seed, factors, partial(_begin, report_model, own)
+                )
+                trials[name].append(once(folder / "trials", of, make))
+            if factors:
+                own = with_steps(own, trials[name][-1]["factor"])
+            run = _Run(name, training, own, network, seed + s, folder, identity | {"fold": number, "model": name})
+            path = run.data_driven(report_model)
+            measuring.add(data_driven.setdefault(name, Pooled()), path, held_out, s, hybrid)
+            if hybrid is not None:
+                measuring.add(refined.setdefault(name + REFINED, Pooled()), run.hybrid(hybrid), held_out, s, hybrid)
+    result = measuring.table(data_driven | refined) | {"folds": folds, "seeds": seeds}
+    if factors:
+        for name in models:
+            result["models"][name]["trials"] = trials[name]
+    if hybrid is not None:
+        result["models"]["constant_velocity"]["world"] = without_reaction(hybrid)
+    write_json(out_dir / RESULT, result)
+    return result
+
+
+def _pass_on(report: Report, fold: str, place: int, models: int, values: Row) -> None:
+    """Pass on what `train` reports, counting the updates of all models of a fold."""
+    done, each = values["episode"], values["episodes"]
+    report(fold, values | {"episode": place * each + done, "episodes": models * each})
+
+
+def _begin(report: Callable[[Row], None] | None, config: PretrainConfig) -> None:
+    """Show a trial as a training that has not begun."""
+    if report is not None:
+        report({"episode": 0, "episodes": config.episodes})
+
+
+class _Run:
+    """One training of one model: what it learns from, and where its weights lie or come to lie."""
+
+    def __init__(
+        self,
+        name: str,
+        training: pl.DataFrame,
+        config: PretrainConfig,
+        network: NetworkConfig,
+        seed: int,
+        folder: Path,
+        identity: dict[str, Any],
+    ) -> None:
+        self._name, self._training, self._config, self._network, self._seed = name, training, config, network, seed
+        self._folder, self._identity = folder, identity | resolved(config) | {"training_seed": seed}
+
+    def data_driven(self, report: Callable[[Row], None] | None) -> Path:
+        """Return the weights learned from recorded near misses."""
+        once(self._folder, self._identity, dict)
+        return self._trained(self._folder / WEIGHTS, self._training, self._config, report, None)
+
+    def hybrid(self, hybrid: Hybrid) -> Path:
+        """Return the weights that have learned on with simulation, half as many updates by smaller steps."""
+        folder, start = self._folder / "refined", load_weights(self._folder / WEIGHTS)
+        once(folder, hybrid.identity() | {"weights": start.digest()}, dict)
+        if not by_reinforcement(self._name):
+            smaller = replace(self._config.imitation, learning_rate=0.3 * self._config.imitation.learning_rate)
+            config = replace(self._config, imitation=smaller, episodes=max(1, self._config.episodes // 2))
+            most = self._training["interaction"].max() + 1  # type: ignore[operator]
+            both = [self._training, hybrid.simulated.with_columns(pl.col("interaction") + most)]
+            return self._trained(folder / WEIGHTS, pl.concat(both), config, None, start)
+        path = folder / stage_2.WEIGHTS
+        if not (folder / COST).exists():  # which is written last; what was killed goes on from its checkpoint
+            refinement = hybrid.refinement
+            own = replace(
+                refinement.config,
+                objective=MODELS.find(self._name).learning,
+                refresh=replace(refinement.config.refresh, held_out_fraction=GUARD),
+            )
+            began = time.process_time()
+            online.refine(
+                self._training, own, start, refinement.simulation, learner_seed=self._seed, out_dir=folder, report=None
+            )
+            write_json(folder / COST, {"training_seconds": time.process_time() - began})
+        return path
+
+    def _trained(
+        self,
+        path: Path,
+        table: pl.DataFrame,
+        config: PretrainConfig,
+        report: Callable[[Row], None] | None,
+        start: Weights | None,
+    ) -> Path:
+        if path.exists():
+            return path
+        interactions, began = from_table(table, whole_tracks(self._name)), time.process_time()
+        networks = train(self._name, interactions, config, self._network, self._seed, report, start)
+        write_json(path.with_name(COST), {"training_seconds": time.process_time() - began})
+        facts: dict[str, Any] = {"stage": "pretrained" if start is None else "refined", "seed": self._seed}
+        facts |= {
+            "data": {"sha256": table_hash(table), "people": list(dict.fromkeys(map(people_of, interactions.clip)))}
+        }
+        save_weights(path, networks.weights(resolved(config), facts, actors=acting(self._name)))
+        return path

@@ -1,0 +1,252 @@
+"""What each row of Table 9 comes to on clips held out, pooled over folds and seeds, with intervals by clips."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vpsci_ros.data.interactions import Interactions, table_hash
+from vpsci_ros.documents import read_json
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.errors import compare, share_of
+from vpsci_ros.evaluation.folds import pooled
+from vpsci_ros.evaluation.predictors import PolicyPredictor
+from vpsci_ros.evaluation.protocols import Measured, ProtocolErrors, measure
+from vpsci_ros.evaluation.realism.features import features, with_borrowed_noise
+from vpsci_ros.evaluation.realism.likelihood import likelihoods
+from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets
+from vpsci_ros.evaluation.realism.score import energy_score, min_ade
+from vpsci_ros.evaluation.realism.simulators import policy
+from vpsci_ros.evaluation.realism.two_sample import two_sample
+from vpsci_ros.evaluation.statistics import cluster_counts, interval, share
+from vpsci_ros.extras.paper.studies.cross_validation import Refinement
+from vpsci_ros.extras.paper.studies.state import once
+from vpsci_ros.learning.measured import measure_outcomes
+from vpsci_ros.policy.weights import Weights, load_weights
+from vpsci_ros.runs.files import written_whole
+from vpsci_ros.world import COLLISION, GOAL
+
+REFERENCE, COST, MEASURED = "ma_sst_ddpg", "cost.json", "measured.npz"
+DRAWS, ROLL_OUTS = 2, 8  # of models that draw: seen by the classifier, and by the other measures
+_TIMED = 20  # steps whose cost is measured
+_PROTOCOLS, _FIELDS = ("reconstruction", "closed_loop"), fields(ProtocolErrors)
+Arrays = dict[str, NDArray[Any]]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Hybrid:
+    """How models go on in simulation, and where they are measured there.
+
+    :ivar refinement: of models by reinforcement, and the world in which all models are measured.
+    :ivar simulated: near-miss table of simulated interactions, for all others.
+    :ivar episodes: (scenario, number) in which every model is measured; seed: of their world.
+    """
+
+    refinement: Refinement
+    simulated: pl.DataFrame
+    episodes: Sequence[tuple[int, int]]
+    seed: int
+
+    def identity(self) -> dict[str, Any]:
+        """Return, as JSON values, everything that what is learned depends on besides recorded data and weights."""
+        return self.refinement.identity() | {"simulated": table_hash(self.simulated)}
+
+
+@dataclass
+class Pooled:
+    """What a row came to, fold by fold; of errors, each a list over seeds."""
+
+    errors: list[list[Measured]] = field(default_factory=list)
+    positions: list[NDArray[np.float64]] = field(default_factory=list)
+    ended: list[int] = field(default_factory=list)
+    collided: list[int] = field(default_factory=list)
+    at_goals: list[int] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+    microseconds: list[float] = field(default_factory=list)
+    parameters: int = 0
+
+    def note(self, ends: Mapping[str, int]) -> None:
+        """Take in what `_ends` returns of one training."""
+        self.ended.append(ends["critical"])
+        self.collided.append(ends["collided"])
+        self.at_goals.append(ends["at_goals"])
+
+    def world(self) -> dict[str, Any]:
+        """Return shares of the critical episodes of all trainings, with 95% intervals by Wilson, and of each training.
+
+        The intervals hold the chance of the episodes, which are the same for each training; that of learning shows in
+        `collision_by_training`.
+        """
+        total = sum(self.ended)
+        by_training = [collided / max(1, ended) for collided, ended in zip(self.collided, self.ended, strict=True)]
+        return {
+            "critical_episodes": total,
+            "collision": list(share(sum(self.collided), total)[:3]),
+            "goal": list(share(sum(self.at_goals), total)[:3]),
+            "collision_by_training": by_training,
+        }
+
+
+class Measuring:
+    """Measures weights on what they have not learned from.
+
+    :param together: all interactions that are held out, in the order of the folds.
+    :param near_misses: the whole table; seed: of what is drawn and resampled.
+    """
+
+    def __init__(self, together: Interactions, near_misses: pl.DataFrame, seed: int) -> None:
+        self._together, self._seed = together, seed
+        try:
+            onsets = find_onsets(near_misses)
+        except InvalidInput:  # no track goes on for 3 s
+            self._onsets = None
+            return
+        clips = list(dict.fromkeys(together.clip))
+        place = np.array([clips.index(clip) if clip in clips else -1 for clip in onsets.clip])
+        rows = np.argsort(place, kind="stable")
+        self._onsets = onsets.take(rows[place[rows] >= 0])
+
+    def add(self, row: Pooled, path: Path, held_out: Interactions, trained: int, hybrid: Hybrid | None) -> None:
+        """Measure weights that have not learned from the clips of `held_out`, as the `trained`-th of their fold."""
+        weights = load_weights(path)
+        if trained == 0:
+            row.errors.append([])
+        kept = _kept(path.with_name(MEASURED), weights.digest(), partial(self._arrays, weights, held_out, trained == 0))
+        row.errors[-1].append({p: ProtocolErrors(*(kept[f"{p}_{f.name}"] for f in _FIELDS)) for p in _PROTOCOLS})
+        if trained == 0 and kept["positions"].size:
+            row.positions.append(kept["positions"])
+        if hybrid is not None:
+            ends = once(path.parent / "world", _world_identity(hybrid, weights), partial(_ends, weights, hybrid))
+            row.note(ends)
+        row.seconds.append(float(read_json(path.with_name(COST))["training_seconds"]))
+        row.microseconds.append(_step_cost(weights, held_out))
+        known = {k: v for k, v in weights.tensors.items() if "_actor." in k and ".observation_" not in k}
+        row.parameters = sum(value.size for value in known.values())
+
+    def _arrays(self, weights: Weights, held_out: Interactions, drawing: bool) -> Arrays:
+        """Return errors by protocol and field, and `positions`, where weights lead from the onsets of these clips."""
+        own = measure(PolicyPredictor(weights), held_out)
+        arrays = {f"{p}_{f.name}": getattr(own[p], f.name) for p in _PROTOCOLS for f in _FIELDS}
+        arrays["positions"] = np.zeros(0)
+        if drawing and self._onsets is not None:
+            mine = np.flatnonzero(np.isin(self._onsets.clip.astype(str), held_out.clip.astype(str)))
+            if mine.size:
+                simulate = policy(weights, self._seed, roll_outs=ROLL_OUTS)
+                arrays["positions"] = simulate(self._onsets.take(mine))
+        return arrays
+
+    def table(self, rows: Mapping[str, Pooled]) -> dict[str, Any]:
+        """Return the layout of `model_comparison.compare_models`."""
+        errors = {name: pooled([_mean(fold) for fold in row.errors]) for name, row in rows.items()}
+        result = compare(errors, self._together, self._seed)
+        for name, row in rows.items():
+            of = result["models"][name]
+            of["parameters"] = row.parameters
+            of["training_seconds"] = float(np.mean(row.seconds))
+            of["step_microseconds"] = float(np.median(row.microseconds))
+            if row.ended:
+                of["world"] = row.world()
+            if REFERENCE in errors:
+                for protocol, values in errors[name].items():
+                    reference = errors[REFERENCE][protocol]
+                    of[protocol][f"share_of_{REFERENCE}"] = share_of(values, reference, self._together.clip, self._seed)
+        if self._onsets is not None:
+            self._add_people(rows, result["models"])
+        return result
+
+    def _add_people(self, rows: Mapping[str, Pooled], models: dict[str, Any]) -> None:
+        onsets = self._onsets
+        assert onsets is not None
+        draws = cluster_counts(onsets.clip.astype(str), self._seed)
+        positions = {name: np.concatenate(row.positions) for name, row in rows.items()}
+        energies = {name: energy_score(own, onsets.recorded) for name, own in positions.items()}
+        for name, own in positions.items():
+            models[name]["people"] = self._people(own, energies[name], onsets, draws)
+            if REFERENCE in energies:
+                value = float(energies[name].mean() / energies[REFERENCE].mean())
+                ends = interval((draws @ energies[name]) / (draws @ energies[REFERENCE]))
+                models[name]["people"][f"share_of_{REFERENCE}"] = (value, list(ends))
+
+    def _people(self, positions: Floats, energies: Floats, onsets: Onsets, draws: Floats) -> dict[str, Any]:
+        """Return a subset of what `SameStart.measure` returns, with the classifier's test once instead of ten times."""
+        made = features(with_borrowed_noise(positions[:, :DRAWS], onsets, self._seed), onsets)
+        real = {name: value[:, 0] for name, value in features(onsets.recorded[:, None], onsets).items()}
+        test = two_sample(real, [made], (onsets.clip, onsets.clip), self._seed, repetitions=1)
+        likely, size = likelihoods(positions, onsets)["all"], draws.sum(axis=1)
+        return {
+            "roll_outs": positions.shape[1],
+            "energy_score": float(energies.mean()),
+            "energy_score_interval": list(interval(draws @ energies / size)),
+            "min_ade_6": float(min_ade(positions, onsets.recorded).mean()),
+            "likelihood": float(likely.mean()),
+            "likelihood_interval": list(interval(draws @ likely / size)),
+            "c2st_auc": test.auc,
+            "c2st_auc_interval": list(test.auc_interval),
+        }
+
+
+def _kept(path: Path, digest: str, make: Callable[[], Arrays]) -> Arrays:
+    """Return the arrays that `make` makes, or that it made of these weights before."""
+    if path.exists():
+        with np.load(path) as kept:
+            if str(kept["digest"]) == digest:
+                return dict(kept)
+    arrays = make()
+    with written_whole(path) as temporary, open(temporary, "wb") as file:
+        np.savez(file, **({"digest": np.array(digest)} | arrays))  # type: ignore[arg-type]
+    return arrays
+
+
+def _world_identity(hybrid: Hybrid, weights: Weights) -> dict[str, Any]:
+    return _world(hybrid).identity() | {"weights": weights.digest()}
+
+
+def _world(hybrid: Hybrid) -> Any:
+    return replace(hybrid.refinement.simulation, episodes=hybrid.episodes, seed=hybrid.seed, batch=256, policies={})
+
+
+def without_reaction(hybrid: Hybrid) -> dict[str, Any]:
+    """Return `Pooled.world` of agents that keep their velocity: the control beside collisions and goals."""
+    control = Pooled()
+    control.note(_ends(None, hybrid))
+    return control.world()
+
+
+def _ends(weights: Weights | None, hybrid: Hybrid) -> dict[str, int]:
+    outcomes = measure_outcomes(weights, _world(hybrid)).outcomes
+    return {"critical": len(outcomes), "collided": outcomes.count(COLLISION), "at_goals": outcomes.count(GOAL)}
+
+
+def _step_cost(weights: Weights, interactions: Interactions) -> float:
+    """Return the CPU time of one step of both actors of one interaction [us], of all of them side by side."""
+    model, count = PolicyPredictor(weights), len(interactions)
+    model.begin(count)
+    at = np.arange(count), interactions.first
+    seen = [interactions.observation[agent][at] for agent in ("vehicle", "pedestrian")]
+    rounds = []
+    for _ in range(2):  # kernels are compiled in the first, if they have to be
+        began = time.process_time()
+        for _ in range(_TIMED):
+            model.act(seen[0], seen[1], interactions.curvttc[at], np.ones(count, bool))
+        rounds.append(time.process_time() - began)
+    return 1e6 * min(rounds) / (_TIMED * count)
+
+
+def _mean(measured: Sequence[Measured]) -> Measured:
+    """Return the errors of several trainings on the same interactions as one: means by interaction."""
+    return {
+        protocol: ProtocolErrors(
+            np.mean([m[protocol].ade for m in measured], axis=0),
+            np.mean([m[protocol].fde for m in measured], axis=0),
+            np.mean([m[protocol].squares for m in measured], axis=0),
+            measured[0][protocol].steps,
+        )
+        for protocol in measured[0]
+    }

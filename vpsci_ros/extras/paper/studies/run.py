@@ -1,0 +1,235 @@
+"""Studies of learning as commands: Tables 3, 5 and 9 beside the paper's values, and cross-validation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from vpsci_ros.data.near_misses import corpus_files, read_near_misses
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.error_table import print_errors
+from vpsci_ros.extras.paper.studies.cross_validation import RESULT, Refinement, cross_validate
+from vpsci_ros.extras.paper.studies.learning import (
+    SAMPLE_SIZES,
+    WEIGHTINGS,
+    FreshEpisodes,
+    reward_weight_study,
+    sample_size_study,
+)
+from vpsci_ros.extras.paper.studies.model_comparison import RESULT as MODELS_RESULT
+from vpsci_ros.extras.paper.studies.model_comparison import compare_models
+from vpsci_ros.extras.paper.studies.model_table import Hybrid
+from vpsci_ros.extras.paper.studies.networks import by_reinforcement
+from vpsci_ros.extras.paper.studies.table_9 import PAGE, table_9_page
+from vpsci_ros.extras.paper.studies.tables import (
+    print_table_3,
+    print_table_5,
+    print_table_9,
+    save_table_3,
+    save_table_5,
+    save_table_9,
+)
+from vpsci_ros.learning.inputs import stage_1_inputs, stage_2_inputs, stage_2_parameters
+from vpsci_ros.parameters import values_of
+from vpsci_ros.policy.models import MODELS
+from vpsci_ros.runs.files import write_text
+from vpsci_ros.runs.folder import RunFolder
+from vpsci_ros.runs.progress import StageBar, stopped_between_updates
+from vpsci_ros.runs.sections import Sections
+
+
+def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, quiet: bool = False) -> None:
+    """Table 3 by `sample_size_study`; goes on with what a stopped study left in `folder`.
+
+    :param sizes: interactions to learn from; none: the paper's.
+    :raises InvalidInput: a parameter, a size or the near misses are refused, or `folder` holds another study.
+    :raises Stopped: a signal stopped it; what is done is in `folder`.
+    """
+    sizes = sizes or SAMPLE_SIZES
+    learner, config, network, corpus, resolved = stage_1_inputs(sections)
+    facts = {"study": {"sizes": list(sizes)}}
+    with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
+        with StageBar("samples", quiet) as bar, stopped_between_updates() as check:
+
+            def report(name: str, values: dict[str, float]) -> None:
+                bar.show(values, f"{name} interactions")
+                check()
+
+            table = sample_size_study(
+                corpus, config, network, sizes=sizes, seed=learner.seed, out_dir=folder, report=report
+            )
+        run.results["table_3"] = table.to_dicts()
+        save_table_3(table, folder / "table_3.png")
+    print_table_3(table, Console())
+    print(f"written: {folder / 'table_3.csv'}, table_3.png and run.json beside it")
+
+
+def run_fold_study(
+    sections: Sections, folder: Path, folds: int, *, stage_2: Sections | None = None, quiet: bool = False
+) -> None:
+    """Errors of stage 1, and of stage 2 after it, by `cross_validate`; goes on with what a stopped study left.
+
+    :param stage_2: sections of its parameter file, whose weights and near misses do not count; None: stage 1 alone.
+    :raises InvalidInput: a parameter, the number of folds or the near misses are refused, or `folder` holds another
+        study.
+    :raises Stopped: a signal stopped it; what is done is in `folder`.
+    """
+    learner, config, network, corpus, resolved = stage_1_inputs(sections)
+    refinement = None
+    if stage_2 is not None:
+        their_learner, refine, simulation = stage_2_parameters(stage_2)
+        refinement = Refinement(refine, simulation, their_learner.seed)
+    facts = {"study": {"folds": folds} | ({} if refinement is None else {"stage_2": refinement.identity()})}
+    with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
+        with StageBar("folds", quiet) as bar, stopped_between_updates() as check:
+
+            def report(name: str, values: dict[str, float]) -> None:
+                bar.show(values, f"of {folds} folds: {name}")
+                check()
+
+            result = cross_validate(
+                corpus,
+                config,
+                network,
+                folds=folds,
+                seed=learner.seed,
+                out_dir=folder,
+                refinement=refinement,
+                report=report,
+            )
+        run.results |= result
+    print_errors(result, Console())
+    print(f"written: {folder / RESULT} and run.json beside it")
+
+
+@dataclass(frozen=True)
+class ModelStudy:
+    """What `run_model_study` compares, besides the parameters of stage 1.
+
+    :ivar models: names of `vpsci_ros.policy.models.MODELS`; none: this package's.
+    :ivar folds, seeds: trainings of each model: `folds` times `seeds`.
+    :ivar reinforcement: sections of stage 1 for models by reinforcement; None: none of them is compared.
+    :ivar refine, simulated: sections of stage 2 for these, and a near-miss table of simulated interactions for the
+        others; None: data-driven learning alone.
+    :ivar fresh_episodes: in each scenario, by `fresh_seed`, in which every model is measured.
+    :ivar factors: of the step sizes, tried for each model in each fold; none: no trial.
+    """
+
+    models: Sequence[str] = ()
+    folds: int = 5
+    seeds: int = 1
+    reinforcement: Sections | None = None
+    refine: Sections | None = None
+    simulated: Path | None = None
+    fresh_episodes: int = 40
+    factors: Sequence[float] = ()
+    fresh_seed: int = 1000
+
+
+def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quiet: bool = False) -> None:
+    """Table 9 by `compare_models`; goes on with what a stopped study left in `folder`.
+
+    :raises InvalidInput: a parameter, a model's name, the number of folds or the near misses are refused, one of
+        `refine` and `simulated` is missing, or `folder` holds another study.
+    :raises Stopped: a signal stopped it; what is done is in `folder`.
+    """
+    models = list(study.models) or [n for n in MODELS.built_in if study.reinforcement or not by_reinforcement(n)]
+    for name in models:
+        MODELS.find(name)
+    learner, config, network, corpus, resolved = stage_1_inputs(sections)
+    reinforcement = None if study.reinforcement is None else stage_1_inputs(study.reinforcement).config
+    hybrid, files = _hybrid(study), corpus_files(learner.near_misses)
+    facts: dict[str, Any] = {
+        "models": models,
+        "folds": study.folds,
+        "seeds": study.seeds,
+        "factors": list(study.factors),
+    }
+    if reinforcement is not None:
+        facts["reinforcement"] = values_of(reinforcement)
+    if hybrid is not None:
+        assert study.simulated is not None
+        facts |= {"hybrid": hybrid.identity(), "fresh_episodes": study.fresh_episodes, "fresh_seed": study.fresh_seed}
+        files = [*files, study.simulated]
+    with RunFolder(folder, resolved, files, {"study": facts}) as run:
+        with StageBar("models", quiet) as bar, stopped_between_updates() as check:
+
+            def report(name: str, values: dict[str, float]) -> None:
+                bar.show(values, f"fold {name} of {study.folds}")
+                check()
+
+            result = compare_models(
+                corpus,
+                config,
+                network,
+                models=models,
+                folds=study.folds,
+                seed=learner.seed,
+                out_dir=folder,
+                seeds=study.seeds,
+                reinforcement=reinforcement,
+                hybrid=hybrid,
+                factors=study.factors,
+                report=report,
+            )
+        run.results |= result
+        save_table_9(result, folder / "models.png")
+        write_text(folder / PAGE, table_9_page(result))
+    print_table_9(result, Console())
+    print(f"written: {folder / MODELS_RESULT}, models.png, {PAGE} and run.json beside it")
+
+
+def _hybrid(study: ModelStudy) -> Hybrid | None:
+    if study.refine is None and study.simulated is None:
+        return None
+    if study.refine is None or study.simulated is None:
+        raise InvalidInput("hybrid learning: expected both --refine FILE and --simulated FILE, or neither")
+    learner, config, simulation = stage_2_parameters(study.refine)
+    scenarios = [scenario.number for scenario in simulation.scenarios]
+    episodes = [(s, e) for e in range(study.fresh_episodes) for s in scenarios]
+    refinement = Refinement(config, simulation, learner.seed)
+    return Hybrid(refinement, read_near_misses(study.simulated), episodes, study.fresh_seed)
+
+
+def run_weight_study(
+    sections: Sections,
+    folder: Path,
+    weightings: Sequence[str],
+    *,
+    fresh_episodes: int,
+    fresh_seed: int,
+    quiet: bool = False,
+) -> None:
+    """Table 5 by `reward_weight_study`; goes on with what a stopped study left in `folder`.
+
+    :param weightings: names of `WEIGHTINGS`; none: all.
+    :param fresh_episodes: simulated in each scenario, by `fresh_seed`, to measure the rates on.
+    :raises InvalidInput: a parameter, a name or an input is refused, or `folder` holds another study.
+    """
+    weightings = weightings or list(WEIGHTINGS)
+    for name in weightings:
+        if name not in WEIGHTINGS:
+            raise InvalidInput(f"--weightings: {name!r} is unknown; expected names among {', '.join(WEIGHTINGS)}")
+    learner, config, simulation, weights, corpus, files, resolved = stage_2_inputs(sections)
+    facts = {"study": {"weightings": list(weightings), "fresh_episodes": fresh_episodes, "fresh_seed": fresh_seed}}
+    scenarios = [scenario.number for scenario in simulation.scenarios]
+    fresh = FreshEpisodes([(s, e) for e in range(fresh_episodes) for s in scenarios], fresh_seed)
+    with RunFolder(folder, resolved, files, facts) as record:
+        with StageBar("weights", quiet) as bar:
+            table = reward_weight_study(
+                corpus,
+                config,
+                weights,
+                simulation,
+                learner_seed=learner.seed,
+                fresh=fresh,
+                out_dir=folder,
+                weightings={name: WEIGHTINGS[name] for name in weightings},
+                report=lambda name, values: bar.show(values, name),
+            )
+        record.results["table_5"] = table.to_dicts()
+        save_table_5(table, folder / "table_5.png")
+    print_table_5(table, Console())
+    print(f"written: {folder / 'table_5.csv'}, table_5.png and run.json beside it")
