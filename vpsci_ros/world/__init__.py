@@ -1,7 +1,7 @@
 """The world: right turns and straight crossings, simulated in batches of parallel episodes.
 
-A `World` advances a batch of records (`EPISODE`) tick by tick, from `Scenario`s by a `WorldConfig`; `loop.Loop` has
-monitor and agents answer each tick, and `observe` is what the agents see of it.
+A `World` advances a batch of records (`EPISODE`) tick by tick, from `Scenario`s and a `WorldConfig`. `loop.Loop` asks
+monitor and agents at each tick; `observe` returns the observations of the agents.
 """
 
 from vpsci_ros.world.config import WorldConfig

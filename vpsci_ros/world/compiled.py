@@ -1,4 +1,4 @@
-"""How the world's scalar code is compiled: as that of `vpsci_ros.safety.compiled`, for calls at every tick.
+"""Compilation of the world's scalar code, as in `vpsci_ros.safety.compiled`, for calls at every tick.
 
 It counts no references to its arrays (`_nrt`), which would cost more than the arithmetic, so it cannot make arrays of
 its own. What takes the whole state is `inlined` where it is called from the loop over slots, since passing a dozen

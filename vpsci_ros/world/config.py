@@ -1,4 +1,4 @@
-"""Parameters of the world: periods, the hand-over, who drives, and how the learned accelerations become motion."""
+"""Parameters of the world: periods, hand-over, drivers, and how accelerations become motion."""
 
 from dataclasses import dataclass, field
 
@@ -14,14 +14,14 @@ PEDESTRIAN_DRIVERS = ("policy", "autopilot", "external", "replay", "constant_vel
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """Configuration of `vpsci_ros.world.World`; each says where it is not as in the paper's section 3.2."""
+    """Configuration of `vpsci_ros.world.World`, with differences from section 3.2 of the paper."""
 
     tick: float = parameter(0.05, "simulated time from one tick to the next", unit="s", low=0.005, high=0.2)
     policy_period: float = parameter(
         0.1, "the policies act at this period; between, their last actions stay in force", unit="s", low=0.005, high=2.0
     )
     episode_time: float = parameter(
-        30.0, "an episode ends after this time; 10 s in the paper, whose walkers run", unit="s", low=0.1, high=3276.0
+        30.0, "an episode ends after this time; the paper has 10 s", unit="s", low=0.1, high=3276.0
     )
     release_time: float = parameter(
         3.0, "the policies give the agents back after this time without a critical tick", unit="s", low=0.0, high=60.0
@@ -88,5 +88,5 @@ class WorldConfig:
 
     @property
     def release_ticks(self) -> int:
-        """Ticks without a critical one after which the policies give the agents back."""
+        """Ticks from the last critical one to the hand-back."""
         return round(self.release_time / self.tick)

@@ -1,4 +1,4 @@
-"""What a world counts while it keeps step with its peers: one record, from where it is counted to the exit status."""
+"""Counts of a world in lock-step, from where they are counted to the exit status."""
 
 from dataclasses import asdict, dataclass
 from typing import Literal, NamedTuple
@@ -11,7 +11,7 @@ Fault = Literal["missing", "refused", "contradicted", "early"]
 
 
 class Faults(NamedTuple):
-    """How many answers of one respondent were missing, refused, other than the first one, or ahead of their tick."""
+    """Counts of one node's answers that were missing, refused, contradicting the first one, or early."""
 
     missing: int
     refused: int
@@ -21,11 +21,11 @@ class Faults(NamedTuple):
 
 @dataclass
 class WorldCounts:
-    """Numbers of ticks, episodes, answers, commands and outcomes, by the keys that they have in the diagnostics.
+    """Counts of ticks, episodes, answers, commands and outcomes, by their keys in the diagnostics.
 
-    Of answers to a tick, by the safety monitor and the drivers of the agents: `missing` when the world went on without
-    (`action_timeout`); `refused`, of wrong lengths or not finite; `contradicted`, a later one that differs from the
-    first; `early`, to a tick that was still to come. The last two are another program's.
+    Answers of the safety monitor and the drivers to a tick are `missing` after `action_timeout`; `refused` for wrong
+    lengths or values that are not finite; `contradicted` if they differ from the first one; `early` for a future tick.
+    Another program sent the last two.
     """
 
     tick: int = 0  # the present one
@@ -60,11 +60,11 @@ class WorldCounts:
         setattr(self, name, getattr(self, name) + number)
 
     def add_fault(self, sender: str, fault: Fault, number: int = 1) -> None:
-        """Count answers of "safety", "vehicle" or "pedestrian" that are not as they should be."""
+        """Count faulty answers of "safety", "vehicle" or "pedestrian"."""
         self.add(f"{sender}_answers_{fault}", number)
 
     def faults(self, sender: str) -> Faults:
-        """Return what was counted of the answers of "safety", "vehicle" or "pedestrian"."""
+        """Return the counts of faulty answers of "safety", "vehicle" or "pedestrian"."""
         return Faults(*(getattr(self, f"{sender}_answers_{fault}") for fault in Faults._fields))
 
     def nonzero(self) -> dict[str, int]:

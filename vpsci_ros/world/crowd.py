@@ -1,8 +1,8 @@
-"""Several pedestrians around one vehicle: how many, what each is to the first one, and where it begins.
+"""Several pedestrians around one vehicle: their number, their relations to the first one, and their spawns.
 
-The first pedestrian is the one of an episode without others, to the bit. Each further one belongs to its group, comes
-from the other side, waits and steps off because the first one did, or crosses for itself. What it draws depends on its
-own number alone, so that it is the same whether others come after it or not.
+The first pedestrian is bit-identical to the one of an episode without others. Each further one belongs to its group,
+comes from the other side, follows it off the kerb, or crosses on its own. Its draws depend on its own number alone, so
+they do not change with the number of pedestrians.
 
 Groups keep the first one's pace and line, side by side and behind, as small groups do: see 'The Walking Behaviour of
 Pedestrian Social Groups and Its Impact on Crowd Dynamics' by Moussaid, Perozo, Garnier, Helbing and Theraulaz, PLoS ONE
@@ -67,7 +67,7 @@ class CrowdConfig:
 
 
 class Crowd(NamedTuple):
-    """Who the pedestrians are, for compiled code."""
+    """The pedestrians of an episode for compiled code."""
 
     sizes: NDArray[np.float64]  # `CrowdConfig.size_limits`
     roles: NDArray[np.float64]  # `CrowdConfig.role_limits`
@@ -76,7 +76,7 @@ class Crowd(NamedTuple):
 
 @kernel
 def how_many(leader, seed, crowd):  # type: ignore[no-untyped-def]
-    """Return how many pedestrians the episode has whose first EPISODE record this is."""
+    """Return the number of pedestrians of the episode with this first EPISODE record."""
     if crowd.sizes.size == 1:
         return 1
     share, count = unit(draw(leader, seed, STREAM_CROWD, 0)[0]), 1
@@ -87,7 +87,7 @@ def how_many(leader, seed, crowd):  # type: ignore[no-untyped-def]
 
 @kernel
 def role_of(episode, seed, crowd):  # type: ignore[no-untyped-def]
-    """Return what the further pedestrian of an EPISODE record is to the first one, an index in `ROLES`."""
+    """Return the role of a further pedestrian of an EPISODE record, an index in `ROLES`."""
     share = unit(draw(episode, seed, STREAM_CROWD, 0)[0])
     if share < crowd.roles[0]:
         return GROUP
@@ -98,7 +98,7 @@ def role_of(episode, seed, crowd):  # type: ignore[no-untyped-def]
 
 @kernel
 def walk_along(episode, leader, seed):  # type: ignore[no-untyped-def]
-    """Give a member of a group the first one's pace and line; return where it begins along the route [m]."""
+    """Give a group member the first one's pace and line; return its spawn along the route [m]."""
     drawn = draw(episode, seed, STREAM_CROWD, 0)
     gap = NEAREST + unit(drawn[1]) * (FURTHEST - NEAREST)
     place = int(episode.pedestrian)
@@ -114,9 +114,9 @@ def walk_along(episode, leader, seed):  # type: ignore[no-untyped-def]
 
 @kernel
 def step_off_after(episode, leader, seed, standing_room):  # type: ignore[no-untyped-def]
-    """Have a follower step off some time after the first one has passed; return where it begins along the route [m].
+    """Let a follower step off some time after the first one has passed; return its spawn along the route [m].
 
-    It waits at the kerb until then; where the first one has passed it before the spawn, it may be on its way, too.
+    It waits at the kerb until then. If the first one passed it before the spawn, it may walk already.
     """
     drawn = draw(episode, seed, STREAM_CROWD, 0)
     deviation, _ = normal_pair(unit(drawn[2]), unit(drawn[3]))
@@ -132,7 +132,7 @@ def step_off_after(episode, leader, seed, standing_room):  # type: ignore[no-unt
 
 @kernel
 def step_off(state, first, count, period):  # type: ignore[no-untyped-def]
-    """Have the followers of an episode, rows `first` to `first + count` of EPISODE[B], set off once they may."""
+    """Let the followers of an episode, rows `first` to `first + count` of EPISODE[B], set off in their time."""
     leader = state[first]
     for i in range(first + 1, first + count):
         follower = state[i]
@@ -142,7 +142,7 @@ def step_off(state, first, count, period):  # type: ignore[no-untyped-def]
 
 @kernel
 def crowded(state, first, row):  # type: ignore[no-untyped-def]
-    """Whether the pedestrian of this row of EPISODE[B] begins where another one of its episode or the car is."""
+    """Whether the pedestrian of this row of EPISODE[B] spawns on another one of its episode or on the car."""
     car, walker = state[first], state[row]
     x, y = walker.pedestrian_x, walker.pedestrian_y
     place = car.vehicle_x, car.vehicle_y, car.vehicle_heading

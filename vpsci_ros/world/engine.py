@@ -1,4 +1,4 @@
-"""One tick of one episode after another: what `World.advance` does, compiled.
+"""One tick of one episode after another: the compiled part of `World.advance`.
 
 Each episode is computed by the same scalar code from its own records alone, one a pedestrian, in whichever thread, so
 its bits do not depend on the batch, on its place in it or on the number of threads. No sum runs over episodes.
@@ -130,7 +130,7 @@ def _locate_pedestrian(episode, tables):  # type: ignore[no-untyped-def]
 
 @inlined
 def _arrive(state, first, count, tables, settings):  # type: ignore[no-untyped-def]
-    """Locate everybody at the new frame; return the outcome of the episode, NONE where it goes on."""
+    """Locate all agents at the new frame; return the outcome of the episode, NONE while it runs."""
     leader = state[first]
     _locate_vehicle(leader, tables)
     struck, arrived = 0, leader.vehicle_goal
@@ -159,7 +159,7 @@ def decide(state, answers, settings, events):  # type: ignore[no-untyped-def]
 
 @inlined
 def _finish(state, first, count, tables, settings, events):  # type: ignore[no-untyped-def]
-    """Locate everybody of a running episode at the new frame, and end it if it is over."""
+    """Locate all agents of a running episode at the new frame, and end it if it is over."""
     outcome = _arrive(state, first, count, tables, settings)
     if outcome != NONE:
         for i in range(first, first + count):
@@ -178,8 +178,8 @@ def _advance(state, first, count, answers, tables, recordings, settings, pushes,
 def move_one(state, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
     """Move EPISODE[B] of one pedestrian each to the next tick and end what is over; events uint16[B] gets 1 << kind.
 
-    It is what `move_several` does, compiled without the loops over rows, which costs less; who has one pedestrian an
-    episode never waits until the other one is compiled.
+    It does the same as `move_several`, without the loops over rows. Runs with one pedestrian an episode do not compile
+    `move_several`.
     """
     for i in range(state.size):
         events[i] = 0
@@ -191,7 +191,7 @@ def move_one(state, answers, tables, recordings, settings, pushes, events):  # t
 def move_several(state, answers, tables, recordings, settings, pushes, events):  # type: ignore[no-untyped-def]
     """Move EPISODE[B], `settings.pedestrians` rows an episode, and end what is over; events uint16[B] gets 1 << kind.
 
-    :param pushes: float64[B, 2] to work with.
+    :param pushes: float64[B, 2], scratch memory.
     """
     for i in range(state.size):
         events[i] = 0
@@ -203,7 +203,7 @@ def move_several(state, answers, tables, recordings, settings, pushes, events): 
 
 @kernel
 def arrive(state, tables, settings, events):  # type: ignore[no-untyped-def]
-    """Locate everybody of EPISODE[B], of one pedestrian each, where another engine has put them, as `move` does."""
+    """Locate all agents of EPISODE[B], of one pedestrian each, at places that another engine set, as `move` does."""
     events[:] = 0
     for i in range(state.size):
         if state[i].status == RUNNING:

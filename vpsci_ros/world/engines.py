@@ -1,4 +1,4 @@
-"""Which engine moves the agents: our own kinematics, or one that a branch or another distribution adds."""
+"""The engine that moves the agents: our own kinematics, or one that a branch or another distribution adds."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from vpsci_ros.world.world import World
 
 @dataclass(frozen=True)
 class EngineConfig:
-    """What moves the agents of the world."""
+    """The engine that moves the agents."""
 
     engine: str = parameter("vpsci", "vpsci: our kinematics; carla: a CARLA server (docs/carla.md)")
     carla_host: str = parameter("127.0.0.1", "host of the CARLA server")

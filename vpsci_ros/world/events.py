@@ -1,4 +1,4 @@
-"""What happened: from the bits that the engine sets per slot to EVENT records."""
+"""EVENT records from the bits that the engine sets in each slot."""
 
 from collections.abc import Sequence
 
@@ -23,7 +23,7 @@ def list_events(state: NDArray[np.void], bits: NDArray[np.uint16]) -> NDArray[np
 
 
 def joined(parts: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
-    """Return EVENT[n] of several, in their order; as bytes, since numpy copies records field by field."""
+    """Return several EVENT arrays as one, EVENT[n]; joined as bytes, since numpy copies records field by field."""
     if len(parts) < 2:
         return parts[0] if parts else NO_EVENTS
     return np.concatenate([part.view(np.uint8) for part in parts]).view(EVENT)

@@ -1,9 +1,8 @@
-"""What is changed between a driving system's command and the car, for tests that ask what a change would have done.
+"""Changes between a driving system's command and the car, for tests of what a change would have done.
 
-Two things can be set. A protocol's robot holds the speed at which an episode begins, and keeps the lane, until the
-system brakes firmly; from then on the car is the system's. And interventions change one episode each: the speed of the
-car at one frame, how firmly it brakes, or braking that is forced from a frame on. Nothing else is touched: pedestrians,
-draws and the system itself go on from there by themselves.
+A protocol's robot holds the initial speed and the lane until the system brakes firmly; then the system drives. An
+intervention changes one episode: the speed of the car at one frame, the firmness of its braking, or braking forced from
+a frame on. Pedestrians, draws and the system are not changed.
 """
 
 from collections.abc import Sequence
@@ -35,7 +34,7 @@ _HEAD = 6  # numbers of an intervention before its accelerations
 
 @dataclass(frozen=True)
 class InterventionConfig:
-    """What is changed between the driving system and the car; nothing unless a test sets it."""
+    """Changes between the driving system and the car; none by default."""
 
     held_until: float = parameter(
         0.0,
@@ -53,7 +52,7 @@ class InterventionConfig:
 class Intervention(NamedTuple):
     """One episode's change.
 
-    :ivar frame: from the beginning of the episode.
+    :ivar frame: frame of the episode.
     :ivar speed: added to the car's speed at the frame [m/s]; it does not fall below 0.
     :ivar firmer: added to each deceleration of at least `BRAKING` that the system commands [m/s2].
     :ivar forced: accelerations along the car from the frame on [m/s2]; the system may brake more firmly than these.
@@ -66,7 +65,7 @@ class Intervention(NamedTuple):
 
 
 def as_parameter(interventions: dict[tuple[int, int], Intervention]) -> list[float]:
-    """Return interventions, by scenario and number of the episode, as the parameter has them."""
+    """Return interventions by (scenario, episode number) as the parameter's list."""
     return [
         float(number)
         for key, each in interventions.items()
@@ -107,9 +106,9 @@ class Interventions:
         self._begun: dict[tuple[int, int], float] = {}  # [m/s] at which an episode began
 
     def applied(self, state: NDArray[np.void], actions: Actions) -> Actions:
-        """Return the commands that reach the car at a tick; in `state`, EPISODE[B], speeds that are changed are set.
+        """Return the commands that reach the car at a tick, and set changed speeds in `state`, EPISODE[B].
 
-        Where no command came there is none to change.
+        A missing command stays missing.
         """
         if not self._held_until and not self._changes:
             return actions
@@ -155,5 +154,5 @@ class Interventions:
 
 
 def _along(control: NDArray[np.float64]) -> float:
-    """Return the acceleration [m/s2] that throttle and brake stand for."""
+    """Return the acceleration [m/s2] of throttle and brake."""
     return float(control[1]) * MAX_ACCELERATION - float(control[2]) * MAX_DECELERATION

@@ -1,8 +1,8 @@
-"""Kinds of pedestrian: how fast they walk, how firmly they set off, how late they react, and how many of them at all.
+"""Kinds of pedestrian: walking speed, firmness at setting off, and reaction.
 
-An adult is whom the recordings show, and the learned pedestrian as it is. The others differ from an adult by the
-numbers below; docs/world.md names the source of each and says which are assumed. What a pedestrian draws for its kind
-comes from a stream of its own, so that adults draw what they draw without kinds.
+An adult is the learned pedestrian. The other kinds differ by the numbers below; docs/world.md names the source of each
+and which are assumed. Draws of the kind have a stream of their own, so adults are bit-identical to pedestrians without
+kinds.
 """
 
 import math
@@ -32,7 +32,7 @@ _WITHIN = 2.0  # standard deviations
 
 @dataclass(frozen=True)
 class KindMixture:
-    """How many pedestrians are of each kind, as parts of their sum."""
+    """Parts of the pedestrians of each kind, relative to their sum."""
 
     adult: float = parameter(1.0, "part of the pedestrians who are adults, as recorded", low=0.0, high=1e6)
     older: float = parameter(0.0, "part above 65 years of age", low=0.0, high=1e6)
@@ -75,7 +75,7 @@ def draw_kind(episode, seed, limits):  # type: ignore[no-untyped-def]
 
 @kernel
 def speed_of_kind(episode, seed, adults):  # type: ignore[no-untyped-def]
-    """Return the walking speed [m/s] of a record's pedestrian; `adults` is what an adult would have."""
+    """Return the walking speed [m/s] of a record's pedestrian; `adults` is an adult's."""
     if episode.kind == ADULT:
         return adults
     drawn = draw(episode, seed, STREAM_KIND, 1)

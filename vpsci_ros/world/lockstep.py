@@ -1,4 +1,4 @@
-"""Lock-step: the answers that came to the present tick, and whether the world may move on to the next one."""
+"""Lock-step: the answers to the present tick, and whether the world may advance."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ FIRST_ANSWER = 10.0  # [s] for monitor and policies, whose readers may be matche
 
 @dataclass(frozen=True)
 class LockStepConfig:
-    """How the world simulator keeps step with its peers."""
+    """Timeouts and pace of the world simulator."""
 
     action_timeout: float = parameter(
         2.0,
@@ -108,7 +108,7 @@ class LockStep:
     # ---- a tick and its answers
 
     def begin(self, tick: Tick, now: float) -> None:
-        """Forget the last tick's answers and take those to `tick`."""
+        """Clear the last tick's answers and accept those to `tick`."""
         self._first = self.tick is None
         self.tick, self._since = tick, now
         self.assessment = None
@@ -125,12 +125,12 @@ class LockStep:
             self.external.begin(tick, running=self._running)
 
     def end(self) -> None:
-        """Take no more answers: the last tick has been."""
+        """Accept no more answers: the last tick is over."""
         self._over = True
 
     @property
     def running(self) -> bool:
-        """Whether there is a tick to be answered."""
+        """Whether a tick waits for answers."""
         return self.tick is not None and not self._over
 
     def take_assessment(self, number: int, read: Callable[[Tick], Assessment]) -> None:
@@ -154,11 +154,11 @@ class LockStep:
 
     @property
     def actions(self) -> Actions:
-        """What the agents have answered to the present tick."""
+        """The agents' answers to the present tick."""
         return Actions(**self._accelerations)
 
     def early_command(self) -> None:
-        """Count a command that came before the first tick, which answers nothing."""
+        """Count a command that came before the first tick."""
         self._counts.vehicle_commands_early += 1
 
     def answers(self) -> tuple[Assessment, Actions, NDArray[np.void]]:
@@ -207,7 +207,7 @@ class LockStep:
     # ---- may it go on?
 
     def may_advance(self, now: float | None = None) -> bool:
-        """Return whether the world may move on; without `now` it waits on for those who have not answered."""
+        """Return whether the world may advance; without `now` it waits for every missing answer."""
         if not self.running or not self._due or (self.paused and not self._step) or self.behind:
             return False
         return not self.unanswered or (now is not None and now - self._since > self._patience)
@@ -219,7 +219,7 @@ class LockStep:
 
     @property
     def unanswered(self) -> set[str]:
-        """Who has not answered the tick yet: "safety", "vehicle", "pedestrian"."""
+        """Respondents without an answer to the tick: "safety", "vehicle", "pedestrian"."""
         external = self.external and self._running and not self.external.answered
         return (self._wanted - self._answered) | ({"vehicle"} if external else set())
 
@@ -229,21 +229,21 @@ class LockStep:
         return 0 < self.config.replay_window <= self.unread
 
     def pause(self, paused: bool, now: float) -> None:
-        """Stand still, or go on; nobody is late for having been paused."""
+        """Pause or resume the world; a pause makes no answer late."""
         self.paused, self._step, self._since = paused, False, now
 
     def step(self, now: float) -> bool:
-        """Go on by one tick while paused; return whether that is possible."""
+        """Advance one tick while paused; return whether that is possible."""
         if self.paused and self.running:
             self._step, self._due, self._since = True, True, now
         return self._step
 
     def pace(self, paced: bool) -> None:
-        """Go on only at each `beat`, or as soon as may be."""
+        """Advance only at each `beat`, or as soon as possible."""
         self._paced, self._due = paced, True
 
     def beat(self) -> None:
-        """Take note that by the wall clock the next tick is due."""
+        """Mark the next tick as due by the wall clock."""
         if self.running and not self.paused:
             self._counts.late_ticks += self._due  # the last one is not over yet
             self._due = True

@@ -1,4 +1,4 @@
-"""The loop over ticks: the world shows one, monitor and agents answer, and the world moves on to the next one.
+"""The loop over ticks: the world publishes a tick, monitor and agents answer, and the world advances.
 
 It has two drivers. In process the loop calls monitor and agents itself (`step`, or iteration over all ticks); in the
 graph the world's node passes on the answers that came as messages (`advance`).
@@ -31,7 +31,7 @@ class Loop:
     :param monitor: None: the defaults.
     :param agents: by "vehicle" and "pedestrian"; called at policy frames.
     :param always_critical: every running episode counts as critical, so that policy drivers act from its first frame.
-    :param interventions: what is changed between an external driver's commands and the car; None: nothing.
+    :param interventions: changes between an external driver's commands and the car; None: no change.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Loop:
 
     @property
     def assessment(self) -> Assessment:
-        """What the monitor says of the present tick."""
+        """The monitor's assessment of the present tick."""
         tick = self.world.now
         if self._assessed is None or self._assessed[0] is not tick:
             curvttc, distance, critical = assess(tick.state, self._monitor)
@@ -67,7 +67,7 @@ class Loop:
         return self._assessed[1]
 
     def actions(self, given: Actions = NO_ACTIONS) -> Actions:
-        """Return what the agents do at the present tick, beside what is `given` for the others."""
+        """Return the agents' actions at the present tick, besides the `given` ones."""
         tick = self.world.now
         if not self.agents or not np.count_nonzero(tick.policy_frame):
             return given
@@ -75,15 +75,15 @@ class Loop:
         return replace(given, **{name: action.astype(np.float64) for name, action in acted.items()})
 
     def step(self, given: Actions = NO_ACTIONS) -> Step:
-        """Have monitor and agents answer, and move on by one tick."""
+        """Ask monitor and agents and advance by one tick."""
         return self.advance(self.assessment, self.actions(given))
 
     def move(self) -> None:
-        """Do as `step`, without a copy of the tick for whoever has seen it already; no interventions."""
+        """Advance as `step` does, without a copy of the tick and without interventions."""
         self.world.advance(self.assessment, self.actions())
 
     def advance(self, assessment: Assessment, actions: Actions) -> Step:
-        """Move on with these answers to the present tick, see `World.advance`; the tick returned is a copy."""
+        """Advance with these answers to the present tick, see `World.advance`; the returned tick is a copy."""
         tick = self.world.now
         state = tick.state.view(np.uint8).copy().view(tick.state.dtype)  # whole, sixty times as fast as by fields
         if self._interventions is not None:
@@ -92,7 +92,7 @@ class Loop:
         return Step(tick=tick._replace(state=state), assessment=assessment, actions=actions, events=events)
 
     def restart(self, make_world: Callable[[int], World]) -> None:
-        """Go on with another world from the next policy tick on, so that nobody sees time run backwards.
+        """Continue with another world from the next policy tick, so that time does not run backwards.
 
         :param make_world: makes it from the number of its first tick.
         """

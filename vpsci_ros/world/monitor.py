@@ -28,7 +28,7 @@ _PAIR = (
 
 @dataclass(frozen=True)
 class MonitorConfig:
-    """What counts as critical, between the simulated Model 3 and a pedestrian's disc."""
+    """The threshold of critical, between the simulated Model 3 and a pedestrian's disc."""
 
     critical_threshold: float = parameter(CRITICAL_TTC, "critical where CurvTTC is below", unit="s", low=0.0, high=60.0)
     horizon: float = parameter(HORIZON, "look ahead so far", unit="s", low=0.1, high=60.0)
@@ -72,7 +72,7 @@ def _assess(state, horizon, threshold, ttc, distance, critical):  # type: ignore
 
 
 def warm_up(config: MonitorConfig) -> None:
-    """Have `assess` compiled (or loaded), so that no tick waits for it."""
+    """Compile `assess`, or load it, so that no tick waits for it."""
     state = np.zeros(1, EPISODE)
     state["status"] = RUNNING
     assess(state, config)

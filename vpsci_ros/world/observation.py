@@ -1,4 +1,4 @@
-"""What the two agents see, equations (6) and (7): the one place where the vehicle's heading frame exists.
+"""Observations of the two agents, equations (6) and (7), in the vehicle's heading frame.
 
 Both agents' observations and actions are given in the vehicle's heading frame at the instant, (forward, left) for the
 paper's (longitudinal y, lateral x), longitudinal first:
@@ -74,11 +74,11 @@ def _observe(state, rows, vehicle, pedestrian):  # type: ignore[no-untyped-def]
 
 
 def observe(state: NDArray[np.void], rows: NDArray[np.bool_] | None = None) -> tuple[Observations, Observations]:
-    """Return what the vehicle and the pedestrian observe, float32[B, 6] each, for EPISODE[B] records.
+    """Return the observations of vehicle and pedestrian, float32[B, 6] each, of EPISODE[B] records.
 
     The simulated vehicle moves along its heading, so its lateral speed is 0 (equations 6 and 7).
 
-    :param rows: bool[B], of which it is wanted, zeros elsewhere; None: of all.
+    :param rows: bool[B], rows to compute, zeros elsewhere; None: all.
     """
     vehicle, pedestrian = (np.zeros((len(state), OBSERVATION_SIZE), np.float32) for _ in range(2))
     _observe(state, np.ones(len(state), np.bool_) if rows is None else rows, vehicle, pedestrian)
@@ -96,7 +96,7 @@ def observe_arrays(
     pedestrian_vx: ArrayLike,
     pedestrian_vy: ArrayLike,
 ) -> tuple[Observations, Observations]:
-    """Return what the two agents observe, float32[..., 6] each, from recorded positions and velocities.
+    """Return the observations of both agents, float32[..., 6] each, from recorded positions and velocities.
 
     All arguments are float[...] of one shape: positions [m] and velocities [m/s] east and north, heading [rad]. A
     recorded vehicle may move sideways a little, so its whole velocity is taken (equations 6 and 7).

@@ -1,8 +1,8 @@
-"""Routes and crosswalks out of an OpenDRIVE map, for scenarios at one's own intersection.
+"""Routes and crosswalks of an OpenDRIVE map, for scenarios at your own intersection.
 
-Read are reference lines of lines, arcs, spirals and parametric cubics, lane offsets, lane widths and objects with
-local corners, from OpenDRIVE 1.4 to 1.8 (https://www.asam.net/standards/detail/opendrive/): what a lane's centre and a
-crosswalk's outline need. Elevation is left out. The frame is the map's: x east, y north, metres.
+The reader covers lines, arcs, spirals, parametric cubics, lane offsets, lane widths and objects with local corners of
+OpenDRIVE 1.4 to 1.8 (https://www.asam.net/standards/detail/opendrive/). Elevation is ignored. The frame is the map's:
+x east, y north, metres.
 """
 
 import math

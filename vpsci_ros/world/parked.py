@@ -1,9 +1,9 @@
-"""Parked and waiting vehicles: what they hide, and that one can run into them.
+"""Parked and waiting vehicles: they hide pedestrians, and a vehicle can hit them.
 
 They stand where their scenario has them, as oriented rectangles, in every episode. Vehicle and pedestrian see each
 other where the line of sight between them is free (`in_sight`); the policies take over an episode only then, and
-keep it once they control it. A vehicle that touches one of them has had its episode. Pedestrians keep to their
-routes, which lead around them, and do not wait for them.
+keep it once they control it. A contact of the vehicle ends its episode. Pedestrians follow their routes, which lead
+around them, and do not wait for them.
 """
 
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ def parked_from(scenarios: Sequence[Scenario]) -> Parked | None:
 
 
 def visible(state: NDArray[np.void], parked: Parked | None) -> NDArray[np.float64]:
-    """Return what share of the pedestrian is seen from the vehicle's eye, float64[B], 0 to 1, for EPISODE[B].
+    """Return the share of the pedestrian that is visible from the vehicle's eye, float64[B], 0 to 1, for EPISODE[B].
 
     :returns: 1 where nothing is parked, 0 in idle slots.
     """

@@ -55,7 +55,7 @@ _TRACKER = np.dtype(
 
 @dataclass(frozen=True)
 class PerceptionConfig:
-    """What the sensor sees, and the errors of the tracker; by default it sees everything as it is."""
+    """View of the sensor and errors of the tracker; none by default."""
 
     seed: int = parameter(1, "seed of the errors", low=0, high=2**63 - 1)
     field_of_view: float = parameter(
@@ -98,7 +98,7 @@ class PerceptionConfig:
 
 
 class PerceptionState(NamedTuple):
-    """What perception keeps from one frame to the next, for R rows."""
+    """Memory of perception from one frame to the next, for R rows."""
 
     trackers: NDArray[np.void]  # [R]
     late: NDArray[np.void]  # OBJECT[L, R] not published yet, the oldest first
@@ -123,7 +123,7 @@ class _Settings(NamedTuple):
 
 
 def blank(rows: int, config: PerceptionConfig, period: float) -> PerceptionState:
-    """Return what is kept before the first frame of `rows` rows, at ticks of `period` seconds."""
+    """Return the memory before the first frame of `rows` rows, at ticks of `period` seconds."""
     trackers = np.zeros(rows, _TRACKER)
     trackers["frame"] = -2
     return PerceptionState(trackers, np.zeros((config.delay(period), rows), OBJECT))
@@ -137,13 +137,13 @@ def perceive(
     parked: Parked | None = None,
     pedestrians: int = 1,
 ) -> tuple[PerceptionState, NDArray[np.void]]:
-    """Return what is kept for the next frame, and what is published at this one, OBJECT[R].
+    """Return the memory for the next frame and the objects published at this one, OBJECT[R].
 
-    An episode that is not seen frame by frame is taken up where it is seen again, as one that begins.
+    An episode with missing frames starts anew at the next frame that it has.
 
     :param state: EPISODE[R], `pedestrians` rows for each episode.
     :param period: of a tick [s].
-    :param parked: what hides, see `vpsci_ros.world.parked.parked_from`.
+    :param parked: vehicles that hide, see `vpsci_ros.world.parked.parked_from`.
     :raises InvalidInput: another number of rows than `memory` is for, or no whole number of episodes.
     """
     if len(state) != len(memory.trackers) or len(state) % pedestrians:
@@ -167,7 +167,7 @@ def perceive(
 
 
 def warm_up(config: PerceptionConfig) -> None:
-    """Have `perceive` compiled (or loaded), so that no tick waits for it."""
+    """Compile `perceive`, or load it, so that no tick waits for it."""
     perceive(blank(1, config, 1.0), np.zeros(1, EPISODE), config, 1.0)
 
 

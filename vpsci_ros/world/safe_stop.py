@@ -1,4 +1,4 @@
-"""An external driving system at the wheel: its commands checked and held; a safe stop where it falls silent."""
+"""Commands of an external driving system: checked and held, with a safe stop when they cease."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ LARGEST_ACCELERATION = 50.0  # [m/s2] beyond any vehicle's: a sign of wrong unit
 
 @dataclass(frozen=True)
 class ExternalConfig:
-    """How an external driving system drives the vehicle (`vehicle_driver: external`)."""
+    """Parameters of an external driving system (`vehicle_driver: external`)."""
 
     external_mode: str = parameter(
         "lock_step",
@@ -55,8 +55,8 @@ class ExternalDriver:
     time). Stamps are nanoseconds of simulated time; None means the present.
 
     :param period: of a tick [s].
-    :param counts: where commands and safe stops are counted.
-    :ivar present: returns whether anybody publishes commands.
+    :param counts: counts of commands and safe stops.
+    :ivar present: returns whether a publisher of commands exists.
     """
 
     def __init__(self, config: ExternalConfig, period: float, counts: WorldCounts) -> None:
@@ -76,7 +76,7 @@ class ExternalDriver:
 
     @property
     def real_time(self) -> bool:
-        """Whether the world goes on at its own pace."""
+        """Whether the world runs in real time, without waiting for commands."""
         return self.config.external_mode == "real_time"
 
     @property
@@ -100,7 +100,7 @@ class ExternalDriver:
         self._fresh = False
 
     def repeat(self) -> None:
-        """Take note that the present tick is published once more, so that late answers to it are no fault."""
+        """Mark the present tick as published again, so that late answers to it are no fault."""
         stamp, answers = self._repeated
         self._repeated = self._now, (answers if stamp == self._now else 0) + ANSWERS_TO_A_REPETITION
 

@@ -1,4 +1,4 @@
-"""A scenario: the lane that the vehicle drives, the way that the pedestrian walks, and what is drawn at a spawn.
+"""A scenario: the vehicle's lane, the pedestrian's route, and the ranges of the spawn.
 
 A scenario is a YAML file, one's own intersection as well as the eight of the paper in `params/scenarios/` (the first
 of them explains each key) and those of `params/scenarios/town10hd/`, which are found by number or name as well.
@@ -44,7 +44,7 @@ MOST_PARKED = 32
 
 @dataclass(frozen=True)
 class VehicleScenario:
-    """The vehicle's side: arc lengths along the lane's centreline [m]; intervals are what a spawn is drawn from."""
+    """The vehicle's lane and goal: arc lengths along the centreline [m]; a spawn is drawn from intervals."""
 
     path: Path
     lane_width: float  # [m]
@@ -57,7 +57,7 @@ class VehicleScenario:
 
 @dataclass(frozen=True)
 class PedestrianScenario:
-    """The pedestrian's side: arc lengths along the walking route [m]; intervals are what a spawn is drawn from."""
+    """The pedestrian's route and goal: arc lengths along it [m]; a spawn is drawn from intervals."""
 
     path: Path
     goal: float  # [m] along the route: the other side
@@ -93,8 +93,7 @@ def scenario_files() -> list[FilePath]:
 def further_files() -> list[FilePath]:
     """Return the files of the scenarios beyond the paper's, in the order of their numbers.
 
-    Where they are used they count as one's own: bags and datasets contain what they are made from, and a file of one's
-    own may take a number of theirs.
+    Bags and datasets contain their documents, as they do of your own scenarios; a file of yours may use their numbers.
     """
     return list(_own(params_dir() / "scenarios" / "town10hd").values())
 
@@ -117,8 +116,8 @@ def load_scenarios(
 ) -> list[Scenario]:
     """Return several scenarios, see `load_scenario`.
 
-    :param own: scenarios of one's own, or their files, whose numbers may stand in `which`.
-    :raises InvalidInput: also where two of them have the same number, or one of one's own is not in `which`.
+    :param own: your own scenarios, or their files; `which` may contain their numbers.
+    :raises InvalidInput: also for two with one number, or one of `own` that is not in `which`.
     """
     which, added = list(which), {scenario.number: scenario for scenario in map(_of_ones_own, own)}
     if left := [scenario for number, scenario in added.items() if number not in which]:
@@ -136,9 +135,9 @@ def load_scenarios(
 
 
 def own_documents(scenarios: Iterable[Scenario]) -> dict[str, Any]:
-    """Return what those scenarios are made from that are not the package's own, as JSON values, by name.
+    """Return the documents of the scenarios that are not the package's own, as JSON values, by name.
 
-    `scenario_from` makes the same scenario of it, to the bit.
+    `scenario_from` makes a bit-identical scenario from each.
     """
     package = _own(params_dir() / "scenarios")
     return {s.name: json.loads(json.dumps(s.document)) for s in scenarios if s.number not in package}
@@ -210,7 +209,7 @@ def _find(which: int | str | FilePath) -> FilePath:
 
 
 def scenario_from(document: Any, where: str) -> Scenario:
-    """Build a scenario from what its YAML holds; `where`, the file's path, opens each message.
+    """Return the scenario of a YAML document; `where`, the file's path, opens each message.
 
     With a key `opendrive`, lane and crosswalk are taken from that map, see `vpsci_ros.world.opendrive.expand`.
 

@@ -1,4 +1,4 @@
-"""The social force model: how pedestrians keep off each other, and a reference pedestrian that keeps off the vehicle.
+"""The social force model: repulsion between pedestrians, and a reference pedestrian repelled by the vehicle.
 
 See 'Social force model for pedestrian dynamics' by Helbing and Molnar, Physical Review E 51, 1995
 (https://doi.org/10.1103/PhysRevE.51.4282), for the form and for the repulsion between pedestrians. There it is an
@@ -45,7 +45,7 @@ def social_force(  # type: ignore[no-untyped-def]
 
 @kernel
 def keep_apart(state, first, count, pushes):  # type: ignore[no-untyped-def]
-    """Find what the pedestrians in rows `first` to `first + count` of EPISODE[B] push each other, [B, 2] [m/s2]."""
+    """Compute the repulsion between the pedestrians in rows `first` to `first + count` of EPISODE[B], [B, 2] [m/s2]."""
     for i in range(first, first + count):
         pushes[i, 0] = pushes[i, 1] = 0.0
         for j in range(first, i):
@@ -64,8 +64,8 @@ def keep_apart(state, first, count, pushes):  # type: ignore[no-untyped-def]
 def repulsion(dx, dy, vx, vy):  # type: ignore[no-untyped-def]
     """Acceleration (ax, ay) [m/s2] of a pedestrian at (dx, dy) [m] of another one, with (vx, vy) [m/s] relative to it.
 
-    It is the repulsion where the two are nearest within the next `FORESIGHT`, so that those who meet step aside; and
-    bodies that touch are pressed apart.
+    It is the repulsion at the nearest point within the next `FORESIGHT`, so that pedestrians who meet step aside.
+    Bodies that touch are pressed apart.
     """
     square = vx * vx + vy * vy
     ahead = min(FORESIGHT, max(0.0, -(dx * vx + dy * vy) / square)) if square > 0.0 else 0.0

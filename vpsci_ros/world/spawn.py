@@ -1,8 +1,8 @@
-"""Where an episode begins: a pure function of (seed, scenario, episode number), of each pedestrian by its number.
+"""The spawn: a pure function of (seed, scenario, episode number) and the pedestrian's number.
 
 The vehicle starts on its lane at a drawn place, speed and throttle. The pedestrian starts so that, at its own drawn
-speed, it needs a drawn time to reach the lane: on its way across the road already, or, where that would lie behind the
-start of its route, waiting there for the rest of the time. So slow and fast pedestrians meet the vehicle alike often.
+speed, it needs a drawn time to reach the lane: already on its way, or waiting at the start of its route for the rest of
+the time. So slow and fast pedestrians meet the vehicle equally often.
 """
 
 import math

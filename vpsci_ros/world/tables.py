@@ -87,7 +87,7 @@ class Recordings(NamedTuple):
 
 
 def settings_from(config: WorldConfig) -> Settings:
-    """Return a configuration as compiled code takes it."""
+    """Return a configuration for compiled code."""
     return Settings(
         period=config.tick,
         policy_ticks=config.policy_ticks,
@@ -105,7 +105,7 @@ def settings_from(config: WorldConfig) -> Settings:
 
 
 def crowd_from(config: WorldConfig) -> Crowd:
-    """Return who the pedestrians are as compiled code takes it."""
+    """Return the parameters of crowd and kinds for compiled code."""
     return Crowd(
         sizes=config.crowd.size_limits(config.pedestrians),
         roles=config.crowd.role_limits(),

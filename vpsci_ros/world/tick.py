@@ -1,6 +1,6 @@
-"""What goes round the loop at each tick: the world's `Tick`, the monitor's `Assessment` of it, the agents' `Actions`.
+"""The values of one tick: the world's `Tick`, the monitor's `Assessment` of it, the agents' `Actions`.
 
-Who acts, and whether an answer can be used, is checked once, where the value is made.
+Each is checked once, in its constructor.
 """
 
 import math
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 
 class Assessment(NamedTuple):
-    """What the safety monitor says of a tick, and who acts by it; made by `Tick.assessed` and `Tick.unassessed`."""
+    """The safety monitor's values of a tick and the rows in which policies act; made by `Tick.assessed`."""
 
     curvttc: Floats  # [B] [s], infinity where there is none
     distance: Floats  # [B] [m] between the two centres, NaN where it is not known
@@ -58,7 +58,7 @@ class Tick(NamedTuple):
         )
 
     def unassessed(self) -> Assessment:
-        """Return the assessment of this tick where the monitor did not answer."""
+        """Return the assessment of this tick without an answer of the monitor."""
         batch = len(self.state)
         none = np.zeros(batch, np.bool_)
         return Assessment(
@@ -77,7 +77,7 @@ class Tick(NamedTuple):
 
 @dataclass(frozen=True)
 class Actions:
-    """What the agents do at a tick, in the heading frame of the vehicle; None where no answer came.
+    """The agents' actions at a tick, in the vehicle's heading frame; None for a missing answer.
 
     :raises InvalidInput: another shape, or numbers that are not finite.
     """
@@ -100,7 +100,7 @@ NO_ACTIONS = Actions()
 
 
 class Step(NamedTuple):
-    """All that happened at one tick: what was published, what was answered, and what came of it."""
+    """One tick as a whole: the tick, its assessment, the actions and the events."""
 
     tick: Tick
     assessment: Assessment
@@ -110,7 +110,7 @@ class Step(NamedTuple):
 
 @kernel
 def has_nan(values):  # type: ignore[no-untyped-def]
-    """Return whether one of some numbers, float64[n], is none."""
+    """Return whether float64[n] contains NaN."""
     found = False
     for value in values:
         found |= math.isnan(value)
