@@ -9,18 +9,22 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 import pytest
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.driver_class import Observation
 from vpsci_ros.exam.run import prepare, run_exam
 from vpsci_ros.exam.socket_driver import SocketDriver, connected
 from vpsci_ros.resources import params_dir
+from vpsci_ros.wire.layout import PlanarMotion
 
 SOURCE = Path(__file__).parents[2] / "examples" / "socket_ads.cpp"
 EXAMPLE = "vpsci_ros.nodes.example_driver:ExampleDriver"
+MOTION = PlanarMotion(0.0, 0.0, 0.0, 1.0, 0.0)
 CLIENT = """
 import json, os, socket
 wire = socket.create_connection(("127.0.0.1", int(os.environ["VPSCI_ADS_PORT"]))).makefile("rw")
@@ -102,6 +106,15 @@ def test_a_silent_system_and_one_that_floods_are_given_up_once_and_for_all() -> 
         with pytest.raises(InvalidInput, match="more than 65536 bytes without an end of line"):
             flooded._line()
         sender.join()
+
+
+def test_a_system_that_answers_ahead_of_the_tick_is_given_up() -> None:
+    driver, theirs = a_driver(5.0)
+    with theirs:
+        theirs.sendall(b'{"tick": 0, "command": 1.0}\n{"tick": 1, "command": 1.0}\n')
+        for _ in range(2):
+            with pytest.raises(InvalidInput, match='it answered before it was sent the tick: \'{"tick": 0'):
+                driver.act(Observation(0.0, MOTION, (), 9.0, 9.0, *[np.zeros(1)] * 2, None))  # type: ignore[arg-type]
 
 
 def test_who_does_not_connect_in_time_has_not_driven_and_a_port_in_use_is_said_so(tmp_path: Path) -> None:

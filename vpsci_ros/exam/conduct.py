@@ -21,9 +21,10 @@ import numpy as np
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.episode import Key
 from vpsci_ros.errors import VpsciError
+from vpsci_ros.exam.class_process import class_process
+from vpsci_ros.exam.cockpit import Answers, Cockpit
 from vpsci_ros.exam.collect import bag_of, conduct_of, counts_of, episodes_of, joined, label_of, read_run
 from vpsci_ros.exam.config import EXTERNAL, PERSON, ExamConfig, title_of
-from vpsci_ros.exam.driver_class import Driver, find_driver
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_process import SIDE_BY_SIDE, InProcess
 from vpsci_ros.exam.measures import RunResult
@@ -233,7 +234,7 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
 
 
 def _run_in_process(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
-    """Have the ADS meet one pedestrian in this process, and leave a bag and a record as a graph does.
+    """Have the ADS meet one pedestrian without ROS, and leave a bag and a record as a graph does.
 
     A class drives many episodes side by side, a program behind a socket, or a person, one after the other.
     """
@@ -243,14 +244,17 @@ def _run_in_process(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
     config, patience = exam.config, exam.sections.get(GraphConfig, "graph").progress_timeout
     compile_kernels()
     loop = loop_with(exam, name, "external", exam.episodes, SIDE_BY_SIDE if config.ads_class else 1)
+    seats = len(loop.world.state) // loop.world.config.pedestrians
     with contextlib.ExitStack() as stack:
         bars = stack.enter_context(Bars(quiet=quiet))
-        make: Callable[[], Driver]
-        if exam.person or config.ads_class:
-            make = exam.person or find_driver(config.ads_class)
+        if config.ads_class and not exam.person:
+            process = stack.enter_context(class_process(config.ads_class, log, patience))
+            process.seat(exam.scenarios, seats)
+            answers: Answers = process.answers
         else:
-            make = stack.enter_context(connected(config, log, exam.world.tick, patience))
-        drivers = InProcess(make, loop, exam.perception, log, 0.0 if exam.person else patience)
+            make = exam.person or stack.enter_context(connected(config, log, exam.world.tick, patience))
+            answers = Cockpit(make, exam.scenarios, seats, 0.0 if exam.person else patience).answers
+        drivers = InProcess(loop, answers, exam.perception, log)
         steps = drivers.episodes(exam.episodes, lambda done: bars.bar(title_of(name), done, len(exam.episodes)))
         made_by = {"made_by": "vpsci ads-test", "ads": config.examined}
         write_ticks(steps, loop.world.config, bag_of(folder, label), made_by, scenarios=exam.scenarios)

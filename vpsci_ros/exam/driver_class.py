@@ -6,7 +6,6 @@ same whatever the others do, as long as objects share nothing that changes.
 """
 
 import importlib
-import inspect
 import math
 import sys
 from dataclasses import dataclass
@@ -16,8 +15,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import sha256
 from vpsci_ros.wire.layout import PlanarMotion, motion_of
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.safe_stop import LARGEST_ACCELERATION
@@ -91,19 +90,27 @@ def command_of_answer(answer: Any) -> tuple[str, tuple[float, ...]]:
     :param answer: acceleration along the car [m/s2]; or along it and to its left; or steer, throttle and brake.
     :raises InvalidInput: something else, or out of the range of the topic with the same command.
     """
-    try:
-        values = tuple(np.asarray(answer, np.float64).ravel().tolist())
-    except (TypeError, ValueError):
-        values = ()
+    values = _numbers(answer)
     values = (*values, 0.0) if len(values) == 1 else values
     for name, form in _FORMS.items():
         inside = (low <= value <= high for value, (low, high) in zip(values, _RANGES[name], strict=False))
         if len(values) == len(form) and all(inside):
             return name, values
     raise InvalidInput(
-        f"act returned {answer!r}; expected an acceleration along the car [m/s2], or one along it and one to its left, "
-        f"finite and at most {LARGEST_ACCELERATION:g}, or steer -1..1, throttle 0..1 and brake 0..1"
+        f"act returned {shown(answer)}; expected an acceleration along the car [m/s2], or one along it and one to its "
+        f"left, finite and at most {LARGEST_ACCELERATION:g}, or steer -1..1, throttle 0..1 and brake 0..1"
     )
+
+
+def _numbers(answer: Any) -> tuple[float, ...]:
+    """Return the numbers of an answer; none where it holds anything else, such as texts or truth values."""
+    if isinstance(answer, list | tuple) and any(isinstance(value, bool | np.bool_) for value in answer):
+        return ()
+    try:
+        array = np.asarray(answer)
+    except (TypeError, ValueError):  # lists of different lengths
+        return ()
+    return tuple(array.astype(np.float64).ravel().tolist()) if array.dtype.kind in "iuf" else ()
 
 
 def as_odometry(record: np.void, agent: str) -> PlanarMotion:
@@ -137,7 +144,12 @@ def find_driver(text: str) -> type[Driver]:
         raise InvalidInput(
             f"{where}: no module {error.name!r}; install it, or run the command in the folder in which it is"
         ) from None
-    except Exception as error:
+    except SystemExit as error:
+        raise InvalidInput(
+            f"{where}: {module} ends the program while it is imported (SystemExit: {error}); put its main under "
+            "if __name__ == '__main__'"
+        ) from error
+    except BaseException as error:
         raise InvalidInput(f"{where}: {module} cannot be imported: {type(error).__name__}: {error}") from error
     driver = getattr(found, name, None)
     if not isinstance(driver, type):
@@ -146,9 +158,3 @@ def find_driver(text: str) -> type[Driver]:
     if missing := [method for method in ("reset", "act") if not callable(getattr(driver, method, None))]:
         raise InvalidInput(f"{where}: it has no {' and no '.join(missing)}; define reset(begin) and act(observation)")
     return driver
-
-
-def files_of_driver(text: str) -> dict[str, str]:
-    """Return the file that defines the class, with its SHA-256: what was examined."""
-    path = inspect.getsourcefile(find_driver(text))
-    return {Path(path).name: sha256(Path(path))} if path else {}

@@ -1,7 +1,7 @@
 """What is examined, on which episodes, and what each of its runs begins from."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,7 @@ class Exam:
     :ivar sections: the parameters that the graphs are started with.
     :ivar part: which one of an exam in several parts, from 0.
     :ivar whole: that exam; None: it is whole itself.
+    :ivar files: of the driving system, each with its SHA-256.
     :ivar person: makes the driver that a person is: an episode a run, none of them alone; None: an ADS drives.
     """
 
@@ -39,6 +40,7 @@ class Exam:
     config: ExamConfig
     run: RunConfig
     world: WorldConfig
+    files: Mapping[str, str] = dataclasses.field(default_factory=dict)
     part: int = 0
     whole: "Exam | None" = None
     person: Callable[[], Driver] | None = None

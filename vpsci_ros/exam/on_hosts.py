@@ -13,27 +13,33 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.exam.config import EXTERNAL, PERSON
-from vpsci_ros.exam.driver_class import files_of_driver
+from vpsci_ros.exam.class_process import files_of_class
+from vpsci_ros.exam.config import EXTERNAL, PERSON, ExamConfig
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.process import files_of
+from vpsci_ros.exam.process import command_of, files_of
 from vpsci_ros.resources import near_misses_path
 from vpsci_ros.runs.files import sha256
 
 _PARTS = ("runs", "logs")
 
 
-def driver_files(exam: Exam) -> dict[str, str]:
-    """Return the files of the driving system, each with its SHA-256."""
-    if exam.config.ads_class:
-        return files_of_driver(exam.config.ads_class)
-    return {} if exam.config.ads in (EXTERNAL, PERSON) else files_of(exam.config.ads)
+def driver_files(config: ExamConfig) -> dict[str, str]:
+    """Return the files of the driving system, each with its SHA-256.
+
+    :raises InvalidInput: there is no such program or class.
+    """
+    if config.ads_class:
+        return files_of_class(config.ads_class)
+    if config.ads in (EXTERNAL, PERSON):
+        return {}
+    command_of(config.ads)
+    return files_of(config.ads)
 
 
 def files_needed(exam: Exam) -> dict[str, str]:
     """Return the files that a run reads and no parameter holds, each with its SHA-256."""
     recorded = [near_misses_path(exam.config.recorded)] if exam.config.recorded else []
-    return driver_files(exam) | {path.name: sha256(path) for path in (exam.weights, *recorded)}
+    return driver_files(exam.config) | {path.name: sha256(path) for path in (exam.weights, *recorded)}
 
 
 def elsewhere(

@@ -14,6 +14,7 @@ import yaml
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam import euro_ncap
+from vpsci_ros.exam.cockpit import Cockpit
 from vpsci_ros.exam.collect import episodes_of
 from vpsci_ros.exam.conduct import loop_with, run_with_all
 from vpsci_ros.exam.config import EURO_NCAP
@@ -114,7 +115,8 @@ def _autopilot(exam: Exam, folder: Path) -> RunResult:
     """Return what the autopilot's braking rule comes to, in the same robots' hands."""
     loop = loop_with(exam, EURO_NCAP, "external", exam.episodes, len(exam.episodes))
     brake = type("AutopilotBrake", (AutopilotBrake,), {"near": exam.world.proximity_distance})
-    steps = InProcess(brake, loop, None, folder / "autopilot.log").episodes(exam.episodes, lambda _: None)
+    cockpit = Cockpit(brake, exam.scenarios, len(exam.episodes), 0.0)
+    steps = InProcess(loop, cockpit.answers, None, folder / "autopilot.log").episodes(exam.episodes, lambda _: None)
     ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
     found, sight = episodes_of(exam, ticks, Watcher(exam.scenarios), BASELINE)
     return RunResult(found, Conduct(len(exam.episodes)), sight=sight)

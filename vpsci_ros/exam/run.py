@@ -29,14 +29,13 @@ from vpsci_ros.exam.collect import bags_of
 from vpsci_ros.exam.conduct import autopilot_run, run_with_all
 from vpsci_ros.exam.config import ALONE, EXTERNAL, NO_SOCKET, PERSON, ExamConfig, added_pedestrians, title_of
 from vpsci_ros.exam.criteria import check, parse
-from vpsci_ros.exam.driver_class import find_driver
 from vpsci_ros.exam.earlier import Earlier, compare, compared_with, write_junit
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.failures import again_source, export_smallest, groups_of
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, RunResult, episode_table
 from vpsci_ros.exam.on_hosts import driver_files
 from vpsci_ros.exam.page import write_page
-from vpsci_ros.exam.process import OWN, command_of
+from vpsci_ros.exam.process import OWN
 from vpsci_ros.exam.report import ADS, BASELINE, FAILED_BEFORE, make_report
 from vpsci_ros.exam.summary import write_summary
 from vpsci_ros.exam.view import Driven, exam_sources
@@ -106,10 +105,8 @@ def prepare(
     if config.in_process or config.baseline:
         what = "a class, a program behind a socket and the autopilot (ads_test.baseline) drive"
         chosen.get(EngineConfig, "world_simulator").require_own(what)
-    if config.ads_class:
-        find_driver(config.ads_class)
-    elif config.ads != EXTERNAL:
-        command_of(config.ads)
+    if config.examined != EXTERNAL:
+        exam = dataclasses.replace(exam, files=driver_files(config))
     elif workers > 1:
         raise InvalidInput(f"--workers {workers}: a system that you start yourself (external) drives in one graph only")
     if config.examined.strip() == OWN and world.pedestrians > 1 and not config.perception:
@@ -272,7 +269,7 @@ def identity_of(exam: Exam) -> dict[str, Any]:
     whole = {"whole": list(exam.whole.run.only)} if exam.whole else {}  # of which it is a part
     return whole | {
         "ads": exam.config.examined,
-        "ads_files_sha256": driver_files(exam),
+        "ads_files_sha256": dict(exam.files),
         "parameters": {name: dict(exam.sections.values.get(name, {})) for name in nodes} | {"ads_test": examined},
         "world": dataclasses.asdict(exam.world),
         "scenarios_sha256": {scenario.name: scenario.sha256 for scenario in exam.scenarios},

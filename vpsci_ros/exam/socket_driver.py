@@ -64,6 +64,7 @@ class SocketDriver:
         curvttc = observation.curvttc if math.isfinite(observation.curvttc) else None
         seen = {"vehicle": observation.vehicle, "pedestrians": observation.pedestrians}
         rest = {"curvttc": curvttc, "distance": observation.distance}
+        self._require_nothing_ahead()
         self._send({"type": "tick", "tick": tick, "time": observation.time} | seen | rest)
         line = self._line()
         with contextlib.suppress(ValueError, LookupError, TypeError, RecursionError):
@@ -80,6 +81,21 @@ class SocketDriver:
             self._connection.sendall(json.dumps(message, separators=(",", ":")).encode() + b"\n")
         except OSError as error:
             raise self._gone(f"it does not read ({error})") from None
+
+    def _require_nothing_ahead(self) -> None:
+        """Give a system up that has answered a tick which it has not been sent.
+
+        :raises InvalidInput: it has.
+        """
+        if self._connection is None:
+            return
+        self._connection.setblocking(False)
+        with contextlib.suppress(OSError):  # nothing there, or a connection that is lost, which sending shows
+            self._received += self._connection.recv(LONGEST)
+        if self._received:
+            raise self._gone(
+                f"it answered before it was sent the tick: {self._received[:_SHOWN].decode(errors='replace')!r}"
+            )
 
     def _line(self) -> str:
         """Return the next line that the system sent.

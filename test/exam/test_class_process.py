@@ -1,0 +1,145 @@
+"""A driving system's class in a process of its own: whatever it does there, the exam has an answer to each scene."""
+
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.class_process import class_process, files_of_class
+from vpsci_ros.exam.cockpit import Answer, Scene
+from vpsci_ros.exam.driver_class import find_driver
+from vpsci_ros.world import World, WorldConfig, load_scenario
+
+Drive = Callable[..., list[Answer]]
+EXAMPLE = "vpsci_ros.nodes.example_driver:ExampleDriver"
+ONE = Answer("vehicle", [1.0, 0.0])
+
+
+def a_scene(seat: int = 0) -> Scene:
+    config = WorldConfig(vehicle_driver="external", pedestrian_driver="autopilot", spawn="paper")
+    state = World(config, [load_scenario(1)], [(1, seat)], 1, 0).state
+    return Scene(seat, (1, seat, 7), 0.0, state, np.array([9.0]), np.array([20.0]), None)
+
+
+def mine(act: str, before: str = "") -> str:
+    """Return a module with a class whose `act` does this, and returns 1.0."""
+    body = f"  def reset(self, begin): pass\n  def act(self, observation):\n    {act}\n    return 1.0\n"
+    return f"{before}\nclass Mine:\n{body}"
+
+
+@pytest.fixture
+def drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Drive:
+    """Return the function that has a module's class `Mine` answer two scenes of a tick, so many times."""
+    monkeypatch.chdir(tmp_path)
+
+    def driven(text: str, ticks: int = 1, patience: float = 60.0) -> list[Answer]:
+        (tmp_path / "a_driver.py").write_text(text)
+        scenes = [a_scene(0), a_scene(1)]
+        with class_process("a_driver:Mine", tmp_path / "log", patience) as process:
+            process.seat([load_scenario(1)], 2)
+            return [answer for _ in range(ticks) for answer in process.answers(scenes)]
+
+    return driven
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("import sys; sys.exit(0)", "ends the program while it is imported .SystemExit: 0.; put its main under"),
+        ("import os; os._exit(0)", "while its module was imported, the ADS ended with exit status 0"),
+        (mine("") + "  def __init__(self):\n    raise SystemExit(0)", r"Mine\(\) cannot be made: SystemExit: 0"),
+    ],
+)
+def test_a_class_that_cannot_be_made_is_refused_in_words(drive: Drive, text: str, said: str) -> None:
+    with pytest.raises(InvalidInput, match=said):
+        drive(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("class Other: pass", "has no class 'Mine'; it has Other"),
+        ("class Mine:\n  def act(self, observation): ...", r"it has no reset; define reset\(begin\)"),
+        ("import no_such_module_here", "cannot be imported: No module named 'no_such_module_here'"),
+        ("1 / 0", "cannot be imported: ZeroDivisionError"),
+        ("raise KeyboardInterrupt", "cannot be imported: KeyboardInterrupt"),
+    ],
+)
+def test_a_module_without_a_driver_is_refused_with_what_it_lacks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest, text: str, said: str
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    name = re.sub(r"\W", "_", request.node.name)
+    (tmp_path / f"{name}.py").write_text(text)
+    with pytest.raises(InvalidInput, match=said):
+        find_driver(f"{name}:Mine")
+
+
+def test_a_process_that_ends_in_the_middle_is_no_success(drive: Drive) -> None:
+    answers = drive(mine("if COUNT.append(0) or len(COUNT) > 1: import os; os._exit(0)", "COUNT = []"), ticks=2)
+    assert answers[0] == ONE
+    assert all(answer.error.startswith("the ADS ended with exit status 0") for answer in answers[1:])
+    assert len(answers) == 4
+
+
+RAISED = {
+    "raise asyncio.CancelledError('no')": "CancelledError: no",
+    "sys.exit(0)": "SystemExit: 0",
+    "raise ValueError('\\ud800 \\x1b[2J')": r"ValueError: \ud800 \x1b[2J",
+    "raise type('Odd', (Exception,), {'__str__': lambda self: 1 / 0})": "Odd",
+    "return '\\ud800'": r"act returned '\ud800'; expected an acceleration along the car",
+    "return True": "act returned True",
+}
+
+
+def test_whatever_is_raised_or_returned_is_the_answer_to_that_scene_alone(drive: Drive) -> None:
+    ways = "\n".join(f"    if len(COUNT) == {2 * n + 1}: {way}" for n, way in enumerate(RAISED))
+    answers = drive(mine(f"COUNT.append(0)\n{ways}", "import asyncio, sys\nCOUNT = []"), ticks=len(RAISED))
+    assert [answer.error.startswith(said) for answer, said in zip(answers[::2], RAISED.values(), strict=True)] == [
+        True
+    ] * len(RAISED)
+    assert [answer.refused for answer in answers[::2]] == [way.startswith("return") for way in RAISED]
+    assert answers[1::2] == [ONE] * len(RAISED)
+
+
+def test_what_it_writes_into_what_it_sees_moves_nobody(drive: Drive) -> None:
+    seen = "assert observation._state['pedestrian_x'][0] != 1e6; observation._state['pedestrian_x'] = 1e6"
+    assert drive(mine(seen), ticks=2) == [ONE] * 4, "nor does it see that again itself"
+
+
+def test_threads_and_copies_that_it_leaves_end_with_it(drive: Drive, tmp_path: Path) -> None:
+    begun = time.monotonic()
+    thread = "threading.Thread(target=time.sleep, args=(1000,)).start()"
+    fork = f"if os.fork() == 0: open('{tmp_path}/pid', 'w').write(str(os.getpid())); time.sleep(1000)"
+    waits = f"while not os.path.exists('{tmp_path}/pid') or not open('{tmp_path}/pid').read(): time.sleep(0.01)"
+    act = f"if not COUNT:\n      COUNT.append(0)\n      {thread}\n      {fork}\n      {waits}"
+    assert drive(mine(act, "import os, threading, time\nCOUNT = []")) == [ONE, ONE]
+    assert time.monotonic() - begun < 500.0
+    copy = int((tmp_path / "pid").read_text())
+    while Path(f"/proc/{copy}").exists() and "\nState:\tZ" not in Path(f"/proc/{copy}/status").read_text():
+        time.sleep(0.01)
+
+
+def test_a_copy_that_comes_back_does_not_answer_a_second_time(drive: Drive) -> None:
+    assert drive(mine("import os; os.fork()"), ticks=3) == [ONE] * 6
+
+
+def test_a_class_that_never_returns_is_interrupted_and_others_have_less_time_after_three(drive: Drive) -> None:
+    answers = drive(mine("import time; time.sleep(1000)"), ticks=3, patience=0.05)
+    assert [answer.error for answer in answers] == ["no answer for 0.05 s"] * 6
+
+
+def test_it_runs_in_the_folder_of_the_command_and_says_which_file_it_is_of(drive: Drive, tmp_path: Path) -> None:
+    assert drive(mine(f"import os; assert os.getcwd() == {str(tmp_path)!r}; os.chdir('/')"))[0] == ONE
+    assert Path.cwd() == tmp_path
+    assert files_of_class("a_driver:Mine").keys() == {"a_driver.py"}
+    assert files_of_class(EXAMPLE).keys() == {"example_driver.py"}
+    assert re.fullmatch("[0-9a-f]{64}", files_of_class(EXAMPLE)["example_driver.py"])
+    with pytest.raises(InvalidInput, match="expected MODULE:CLASS"):
+        files_of_class("a_driver")
+    with pytest.raises(InvalidInput, match="no module 'no_such_module'"):
+        files_of_class("no_such_module:Mine")

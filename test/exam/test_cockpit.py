@@ -1,0 +1,87 @@
+"""What the driver of a car gets at a tick, and which answers are commands."""
+
+import signal
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.cockpit import Cockpit, Scene
+from vpsci_ros.exam.driver_class import Begin, Observation, command_of_answer
+from vpsci_ros.exam.patience import NoAnswer, within
+from vpsci_ros.world import World, WorldConfig, load_scenario
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (None, "act returned None"),
+        (float("nan"), "act returned nan"),
+        ((51.0, 0.0), r"act returned \(51.0, 0.0\)"),
+        ((0.0, 1.5, 0.0), r"act returned \(0.0, 1.5, 0.0\)"),
+        ("brake", "act returned 'brake'"),
+        ("5", "act returned '5'"),
+        (True, "act returned True"),
+        (np.True_, "act returned "),
+        ([0.5, True], r"act returned \[0.5, True\]"),
+        ([[1.0], [1.0, 2.0]], "act returned "),
+        (10**400, "act returned "),
+        ([1.0] * 4, "expected an acceleration along the car"),
+    ],
+)
+def test_what_is_no_command_is_refused_as_the_topics_refuse_it(answer: Any, said: str) -> None:
+    with pytest.raises(InvalidInput, match=said):
+        command_of_answer(answer)
+
+
+def test_an_answer_is_an_acceleration_or_two_or_steering_throttle_and_brake() -> None:
+    assert command_of_answer(np.float32(1.5)) == ("vehicle", (1.5, 0.0))
+    assert command_of_answer(-2) == ("vehicle", (-2.0, 0.0))
+    assert command_of_answer([-8.0, 0.5]) == ("vehicle", (-8.0, 0.5))
+    assert command_of_answer(np.array([0.1, 0.0, 1.0])) == ("vehicle_control", (0.1, 0.0, 1.0))
+
+
+def test_each_seat_has_a_driver_of_its_own_which_learns_where_it_is_and_sees_what_the_environment_shows() -> None:
+    begun: dict[Any, list[Begin]] = {}
+    seen: list[Observation] = []
+
+    class Mine:
+        def reset(self, begin: Begin) -> None:
+            begun.setdefault(self, []).append(begin)
+
+        def act(self, observation: Observation) -> float:
+            seen.append(observation)
+            return 0.5
+
+    scenario = load_scenario(1)
+    state = World(WorldConfig(spawn="paper"), [scenario], [(1, 4), (1, 5)], 2, 0).state
+    cockpit = Cockpit(Mine, [scenario], 2, 0.0)
+    near = np.array([4.0]), np.array([9.0])
+    scenes = [Scene(n, (1, 4 + n, 70 + n), 0.0, state[n : n + 1], *near, None) for n in (0, 1)]
+    assert [answer.values for answer in cockpit.answers(scenes)] == [(0.5, 0.0)] * 2
+    assert [[(b.scenario.number, b.episode, b.seed) for b in each] for each in begun.values()] == [
+        [(1, 4, 70)],
+        [(1, 5, 71)],
+    ]
+    assert (seen[0].curvttc, seen[0].distance, len(seen[0].pedestrians)) == (4.0, 9.0, 1)
+    vector = seen[1].of_environment()
+    assert vector.shape == (21,)
+    assert vector[0] == np.float32(seen[1].vehicle.speed)
+    assert vector[20] == np.float32(4.0)
+
+
+def test_code_that_catches_every_exception_is_interrupted_all_the_same() -> None:
+    def stubborn() -> None:
+        while True:
+            try:
+                time.sleep(1000.0)
+            except Exception:  # noqa: BLE001  # as careless code does
+                continue
+
+    with pytest.raises(NoAnswer, match="no answer for 0.05 s"), within(0.05):
+        stubborn()
+    with within(1000.0):
+        pass
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)

@@ -1,0 +1,177 @@
+"""A driving system's class in a process of its own: what it does to its process, it does not do to the exam.
+
+It may end its process, leave threads and copies of it, change the folder, or write into what it is shown. The exam has
+its answers as JSON through a connection, one to each scene, and knows how the process ended.
+"""
+
+import contextlib
+import inspect
+import json
+import multiprocessing
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.exam.cockpit import Answer, Cockpit, Scene
+from vpsci_ros.exam.driver_class import find_driver
+from vpsci_ros.exam.process import failure
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.processes import ChildProcess, stop
+from vpsci_ros.world import Scenario
+
+_MAIN = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[3]); from vpsci_ros.exam.class_process import main; "
+    "main(int(sys.argv[1]), sys.argv[2])"
+)
+_LOOK = 0.2  # [s] between looks whether the process still runs
+_SPARE = 10.0  # [s] beyond the class's own time for an answer: code that is compiled cannot be interrupted
+_LONGEST = 2**20  # [bytes] of an answer
+_LEAVES = 1.0  # [s] that the process has to end by itself
+
+
+class ClassProcess:
+    """The process of a class.
+
+    :param patience: for an answer [s].
+    :ivar path: of the file that defines the class; empty: there is none.
+    :raises InvalidInput: the class cannot be found or made.
+    """
+
+    def __init__(self, process: ChildProcess, connection: Connection, patience: float) -> None:
+        self._process, self._connection, self._patience = process, connection, patience
+        self._ended = ""
+        self.path: str = self._first("while its module was imported")
+
+    def seat(self, scenarios: Sequence[Scenario], seats: int) -> None:
+        """Make an object of the class for each seat.
+
+        :raises InvalidInput: it cannot be made.
+        """
+        with contextlib.suppress(OSError):  # it has ended, which reading from it shows
+            self._connection.send((scenarios, seats, self._patience))
+        self._first("while its objects were made")
+
+    def answers(self, scenes: Sequence[Scene]) -> Iterator[Answer]:
+        """Yield the answer to each scene; once the process has ended, that it has."""
+        with contextlib.suppress(OSError):
+            self._connection.send(scenes)
+        for _ in scenes:
+            yield self._answer()
+
+    def _answer(self) -> Answer:
+        if not self._ended:
+            with contextlib.suppress(ValueError, TypeError):
+                return Answer(*self._received())
+            self._ended = self._ended or "its process sent what is no answer"
+            self._process.signal(signal.SIGKILL)
+        return Answer(error=self._ended)
+
+    def _received(self) -> Any:
+        """Return what the process says next.
+
+        :raises ValueError: it has ended, is silent, or what it sends is not JSON; `_ended` says so, if it is known.
+        """
+        deadline = time.monotonic() + self._patience + _SPARE
+        while not self._connection.poll(_LOOK):
+            if self._process.end and not self._connection.poll(0.0):
+                self._ended = self._how()
+                raise ValueError
+            if time.monotonic() > deadline:
+                self._ended = f"it has not returned for {self._patience + _SPARE:g} s, and cannot be interrupted"
+                raise ValueError
+        try:
+            return json.loads(self._connection.recv_bytes(_LONGEST))
+        except (EOFError, OSError):
+            self._process.wait(_LEAVES)
+            self._ended = self._how() or "its process closed the connection"
+            raise ValueError from None
+
+    def _how(self) -> str:
+        """Return how the process ended; nothing while it runs."""
+        return failure(self._process).removesuffix(f" (log: {self._process.log})")
+
+    def _first(self, when: str) -> Any:
+        """Return what the process says before it is asked anything.
+
+        :raises InvalidInput: it has refused the class, or has ended.
+        """
+        try:
+            found = self._received()
+        except ValueError:
+            raise InvalidInput(f"--ads-class: {when}, {self._ended}") from None
+        if "refused" in found:
+            raise InvalidInput(found["refused"])
+        return found.get("path", "")
+
+
+@contextlib.contextmanager
+def class_process(text: str, log: Path, patience: float) -> Iterator[ClassProcess]:
+    """Start a process for the class MODULE:CLASS, and end it with all that it started when the `with` block is left.
+
+    :param log: for what it writes.
+    :raises InvalidInput: the class cannot be found.
+    """
+    here, there = multiprocessing.Pipe()
+    command = [sys.executable, "-P", "-c", _MAIN, str(there.fileno()), text, json.dumps(sys.path)]
+    with here:
+        with there:
+            process = ChildProcess(command, log, os.environ, inherited=[there.fileno()])
+        try:
+            yield ClassProcess(process, here, patience)
+            here.close()
+            process.wait(_LEAVES)
+        finally:
+            stop([process], ((signal.SIGTERM, _LEAVES), (signal.SIGKILL, _LEAVES)))
+            process.signal(signal.SIGKILL)  # for what it started and left behind
+
+
+def files_of_class(text: str) -> dict[str, str]:
+    """Return the file that defines the class MODULE:CLASS, with its SHA-256: what is examined.
+
+    :raises InvalidInput: there is no such class, or it is no driver.
+    """
+    with tempfile.TemporaryDirectory() as folder, class_process(text, Path(folder) / "log", 60.0) as process:
+        path = Path(process.path)
+        return {path.name: sha256(path)} if process.path else {}
+
+
+def main(descriptor: int, text: str) -> None:
+    """Answer in the process of the class, until the connection ends."""
+    connection, own = Connection(descriptor), os.getpid()
+
+    def say(what: Any) -> None:
+        if os.getpid() != own:
+            os._exit(0)  # a copy of this process, which the class has made and which came back here
+        connection.send_bytes(json.dumps(what).encode())
+
+    try:
+        driver = find_driver(text)
+        say({"path": _source(driver)})
+        cockpit = Cockpit(driver, *connection.recv())
+        say({})
+        while True:
+            for answer in cockpit.answers(connection.recv()):
+                say(answer)
+    except VpsciError as error:
+        say({"refused": str(error)})
+    except (EOFError, OSError):
+        pass  # the exam is over
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(Exception):
+                stream.flush()
+        if sys.exc_info()[0] is None:
+            os._exit(0)  # without waiting for threads that the class has left
+
+
+def _source(driver: type) -> str:
+    with contextlib.suppress(TypeError, OSError):
+        return inspect.getsourcefile(driver) or ""
+    return ""
