@@ -45,6 +45,9 @@ class WorldConfig:
         low=0.0,
         high=1.0,
     )
+    walk_on: bool = parameter(
+        True, "a pedestrian who has reached the goal walks on, out of the scene; false: it stands there"
+    )
     proximity_distance: float = parameter(
         4.0, "the autopilot brakes fully for a pedestrian this near ahead of its front", unit="m", low=0.0, high=50.0
     )

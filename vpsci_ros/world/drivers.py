@@ -156,7 +156,7 @@ def _intended(episode, i, answers, tables, settings):  # type: ignore[no-untyped
         (tables.walk, episode.table, row.walk_count, row.walk_step),
         (episode.pedestrian_x, episode.pedestrian_y),
     )
-    pace = 0.0 if waiting or episode.pedestrian_goal else pace
+    pace = 0.0 if waiting or (episode.pedestrian_goal and not settings.walk_on) else pace
     wanted_x, wanted_y = walk_velocity(*route, episode.pedestrian_s, offset, *place, pace)
     if driver == CONSTANT_VELOCITY:  # sets off, once
         return wanted_x / settings.period, wanted_y / settings.period, False

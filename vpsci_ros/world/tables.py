@@ -59,6 +59,7 @@ class Settings(NamedTuple):
     vehicle_driver: int  # index in VEHICLE_DRIVERS
     pedestrian_driver: int  # index in PEDESTRIAN_DRIVERS
     pedestrian_gain: float  # share of the pedestrian's acceleration that becomes motion, (21)-(24)
+    walk_on: bool  # beyond its goal the pedestrian walks on
     proximity_distance: float  # [m] below which the autopilot brakes
     lane_following: bool  # the vehicle's lateral action is added to what keeps the lane
     human: bool  # people approach as recorded
@@ -96,6 +97,7 @@ def settings_from(config: WorldConfig) -> Settings:
         vehicle_driver=VEHICLE_DRIVERS.index(config.vehicle_driver),
         pedestrian_driver=PEDESTRIAN_DRIVERS.index(config.pedestrian_driver),
         pedestrian_gain=config.pedestrian_gain,
+        walk_on=config.walk_on,
         proximity_distance=config.proximity_distance,
         lane_following=config.lane_following,
         human=config.spawn != "paper",
