@@ -337,8 +337,8 @@ def test_hashes_are_those_of_the_tested_versions() -> None:
     tested = {line.partition(";")[0].strip() for line in lines(ROOT / "constraints.txt")}
     hashed = [row for row in hashed if not row[0].startswith("protobuf==")]  # of two releases; the constraints say why
     assert [version for version, _ in hashed if version not in tested] == []
-    named = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
-    assert [version for version, _ in hashed if "| {} | {} |".format(*version.split("==")) not in named] == []
+    named = (ROOT / "docs" / "dependencies.csv").read_text(encoding="utf-8")
+    assert [version for version, _ in hashed if "\n{},{},".format(*version.split("==")) not in named] == []
 
 
 def lines(path: Path) -> list[str]:

@@ -5,11 +5,13 @@ r"""Write what is installed for what, its licences and its hashes, from a report
         '.[learn,ros,messages,rl,realism,search,paper,formats,carla,drive,planner,sumo,highway,test,docs]'
     .venv/bin/python tools/dependencies.py report.json
 
-Writes docs/dependencies.md, and constraints-hashes.txt: the files that pip chose on this platform, each with its
-SHA-256. Builds whose version names one (torch's "+cpu") are left out of the latter: they are not what PyPI serves.
+Writes docs/dependencies.md (what this package itself requires), docs/dependencies.csv (every package) and
+constraints-hashes.txt: the files that pip chose on this platform, each with its SHA-256. Builds whose version names one
+(torch's "+cpu") are left out of the latter: PyPI does not serve them.
 """
 
 import argparse
+import csv
 import importlib.metadata
 import json
 import platform
@@ -22,16 +24,15 @@ from packaging.requirements import Requirement
 ROOT = Path(__file__).parent.parent
 HEAD = """# Dependencies
 
-What `make setup` installs (the extras in `tools/setup.sh`), for what, and under which licence, as each package's own
-metadata say; written by `tools/dependencies.py`: {count} packages on
-{platform}. ROS 2's wheels state no licence; theirs are in their package.xml (Apache-2.0, a few BSD-3-Clause or MIT).
+`tools/dependencies.py` writes this page: the packages that this package itself requires, with the licence in their
+metadata. [dependencies.csv](dependencies.csv) has all {count} packages of `make setup` on {platform}.
+ROS 2's wheels state no licence; their package.xml does (Apache-2.0, a few BSD-3-Clause or MIT).
 
-The versions are those of `constraints.txt`, which is what is tested; `constraints-hashes.txt` holds the SHA-256 of the
-files for that platform, but for builds such as PyTorch's own for CPUs:
+`constraints.txt` has the tested versions, `constraints-hashes.txt` the SHA-256 of their files on that platform:
 
     pip install --require-hashes --no-deps -r constraints-hashes.txt
 
-| package | version | licence | installed for |
+| package | version | licence | for |
 |---|---|---|---|
 """
 
@@ -73,8 +74,18 @@ def canonical(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
+def write_pages(rows: list[tuple[str, str, str, str]], system: str) -> None:
+    """Write docs/dependencies.csv from (package, version, licence, for), and docs/dependencies.md."""
+    with (ROOT / "docs" / "dependencies.csv").open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([("package", "version", "licence", "for"), *rows])
+    own = [row for row in rows if row[3].startswith(("extra ", "the package")) and not row[0].startswith("ros-")]
+    head = HEAD.format(count=len(rows), platform=system)
+    lines = [f"| {' | '.join(row)} |\n" for row in own]
+    (ROOT / "docs" / "dependencies.md").write_text(head + "".join(lines), encoding="utf-8")
+
+
 def main() -> None:
-    """Write both files."""
+    """Write the three files."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("report", type=Path, help="what `pip install --report` wrote")
     items = json.loads(parser.parse_args().report.read_text(encoding="utf-8"))["install"]
@@ -85,13 +96,12 @@ def main() -> None:
         name, version = canonical(item["metadata"]["name"]), item["metadata"]["version"]
         if name == root:
             continue
-        rows.append(f"| {name} | {version} | {licence(item['metadata'])} | {', '.join(why.get(name, [])[:3])} |")
+        rows.append((name, version, licence(item["metadata"]), ", ".join(why.get(name, [])[:3])))
         digest = item["download_info"].get("archive_info", {}).get("hashes", {}).get("sha256")
         if digest and "+" not in version:
             hashes.append(f"{name}=={version} --hash=sha256:{digest}")
     system = f"{platform.system()} {platform.machine()}, Python {platform.python_version()}"
-    head = HEAD.format(count=len(rows), platform=system)
-    (ROOT / "docs" / "dependencies.md").write_text(head + "\n".join(rows) + "\n", encoding="utf-8")
+    write_pages(rows, system)
     about = f"# Files of the tested packages for {system}, by tools/dependencies.py; see docs/dependencies.md.\n"
     (ROOT / "constraints-hashes.txt").write_text(about + "\n".join(hashes) + "\n", encoding="utf-8")
 
