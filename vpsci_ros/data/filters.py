@@ -39,9 +39,9 @@ class FilterConfig:
         CRITICAL_TTC, "keep episodes whose least CurvTTC is below", unit="s", low=0.0, high=60.0
     )
     missing_frames: int = parameter(
-        10, "drop episodes with so many frames in a row without velocities", low=1, high=1000
+        10, "drop episodes with this many frames in a row without velocities", low=1, high=1000
     )
-    least_frames: int = parameter(100, "keep episodes of at least so many frames", low=1, high=100_000)
+    least_frames: int = parameter(100, "keep episodes of at least this many frames", low=1, high=100_000)
     vehicle_distance: float = parameter(
         10.0,
         "keep episodes whose last vehicle position is further than this from the first",

@@ -70,7 +70,10 @@ def eligible(interactions: Interactions) -> Interactions:
 
 
 def reconstruct(model: Predictor, interactions: Interactions) -> ProtocolErrors:
-    """Predict every step from observed history (the paper's protocol); `interactions` as `eligible` returns them."""
+    """Return errors of every step predicted from the recorded history; `interactions` as `eligible` returns them.
+
+    This is our reading of the paper's protocol; its text fits closed loop as well.
+    """
     n = len(interactions)
     model.begin(n)
     start = np.maximum(interactions.first - OBSERVED, 0)

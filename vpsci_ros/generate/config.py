@@ -13,9 +13,7 @@ class DatasetConfig:
         0, "kept episodes wanted in each scenario; 0: the counts of Table 10", low=0, high=1_000_000_000
     )
     formats: list[str] = parameter(["parquet"], "files to write for each scenario", choices=("parquet", "csv"))
-    keep_rejected: bool = parameter(False, "write rejected episodes, too, to the folder rejected/")
+    keep_rejected: bool = parameter(False, "write rejected episodes to the folder rejected/")
     unit: int = parameter(1024, "episodes in one unit of work", low=1, high=1_000_000)
-    parallel: int = parameter(1024, "episodes that one worker simulates side by side", low=1, high=65536)
-    give_up: float = parameter(
-        100.0, "stop when so many times the kept episodes wanted were simulated and not kept", low=1.0, high=1e9
-    )
+    parallel: int = parameter(1024, "parallel episodes of one worker", low=1, high=65536)
+    give_up: float = parameter(100.0, "stop when this many times the wanted episodes were rejected", low=1.0, high=1e9)

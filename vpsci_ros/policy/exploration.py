@@ -2,8 +2,8 @@
 
 The paper gives N(t) = N_0 exp(-beta t) + N_min and no unit, no t and no distribution. Here:
 
-- N is a share of the largest acceleration, so that N_0 = 0.3 begins at 1.75 m/s2: the critics must see what braking
-  does before they can value it. (Measured: with 0.3 m/s2 collisions in simulation stop falling at about 55%.)
+- N is a share of the largest acceleration, so that N_0 = 0.3 begins at 1.75 m/s2: the critics must see the effect
+  of braking before they can value it.
 - t counts training episodes. Eight scenarios run in turn, so it is eight times the number of the episode, and the
   noise has faded after the 3,000 episodes of Table 8. Noise is a function of the episode alone, so it does not know
   how many scenarios a run has: with n of them, give `noise.decay` times n / 8.

@@ -1,11 +1,10 @@
-"""How near a collision is: CurvTTC, the measures beside it, and what an episode was.
+"""CurvTTC, other measures of safety, and the outcome of an episode.
 
-The whole framework hangs on one number. When CurvTTC falls below 5 s both agents are handed to the policies; the
-filters, the onset, the conflicts and every figure read it. The room needs numpy and numba only, so it serves outside
-this package too. docs/curvttc.md has the definition and the picture. `footprint` has the two shapes, `contact` their
-first contact, `crossing` the older form and `curvttc` the public measure on batches, with `curvature` for recorded
-vehicles; `measures` and `encroachment` are what others use instead; `episodes` and `yielding` say what happened;
-`line_of_sight` computes what parked vehicles hide.
+When CurvTTC falls below 5 s, the policies take control of both agents. Filters, onset and conflicts use it, too. This
+package needs numpy and numba only; docs/curvttc.md has the definition. `footprint` has the two shapes, `contact` their
+first contact, `crossing` the older form, `curvttc` the measure on batches, `curvature` the paths of recorded vehicles.
+`measures` and `encroachment` have other measures, `episodes` and `yielding` what happened, and `line_of_sight` what
+parked vehicles hide.
 """
 
 from vpsci_ros.safety.curvature import curvature_from_positions, curvature_from_yaw_rate

@@ -1,4 +1,4 @@
-"""How scalar code is compiled here and in the world, and how a large batch is shared between threads.
+"""Compilation of scalar code, here and in the world, and the division of a large batch between threads.
 
 Compiled code is cached on disk, divides as IEEE says and never reorders arithmetic (no fastmath).
 """

@@ -1,4 +1,4 @@
-"""What an episode was, read off its CurvTTC: onset, conflict, least CurvTTC, collision, clearance.
+"""Properties of an episode from its CurvTTC: onset, conflict, least CurvTTC, collision, clearance.
 
 An episode is an array over time, float[T], and a batch of them is float[..., T] with `lengths` int[...] where the
 rows are padded: steps from a row's length on are ignored.

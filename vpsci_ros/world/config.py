@@ -18,13 +18,13 @@ class WorldConfig:
 
     tick: float = parameter(0.05, "simulated time from one tick to the next", unit="s", low=0.005, high=0.2)
     policy_period: float = parameter(
-        0.1, "the policies act at this period; between, their last actions stay in force", unit="s", low=0.005, high=2.0
+        0.1, "period of the policies; their last actions hold between", unit="s", low=0.005, high=2.0
     )
     episode_time: float = parameter(
         30.0, "an episode ends after this time; the paper has 10 s", unit="s", low=0.1, high=3276.0
     )
     release_time: float = parameter(
-        3.0, "the policies give the agents back after this time without a critical tick", unit="s", low=0.0, high=60.0
+        3.0, "time from the last critical tick to the hand-back", unit="s", low=0.0, high=60.0
     )
     spawn: str = parameter(
         "right_turns",
@@ -56,7 +56,7 @@ class WorldConfig:
         "add the lane-keeping lateral acceleration to a policy's (and to an external driver's /vehicle/cmd_accel) "
         "before (18), since neither (6) nor odometry contains the route; false: (18) alone",
     )
-    pedestrians: int = parameter(1, "most pedestrians of an episode, each with the vehicle a row", low=1, high=MOST)
+    pedestrians: int = parameter(1, "most pedestrians of an episode; each has a row with the vehicle", low=1, high=MOST)
     crowd: CrowdConfig = field(default_factory=CrowdConfig)
     kinds: KindMixture = field(default_factory=KindMixture)
 

@@ -29,7 +29,7 @@ class LockStepConfig:
 
     action_timeout: float = parameter(
         2.0,
-        "without an answer for so long, the rule-based driver acts for the tick",
+        "time without an answer after which the rule-based driver acts for the tick",
         unit="s",
         low=0.01,
         high=3600.0,
@@ -38,7 +38,7 @@ class LockStepConfig:
     real_time_factor: float = parameter(
         0.0, "simulated over wall time; 0: as fast as possible", low=0.0, high=1000.0, read_only=False
     )
-    recorded_bag: str = parameter("", "bag whose agents the replay drivers drive again: same scenarios and numbers")
+    recorded_bag: str = parameter("", "bag that the replay drivers follow; same scenarios and numbers")
     pedestrian_odometry: bool = parameter(
         True, "publish /pedestrian/odometry; false: a driving system has /perception/objects alone"
     )
@@ -50,7 +50,7 @@ class LockStepConfig:
     )
     replay_window: int = parameter(
         4096,
-        "wait when the learner is so many transitions behind; 0: never wait",
+        "wait when the learner is this many transitions behind; 0: never wait",
         low=0,
         high=10_000_000,
         read_only=False,

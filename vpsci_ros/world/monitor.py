@@ -30,8 +30,10 @@ _PAIR = (
 class MonitorConfig:
     """The threshold of critical, between the simulated Model 3 and a pedestrian's disc."""
 
-    critical_threshold: float = parameter(CRITICAL_TTC, "critical where CurvTTC is below", unit="s", low=0.0, high=60.0)
-    horizon: float = parameter(HORIZON, "look ahead so far", unit="s", low=0.1, high=60.0)
+    critical_threshold: float = parameter(
+        CRITICAL_TTC, "an episode is critical below this CurvTTC", unit="s", low=0.0, high=60.0
+    )
+    horizon: float = parameter(HORIZON, "time of prediction", unit="s", low=0.1, high=60.0)
     method: str = parameter("footprint", "definition of CurvTTC", choices=("footprint", "center"))
 
 

@@ -59,27 +59,25 @@ class PerceptionConfig:
 
     seed: int = parameter(1, "seed of the errors", low=0, high=2**63 - 1)
     field_of_view: float = parameter(
-        360.0, "whole angle that the sensor sees, its middle straight ahead", unit="degrees", low=1.0, high=360.0
+        360.0, "whole angle of view, centred straight ahead", unit="degrees", low=1.0, high=360.0
     )
-    reach: float = parameter(0.0, "how far the sensor sees; 0: however far", unit="m", low=0.0, high=1000.0)
+    reach: float = parameter(0.0, "range of the sensor; 0: unlimited", unit="m", low=0.0, high=1000.0)
     least_visible: float = parameter(
-        0.0, "a pedestrian is seen where so much of it is not hidden by parked vehicles; 0: however little",
+        0.0, "least visible share of a pedestrian behind parked vehicles that is seen; 0: any",
         low=0.0, high=1.0,
     )  # fmt: skip
     position_noise: float = parameter(0.0, "standard deviation of x and of y", unit="m", low=0.0, high=10.0)
     velocity_noise: float = parameter(0.0, "standard deviation of vx and of vy", unit="m/s", low=0.0, high=10.0)
-    noise_time: float = parameter(
-        1.0, "time in which the correlation of the noise falls to 1/e; 0: none", unit="s", low=0.0, high=60.0
-    )
-    missed: float = parameter(0.0, "share of frames without a detection of somebody who is seen", low=0.0, high=1.0)
+    noise_time: float = parameter(1.0, "correlation time of the noise; 0: none", unit="s", low=0.0, high=60.0)
+    missed: float = parameter(0.0, "share of frames that miss a visible pedestrian", low=0.0, high=1.0)
     latency: float = parameter(
-        0.0, "objects are published so much later, in whole ticks; they keep the stamp of when they were seen",
+        0.0, "delay of published objects, in whole ticks; the stamp is the time of sight",
         unit="s", low=0.0, high=2.0,
     )  # fmt: skip
-    lost_rate: float = parameter(0.0, "tracks lost, of each that is followed", unit="1/s", low=0.0, high=10.0)
-    lost_time: float = parameter(0.5, "after which somebody lost is found again", unit="s", low=0.05, high=60.0)
+    lost_rate: float = parameter(0.0, "rate of losing a track", unit="1/s", low=0.0, high=10.0)
+    lost_time: float = parameter(0.5, "time until a lost pedestrian is found again", unit="s", low=0.05, high=60.0)
     swap_rate: float = parameter(
-        0.0, "tracks that change their number: with that of another person, or a new one where there is none",
+        0.0, "rate of changing a track's number: swapped with another one, or a new one",
         unit="1/s", low=0.0, high=10.0,
     )  # fmt: skip
     revealed: list[float] = parameter(

@@ -39,7 +39,7 @@ class ExternalConfig:
         read_only=False,
     )
     safe_stop_deceleration: float = parameter(
-        5.0, "real time: a safe stop brakes so firmly at last", unit="m/s2", low=0.5, high=8.88, read_only=False
+        5.0, "real time: final deceleration of a safe stop", unit="m/s2", low=0.5, high=8.88, read_only=False
     )
 
 
