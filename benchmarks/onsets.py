@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import vehicle_size
 from vpsci_ros.data.reference import clean
+from vpsci_ros.evaluation.realism.long_run import SETS_OFF, STANDS
 from vpsci_ros.evaluation.realism.two_sample import two_sample
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, resampled, share
 from vpsci_ros.policy.agent import policies
@@ -35,6 +36,7 @@ TRACK = ("veh_x", "veh_y", "veh_heading", "veh_speed", "ped_x", "ped_y", "ped_vx
 STATE = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed")
 STATE += ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy", "controlled", "episode", "scenario")
 SECOND, LEAST = 10, 5  # steps over which accelerations are measured, as many as there are; fewest that there must be
+GAIN = 0.5  # [m/s]
 MOTION = ["car_speed", "car_acceleration", "walking_speed", "walking_acceleration", "distance", "curvttc"]
 ROW = [*MOTION[:4], "slowest_walk", "curvttc"]
 PLACE = [*MOTION, "ahead", "aside", "walk_along", "walk_across"]
@@ -159,6 +161,29 @@ def fit(name: str, table: pl.DataFrame) -> None:
         print(f"  {column} ({known.height}): " + ", ".join(parts))
 
 
+def speeding_up(table: pl.DataFrame) -> tuple[Floats, Floats]:
+    """Return the strongest acceleration over half a second [m/s2] of drivers and of walkers who speed up.
+
+    Drivers who gain 0.5 m/s or more after the last critical step, and walkers who stood below 0.3 m/s after the first
+    and came to 0.8 m/s then.
+    """
+    drivers, walkers = [], []
+    for part in table.partition_by("interaction", maintain_order=True):
+        critical = np.flatnonzero(part["curvttc_causal"].to_numpy() < CRITICAL_TTC)
+        speed, pace = part["veh_speed"].to_numpy(), np.hypot(part["ped_vx"].to_numpy(), part["ped_vy"].to_numpy())
+        if len(critical):
+            on, pace = speed[critical[-1] :], pace[critical[0] :]
+            again = pace[(pace < STANDS).argmax() :] if (pace < STANDS).any() else pace[:0]
+            drivers += [strongest(on)] if len(on) > LEAST and on.max() - on[0] >= GAIN else []
+            walkers += [strongest(again)] if len(again) > LEAST and again.max() > SETS_OFF else []
+    return np.array(drivers), np.array(walkers)
+
+
+def strongest(speed: Floats) -> float:
+    """Return the strongest mean acceleration [m/s2] over half a second of speeds float64[T], T > 5."""
+    return float((speed[LEAST:] - speed[:-LEAST]).max() / (LEAST * STEP))
+
+
 def compare(name: str, mine: pl.DataFrame, real: pl.DataFrame, shares: dict[str, float], seed: int) -> None:
     """Print the table of targets of one spawn."""
     print(f"{name}: {shares['critical']:.1%} of {shares['episodes']:.0f} episodes critical, {mine.height} onsets")
@@ -229,8 +254,11 @@ def main() -> None:
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--rows", type=Path, help="write the recorded onsets, the rows of people.RIGHT_TURNS, as CSV")
     arguments = parser.parse_args()
-    real = recorded(read_near_misses(arguments.near_misses))
+    table = read_near_misses(arguments.near_misses)
+    real = recorded(table)
     fit("recorded", real)
+    for who, values in zip(("drivers", "walkers"), speeding_up(table), strict=True):
+        print(f"  {who} who speed up ({len(values)}): {np.quantile(values, people.SHARES).round(2).tolist()} m/s2")
     if arguments.rows:
         header = (
             "Onsets of recorded right turns: the training part of right_turns.parquet (CQUT-PVI, MIT licence), by\n"

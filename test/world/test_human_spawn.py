@@ -66,7 +66,14 @@ def test_nobody_leaps_off_the_kerb(approaches):
     for rows in approaches:
         velocity = np.stack([rows["pedestrian_vx"], rows["pedestrian_vy"]], axis=1)
         change = np.hypot(*np.diff(velocity, axis=0).T) / HUMAN.tick
-        assert (change < people.STRIDE_ACCELERATION + 1e-9).all()
+        assert (change < rows["stride"][0] + 1e-9).all()
+
+
+def test_each_speeds_up_with_an_acceleration_of_its_own_as_recorded(approaches):
+    for name, recorded in (("drive_on", people.DRIVES_ON), ("stride", people.STRIDES)):
+        drawn = at_onset(approaches, name)
+        assert len(np.unique(drawn)) == len(drawn)
+        assert np.quantile(drawn, (0.25, 0.5, 0.75)) == pytest.approx(recorded[3:6], abs=0.15)
 
 
 def test_a_car_turns_as_slowly_as_its_driver_likes(approaches):

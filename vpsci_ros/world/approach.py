@@ -12,6 +12,7 @@ from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.kinds import SET_OFF
 from vpsci_ros.world.people import car_speed, limited, sway, walking_pace
 
+GENTLE = 0.8  # [m/s2] with which a driver brakes at least for somebody ahead
 BRAKING = 2.5  # [m/s2] of a driver that nothing threatens
 FIRMEST = 8.0  # [m/s2]
 ROOM = 1.0  # [m] at which a car stops before somebody
@@ -56,9 +57,9 @@ def drivers_acceleration(episode, row, tables, gap, period):  # type: ignore[no-
     else:
         wanted = min(people.GREATEST_CAR, cruise + people.DRIVE_ON)
     wanted = min(wanted, bend_speed(episode, row, tables, episode.route_s))
-    along = min(people.DRIVE_ON_ACCELERATION, max(-BRAKING, (wanted - speed) / SPEED_TIME))
+    along = min(episode.drive_on, max(-BRAKING, (wanted - speed) / SPEED_TIME))
     if gap < math.inf:
-        along = -min(FIRMEST, max(people.DRIVE_ON_ACCELERATION, 0.5 * speed * speed / max(0.2, gap - ROOM)))
+        along = -min(FIRMEST, max(GENTLE, 0.5 * speed * speed / max(0.2, gap - ROOM)))
     return limited(along, episode.vehicle_acceleration, period)
 
 

@@ -20,9 +20,9 @@ from vpsci_ros.world.autopilot import (
 )
 from vpsci_ros.world.compiled import inlined, kernel
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
-from vpsci_ros.world.kinds import SET_OFF, TOP_SPEED
+from vpsci_ros.world.kinds import TOP_SPEED
 from vpsci_ros.world.observation import from_heading_frame, to_heading_frame
-from vpsci_ros.world.people import STRIDE_ACCELERATION, limited
+from vpsci_ros.world.people import limited
 from vpsci_ros.world.social_force import social_force
 
 POLICY, EXTERNAL, REPLAY = (VEHICLE_DRIVERS.index(name) for name in ("policy", "external", "replay"))
@@ -164,7 +164,7 @@ def _intended(episode, i, answers, tables, settings):  # type: ignore[no-untyped
         car = episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, _HALF_LENGTH, _HALF_WIDTH
         ax, ay = social_force(wanted_x, wanted_y, vx, vy, *place, *car, PEDESTRIAN_RADIUS)
         return ax, ay, False
-    most = max(STRIDE_ACCELERATION, SET_OFF[episode.kind]) if settings.human else WALK_ACCELERATION
+    most = episode.stride if settings.human else WALK_ACCELERATION
     ax, ay = walk_acceleration(wanted_x - vx, wanted_y - vy, most, settings.period)
     return ax, ay, settings.human
 

@@ -13,7 +13,7 @@ from vpsci_ros.world.approach import bend_speed, lane_sway, line_offset, walker_
 from vpsci_ros.world.autopilot import pursuit_curvature
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_SPAWN, draw, normal_pair, unit
-from vpsci_ros.world.kinds import CHILD, SET_OFF, speed_of_kind
+from vpsci_ros.world.kinds import ADULT, CHILD, SET_OFF, speed_of_kind
 from vpsci_ros.world.paths import line_at, nearest
 from vpsci_ros.world.people import car_speed, quantile, sway
 
@@ -23,7 +23,8 @@ TRACE = 0.05  # [s] step in which both are traced back
 _HALF_LENGTH = 0.5 * VEHICLE_LENGTH + PEDESTRIAN_RADIUS
 _HALF_WIDTH = 0.5 * VEHICLE_WIDTH + PEDESTRIAN_RADIUS
 _OF_A_WAVE = math.sqrt(2.0)  # its height over its root mean square
-_DRIVER, _WALKER, _MEETING, _CAR_SWAY, _WALK_SWAY = range(2, 7)  # blocks of the stream; 0 and 1 are the paper's
+# blocks of the stream; 0 and 1 are the paper's
+_DRIVER, _WALKER, _MEETING, _CAR_SWAY, _WALK_SWAY, _SPEEDING_UP = range(2, 8)
 
 
 @kernel
@@ -69,6 +70,7 @@ def draw_driver(episode, row, seed):  # type: ignore[no-untyped-def]
     spread = people.LATERAL_SPREAD * min(2.0, max(-2.0, comfort))
     episode.lateral_comfort = people.LATERAL_COMFORT + spread
     episode.approach_phase = unit(car_sway[2])
+    episode.drive_on = quantile(people.DRIVES_ON, unit(draw(episode, seed, STREAM_SPAWN, _SPEEDING_UP)[0]))
     sine, cosine = _wave(car_sway)
     episode.lane_sine, episode.lane_cosine = people.CAR_WANDER * sine, people.CAR_WANDER * cosine
     return speed
@@ -85,6 +87,8 @@ def draw_walker(episode, row, tables, seed, turning):  # type: ignore[no-untyped
     """Draw who walks, and along which line."""
     walker, walk_sway = draw(episode, seed, STREAM_SPAWN, _WALKER), draw(episode, seed, STREAM_SPAWN, _WALK_SWAY)
     episode.walking_phase = unit(walk_sway[2])
+    stride = quantile(people.STRIDES, unit(draw(episode, seed, STREAM_SPAWN, _SPEEDING_UP)[1]))
+    episode.stride = stride * SET_OFF[episode.kind] / SET_OFF[ADULT]
     sine, cosine = _wave(walk_sway)
     episode.walk_sine, episode.walk_cosine = people.WALK_WANDER * sine, people.WALK_WANDER * cosine
     if turning:

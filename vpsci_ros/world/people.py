@@ -42,11 +42,13 @@ OBLIQUE_FROM, STRAIGHTENS = 12.0, 3.0  # [m] before and beyond the crossing, bet
 START_ACCELERATION = 0.9  # [m/s2] of somebody who sets off from the kerb
 LATERAL_COMFORT, LATERAL_SPREAD = 1.9, 0.35  # [m/s2] mean and standard deviation sideways in the bend
 TURNING_DECELERATION = 0.6  # into the bend, as a share of what a driver accepts sideways
-DRIVE_ON_ACCELERATION = 0.8  # [m/s2] beyond the crossing
+# [m/s2] the strongest acceleration over half a second, of the same recordings: 219 drivers who gain 0.5 m/s after the
+# last critical step, and 67 walkers who set off again
+DRIVES_ON = np.array([0.43, 0.65, 0.74, 0.99, 1.33, 1.75, 2.29, 2.53, 3.69])
+STRIDES = np.array([0.54, 0.64, 0.75, 0.82, 1.12, 1.48, 1.70, 2.08, 3.18])
 DRIVE_ON = 2.0  # [m/s] faster than at the onset
 CAR_WAVE, CAR_WANDER = 20.0, 0.09  # [m] wavelength and size (each of sine and cosine) of a car's sway in its lane
 WALK_WAVE, WALK_WANDER = 8.0, 0.20  # [m] likewise of a walker's
-STRIDE_ACCELERATION = 1.0  # [m/s2] of a walker that nothing threatens
 WAITING = 0.06  # share of walkers who wait at the kerb and set off before it becomes critical
 JERK = 10.0  # [m/s3] with which an agent's acceleration can change
 

@@ -50,6 +50,8 @@ _QUANTITIES = (
     "meeting_s",  # [m] along the lane's centreline: where the walker's line crosses it
     "approach_acceleration",  # [m/s2] within which the driver keeps its speed, to the meeting
     "approach_phase",  # 0 to 1
+    "drive_on",  # [m/s2] with which the driver speeds up
+    "stride",  # [m/s2] with which the walker changes its velocity
     "lateral_comfort",  # [m/s2] sideways, as much as this driver accepts in the bend
     "lane_sine",  # [m] sway in the lane
     "lane_cosine",  # [m]
