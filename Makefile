@@ -46,7 +46,7 @@ dist: setup  ## make the source distribution and from it the wheel, in out/dist,
 	@$(BIN)/twine check --strict out/dist/*
 
 chaos: setup  ## damage thousands of files, hundreds of commands and graphs, and count what does not hold (hours)
-	@for name in files bags folders again processes strangers; do \
+	@for name in files bags folders again processes; do \
 		$(BIN)/python test/chaos/campaign.py $$name -o out/chaos/$$name || exit 1; done
 
 clean:  ## remove .venv and whatever was built, keep out/

@@ -83,7 +83,7 @@ if "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'
     done_now
 fi
 
-if ! is_done messages constraints.txt tools/build_messages.sh msg_defs/*.* msg_defs/msg/* msg_defs/srv/* \
+if ! is_done messages constraints.txt tools/build_messages.sh msg_defs/*.* msg_defs/msg/* \
     tools/tf2_msgs/*.* tools/tf2_msgs/msg/*; then
     say "building vpsci_msgs and tf2_msgs"
     tools/build_messages.sh "$venv"

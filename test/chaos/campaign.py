@@ -12,7 +12,6 @@
 | limits | every command that writes, with few files, little memory, few processes (`chaos.taken`); as root |
 | again | commands that are killed and given once more (`chaos.taken`) |
 | processes | graphs whose processes are killed, stopped and delayed (`chaos.processes`) |
-| strangers | graphs in whose domain a stranger speaks (`chaos.strangers`) |
 
 Case k of a campaign is the same wherever it runs; `--seed 137 --cases 1` runs one again. Exit status 1 where anything
 does not hold. With -o, counts.md is the page of counts, and what was found lies beside it: a damaged file, or a run's
@@ -40,7 +39,7 @@ from rich.progress import track
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from chaos import bags, commands, disks, files, processes, strangers, taken
+from chaos import bags, commands, disks, files, processes, taken
 
 from vpsci_ros.runs.provenance import software_versions
 
@@ -144,21 +143,6 @@ def of_processes(output: Path | None) -> Iterator[Runner]:
 
 
 @contextlib.contextmanager
-def of_strangers(output: Path | None) -> Iterator[Runner]:
-    """Count how runs ended by what the stranger did; a case counts once for each of its acts."""
-    whole, _ = processes.undisturbed()
-
-    def run(seed: int) -> Result:
-        among = strangers.stranger(seed)
-        with tempfile.TemporaryDirectory() as folder:
-            case = strangers.run(Path(folder), among)
-            bad = strangers.defects(case, among, whole)
-            names = sorted({f"{act.way} to {act.target}" for act in among.acts})
-            return _of_run(names, case, bad, f"case {seed} ({among}", output and output / f"strangers_{seed}")
-
-    yield run
-
-
 def _of_run(names: list[str], case: processes.Run, bad: list[str], about: str, keep: Path | None) -> Result:
     """Return what came of a run of a graph, and keep its folder where something did not hold."""
     if bad and keep is not None and case.folder.is_dir():
@@ -174,7 +158,6 @@ CAMPAIGNS: dict[str, tuple[str, int, Callable[[Path | None], contextlib.Abstract
     "limits": ("Limits", 100, lambda output: of_taken("limits", output)),
     "again": ("Killed and given again", 40, lambda output: of_taken("again", output)),
     "processes": ("Disturbed graphs", 100, of_processes),
-    "strangers": ("Graphs among strangers", 100, of_strangers),
 }
 """Name -> title, cases unless said otherwise, and what runs one."""
 

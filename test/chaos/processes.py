@@ -47,14 +47,12 @@ class Disturbance(NamedTuple):
     after: float
     number: signal.Signals
     seconds: float
-    restarts: int
     action_timeout: float  # [s] of the world's patience for answers
 
     def __str__(self) -> str:
         lasts = f" for {self.seconds:.1f} s" if self.number == signal.SIGSTOP else ""
-        restarts = ", restarts" if self.restarts else ""
         patience = f", answers within {self.action_timeout:g} s"
-        return f"{self.number.name} to {self.node} after {self.after:.2f} s{lasts}{restarts}{patience}"
+        return f"{self.number.name} to {self.node} after {self.after:.2f} s{lasts}{patience}"
 
 
 def disturbance(seed: int, lasts: float) -> Disturbance:
@@ -65,7 +63,6 @@ def disturbance(seed: int, lasts: float) -> Disturbance:
         after=rng.uniform(0.2, lasts),
         number=rng.choice(SIGNALS),
         seconds=rng.uniform(0.3, 4.0),
-        restarts=rng.choice((0, 0, 3)),
         action_timeout=rng.choice((2.0, PATIENT, PATIENT)),
     )
 
@@ -88,7 +85,7 @@ def run(folder: Path, disturbed: Disturbance | None = None) -> Run:
     """Run a graph, disturb it, and wait for its end."""
     if disturbed is None:
         return run_beside(folder, (f"world_simulator.action_timeout={PATIENT}",))
-    settings = (f"graph.restarts={disturbed.restarts}", f"world_simulator.action_timeout={disturbed.action_timeout}")
+    settings = (f"world_simulator.action_timeout={disturbed.action_timeout}",)
     return run_beside(folder, settings, lambda graph, mark, _: _disturb(disturbed, graph, mark))
 
 

@@ -5,14 +5,13 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from chaos import bags, bombs, commands, disks, files, processes, strangers, taken, writes
+from chaos import bags, bombs, commands, disks, files, processes, taken, writes
 from rich.console import Console
 
 from vpsci_ros.bags.info import bag_info, print_info
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import sha256, write_json
-from vpsci_ros.wire.layout import WORLD
 
 CASES = 20
 CORPUS = sorted(path for path in files.CORPUS.rglob("*") if path.is_file())
@@ -131,63 +130,6 @@ def test_a_disturbed_graph_is_complete_or_says_what_it_lacks(
     whole, lasts = undisturbed
     disturbed = processes.disturbance(3, lasts)  # SIGSTOP to a policy, for 2.7 s in the middle of it
     assert processes.defects(processes.run(tmp_path, disturbed), disturbed, whole) == [], disturbed
-
-
-SPEAKS = strangers.Stranger(
-    "stranger",
-    (
-        strangers.Act("/world/state", "bytes", 0.2, 5),
-        strangers.Act("/vehicle/action", "fields", 0.2, 1),
-        strangers.Act("/diagnostics", "fields", 1.0, 1),
-    ),
-    early=False,
-    seed=1,
-)
-CALLS = strangers.Stranger(
-    "vehicle_policy",
-    (
-        strangers.Act("/safety_monitor/set_parameters", "call", 1.0, 5),
-        strangers.Act("/world_simulator/set_parameters_atomically", "call", 0.2, 5),
-        strangers.Act("/world/history", "offer", 0.2, 1),
-        strangers.Act("/world_simulator/get_parameters", "offer", 0.2, 1),
-    ),
-    early=True,
-    seed=2,
-)
-
-
-@pytest.mark.parametrize("among", [SPEAKS, CALLS], ids=["who speaks", "who calls"])
-def test_a_graph_among_strangers_is_complete_or_says_what_it_lacks(
-    among: strangers.Stranger, tmp_path: Path, undisturbed: tuple[dict[str, str], float]
-) -> None:
-    assert strangers.defects(strangers.run(tmp_path, among), among, undisturbed[0]) == [], str(among)
-
-
-def test_a_node_that_a_stranger_ended_would_be_noticed(tmp_path: Path) -> None:
-    ended = {"world_simulator": 0, "safety_monitor": 1}
-    write_json(tmp_path / "run.json", {"error": "it ended", "results": {"exit_status": ended}, "inputs_sha256": {}})
-    case = processes.Run(1, "Traceback (most recent call last)", 1.0, ["recorder"], tmp_path)
-    assert strangers.defects(case, SPEAKS, {}) == [
-        "alive 10 s after the end: recorder",
-        "somebody printed a traceback",
-        "safety_monitor ended with 1",
-        "its bag was not completed",
-    ]
-
-
-@pytest.mark.parametrize(("held", "lost", "more"), [("ab", 0, 0), ("a", 1, 0), ("abb", 0, 1), ("abc", 0, 1)])
-def test_a_bag_that_holds_more_or_less_than_the_undisturbed_one_would_be_noticed(
-    held: str, lost: int, more: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_json(tmp_path / "run.json", {"error": "", "results": {"exit_status": {}}, "inputs_sha256": {}})
-    (tmp_path / "bag").mkdir()
-    (tmp_path / "bag" / "metadata.yaml").touch()
-    monkeypatch.setattr(strangers, "Bag", lambda _: None)
-    monkeypatch.setattr(processes, "digests", lambda _: [(WORLD, ord(letter), letter) for letter in held])
-    whole = {f"{WORLD} {ord(letter)}": letter for letter in "ab"}
-    found = strangers.defects(processes.Run(0, "", 1.0, [], tmp_path), SPEAKS, whole)
-    text = f"status 0, but its bag lacks {lost} messages and holds {more} others"
-    assert found == ([text] if lost or more else [])
 
 
 @pytest.mark.parametrize("name", writes.WRITERS)

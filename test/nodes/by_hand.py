@@ -89,14 +89,3 @@ def content(bag: Path) -> dict[tuple[str, int], list[bytes]]:
                 whole = bytes(reader.typestore.serialize_cdr(message, connection.msgtype))
                 held.setdefault((connection.topic, at), []).append(whole)
     return held
-
-
-def diagnostics(bag: Path) -> dict[str, dict[str, str]]:
-    """Return the last diagnostics of every node in a bag."""
-    last: dict[str, dict[str, str]] = {}
-    with AnyReader([bag]) as reader:
-        for connection, _, data in reader.messages():
-            if connection.topic == "/diagnostics":
-                for status in reader.deserialize(data, connection.msgtype).status:
-                    last[status.name] = {pair.key: pair.value for pair in status.values}
-    return last

@@ -13,8 +13,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 
-from vpsci_msgs.msg import AgentAction
+from vpsci_msgs.msg import AgentAction, SafetyState
 from vpsci_ros.nodes import convert
+from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.wire import layout
 
 PATIENCE = 240.0  # [s]
@@ -56,6 +57,11 @@ class Stage:
         while not condition():
             assert time.monotonic() < deadline, f"waited {PATIENCE:g} s in vain"
             self.executor.spin_once(timeout_sec=0.02)
+
+    def offered(self, policy: Any) -> None:
+        """Have the peer publish what a policy waits for from the monitor, and spin until the policy may answer."""
+        self.peer.create_publisher(SafetyState, "safety/state", LOCK_STEP)
+        self.spin_until(lambda: policy.state == "running")
 
     def call(self, kind: Any, name: str, **request: Any) -> Any:
         """Return what a service replies."""

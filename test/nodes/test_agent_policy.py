@@ -10,6 +10,7 @@ from rclpy.context import Context
 from std_msgs.msg import Header
 
 from vpsci_msgs.msg import AgentAction
+from vpsci_ros.errors import VpsciError
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.agent_policy import VehiclePolicy
 from vpsci_ros.nodes.topics import LOCK_STEP
@@ -19,21 +20,22 @@ PERIOD = 0.05
 
 
 class Session(Stage):
-    """A vehicle policy that has caught up with a world without history, and a reader of its answers."""
+    """A vehicle policy that answers, and a reader of its answers."""
 
     def __init__(self, context: Context, weights: str) -> None:
         self.answered: list[int] = []
         self.policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights, seed=1))
         super().__init__(context, self.policy, peer="world_simulator")
         self.peer.create_subscription(AgentAction, "vehicle/action", lambda m: self.answered.append(m.tick), LOCK_STEP)
+        self.offered(self.policy)
         self.state(0)
         self.safety(0)
         self.spin_until(lambda: self.answered == [0])
 
-    def state(self, tick: int) -> None:
+    def state(self, tick: int, controlled: int = 0) -> None:
         """Send `/world/state`: one episode, at a policy frame at every other tick."""
         state = np.zeros(1, EPISODE)
-        state["status"] = RUNNING
+        state["status"], state["controlled"] = RUNNING, controlled
         message = convert.world_state_message(state, np.array([tick % 2 == 0]), tick, PERIOD)
         self.policy.intake.receive("/world/state", message)
 
@@ -66,3 +68,20 @@ def test_states_that_never_came_are_counted(session: Session) -> None:
     session.state(5)
     session.safety(5)
     assert session.missed() == 4
+
+
+def test_another_world_begins_with_its_first_tick(session: Session) -> None:
+    for tick in (2, 0):
+        session.state(tick)
+        session.safety(tick)
+    session.spin_until(lambda: session.answered == [0, 2, 0])
+
+
+def test_a_policy_that_was_not_there_at_a_hand_over_ends_with_the_episode_s_name(
+    context: Context, weights: str, closed: Callable[[Any], Any]
+) -> None:
+    session = closed(Session(context, weights))
+    session.policy._known = -1
+    session.state(8, controlled=1)
+    with pytest.raises(VpsciError, match=r"tick 8: episode 0:0 was handed over before this policy"):
+        session.safety(8)

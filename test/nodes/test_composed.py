@@ -16,8 +16,6 @@ from rosgraph_msgs.msg import Clock
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.verify import verify_bag
-from vpsci_ros.errors import InvalidInput
-from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.exchange import Exchange
 from vpsci_ros.nodes.graph import GraphResult, NodeProcesses, resolve, run_graph
 from vpsci_ros.nodes.topics import LOCK_STEP
@@ -106,11 +104,6 @@ def test_a_composed_graph_whose_process_is_killed_fails_by_name_and_leaves_a_bag
     result = run(tmp_path / "run", together=True, episodes=100_000)
     assert "world_simulator was killed by SIGKILL" in result.error
     assert list(Bag(result.bag).messages(["/world/state"]))
-
-
-def test_a_composed_graph_that_is_to_start_nodes_again_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="restarts = 2 with composed = true"):
-        GraphConfig(composed=True, restarts=2)
 
 
 def test_readers_in_other_processes_get_every_message_and_those_here_each_once(

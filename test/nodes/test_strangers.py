@@ -4,7 +4,7 @@ import re
 from array import array
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +21,6 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, UInt64
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, WorldState
-from vpsci_msgs.srv import History
 from vpsci_ros.bags.info import bag_info
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.documents import dump_yaml
@@ -30,7 +29,6 @@ from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.agent_policy import VehiclePolicy
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import section_classes
-from vpsci_ros.nodes.history import sealed
 from vpsci_ros.nodes.intake import second_publishers
 from vpsci_ros.nodes.learner import Learner
 from vpsci_ros.nodes.peer_parameters import VARIABLE as RESOLVED
@@ -87,6 +85,7 @@ def test_a_policy_refuses_bad_messages_and_a_tick_of_2_to_the_40_and_answers_the
     policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
     here, answered = stage(policy, peer="world_simulator"), []
     here.peer.create_subscription(AgentAction, "vehicle/action", lambda m: answered.append(m.tick), LOCK_STEP)
+    here.offered(policy)
     policy.intake.receive("/world/state", state(0))
     policy.intake.receive("/safety/state", safety(0))
     here.spin_until(lambda: answered == [0])
@@ -110,95 +109,6 @@ def test_a_policy_keeps_to_the_first_state_of_a_tick(
     assert policy._world is not None
     assert policy._world.tick.state["vehicle_x"][0] == 0.0
     assert refused(policy) == {"/world/state": 1}
-
-
-@pytest.mark.parametrize(("heard_since", "known"), [(False, 2), (True, 500)])
-def test_a_policy_that_believed_in_a_tick_to_come_goes_back_to_the_worlds_where_nothing_else_is_heard(
-    context: Context, stage: Callable[..., Stage], weights: str, heard_since: bool, known: int
-) -> None:
-    policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
-    stage(policy)
-    policy._known, policy._reply = 500, Future()
-    policy._requested_at, policy._received_at = 10.0, 11.0 if heard_since else 9.0
-    policy._reply.set_result(History.Response(running=True, tick=3))
-    policy._on_history(History.Request(after_tick=policy._known), policy._reply)
-    assert policy._known == known
-
-
-def _ragged(reply: History.Response) -> None:
-    reply.states = reply.states[:-1]
-
-
-def _of_another_tick(reply: History.Response) -> None:
-    reply.tick = 900
-
-
-def _of_another_state(reply: History.Response) -> None:
-    reply.states[0].vehicle_x = array("d", [9.0])
-
-
-def _without_frames(reply: History.Response) -> None:
-    reply.states, reply.safeties = [], []
-
-
-@pytest.mark.parametrize("forge", [None, _ragged, _of_another_tick, _of_another_state, _without_frames])
-def test_a_policy_of_a_run_believes_the_history_that_its_own_world_has_signed(
-    context: Context, stage: Callable[..., Stage], weights: str, monkeypatch: pytest.MonkeyPatch, forge: Any
-) -> None:
-    monkeypatch.setenv(VARIABLE, new_secret())
-    policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
-    stage(policy)
-    reply = sealed(
-        History.Request(after_tick=-1), History.Response(running=True, tick=4, states=[state(2)], safeties=[safety(2)])
-    )
-    if forge is not None:
-        forge(reply)
-    policy._reply = Future()
-    policy._reply.set_result(reply)
-    policy._on_history(History.Request(after_tick=-1), policy._reply)
-    assert (policy._caught_up, policy._known) == ((True, 2) if forge is None else (False, -1))
-    assert refused(policy) == ({} if forge is None else {"/world/history": 1})
-
-
-@pytest.mark.parametrize("known", [-1, 2])
-def test_a_policy_refuses_an_older_reply_that_its_world_has_signed_started_again_or_not(
-    context: Context, stage: Callable[..., Stage], weights: str, monkeypatch: pytest.MonkeyPatch, known: int
-) -> None:
-    class Service:
-        requests: ClassVar[list[History.Request]] = []
-
-        service_is_ready = staticmethod(lambda: True)
-        remove_pending_request = staticmethod(lambda _: None)
-
-        def call_async(self, request: History.Request) -> Future:
-            self.requests.append(request)
-            return Future()
-
-    monkeypatch.setenv(VARIABLE, new_secret())
-    service, frames = Service(), {"running": True, "tick": 4, "states": [state(2)], "safeties": [safety(2)]}
-    for reply_to, taken in ((0, True), (0, False), (-1, True)):  # to the second request, the reply to the first
-        policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
-        stage(policy)
-        monkeypatch.setattr(policy, "_history", service)
-        policy._known = known  # it knows the same as when it requested before
-        policy._catch_up()
-        reply = sealed(service.requests[reply_to], History.Response(**frames))
-        policy._reply = Future()
-        policy._reply.set_result(reply)
-        policy._on_history(service.requests[-1], policy._reply)
-        assert (policy._caught_up, refused(policy)) == ((True, {}) if taken else (False, {"/world/history": 1}))
-    assert [request.after_tick for request in service.requests] == [known] * 3
-
-
-def test_a_policy_refuses_a_history_of_unequal_lengths_without_a_secret_too(
-    context: Context, stage: Callable[..., Stage], weights: str
-) -> None:
-    policy = VehiclePolicy(context=context, parameter_overrides=overrides(weights=weights))
-    stage(policy)
-    policy._reply = Future()
-    policy._reply.set_result(History.Response(running=True, tick=4, states=[state(2)]))
-    policy._on_history(History.Request(after_tick=-1), policy._reply)
-    assert refused(policy) == {"/world/history": 1}
 
 
 @pytest.mark.parametrize(

@@ -201,7 +201,7 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
 
     silent, label = Silence(exam.config.silent_ticks), label_of(name, exam.part)
     graph = exam.sections.get(GraphConfig, "graph")
-    patience, restarted = graph.progress_timeout, ["pedestrian_policy"] if graph.restarts else []
+    patience = graph.progress_timeout
     reasons: list[str] = []
     begun = time.monotonic()
     with contextlib.ExitStack() as stack:
@@ -211,7 +211,7 @@ def _run(exam: Exam, name: str, folder: Path, quiet: bool) -> None:
             ads = stack.enter_context(running(command_of(exam.config.ads, exam.latency), log))
 
         def failed(statuses: Mapping[str, NodeStatus], idle: float) -> str:
-            counts, second = counts_of(statuses), second_publishers(statuses, restarted)
+            counts, second = counts_of(statuses), second_publishers(statuses)
             reason = f"another graph, or the ADS, publishes beside its nodes: {', '.join(second)}" if second else ""
             if counts is not None and not reason:
                 late = time.monotonic() - begun > patience

@@ -1,19 +1,15 @@
 """A learned policy as a node: answers WorldState and SafetyState of a policy tick with one agent's accelerations."""
 
-import secrets
 import time
 from functools import partial
 from typing import Any
 
 import numpy as np
-from rclpy.task import Future
 
 from vpsci_msgs.msg import PolicyWeights, SafetyState
-from vpsci_msgs.srv import History
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.exchange import Outgoing, each
-from vpsci_ros.nodes.history import frames_of
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.output import Output
 from vpsci_ros.nodes.serialized import assessment, checked_safety_state, safety_state, shown, warm_up
@@ -30,10 +26,7 @@ from vpsci_ros.wire.signature import is_signed
 from vpsci_ros.wire.world_state import SerializedState
 from vpsci_ros.world.tick import Tick, finite_pairs
 
-SILENCE = 0.5  # [s] without a message before the missed ones are requested from the world
-REPLY_PATIENCE = 1.0  # [s] for the world's reply, before the next request
-FOREIGN_PATIENCE = 0.2  # [s] for the service of another program's world, which may not offer it; ours does
-OWN_PATIENCE = 3.0  # [s]
+OFFER_PERIOD = 0.1  # [s]: endpoints of two programs that know each other are matched within some milliseconds
 _write = each(write_action)
 
 
@@ -41,9 +34,8 @@ class AgentPolicy(GraphNode):
     """`/world/state`, `/safety/state` and, where no weights are given, `/policy/weights` in, `/<agent>/action` out.
 
     A policy answers every tick at which some running episode is at a policy frame, with zeros for the episodes in
-    which it does not act, so that the world never waits in vain. Before its first answer, and whenever nothing comes,
-    it requests the policy frames that it has not seen (`/world/history`): so it answers as if it had been there from
-    the beginning when it is started again in mid-run, and misses nothing when it is matched late.
+    which it does not act, so that the world never waits in vain. An answer is a function of all policy frames since the
+    hand-over: a policy that was not there at a hand-over ends with an error.
     """
 
     def __init__(self, agent: str, **given: Any) -> None:
@@ -57,32 +49,27 @@ class AgentPolicy(GraphNode):
         self._world: SerializedState | None = None
         self._ticks = received.TickSequence()
         self._safety: SafetyState | SerializedSafety | None = None
-        self._known = -1  # tick of the latest policy frame that was worked through
+        self._known = -1  # the latest tick that was worked through
         self._meter = Meter()
-        self._caught_up = False
-        self._recalled = 0
-        self._reply: Future | None = None
-        self._requested_at = self._received_at = time.perf_counter()
-        self._first_received_at: float | None = None
-        if not isinstance(self._agent, PolicyAgent):
-            self._actions = self.output(self._topic)
-        elif config.weights:
-            self._take_up(self._agent, load_weights(weights_path(config.weights)), version=1)
-        else:
-            self.input("/policy/weights", self._weights, partial(self._on_weights, self._agent), LATCHED)
+        if isinstance(self._agent, PolicyAgent):
+            if config.weights:
+                self._take_up(self._agent, load_weights(weights_path(config.weights)), version=1)
+            else:
+                self.input("/policy/weights", self._weights, partial(self._on_weights, self._agent), LATCHED)
+                self.get_logger().info(f"waiting for weights on {self.full_name('/policy/weights')}")
         self.input("/world/state", shown, self._on_state, raw=True)
-        self.input("/safety/state", safety_state, self._on_safety, raw=True)
-        self._history = self.client("/world/history")
-        self.wall_timer(0.1, self._catch_up)
+        self._monitored = self.input("/safety/state", safety_state, self._on_safety, raw=True)
+        self._monitor_found = False
+        self.wall_timer(OFFER_PERIOD, self._offer)
 
     @property
     def state(self) -> str:
-        """Whether it answers yet."""
-        return "running" if self._caught_up else "waiting"
+        """Whether it may answer yet."""
+        return "running" if self._actions else "waiting"
 
     def figures(self) -> dict[str, Any]:
-        """Return rate and lag of the answers, the version of the weights, and how many frames came by request."""
-        return self._meter.figures() | {"policy_version": self._version, "frames_recalled": self._recalled}
+        """Return rate and lag of the answers, and the version of the weights."""
+        return self._meter.figures() | {"policy_version": self._version}
 
     def parameters_changed(self) -> None:
         """Apply the exploration and the temperature that were set on the running node."""
@@ -92,11 +79,16 @@ class AgentPolicy(GraphNode):
             self._agent.set_exploration(config.explore, config.noise)
 
     def _take_up(self, agent: PolicyAgent, weights: Weights, version: int) -> None:
-        """Act with `weights` from now on; only a policy that can act offers its topic, for which the world waits."""
+        """Act with `weights` from now on."""
         agent.load(weights, version)
         self._version = version
-        if self._actions is None:
+
+    def _offer(self) -> None:
+        """Offer the actions, for which the world waits, once there are weights and the monitor knows this reader."""
+        can_act = not isinstance(self._agent, PolicyAgent) or self._version > 0
+        if self._actions is None and can_act and self._monitor_found:
             self._actions = self.output(self._topic)
+        self._monitor_found = self._monitored.get_publisher_count() > 0
 
     def _on_state(self, world: SerializedState) -> None:
         restarted = self.intake.read("/world/state", self._ticks.take, world.tick)
@@ -139,17 +131,15 @@ class AgentPolicy(GraphNode):
     # ---- acting
 
     def _answer(self) -> None:
-        self._received_at = arrived = time.perf_counter()
+        arrived = time.perf_counter()
         safety = self._safety
         if self._actions is None or self._world is None or safety is None:
             return
         header, tick, _ = self._world
         if tick.number != safety.tick or tick.number <= self._known:
             return
-        if not self._caught_up:
-            self._first_received_at = self._first_received_at or arrived
-            self._catch_up()
-            return
+        if self._known < 0:
+            _require_no_hand_over(tick)
         self.simulated_at = header.at
         message = self._act(header, tick, safety)
         if message is not None:
@@ -171,57 +161,6 @@ class AgentPolicy(GraphNode):
         answer = SerializedAction(header, tick.number, action[:, 0], action[:, 1], self._version)
         return Outgoing(answer, _write)
 
-    # ---- catching up
-
-    def _catch_up(self) -> None:
-        """Request what was missed from the world: before the first answer, and when nothing has come for a while."""
-        now = time.perf_counter()
-        if self._actions is None:
-            topic = self.full_name("/policy/weights")
-            self.get_logger().info(f"waiting for weights on {topic}", throttle_duration_sec=5.0)
-            return
-        waits = self._reply is not None and now - self._requested_at < REPLY_PATIENCE
-        if waits or (self._caught_up and now - self._received_at < SILENCE):
-            return
-        if self._history.service_is_ready():
-            if self._reply is not None:
-                self._history.remove_pending_request(self._reply)
-            self._requested_at = now
-            request = History.Request(after_tick=self._known, challenge=secrets.randbits(64))
-            self._reply = self._history.call_async(request)
-            self._reply.add_done_callback(partial(self._on_history, request))
-        elif self._first_received_at is not None and now - self._first_received_at > self._service_patience():
-            self._caught_up = True  # a world that keeps no history
-            self._answer()
-
-    def _service_patience(self) -> float:
-        writers = self.get_publishers_info_by_topic(self.full_name("/world/state"))
-        return OWN_PATIENCE if any(each.node_name == "world_simulator" for each in writers) else FOREIGN_PATIENCE
-
-    def _on_history(self, request: History.Request, reply: Any) -> None:
-        response = reply.result()
-        if reply is not self._reply:
-            return  # an earlier one, given up
-        self._reply = None
-        frames = self.intake.read("/world/history", frames_of, request, response)
-        if frames is None:
-            return  # another request follows
-        if response.running and response.tick < self._known and self._received_at < self._requested_at:
-            self._known = response.tick - 1  # nothing came since the request: what was known came from another program
-        self._received_at = time.perf_counter()
-        self._caught_up = True
-        for state, safety in frames:
-            world = self.intake.read("/world/history", shown, state, "/world/history")
-            if world is None:
-                continue
-            number = world.tick.number
-            if number == response.tick and (self._world is None or self._world.tick.number <= number):
-                self._world, self._safety = world, safety
-            elif self._known < number < response.tick:
-                self._act(world.header, world.tick, safety)
-                self._recalled += 1
-        self._answer()
-
 
 class VehiclePolicy(AgentPolicy):
     """The vehicle's."""
@@ -235,6 +174,20 @@ class PedestrianPolicy(AgentPolicy):
 
     def __init__(self, **given: Any) -> None:
         super().__init__("pedestrian", **given)
+
+
+def _require_no_hand_over(tick: Tick) -> None:
+    """Refuse to begin where policies hold an episode already.
+
+    :raises VpsciError: one is held.
+    """
+    held = np.flatnonzero(tick.state["controlled"])
+    if len(held):
+        first = tick.state[held[0]]
+        raise VpsciError(
+            f"tick {tick.number}: episode {first['scenario']}:{first['episode']} was handed over before this policy "
+            "was there, and its actions rest on every frame since; start the whole run again"
+        )
 
 
 def _require_same(first: Tick, second: Tick) -> None:

@@ -38,19 +38,6 @@ class GraphConfig:
     progress_timeout: float = parameter(
         60.0, "without progress for so long, the run is stopped with an error", unit="s", low=1.0, high=86400.0
     )
-    pause_timeout: float = parameter(
-        3600.0,
-        "a world that a service call paused may stand still so long, then the run is stopped with an error",
-        unit="s",
-        low=1.0,
-        high=604800.0,
-    )
-    restarts: int = parameter(
-        0,
-        "times that a policy that dies or fails is started again, the world standing still meanwhile",
-        low=0,
-        high=1000,
-    )
     namespace: str = parameter("", "namespace of all nodes, such as /left; empty: none")
     composed: bool = parameter(
         False,
@@ -61,11 +48,6 @@ class GraphConfig:
         parts = self.namespace.split("/")
         if self.namespace and (parts[0] or not all(part.isidentifier() for part in parts[1:])):
             raise InvalidInput(f"namespace = {self.namespace!r}: expected names after slashes, such as /left")
-        if self.composed and self.restarts:
-            raise InvalidInput(
-                f"restarts = {self.restarts} with composed = true: nodes of one process are not started again; leave "
-                "out one of the two"
-            )
 
 
 @dataclass(frozen=True)

@@ -43,20 +43,12 @@ def waiting(statuses: Mapping[str, NodeStatus]) -> str:
     return "; ".join(f"{node} waits for {', '.join(each.awaited)}" for node, each in statuses.items() if each.awaited)
 
 
-def stands_still(
-    paused: float, idle: float, graph: GraphConfig, logs: object, statuses: Mapping[str, NodeStatus]
-) -> str:
+def stands_still(idle: float, graph: GraphConfig, logs: object, statuses: Mapping[str, NodeStatus]) -> str:
     """Say that nothing has happened for too long, and what is missing.
 
-    :param paused: for how long the world has been paused by a service call [s].
     :param idle: for how long no node has reported any progress [s].
     :param logs: folder of the nodes' logs.
     """
-    if paused > graph.pause_timeout:
-        return (
-            f"the world was paused for {graph.pause_timeout:g} s (graph.pause_timeout) by a call of its service "
-            "world/pause, and no call resumed it"
-        )
     if idle > graph.progress_timeout:
         missing = [f"no progress for {graph.progress_timeout:g} s", waiting(statuses), f"the nodes' logs are in {logs}"]
         return "; ".join(part for part in missing if part)
@@ -126,10 +118,10 @@ def never_came(counts: WorldCounts, idle: float, patience: float, awaited: Colle
     return f"the ADS never published {topics}, in {patience:g} s (graph.progress_timeout)"
 
 
-def second_publishers(statuses: Mapping[str, NodeStatus], restarted: Collection[str] = ()) -> list[str]:
+def second_publishers(statuses: Mapping[str, NodeStatus]) -> list[str]:
     """Return who published beside the graph's nodes where none may, as "/NODE on /TOPIC"."""
     second = {each for status in statuses.values() for each in status.second_publishers}
-    return sorted(each for each in second if not _is_excused(each, restarted))
+    return sorted(each for each in second if each.partition(" on ")[2] not in OPEN_TO_ALL)
 
 
 # ---- at its end
@@ -140,7 +132,6 @@ def incomplete(
     nodes: Collection[str],
     statuses: Mapping[str, NodeStatus],
     recorded: RecordedCounts | None,
-    restarted: Collection[str] = (),
 ) -> list[str]:
     """Say what a run lacks that ended without an error, one clause each; nothing where it is complete.
 
@@ -148,7 +139,6 @@ def incomplete(
     :param nodes: of the graph.
     :param statuses: the last one of each node, through its pipe.
     :param recorded: of its bag; None where the graph has no recorder.
-    :param restarted: nodes that were killed and started again, whose first process took its numbers along.
     """
     found = [f"{node} reported nothing" for node in nodes if node not in statuses]
     world = statuses.get("world_simulator", NodeStatus()).counts or WorldCounts()
@@ -162,19 +152,11 @@ def incomplete(
             found.append(f"{faults.contradicted} answers contradict those of {node}: another program answered, too")
         if faults.early:
             found.append(f"{faults.early} answers for {node} came before their tick: another program published, too")
-    found += [f"a second publisher: {each}" for each in second_publishers(statuses, restarted)]
-    return found + (list(_not_recorded(statuses, recorded, restarted)) if recorded else [])
+    found += [f"a second publisher: {each}" for each in second_publishers(statuses)]
+    return found + (list(_not_recorded(statuses, recorded)) if recorded else [])
 
 
-def _is_excused(second: str, restarted: Collection[str]) -> bool:
-    """Return whether "/NODE on /TOPIC" is no fault: open to all, or the same node's before it was started again."""
-    publisher, _, topic = second.partition(" on ")
-    return topic in OPEN_TO_ALL or publisher.rpartition("/")[2] in restarted
-
-
-def _not_recorded(
-    statuses: Mapping[str, NodeStatus], recorded: RecordedCounts, restarted: Collection[str]
-) -> Iterator[str]:
+def _not_recorded(statuses: Mapping[str, NodeStatus], recorded: RecordedCounts) -> Iterator[str]:
     for topic, seen in recorded.seen.items():
         readable, written = seen - recorded.refused.get(topic, 0), recorded.written.get(topic, 0)
         if readable != written:
@@ -183,8 +165,7 @@ def _not_recorded(
     for status in statuses.values():
         for topic, number in status.published.items():
             published[topic] = published.get(topic, 0) + number
-    unknown = {topic for node in restarted for topic in (*statuses[node].published, "/diagnostics")}
-    for topic in sorted(published.keys() & recorded.seen.keys() - unknown):
+    for topic in sorted(published.keys() & recorded.seen.keys()):
         held = recorded.held.get(topic, 0)
         if held < published[topic] and topic != "/diagnostics":
             yield f"the bag holds {held} of {published[topic]} messages on {topic}"

@@ -43,7 +43,6 @@ from vpsci_ros.world import WorldConfig
 StopWhen = Callable[[Mapping[str, NodeStatus], float], str]
 STOP_STEPS = ((signal.SIGINT, 30.0), (signal.SIGKILL, 30.0))  # sent, and given so long [s]
 POLL = 0.1  # [s]
-ENDED_FOR_GOOD = (0, 2)  # exit statuses of a node that has finished, or refused its parameters: it would again
 WEIGHTS_OF_STAGE = {"pretrain": "pretrained.safetensors", "refine": "refined.safetensors"}  # what a learner leaves
 
 
@@ -197,7 +196,6 @@ class NodeProcesses:
         self._arguments = ["--ros-args", "--params-file", str(parameters)]
         self._arguments += ["-r", f"__ns:={namespace}"] if namespace else []
         self.running: dict[str, ChildProcess] = {}
-        self.restarted: set[str] = set()
         self._pipes: dict[str, StatusPipe] = {}
         self._secret = signature.new_secret()
 
@@ -206,12 +204,6 @@ class NodeProcesses:
         for group in self._groups:
             self._start(group)
         return self
-
-    def start(self, node: str) -> None:
-        """Start a node that has a process of its own; its log goes on where the last one has stopped."""
-        self.restarted.add(node)
-        self._pipes[node].close()
-        self._start([node])
 
     def _start(self, group: list[str]) -> None:
         """Start a process of one node or several; the log of the first is that of all."""
@@ -267,7 +259,6 @@ def _follow(
     processes: NodeProcesses, watch: Watch, graph: GraphConfig, requested: StopRequest, stop_when: StopWhen
 ) -> str:
     """Wait for the end of the run; return what went wrong, or nothing."""
-    restarts = graph.restarts
     while True:
         statuses = processes.statuses(POLL)
         watch.take(statuses)
@@ -278,14 +269,10 @@ def _follow(
             return ""
         if ended and (reason := stop_when(statuses, watch.idle_time())):
             return reason
-        for node, status in ended.items():
-            if status in ENDED_FOR_GOOD or not node.endswith("_policy") or restarts == 0:
-                return processes.explain(node)
-            restarts -= 1
-            watch.pause_for(node, processes.explain(node))
-            processes.start(node)
-        paused, idle = watch.paused_time(), watch.idle_time()
-        reason = stop_when(statuses, idle) or failures.stands_still(paused, idle, graph, processes.logs, statuses)
+        if ended:
+            return processes.explain(next(iter(ended)))
+        idle = watch.idle_time()
+        reason = stop_when(statuses, idle) or failures.stands_still(idle, graph, processes.logs, statuses)
         if reason := reason or failures.hangs(processes.running, statuses, processes.logs):
             return reason
 
@@ -329,7 +316,7 @@ def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Section
         recorded = _recorded(result.bag) if "recorder" in nodes else None
     except InvalidInput as error:
         return [*missing, str(error)]
-    return missing + failures.incomplete(requested, nodes, result.nodes, recorded, processes.restarted)
+    return missing + failures.incomplete(requested, nodes, result.nodes, recorded)
 
 
 def _recorded(bag: Path) -> failures.RecordedCounts:

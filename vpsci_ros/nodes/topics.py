@@ -18,7 +18,6 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, VehicleControl, WorldState
-from vpsci_msgs.srv import History
 from vpsci_ros.nodes.config import NODES
 
 LOCK_STEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
@@ -127,12 +126,6 @@ SERVICES = {
         ),
         Service("/world/pause", SetBool, "world_simulator", "true: stands still at the present tick; false: goes on"),
         Service("/world/step", Trigger, "world_simulator", "while paused, takes one tick as soon as it is answered"),
-        Service(
-            "/world/history",
-            History,
-            "world_simulator",
-            "for a policy that was started again: the policy frames that it has not seen",
-        ),
         Service("/replayer/pause", SetBool, "replayer", "true: stands still at the present time; false: goes on"),
         Service("/replayer/step", Trigger, "replayer", "while paused, publishes all messages of the next time"),
     )

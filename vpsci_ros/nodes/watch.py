@@ -1,12 +1,9 @@
 """Watching a run of a graph: for how long nothing has happened in it, and its progress on standard error."""
 
-import contextlib
 import time
 from typing import Any
 
 from vpsci_ros.nodes import failures
-from vpsci_ros.nodes.config import GraphConfig
-from vpsci_ros.nodes.standstill import Standstill
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.progress import Bars
@@ -23,52 +20,29 @@ class Watch:
     """
 
     def __init__(self, resolved: Sections, *, quiet: bool = False) -> None:
-        graph = resolved.get(GraphConfig, "graph")
         self._total = resolved.get(RunConfig, "world_simulator").total if "world_simulator" in resolved.values else 0
         self._last = time.monotonic()
-        self._paused_since: float | None = None
         self._seen: dict[str, Any] = {}
         self._bars = Bars(quiet=quiet)
-        self._standstill = Standstill(graph.namespace) if graph.restarts else None
-        self._open = contextlib.ExitStack()
 
     def __enter__(self) -> "Watch":
-        with contextlib.ExitStack() as stack:
-            if self._standstill:
-                stack.enter_context(self._standstill)
-            stack.enter_context(self._bars)
-            self._open = stack.pop_all()
+        self._bars.__enter__()
         self._bars.bar("episodes", 0, self._total or None, "starting")
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._open.close()
-
-    def pause_for(self, policy: str, ended: str) -> None:
-        """Pause the world until a new process of this policy publishes, since the old one has `ended`."""
-        assert self._standstill is not None, "the graph has restarts"
-        self._bars.notice(f"{ended}; it is started again, and the world stands still until it is there")
-        self._standstill.begin(policy)
+    def __exit__(self, *given: Any) -> None:
+        self._bars.__exit__(*given)
 
     def idle_time(self) -> float:
-        """Return for how long nothing has happened [s]."""
+        """Return for how long nothing has happened [s]; a world that a service call paused is not idle."""
         return time.monotonic() - self._last
-
-    def paused_time(self) -> float:
-        """Return for how long the world has stood still because of a service call [s]; 0 where it goes on."""
-        return 0.0 if self._paused_since is None else time.monotonic() - self._paused_since
 
     def take(self, statuses: dict[str, NodeStatus]) -> None:
         """Take the nodes' latest reports."""
-        if self._standstill:
-            self._standstill.spin()
         for node, status in statuses.items():
-            paused = status.state == "paused" and not (self._standstill and self._standstill.lasts)
-            if node == "world_simulator":
-                self._paused_since = (self._paused_since or time.monotonic()) if paused else None
             seen = status.state, status.figures, status.counts
             # The recorder goes on writing diagnostics, its own among them, however long nothing happens.
-            if paused or (seen != self._seen.get(node) and node != "recorder"):
+            if status.state == "paused" or (seen != self._seen.get(node) and node != "recorder"):
                 self._last = time.monotonic()
             self._seen[node] = seen
         self._show(statuses)

@@ -10,21 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.timer import Timer
-from std_msgs.msg import Header, UInt64
+from std_msgs.msg import UInt64
 from std_srvs.srv import SetBool, Trigger
 
-from vpsci_msgs.srv import History
 from vpsci_ros.bags.recorded import recorded_from_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TransitionBuilder
-from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.history import FrameHistory, sealed
 from vpsci_ros.nodes.respondents import Respondents
 from vpsci_ros.nodes.world_outputs import WorldOutputs
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.wire import received
-from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
 from vpsci_ros.world.counts import MISSING_ANSWERS, WorldCounts
 from vpsci_ros.world.engines import ENGINES, EngineConfig
@@ -45,8 +41,7 @@ class WorldSimulator(GraphNode):
 
     :param server: that moves the agents; None: that of the parameter `engine`.
 
-    Finished when every episode of its queue has ended. Services: `/world/pause`, `/world/step`, `/world/reset`, and
-    `/world/history` for policies that are started again on the way.
+    Finished when every episode of its queue has ended. Services: `/world/pause`, `/world/step`, `/world/reset`.
     """
 
     counts: WorldCounts
@@ -87,7 +82,6 @@ class WorldSimulator(GraphNode):
             )
         self._lock_step = LockStep(config, self._config, self.counts, external)
         self._builder = TransitionBuilder(scenarios, config.credit_outcome) if config.publish_transitions else None
-        self._history = FrameHistory(self._config, self._run.batch)
         self._begun_at = self._tick_started = self._reported_at = time.monotonic()
         self._repeated_at = 0.0  # [s] of the wall clock, when the first tick was published once more
         self._log_at = 0.0  # [s] of the wall clock, when an episode's end is worth a line again
@@ -109,7 +103,6 @@ class WorldSimulator(GraphNode):
         self.serve("/world/reset", self._on_reset)
         self.serve("/world/pause", self._on_pause)
         self.serve("/world/step", self._on_step)
-        self.serve("/world/history", self._on_history)
         self._pacer: Timer | None = None
         self._set_pace()
         self.wall_timer(min(0.05, config.action_timeout / 4), self._on_timer)
@@ -168,7 +161,6 @@ class WorldSimulator(GraphNode):
         response.message = "the run is over" if self.finished else "the first episode begins again"
         if self._lock_step.running:
             self._loop.restart(self._new_world)
-            self._history.clear()
             if self._builder:
                 self._builder.clear()
             self.counts.resets += 1
@@ -193,21 +185,6 @@ class WorldSimulator(GraphNode):
             paused = self._lock_step.paused
             response.message = "the world stands still" if paused else "not paused: call /world/pause first"
         return response
-
-    def _on_history(self, request: History.Request, response: History.Response) -> History.Response:
-        response.running = self._lock_step.running
-        if not response.running:
-            return sealed(request, response)
-        now, assessment = self._loop.world.now, self._lock_step.assessment
-        response.tick = now.number
-        response.states, response.safeties = self._history.since(request.after_tick, now.state)
-        if assessment is not None and request.after_tick < now.number and now.policy_frame.any():
-            state = convert.world_state_message(now.state, now.policy_frame, now.number, self._config.tick)
-            header = Header(stamp=state.header.stamp, frame_id=MAP)
-            safety = assessment.curvttc, assessment.distance, assessment.critical
-            response.states = [*response.states, state]
-            response.safeties = [*response.safeties, convert.safety_message(header, now.number, *safety)]
-        return sealed(request, response)
 
     # ---- the loop
 
@@ -282,8 +259,6 @@ class WorldSimulator(GraphNode):
         if len(notices):
             self.get_logger().warning("no command: the vehicle brakes until commands come", throttle_duration_sec=5.0)
         step = self._loop.advance(assessment, actions)
-        if self._lock_step.policies:
-            self._history.note(step.tick, assessment)
         if self._builder and not self._lock_step.external:
             versions = {f"{agent}_version": version for agent, version in self._lock_step.versions.items()}
             self._outputs.transitions(self._builder.observe(step, **versions).transitions, step.tick.number)
