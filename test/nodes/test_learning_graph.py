@@ -1,18 +1,13 @@
 """Stages 1 and 2 through the graph: near misses in, weights out; the policies take up what the learner publishes."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 import pytest
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rosbags.highlevel import AnyReader
 from synthetic import synthetic_near_misses
 
-from vpsci_msgs.msg import PolicyWeights
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.verify import verify_bag
@@ -20,8 +15,6 @@ from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import GraphResult, run_graph
-from vpsci_ros.nodes.status import NodeStatus
-from vpsci_ros.nodes.topics import LATCHED
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.runs.sections import Sections
 
@@ -114,41 +107,6 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     assert versions >= {1, 2}, "the policies never took up refreshed weights"
     assert numbers == list(range(len(numbers))), "transitions are numbered without gaps"
     assert 0 < learner["transitions"] <= len(numbers), "the learner ends a little behind the world"
-
-
-def test_weights_that_the_learner_signed_earlier_are_refused_where_a_stranger_publishes_them_again(
-    context: Context, tmp_path: Path, first: GraphResult, near_misses: list[str]
-) -> None:
-    learner = SMALL_STAGE_2 | {"weights": str(first.folder / "learner" / "pretrained.safetensors")}
-    chosen: dict[str, dict[str, Any]] = {
-        "graph": {"nodes": ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "learner"]},
-        "world_simulator": {"scenarios": [1], "episodes": 100_000, "batch": 2, "publish_transitions": True}
-        | {"replay_window": 64, "pedestrian_gain": 0.5},
-        "vehicle_policy": {"explore": True},
-        "pedestrian_policy": {"explore": True},
-        "learner": learner | {"near_misses": near_misses},
-    }
-    stranger, executor = rclpy.create_node("stranger", context=context), SingleThreadedExecutor(context=context)
-    executor.add_node(stranger)
-    kept: list[bytes] = []
-    stranger.create_subscription(PolicyWeights, "policy/weights", kept.append, LATCHED, raw=True)
-    again = stranger.create_publisher(PolicyWeights, "policy/weights", LATCHED)
-    versions = [0.0]
-
-    def replay(nodes: Mapping[str, NodeStatus], _: float) -> str:
-        """Publish the first weights again and again, once the policy has newer ones."""
-        executor.spin_once(timeout_sec=0.0)
-        policy = nodes.get("vehicle_policy", NodeStatus())
-        versions.append(policy.number("policy_version") or 0.0)
-        if kept and max(versions) >= 2.0:
-            again.publish(kept[0])
-        return "enough" if policy.refused.get("/policy/weights", 0) >= 10 else ""
-
-    result = run_graph(Sections(chosen), tmp_path / "run", quiet=True, stop_when=replay)
-    executor.shutdown()
-    stranger.destroy_node()
-    assert result.error == "enough"
-    assert versions == sorted(versions), "older weights took the place of newer ones"
 
 
 def test_the_bag_of_stage_one_holds_the_learners_parameters_and_says_why_there_is_nothing_to_verify(

@@ -1,4 +1,4 @@
-"""What the graph's own nodes cannot have sent is refused, field by field, and ticks are believed in their order."""
+"""What the graph's own nodes cannot have sent is refused, field by field."""
 
 import struct
 from types import SimpleNamespace
@@ -10,7 +10,6 @@ import pytest
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout, received
 from vpsci_ros.world.state import EPISODE, EVENT, FINISHED, RUNNING
-from vpsci_ros.world.tick import Tick
 
 
 def state_message(**changed: Any) -> SimpleNamespace:
@@ -87,41 +86,3 @@ def test_a_message_without_a_time_is_refused(data: bytes, message: str) -> None:
     assert received.stamp("/clock", struct.pack("<4xiI", 3, 5)) == 3_000_000_005
     with pytest.raises(InvalidInput, match=message):
         received.stamp("/clock", data)
-
-
-def test_a_learner_cannot_have_taken_in_more_than_was_published() -> None:
-    assert received.consumed(7, 7) == 7
-    with pytest.raises(InvalidInput, match="expected at most 7 transitions, got 8"):
-        received.consumed(8, 7)
-
-
-def taken(*numbers: int, batch: int = 2) -> list[str]:
-    """Return what becomes of ticks of these numbers, one after the other."""
-    sequence, found = received.TickSequence(), []
-    for number in numbers:
-        try:
-            again = sequence.take(Tick(number, np.zeros(batch, EPISODE), np.zeros(batch, bool)))
-            found.append("again" if again else "follows")
-        except InvalidInput:
-            found.append("refused")
-    return found
-
-
-def test_a_tick_far_beyond_the_last_one_is_refused_and_the_next_of_the_world_follows() -> None:
-    assert taken(0, 1, 2**40, 2, 3) == ["follows", "follows", "refused", "follows", "follows"]
-
-
-def test_another_world_begins_at_tick_0() -> None:
-    assert taken(500, 0, 1) == ["follows", "again", "follows"]
-
-
-def test_a_world_that_moved_on_is_believed_at_the_second_tick_whatever_was_forged_before() -> None:
-    assert taken(2**40, 5000, 5001, 5002) == ["follows", "refused", "again", "follows"]
-    assert taken(5000, 0, 5001, 5002) == ["follows", "again", "refused", "again"]
-
-
-def test_a_state_of_another_number_of_episodes_is_refused() -> None:
-    sequence = received.TickSequence()
-    sequence.take(Tick(3, np.zeros(2, EPISODE), np.zeros(2, bool)))
-    with pytest.raises(InvalidInput, match="expected tick 4 of 2 episodes or so, got tick 4 of 7"):
-        sequence.take(Tick(4, np.zeros(7, EPISODE), np.zeros(7, bool)))

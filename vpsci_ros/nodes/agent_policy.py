@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vpsci_msgs.msg import PolicyWeights, SafetyState
-from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.errors import VpsciError
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.exchange import Outgoing, each
 from vpsci_ros.nodes.meter import Meter
@@ -19,10 +19,8 @@ from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.weights import Weights, load_weights, weights_from_bytes
 from vpsci_ros.resources import weights_path
-from vpsci_ros.wire import layout, received
 from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action
 from vpsci_ros.wire.header import WireHeader
-from vpsci_ros.wire.signature import is_signed
 from vpsci_ros.wire.world_state import SerializedState
 from vpsci_ros.world.tick import Tick, finite_pairs
 
@@ -47,7 +45,6 @@ class AgentPolicy(GraphNode):
         self._actions: Output | None = None
         self._agent = make_agent(agent, config)
         self._world: SerializedState | None = None
-        self._ticks = received.TickSequence()
         self._safety: SafetyState | SerializedSafety | None = None
         self._known = -1  # the latest tick that was worked through
         self._meter = Meter()
@@ -91,17 +88,10 @@ class AgentPolicy(GraphNode):
         self._monitor_found = self._monitored.get_publisher_count() > 0
 
     def _on_state(self, world: SerializedState) -> None:
-        restarted = self.intake.read("/world/state", self._ticks.take, world.tick)
-        if restarted is None:
-            return
-        number = world.tick.number
-        if not restarted and self._world is not None and number == self._world.tick.number:
-            self.intake.read("/world/state", _require_same, self._world.tick, world.tick)  # the first stands
-            return
-        if restarted:
-            self._known = min(self._known, number - 1)  # another world, or what was known came from another program
+        if self._world is not None and world.tick.number < self._world.tick.number:
+            self._known = -1  # another world
         self._world = world
-        self._meter.tick(number)
+        self._meter.tick(world.tick.number)
         self._answer()
 
     def _on_safety(self, safety: SafetyState | SerializedSafety) -> None:
@@ -111,17 +101,11 @@ class AgentPolicy(GraphNode):
             self._answer()
 
     def _weights(self, message: PolicyWeights) -> tuple[Weights, int]:
-        """Return the weights of a message of this run's learner, and their version.
+        """Return the weights of a message, and their version.
 
-        :raises InvalidInput: another program published them, perhaps a copy of earlier ones, or they are no weights.
+        :raises InvalidInput: they are no weights.
         """
-        data = received.weights(message)
-        if is_signed() and message.version <= self._version:
-            raise InvalidInput(
-                f"/policy/weights: expected a version above {self._version}, got {message.version} once more; does "
-                "another program repeat what this run's learner has published?"
-            )
-        return weights_from_bytes(data, "/policy/weights"), message.version
+        return weights_from_bytes(bytes(message.safetensors), "/policy/weights"), message.version
 
     def _on_weights(self, agent: PolicyAgent, given: tuple[Weights, int]) -> None:
         weights, version = given
@@ -188,9 +172,3 @@ def _require_no_hand_over(tick: Tick) -> None:
             f"tick {tick.number}: episode {first['scenario']}:{first['episode']} was handed over before this policy "
             "was there, and its actions rest on every frame since; start the whole run again"
         )
-
-
-def _require_same(first: Tick, second: Tick) -> None:
-    """Refuse a second state of one tick, unless it says the same."""
-    if first.state.tobytes() != second.state.tobytes():
-        raise InvalidInput(f"{layout.WORLD}: expected one state of tick {first.number}, got another that differs")

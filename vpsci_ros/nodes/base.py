@@ -181,7 +181,6 @@ class GraphNode(Node, metaclass=_Destroying):
             published={output.topic: output.published for output in self._offered if output.published},
             refused=dict(self.intake.refused),
             second_publishers=self.intake.second_publishers,
-            sharing=self.intake.sharing,
             counts=self.counts,
         )
 

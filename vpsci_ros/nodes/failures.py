@@ -14,7 +14,14 @@ from vpsci_ros.world.counts import WorldCounts
 
 RESPONDENTS = {"safety_monitor": "safety", "vehicle_policy": "vehicle", "pedestrian_policy": "pedestrian"}
 ADS = "an external driving system"  # among what the world waits for
-OPEN_TO_ALL = ("/markers", "/tf", "/tf_static", "/vehicle/cmd_accel", "/vehicle/cmd_control")  # to publish on
+OPEN_TO_ALL = (
+    "/markers",
+    "/tf",
+    "/tf_static",
+    "/diagnostics",
+    "/vehicle/cmd_accel",
+    "/vehicle/cmd_control",
+)  # to publish on
 HANGS = 20  # answers of a node that are missing: a run that lacks any fails, and this one lacks more and more
 LEAST_FLOOD = 2000  # commands; fewer are no flood, however few the ticks
 
@@ -132,6 +139,7 @@ def incomplete(
     nodes: Collection[str],
     statuses: Mapping[str, NodeStatus],
     recorded: RecordedCounts | None,
+    killed: Collection[str] = (),
 ) -> list[str]:
     """Say what a run lacks that ended without an error, one clause each; nothing where it is complete.
 
@@ -139,6 +147,7 @@ def incomplete(
     :param nodes: of the graph.
     :param statuses: the last one of each node, through its pipe.
     :param recorded: of its bag; None where the graph has no recorder.
+    :param killed: nodes whose process did not end by itself, so that their last status may be a second old.
     """
     found = [f"{node} reported nothing" for node in nodes if node not in statuses]
     world = statuses.get("world_simulator", NodeStatus()).counts or WorldCounts()
@@ -149,14 +158,16 @@ def incomplete(
         if node in nodes and faults.missing:
             found.append(f"{faults.missing} answers of {node} are missing")
         if faults.contradicted:
-            found.append(f"{faults.contradicted} answers contradict those of {node}: another program answered, too")
+            found.append(f"{faults.contradicted} answers differ from the first ones of {node} to their ticks")
         if faults.early:
-            found.append(f"{faults.early} answers for {node} came before their tick: another program published, too")
+            found.append(f"{faults.early} answers for {node} came before their tick")
     found += [f"a second publisher: {each}" for each in second_publishers(statuses)]
-    return found + (list(_not_recorded(statuses, recorded)) if recorded else [])
+    return found + (list(_not_recorded(statuses, recorded, killed)) if recorded else [])
 
 
-def _not_recorded(statuses: Mapping[str, NodeStatus], recorded: RecordedCounts) -> Iterator[str]:
+def _not_recorded(
+    statuses: Mapping[str, NodeStatus], recorded: RecordedCounts, killed: Collection[str]
+) -> Iterator[str]:
     for topic, seen in recorded.seen.items():
         readable, written = seen - recorded.refused.get(topic, 0), recorded.written.get(topic, 0)
         if readable != written:
@@ -165,12 +176,10 @@ def _not_recorded(statuses: Mapping[str, NodeStatus], recorded: RecordedCounts) 
     for status in statuses.values():
         for topic, number in status.published.items():
             published[topic] = published.get(topic, 0) + number
-    for topic in sorted(published.keys() & recorded.seen.keys()):
+    unknown = {topic for node in killed if node in statuses for topic in statuses[node].published}
+    for topic in sorted(published.keys() & recorded.seen.keys() - unknown):
         held = recorded.held.get(topic, 0)
         if held < published[topic] and topic != "/diagnostics":
             yield f"the bag holds {held} of {published[topic]} messages on {topic}"
         if held > published[topic] and topic not in OPEN_TO_ALL:
-            others = {each for status in statuses.values() for each in status.sharing if each.endswith(topic)}
-            who = f" ({', '.join(sorted(others))})" if others else ""
-            extra = held - published[topic]
-            yield f"{extra} messages on {topic} are not the graph's: another program published, too{who}"
+            yield f"the bag holds {held} messages on {topic}, the graph's nodes published {published[topic]}"

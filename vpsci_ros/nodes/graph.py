@@ -21,7 +21,7 @@ from vpsci_ros.data.near_misses import corpus_files
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.learning.config import LearnerConfig, RefineConfig
-from vpsci_ros.nodes import failures, peer_parameters
+from vpsci_ros.nodes import failures
 from vpsci_ros.nodes.config import GraphConfig, section_classes
 from vpsci_ros.nodes.domain import only_graph, require_security
 from vpsci_ros.nodes.shared_memory import remove_left_behind
@@ -37,7 +37,6 @@ from vpsci_ros.runs.processes import ChildProcess, stop
 from vpsci_ros.runs.record import RECORD, keep_room, write_record
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
-from vpsci_ros.wire import signature
 from vpsci_ros.world import WorldConfig
 
 StopWhen = Callable[[Mapping[str, NodeStatus], float], str]
@@ -192,12 +191,10 @@ class NodeProcesses:
         self.logs = logs
         others = [node for node in nodes if node != self.leader]
         self._groups = [[self.leader, *others]] if composed else [[node] for node in nodes]
-        self._parameters = parameters.absolute()
         self._arguments = ["--ros-args", "--params-file", str(parameters)]
         self._arguments += ["-r", f"__ns:={namespace}"] if namespace else []
         self.running: dict[str, ChildProcess] = {}
         self._pipes: dict[str, StatusPipe] = {}
-        self._secret = signature.new_secret()
 
     def __enter__(self) -> "NodeProcesses":
         self.logs.mkdir(mode=0o700)
@@ -213,8 +210,7 @@ class NodeProcesses:
         # Idle threads of torch must not keep the nodes from a core.
         environment = {"OMP_WAIT_POLICY": "PASSIVE"} | dict(os.environ)
         ends = {node: pipe.write_end for node, pipe in pipes.items()}
-        environment |= {signature.VARIABLE: self._secret, PIPE: ",".join(f"{node}={ends[node]}" for node in group)}
-        environment |= {peer_parameters.VARIABLE: str(self._parameters)}
+        environment[PIPE] = ",".join(f"{node}={ends[node]}" for node in group)
         log = self.logs / f"{group[0]}.log"
         process = ChildProcess(command, log, environment, holds_signals=True, inherited=list(ends.values()))
         for node, pipe in pipes.items():
@@ -316,7 +312,7 @@ def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Section
         recorded = _recorded(result.bag) if "recorder" in nodes else None
     except InvalidInput as error:
         return [*missing, str(error)]
-    return missing + failures.incomplete(requested, nodes, result.nodes, recorded)
+    return missing + failures.incomplete(requested, nodes, result.nodes, recorded, failed.values())
 
 
 def _recorded(bag: Path) -> failures.RecordedCounts:

@@ -13,7 +13,6 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.nodes.config import NODES
 from vpsci_ros.nodes.exchange import Exchange
 from vpsci_ros.nodes.topics import LATCHED, TOPICS, speakers
 
@@ -38,7 +37,6 @@ class Intake:
         self._receivers: dict[str, tuple[Callable[[Any], Any], Callable[[Any], None]]] = {}
         self.polled: dict[Subscription, Callable[[bytes], None]] = {}
         self._second: set[str] = set()
-        self._sharing: set[str] = set()
         self.refused: Counter[str] = Counter()
         self.arrived = 0.0
         self._logged_at: dict[str, float] = {}  # topic -> [s]
@@ -139,12 +137,7 @@ class Intake:
     def look(self) -> None:
         """Take note of the nodes that publish a topic beside the one that it belongs to."""
         for topic, given in self._inputs.items():
-            if TOPICS[topic].shared:
-                rest = self.publishers(topic)
-                for name in {self._full(node) for node in NODES} & set(rest):
-                    rest.remove(name)
-                self._sharing |= {f"{name} on {topic}" for name in rest}
-            elif given.get_publisher_count() > 1:
+            if not TOPICS[topic].shared and given.get_publisher_count() > 1:
                 found = second_publishers(self.publishers(topic), TOPICS[topic].publishers)
                 self._second |= {f"{name} on {topic}" for name in found}
                 if found:
@@ -159,11 +152,6 @@ class Intake:
     def second_publishers(self) -> list[str]:
         """Nodes that were seen to publish beside the one that a topic belongs to, as "/NODE on /TOPIC"."""
         return sorted(self._second)
-
-    @property
-    def sharing(self) -> list[str]:
-        """The same of nodes that are not the graph's, on topics that other programs may publish on, too."""
-        return sorted(self._sharing)
 
     def publishers(self, topic: str) -> list[str]:
         """Return the nodes that publish a topic, one name for each publisher, as far as they are known."""

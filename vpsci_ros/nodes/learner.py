@@ -24,7 +24,6 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.resources import weights_path
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.signature import signature
 
 REPORT_PERIOD = 0.5  # [s] between diagnostics
 
@@ -142,9 +141,7 @@ class Learner(GraphNode):
     def _publish_weights(self, refiner: Refiner) -> None:
         message = PolicyWeights(version=refiner.version)
         message.header.stamp = self.simulated_time
-        data = refiner.weights()
-        message.safetensors.frombytes(data)
-        message.header.frame_id = signature(refiner.version, data)
+        message.safetensors.frombytes(refiner.weights())
         self._weights.publish(message)
 
     # ---- both

@@ -1,10 +1,6 @@
-"""The parameters of the graph's nodes: what the graph resolved, or what the nodes reply that were started by hand.
-
-Any program may offer a service of a node's name, so where a graph started this process, its own file is read instead.
-"""
+"""The parameters of the graph's nodes, as the nodes themselves reply."""
 
 import itertools
-import os
 import time
 from collections.abc import Callable
 from functools import partial
@@ -16,9 +12,8 @@ from rclpy.parameter import parameter_value_to_python
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
-from vpsci_ros.parameters import pick, read_parameter_file, table
+from vpsci_ros.parameters import pick, table
 
-VARIABLE = "VPSCI_RUN_PARAMETERS"  # of the environment: the file of resolved parameters with which a graph was started
 PERIOD = 0.1  # [s] between looks at which services are there
 PATIENCE = 1.0  # [s] for a reply before the next request: one that is sent before both directions are matched is lost
 
@@ -34,7 +29,6 @@ class PeerParameters:
 
     def __init__(self, node: GraphNode, names: list[str], received: Callable[[str, dict[str, Any]], None]) -> None:
         self._received, self._intake = received, node.intake
-        self._resolved = read_parameter_file(os.environ[VARIABLE]) if VARIABLE in os.environ else {}
         known = [name for name in names if name in SECTIONS or name == "learner"]
         self._clients = {name: node.create_client(GetParameters, f"{name}/get_parameters") for name in known}
         self._requested_at = dict.fromkeys(known, 0.0)
@@ -49,12 +43,10 @@ class PeerParameters:
     def _request(self) -> None:
         now = time.monotonic()
         for name, requested_at in list(self._requested_at.items()):
-            if name in self._resolved:
-                values = self._resolved[name]
-                self._take(name, {row.name: values.get(row.name, row.default) for row in _rows(name, values)})
-            elif now - requested_at > PATIENCE and self._clients[name].service_is_ready():
+            if now - requested_at > PATIENCE and self._clients[name].service_is_ready():
                 self._requested_at[name] = now
-                names = [row.name for row in _rows(name, {"stage": next(self._stages)})]
+                stage = {"stage": next(self._stages)} if name == "learner" else {}
+                names = [row.name for kind in section_classes(name, stage) for row in table(kind)]
                 future = self._clients[name].call_async(GetParameters.Request(names=names))
                 future.add_done_callback(partial(self._on_reply, name, names))
 
@@ -79,13 +71,5 @@ class PeerParameters:
         found = {key: value for key, value in zip(names, plain, strict=True) if value is not None}
         for kind in section_classes(name, found):
             pick(kind, {row.name: found[row.name] for row in table(kind) if row.name in found}, name)
-        self._take(name, found)
-
-    def _take(self, name: str, values: dict[str, Any]) -> None:
-        self._received(name, values)
+        self._received(name, found)
         del self._requested_at[name]
-
-
-def _rows(name: str, values: dict[str, Any]) -> list[Any]:
-    """Return the parameters that a node has; a learner's depend on its stage."""
-    return [row for kind in section_classes(name, values if name == "learner" else {}) for row in table(kind)]

@@ -18,7 +18,6 @@ from vpsci_ros.nodes.exchange import Outgoing
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.recorder_reading import FOREIGN, Reading
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
-from vpsci_ros.wire import received
 from vpsci_ros.wire.decoder import describe
 from vpsci_ros.world import load_scenarios
 
@@ -174,8 +173,5 @@ class Recorder(GraphNode):
 
 
 def _digest(message: PolicyWeights) -> dict[str, str]:
-    """Return the record of weights that the learner of this run has published.
-
-    :raises InvalidInput: they are another's.
-    """
-    return {"version": str(message.version), "sha256": hashlib.sha256(received.weights(message)).hexdigest()}
+    """Return the record of weights that the learner has published."""
+    return {"version": str(message.version), "sha256": hashlib.sha256(bytes(message.safetensors)).hexdigest()}

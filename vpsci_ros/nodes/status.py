@@ -28,7 +28,6 @@ class NodeStatus:
     :ivar published: topic of the table -> messages that the node published there.
     :ivar refused: topic -> messages that it refused.
     :ivar second_publishers: "/NODE on /TOPIC" of the nodes that publish beside the one that the topic belongs to.
-    :ivar sharing: the same of nodes that are not the graph's, on topics that are meant to be shared.
     :ivar counts: of the world simulator.
     """
 
@@ -38,7 +37,6 @@ class NodeStatus:
     published: dict[str, int] = field(default_factory=dict)
     refused: dict[str, int] = field(default_factory=dict)
     second_publishers: list[str] = field(default_factory=list)
-    sharing: list[str] = field(default_factory=list)
     counts: WorldCounts | None = None
 
     def pairs(self) -> dict[str, Any]:

@@ -20,7 +20,6 @@ from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.respondents import Respondents
 from vpsci_ros.nodes.world_outputs import WorldOutputs
 from vpsci_ros.runs.config import RunConfig
-from vpsci_ros.wire import received
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
 from vpsci_ros.world.counts import MISSING_ANSWERS, WorldCounts
 from vpsci_ros.world.engines import ENGINES, EngineConfig
@@ -99,7 +98,7 @@ class WorldSimulator(GraphNode):
         )
         self._respondents = Respondents(self, self._lock_step, self._go_on)
         if self._builder:
-            self.input("/replay/consumed", self._consumed_by_learner, self._on_consumed)
+            self.input("/replay/consumed", None, self._on_consumed)
         self.serve("/world/reset", self._on_reset)
         self.serve("/world/pause", self._on_pause)
         self.serve("/world/step", self._on_step)
@@ -222,12 +221,8 @@ class WorldSimulator(GraphNode):
         self._lock_step.external.repeat()
         self._outputs.repeat(self._loop.world.now)
 
-    def _consumed_by_learner(self, message: UInt64) -> int:
-        assert self._builder is not None
-        return received.consumed(message.data, self._builder.count)
-
-    def _on_consumed(self, number: int) -> None:
-        self._consumed = number
+    def _on_consumed(self, message: UInt64) -> None:
+        self._consumed = message.data
         self._count_unread()
 
     def _begin_when_all_are_here(self) -> None:

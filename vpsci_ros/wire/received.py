@@ -13,7 +13,6 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.header import aligned
 from vpsci_ros.wire.layout import WORLD
-from vpsci_ros.wire.signature import require_signature
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.state import ENDED
 from vpsci_ros.world.tick import Tick
@@ -22,7 +21,6 @@ _SEQUENCES = ("/markers", "/tf", "/tf_static")  # topics of messages that are se
 _LENGTH = struct.Struct("<I")
 _TRANSFORM = 56  # [bytes] of its numbers
 FARTHEST = 1e8  # [m], [m/s], [rad]: nothing in a world is beyond
-NEAR = 1000  # ticks: a reader's queue holds as many
 _MOTION = (
     *("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature"),
     *("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"),
@@ -78,28 +76,6 @@ def in_range(state):  # type: ignore[no-untyped-def]
     return True
 
 
-def weights(message: Any, where: str = "/policy/weights") -> bytes:
-    """Return the bytes of a PolicyWeights, whose frame_id is the signature of the run's learner.
-
-    :raises InvalidInput: it has none, where the run has a secret; see `vpsci_ros.wire.signature`.
-    """
-    data = bytes(message.safetensors)
-    require_signature(message.header.frame_id, message.version, data, where)
-    return data
-
-
-def consumed(number: int, most: int) -> int:
-    """Return how many transitions a learner has taken in, `most` of which have been published.
-
-    :raises InvalidInput: the number is greater than `most`.
-    """
-    if number > most:
-        raise InvalidInput(
-            f"/replay/consumed: expected at most {most} transitions, got {number}; does another program publish it?"
-        )
-    return number
-
-
 def stamp(topic: str, data: bytes) -> int:
     """Return the stamp [ns] of a serialized message of any recorded topic.
 
@@ -141,38 +117,3 @@ def child_frames(data: bytes, where: str) -> list[str]:
     if at > len(data):
         raise InvalidInput(f"{where}: {len(data)} bytes that are no TFMessage")
     return frames
-
-
-class TickSequence:
-    """Which tick may follow which, so that one forged number does not make a node ignore all ticks to come.
-
-    A tick is accepted if it is `NEAR` the last one and has as many episodes, or if it begins another world (tick 0).
-    Another is refused, unless it follows the one that was refused before: then the world did move on.
-    """
-
-    def __init__(self) -> None:
-        self._last: tuple[int, int] | None = None  # number and episodes
-        self._odd: tuple[int, int] | None = None  # of the one that was refused
-
-    def take(self, tick: Tick) -> bool:
-        """Accept a tick; return whether another world begins with it, so that earlier tick numbers mean nothing.
-
-        :raises InvalidInput: it cannot follow the last one.
-        """
-        given = tick.number, len(tick.state)
-        expected = self._last
-        follows = expected is None or _near(expected, given)
-        restarted = not follows or (expected is not None and tick.number == 0 < expected[0])
-        if not follows and tick.number and (self._odd is None or not _near(self._odd, given, least=1)):
-            assert expected is not None, "the first tick is accepted"
-            self._odd = given
-            raise InvalidInput(
-                f"{WORLD}: expected tick {expected[0] + 1} of {expected[1]} episodes or so, got tick {given[0]} of "
-                f"{given[1]}; are two worlds in one domain?"
-            )
-        self._last, self._odd = given, None
-        return restarted
-
-
-def _near(before: tuple[int, int], given: tuple[int, int], least: int = -NEAR) -> bool:
-    return least <= given[0] - before[0] <= NEAR and given[1] == before[1]
