@@ -1,1 +1,1 @@
-"""The `vpsci` command: one file a group of subcommands, `main.py` puts them together."""
+"""The `vpsci` command: a file for each group of subcommands; `main.py` joins them."""

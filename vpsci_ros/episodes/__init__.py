@@ -1,4 +1,4 @@
-"""Episodes of motion from whatever holds them: near-miss tables, datasets, bags and exams through one door."""
+"""Episodes of motion from near-miss tables, datasets, bags and exams, by one function."""
 
 from vpsci_ros.episodes.sources import EpisodeSource, open_source, read_episodes
 

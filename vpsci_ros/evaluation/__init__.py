@@ -1,6 +1,6 @@
-"""Models measured against recordings: two honest protocols for error, naive controls, and who yielded.
+"""Models measured against recordings: two protocols of error, naive controls, and yielding.
 
 `predictors` puts models and controls under one interface, `protocols` rolls them out through the known kinematics,
-`errors` sums up with intervals, `held_out` measures a training on clips that it never sees. `measure_series` and
-`safety_compare` are about the safety measures, `encounters` and `yields` about what came of an interaction.
+`errors` summarises with intervals, `held_out` measures a training on held-out clips. `measure_series` and
+`safety_compare` compare safety measures; `encounters` and `yields` describe the outcome of an episode.
 """

@@ -1,5 +1,5 @@
-"""Branches: what hangs on the package by entry points and may be deleted, each folder by itself.
+"""Branches, found by entry points; each folder may be deleted by itself.
 
-`paper` holds the studies and formats of the paper, `formats` those of other people, `carla` another engine, `drive` the
-page in which a person drives. Nothing outside this folder imports it, and no branch imports another one.
+`paper` has the studies and formats of the paper, `formats` other file formats, `carla` another engine, `drive` the page
+in which a person drives. Nothing outside this folder imports it, and no branch imports another one.
 """

@@ -2,5 +2,5 @@
 
 `topics` is the table of topics with their publishers, subscribers and quality of service, `convert` the only place
 where arrays become messages, `base` the form that all nodes share. `graph` starts the nodes as processes, `status` is
-what each of them reports, and `failures` has every reason why a run is no success.
+the report of each node, and `failures` has every reason for which a run fails.
 """
