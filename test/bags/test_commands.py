@@ -304,7 +304,7 @@ def test_verify_compares_what_is_left_of_a_cut_off_bag(own_bag: Path, tmp_path: 
     file.write_bytes(file.read_bytes()[:-500])
     with pytest.raises(InvalidInput, match="not completed"):
         verify_bag(bag)
-    result = verify_bag(bag, recover=True)
+    result = verify_bag(Bag(bag, recover=True))
     assert result.difference == ""
     assert result.ticks > 100
 

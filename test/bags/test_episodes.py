@@ -103,7 +103,7 @@ def test_the_episodes_of_a_bag_are_known_without_reading_a_message(
 
 def test_records_agree_with_what_the_states_tell(own_bag: Path) -> None:
     recorded = bag_episodes(Bag(own_bag))
-    for one, decoded in zip(recorded, module._from_ticks(Bag(own_bag), False), strict=True):
+    for one, decoded in zip(recorded, module._from_ticks(Bag(own_bag)), strict=True):
         for name in ("scenario", "episode", "start_tick", "end_tick", "start_time", "end_time", "outcome"):
             assert getattr(one, name) == getattr(decoded, name), name
         assert one.least_curvttc == pytest.approx(decoded.least_curvttc)

@@ -1,15 +1,20 @@
 """Bags of any ROS 2 tool: MCAP and sqlite3, one file or several, whole or in part, with definitions or without."""
 
+import re
 import shutil
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from zstandard import ZstdCompressor
 
+from vpsci_ros.bags.info import bag_info
 from vpsci_ros.bags.reader import Bag, bag_files
 from vpsci_ros.bags.repair import repair_bag
+from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.errors import InvalidInput
@@ -19,8 +24,13 @@ from vpsci_ros.world.state import GOAL
 ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
 
 
-def copied(bag: Path, folder: Path, storage: StoragePlugin, topics: tuple[str, ...] = ODOMETRY) -> Path:
-    """What another tool would have recorded of these topics, with receipt times that run twice as fast."""
+def copied(
+    bag: Path, folder: Path, storage: StoragePlugin, topics: tuple[str, ...] = ODOMETRY, *, early: bool = False
+) -> Path:
+    """What another tool would have recorded of these topics, with receipt times that run twice as fast.
+
+    :param early: the first message once more before, at time 0.
+    """
     store = known_types()
     writer = Writer(folder, version=9, storage_plugin=storage)
     writer.open()
@@ -28,6 +38,8 @@ def copied(bag: Path, folder: Path, storage: StoragePlugin, topics: tuple[str, .
     for raw in Bag(bag).messages(topics, ordered=True):
         if raw.topic not in connections:
             connections[raw.topic] = writer.add_connection(raw.topic, raw.type, typestore=store)
+            if early and len(connections) == 1:
+                writer.write(connections[raw.topic], 0, raw.data)
         writer.write(connections[raw.topic], 1_700_000_000 * 10**9 + raw.time // 2, raw.data)
     writer.close()
     return folder
@@ -71,6 +83,92 @@ def test_every_file_of_a_split_bag_says_how_it_was_made_and_what_was_seen_and_wr
         written.append(int(records["vpsci_ros"]["messages_written"]))
     assert written == sorted(written)
     assert written[-1] == 60
+
+
+@pytest.mark.parametrize("number", [2, -1], ids=["one in the middle", "the last one"])
+@pytest.mark.parametrize("listed", [True, False])
+def test_a_bag_that_lost_a_file_is_refused_until_it_is_repaired(tmp_path: Path, number: int, listed: bool) -> None:
+    folder = split_bag(tmp_path / "bag")
+    lost = bag_files(folder)[number]
+    lost.unlink()
+    if not listed and number == 2:  # what the recorder counted says it still
+        (folder / "metadata.yaml").unlink()
+    with pytest.raises(InvalidInput, match=rf"lists {lost.name}, which the folder lacks|of the 60 messages of /a"):
+        bag_run(Bag(folder))
+    (damage,) = bag_info(folder)["damage"]
+    assert lost.name in damage or "of the 60 messages of /a" in damage
+    repair_bag(folder)
+    assert bag_info(folder)["damage"] == []
+
+
+def test_a_file_that_an_older_one_has_replaced_is_noticed(tmp_path: Path) -> None:
+    folder, older = split_bag(tmp_path / "bag"), split_bag(tmp_path / "older" / "bag", 57)
+    shutil.copy(bag_files(older)[-1], bag_files(folder)[-1])
+    with pytest.raises(InvalidInput, match="of the 60 messages of /a that were recorded"):
+        bag_run(Bag(folder))
+
+
+def test_a_graph_in_a_namespace_is_read_by_its_prefix(own_bag: Path, tmp_path: Path) -> None:
+    messages = list(Bag(own_bag).messages())
+    kinds = {raw.topic: BagTopic(raw.topic, raw.type, raw.definition, "RIHS01_0") for raw in messages}
+    for folder, graphs in (("one", ["/left"]), ("two", ["/left", "/right"])):
+        topics = [replace(kind, name=graph + name) for name, kind in kinds.items() for graph in graphs]
+        bag = BagWriter(tmp_path / folder, topics)
+        for raw in messages:
+            for graph in graphs:
+                bag.write(graph + raw.topic, raw.data, raw.time, raw.time)
+        bag.close({})
+    states = [raw.data for raw in messages if raw.topic == "/world/state"]
+    for one in (Bag(tmp_path / "one"), Bag(tmp_path / "two", topic_prefix="/right")):
+        assert [raw.data for raw in one.messages(["/world/state"])] == states
+    with pytest.raises(InvalidInput, match=r"no message of /world/state.* choose one by --topic-prefix"):
+        next(read_bag(tmp_path / "two"))
+    with pytest.raises(InvalidInput, match="no topic below /up; it has /left"):
+        Bag(tmp_path / "two", topic_prefix="/up").topics()
+
+
+def test_files_that_rosbag2_has_compressed_are_read(foreign: Path) -> None:
+    plain = [raw.data for raw in Bag(foreign).messages()]
+    for file in bag_files(foreign):
+        file.with_name(f"{file.name}.zstd").write_bytes(ZstdCompressor().compress(file.read_bytes()))
+        file.unlink()
+    assert [raw.data for raw in Bag(foreign).messages()] == plain
+
+
+def test_messages_that_rosbag2_has_compressed_are_read(own_bag: Path, tmp_path: Path) -> None:
+    folder = copied(own_bag, tmp_path / "bag", StoragePlugin.SQLITE3)
+    plain = [raw.data for raw in Bag(folder).messages()]
+    with sqlite3.connect(next(folder.glob("*.db3"))) as database:
+        database.create_function("packed", 1, ZstdCompressor().compress)
+        database.execute("UPDATE messages SET data = packed(data)")
+    database.close()
+    metadata = folder / "metadata.yaml"
+    metadata.write_text(re.sub("compression_mode: .*", "compression_mode: MESSAGE", metadata.read_text()))
+    assert [raw.data for raw in Bag(folder).messages()] == plain
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_what_was_recorded_before_the_first_clock_does_not_make_a_bag_last_decades(
+    own_bag: Path, tmp_path: Path, storage: StoragePlugin
+) -> None:
+    bag = bag_info(copied(own_bag, tmp_path / "bag", storage, early=True))
+    without = bag_info(copied(own_bag, tmp_path / "without", storage))
+    assert bag["duration"] == without["duration"]
+    assert bag["messages"] == without["messages"] + 1
+
+
+def test_rows_of_a_sqlite_bag_that_are_no_messages_are_refused_and_left_out(own_bag: Path, tmp_path: Path) -> None:
+    folder = copied(own_bag, tmp_path / "bag", StoragePlugin.SQLITE3)
+    count = len(list(Bag(folder).messages()))
+    with sqlite3.connect(next(folder.glob("*.db3"))) as database:
+        database.execute("INSERT INTO messages VALUES(9001,1,'x',x'00'),(9002,1,7,'x'),(9003,99,5,x'00')")
+    database.close()
+    for read in (lambda: Bag(folder).topics(), lambda: list(Bag(folder).messages())):
+        with pytest.raises(InvalidInput, match="3 of its messages have no listed topic"):
+            read()
+    bag = Bag(folder, recover=True)
+    assert sum(topic.messages for topic in bag.topics().values()) == count == len(list(bag.messages()))
+    assert bag.damage == ["bag.db3: 3 of its messages have no listed topic, time or data"]
 
 
 def test_files_are_in_the_order_of_their_numbers_not_of_their_letters(tmp_path: Path) -> None:
@@ -186,7 +284,7 @@ def test_a_damaged_sqlite_file_is_refused_and_read_as_far_as_it_goes(own_bag: Pa
         ("bag_0.db3", b"", "not a whole sqlite3 bag file"),
         ("bag_0.mcap", b"count,frame\n", "not an MCAP file"),
         ("bag_0.mcap", b"", "not completed"),
-        ("bag_0.db3.zstd", b"", "compressed as a whole; unpack it"),
+        ("bag_0.db3.zstd", b"not zstd at all", "cannot be unpacked"),
         ("notes.txt", b"", r"no \.mcap file and no \.db3"),
     ],
 )

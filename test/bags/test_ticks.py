@@ -8,6 +8,7 @@ from bags.collected import collected
 from rosbags.rosbag2 import Reader
 
 from vpsci_ros.bags.mcap_file import McapFile
+from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
@@ -64,14 +65,14 @@ def test_a_bag_that_was_not_closed_is_refused_and_read_on_request(ticks, write_b
     bag = write_bag(tmp_path / "bag", ticks, closed=False)
     with pytest.raises(InvalidInput, match=r"bag_0\.mcap: it was not completed: its recorder was killed.*bag repair"):
         next(read_bag(bag))
-    back = list(read_bag(bag, recover=True))
+    back = list(read_bag(Bag(bag, recover=True)))
     assert 5 < len(back) <= len(ticks)
     assert [tick.number for tick in back] == list(range(len(back)))
 
 
 def test_repair_completes_a_bag_that_was_not_closed(ticks, write_bag, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", ticks, closed=False)
-    whole = list(read_bag(bag, recover=True))
+    whole = list(read_bag(Bag(bag, recover=True)))
     repair = repair_bag(bag)
     assert repair.rewritten
     assert repair.messages["/world/state"] == len(whole)
@@ -151,7 +152,7 @@ def test_what_is_no_bag_is_named(tmp_path: Path) -> None:
     (tmp_path / "empty" / "text.mcap").write_text("count,frame\n")
     for recover in (False, True):
         with pytest.raises(InvalidInput, match=r"text\.mcap: not an MCAP file"):
-            next(read_bag(tmp_path / "empty", recover=recover))
+            next(read_bag(Bag(tmp_path / "empty", recover=recover)))
 
 
 def test_a_bag_with_nothing_in_it_is_named(write_bag, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam import conduct
@@ -68,4 +69,4 @@ def test_an_exam_that_misses_the_ads_alone_says_so(ended: Callable[..., str]) ->
 
 def test_a_bag_with_another_graphs_episodes_is_refused_in_words(exam: Exam, own_bag: Path) -> None:
     with pytest.raises(InvalidInput, match="episode 6:4 is another graph's, not of this exam"):
-        episodes_in_bag(own_bag, exam, "walker", recover=False)
+        episodes_in_bag(Bag(own_bag), exam, "walker")

@@ -6,6 +6,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.gathered import gathered
 from vpsci_ros.exam.collect import episodes_in_bag
@@ -61,7 +62,7 @@ def test_kinds_and_groups_are_those_of_the_episodes_where_the_bag_holds_neither(
     exam = prepare(Sections({"world_simulator": world, "ads_test": {"pedestrians": ["walker"]}}), "external")
     config = exam.with_pedestrian("walker", "autopilot")
     write_ticks(Loop(World(config, exam.scenarios, exam.episodes, 1, 5)), config, tmp_path / "bag", {})
-    read, found = episodes_in_bag(tmp_path / "bag", exam, "walker", recover=False)
+    read, found = episodes_in_bag(Bag(tmp_path / "bag"), exam, "walker")
     expected = autopilot_run(exam, "walker")
     assert found == expected.sight
     assert [episode.listed for episode in read] == [episode.listed for episode in expected.episodes]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.ticks import read_bag
@@ -132,10 +132,9 @@ def event_rows(events: NDArray[np.void]) -> list[EventRow]:
     return list(itertools.starmap(EventRow, events[list(EventRow._fields)].tolist()))
 
 
-def bag_episodes(bag: Bag, *, recover: bool = False) -> list[BagEpisode]:
+def bag_episodes(bag: Bag) -> list[BagEpisode]:
     """Return the episodes of a bag that ended in it, in the order of their ends.
 
-    :param recover: as the bag was opened.
     :raises InvalidInput: the bag is not whole, or none of a vehicle and a pedestrian.
     """
     found = [BagEpisode.from_record(values) for name, values in bag.records() if name == RECORD]
@@ -144,7 +143,7 @@ def bag_episodes(bag: Bag, *, recover: bool = False) -> list[BagEpisode]:
     topics = bag.topics()
     if EVENTS in topics and topics[EVENTS].messages:
         return list(_from_events(bag))
-    return list(_from_ticks(bag, recover))
+    return list(_from_ticks(bag))
 
 
 def _from_events(bag: Bag) -> Iterator[BagEpisode]:
@@ -154,10 +153,10 @@ def _from_events(bag: Bag) -> Iterator[BagEpisode]:
         yield from log.add(int(message.tick), raw.time, event_rows(layout.events(message)))
 
 
-def _from_ticks(bag: Bag, recover: bool) -> Iterator[BagEpisode]:
+def _from_ticks(bag: Bag) -> Iterator[BagEpisode]:
     begun: dict[int, tuple[tuple[int, int], int, int]] = {}
     least: NDArray[np.float64] = np.zeros(0)
-    for tick in read_bag(bag.path, recover=recover):
+    for tick in read_bag(bag):
         if len(least) == 0:
             least = np.full(len(tick.state), math.inf)
         for rows in episode_rows(tick.state):
@@ -230,7 +229,7 @@ def _some(episodes: list[BagEpisode]) -> str:
     return ", ".join(names[:8] + [f"... {len(names)} in all"] * (len(names) > 8)) or "no episode that ended in it"
 
 
-def episode_ticks(path: str | Path, chosen: Iterable[BagEpisode], *, recover: bool = False) -> Iterator[RecordedTick]:
+def episode_ticks(bag: str | Path | Bag, chosen: Iterable[BagEpisode]) -> Iterator[RecordedTick]:
     """Yield the ticks in which these episodes run, in order; of a whole bag little else is read.
 
     :raises InvalidInput: see `vpsci_ros.bags.ticks.read_bag`.
@@ -243,21 +242,19 @@ def episode_ticks(path: str | Path, chosen: Iterable[BagEpisode], *, recover: bo
         else:
             ranges.append([start, stop])
     for start, stop in ranges:
-        yield from read_bag(path, recover=recover, start=start, stop=stop)
+        yield from read_bag(bag, start=start, stop=stop)
 
 
-def read_episodes(
-    path: str | Path, chosen: Collection[BagEpisode] | None = None, *, recover: bool = False
-) -> Iterator[Episode]:
+def read_episodes(bag: str | Path | Bag, chosen: Collection[BagEpisode] | None = None) -> Iterator[Episode]:
     """Yield the episodes of a bag as they end.
 
     :param chosen: only these; None: all.
-    :param recover: take what is whole of a bag that was not closed or is damaged.
     :raises InvalidInput: see `vpsci_ros.bags.ticks.read_bag`.
     """
-    scenarios = scenarios_of(Bag(path, recover=recover))
-    ticks = read_bag(path, recover=recover) if chosen is None else episode_ticks(path, chosen, recover=recover)
+    bag = opened(bag)
+    scenarios = scenarios_of(bag)
+    ticks = read_bag(bag) if chosen is None else episode_ticks(bag, chosen)
     if (first := next(ticks, None)) is not None:
         wanted = None if chosen is None else {episode.key for episode in chosen}
         parts = ((tick.state, tick.curvttc, tick.distance) for tick in itertools.chain([first], ticks))
-        yield from gathered(parts, first.period, scenarios, wanted=wanted, source=str(path))
+        yield from gathered(parts, first.period, scenarios, wanted=wanted, source=str(bag.path))

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from vpsci_ros.bags.episodes import bag_episodes, choose, episode_ticks
-from vpsci_ros.bags.reader import Bag, bag_files
+from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.run_record import bag_run, scenarios_of
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.ticks import read_bag
@@ -46,14 +46,13 @@ KEEP_ALL = FilterConfig(
 
 
 def export_bag(
-    bag: str | Path,
+    bag: str | Path | Bag,
     folder: str | Path,
     *,
     filters: FilterConfig | None = None,
     formats: tuple[str, ...] = FORMATS,
     selection: Selection = ALL,
     keep_rejected: bool = False,
-    recover: bool = False,
     console: Console | None = None,
 ) -> dict[str, Any]:
     """Write the episodes of a bag as a dataset with a picture, print what it holds, and return its description.
@@ -62,16 +61,16 @@ def export_bag(
     :param folder: output folder; must be new or empty.
     :param selection: only these episodes, and all of them: filters that are not given then let everything pass, and
         those that never were critical go to `rejected/`.
-    :param recover: take what is whole of a bag that was not closed.
     :raises InvalidInput: no bag of a graph, no episode that ended in it or is as chosen, or the folder is not empty.
     """
     console = console or Console()
-    scenarios = scenarios_of(Bag(bag, recover=recover))
-    ticks = read_bag(bag, recover=recover)
+    bag = opened(bag)
+    scenarios = scenarios_of(bag)
+    ticks = read_bag(bag)
     if selection != ALL:
-        chosen = choose(bag_episodes(Bag(bag, recover=recover), recover=recover), *astuple(selection))
+        chosen = choose(bag_episodes(bag), *astuple(selection))
         wanted = {episode.key for episode in chosen}
-        ticks = (_alone(tick, wanted) for tick in episode_ticks(bag, chosen, recover=recover))
+        ticks = (_alone(tick, wanted) for tick in episode_ticks(bag, chosen))
         filters = filters or KEEP_ALL
         keep_rejected |= any(not np.isfinite(episode.least_curvttc) for episode in chosen)
     first = next(ticks)
@@ -79,7 +78,7 @@ def export_bag(
     with DatasetWriter(
         folder,
         {NO_SCENARIO: group_of(NO_SCENARIO, None)} | {scenario.number: scenario.name for scenario in scenarios},
-        {"period": first.period, **provenance_of(Path(bag), recover=recover)},
+        {"period": first.period, **provenance_of(bag)},
         filters=filters,
         formats=formats,
         keep_rejected=keep_rejected,
@@ -122,14 +121,15 @@ def report(folder: str | Path, console: Console) -> None:
         console.print("no episode was kept, so there is no picture")
 
 
-def provenance_of(bag: Path, *, recover: bool = False) -> dict[str, Any]:
+def provenance_of(bag: str | Path | Bag) -> dict[str, Any]:
     """Return what is known of how a bag was made: its files' hashes, and the run's configuration.
 
     :raises InvalidInput: see `vpsci_ros.bags.run_record.bag_run`.
     """
-    run = bag_run(Bag(bag, recover=recover))
+    bag = opened(bag)
+    run = bag_run(bag)
     return {
-        "bag": {path.name: sha256(path) for path in bag_files(bag)},
+        "bag": {file.path.name: sha256(file.path) for file in bag.files},
         "configuration": run.parameters or None,
         "seed": run.parameters.get("world_simulator", {}).get("seed"),
         "weights": run.weights or None,

@@ -15,7 +15,7 @@ from vpsci_ros.bags.episodes import RECORD, BagEpisode, bag_episodes
 from vpsci_ros.bags.odometry import ODOMETRY
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import BagRun, bag_run
-from vpsci_ros.bags.topic_info import TopicInfo
+from vpsci_ros.bags.topic_info import TopicInfo, extent
 from vpsci_ros.documents import printable
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import Decoder
@@ -30,27 +30,26 @@ def bag_info(path: str | Path) -> dict[str, Any]:
 
     :raises InvalidInput: no bag, or nothing of it is readable.
     """
-    damage: list[str] = []
-    bag, recover = Bag(path), False
+    refusals: list[InvalidInput] = []
     try:
+        bag = Bag(path)
+        topics, run = bag.topics(), bag_run(bag)
+    except InvalidInput as refused:
+        bag = Bag(path, recover=True)
         topics = bag.topics()
-    except InvalidInput as error:
-        bag, recover = Bag(path, recover=True), True
-        topics = bag.topics()
-        damage = list(dict.fromkeys(bag.damage)) or [str(error)]
+        refusals.append(refused)
+        try:
+            run = bag_run(bag)
+        except InvalidInput as damaged:
+            run, refusals = BagRun(), [damaged]
+    damage = bag.damage or [str(refusal).removeprefix(f"{path}: ") for refusal in refusals]
     if not any(topic.messages for topic in topics.values()):
         raise InvalidInput(f"{path}: the bag holds no message" + (f" that is whole ({damage[0]})" if damage else ""))
-    try:
-        run = bag_run(bag)
-    except InvalidInput as error:
-        if not recover:
-            raise
-        damage.append(str(error).removeprefix(f"{path}: "))
-        run = BagRun()
     simulated = bool(run.totals or run.software)
-    duration = (max(t.last for t in topics.values()) - min(t.first for t in topics.values() if t.messages)) * 1e-9
+    first, last = extent(topics.values())
+    duration = (last - first) * 1e-9
     factor = 1.0 if simulated else _simulated_share(bag, topics)
-    episodes = _episodes(bag, topics, recover)
+    episodes = _episodes(bag, topics)
     seen, written = run.count("seen"), run.count("written")
     return {
         "bag": str(path),
@@ -183,11 +182,11 @@ def _simulated_share(bag: Bag, topics: dict[str, TopicInfo]) -> float:
     )
 
 
-def _episodes(bag: Bag, topics: dict[str, TopicInfo], recover: bool) -> list[BagEpisode]:
+def _episodes(bag: Bag, topics: dict[str, TopicInfo]) -> list[BagEpisode]:
     if not any(name in topics for name in (EVENTS, WORLD, *ODOMETRY)):
         return []
     try:
-        return bag_episodes(bag, recover=recover)
+        return bag_episodes(bag)
     except InvalidInput:
         if WORLD not in topics and not set(ODOMETRY) <= set(topics):
             return []

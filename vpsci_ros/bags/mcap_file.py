@@ -22,7 +22,7 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from zstandard import ZstdError, frame_content_size
 
-from vpsci_ros.bags.topic_info import TopicInfo, by_name
+from vpsci_ros.bags.topic_info import DAY, TopicInfo, by_name
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.time_budget import TimeBudget
 from vpsci_ros.wire.decoder import RawMessage
@@ -272,6 +272,8 @@ def _indexed_topics(reader: SeekingReader) -> Iterable[TopicInfo]:
         count = summary.statistics.channel_message_counts.get(number, 0)
         ends = [next(reader.iter_messages([channel.topic], reverse=last), None) for last in (False, True)]
         first, last = (0 if end is None else end[2].log_time for end in ends)
+        if first == 0 and last > DAY:
+            first = next(m.log_time for *_, m in reader.iter_messages([channel.topic], starting_at=1))
         yield _topic(channel, summary.schemas.get(channel.schema_id), count, first, last)
 
 

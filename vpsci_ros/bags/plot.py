@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.episodes import BagEpisode, bag_episodes, chosen_episode, read_episodes
-from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.canvas import blank_figure, save_png
@@ -21,14 +21,15 @@ VEHICLE, PEDESTRIAN, TTC, CONTROLLED = "#08519c", "#a50f15", "#333333", "#fee8c8
 Floats = NDArray[np.float64]
 
 
-def save_episode(bag: str | Path, episode: str, path: str | Path, *, recover: bool = False) -> BagEpisode:
+def save_episode(bag: str | Path | Bag, episode: str, path: str | Path) -> BagEpisode:
     """Draw an episode and write it as a PNG, whole or not at all; return what was drawn.
 
     :param episode: "12" or "6:12".
     :raises InvalidInput: no such bag or episode, or the folder of `path` does not exist.
     """
-    one = chosen_episode(bag_episodes(Bag(bag, recover=recover), recover=recover), episode)
-    found = next(read_episodes(bag, [one], recover=recover), None)
+    bag = opened(bag)
+    one = chosen_episode(bag_episodes(bag), episode)
+    found = next(read_episodes(bag, [one]), None)
     frames = 0 if found is None else len(found)
     if found is None or frames < 2:
         raise InvalidInput(f"{bag}: episode {episode} has {frames} frames in the bag, expected at least two to draw")

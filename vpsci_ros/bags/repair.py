@@ -9,7 +9,7 @@ from mcap.writer import Writer
 
 from vpsci_ros import __version__
 from vpsci_ros.bags.mcap_file import McapFile
-from vpsci_ros.bags.reader import bag_files
+from vpsci_ros.bags.reader import bag_files, lost_files
 from vpsci_ros.bags.writer import CHUNK_SIZE, RUN, TOTALS, BagFile, BagTopic, write_metadata
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import written_whole
@@ -55,8 +55,13 @@ def _repaired(folder: Path, paths: list[Path]) -> Repair:
     counts: Counter[str] = Counter()
     damage: list[str] = []
     custom: dict[str, str] = {}
-    if paths[0].suffix != ".mcap":
-        raise InvalidInput(f"{folder}: only MCAP bags are repaired; what is whole of this one is read with --recover")
+    if paths[0].suffix != ".mcap" or paths[0].parent != folder:
+        raise InvalidInput(
+            f"{folder}: only a folder of MCAP files, not compressed as a whole, is repaired; "
+            "what is whole of another is read with --recover"
+        )
+    if lost := lost_files(folder):
+        damage.append(lost)
     files = [BagFile(path.name) for path in paths]
     for path, part in zip(paths, files, strict=True):
         file = McapFile(path, strict=False)
@@ -74,6 +79,8 @@ def _repaired(folder: Path, paths: list[Path]) -> Repair:
         raise InvalidInput(
             f"{folder}: no whole message in {', '.join(path.name for path in paths)}; nothing to recover"
         )
+    if not damage and (lost_messages := int(custom.get("messages_written", 0)) - counts.total()) > 0:
+        damage.append(f"{lost_messages} messages that its recorder has counted are lost with their file")
     if not damage and (folder / "metadata.yaml").is_file():
         return Repair(dict(counts), (), False)
     for path in paths:

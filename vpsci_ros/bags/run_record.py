@@ -78,7 +78,7 @@ def node_record(node: str, parameters: Mapping[str, Any], weights_sha256: str | 
 def bag_run(bag: Bag) -> BagRun:
     """Read what a bag says of its making.
 
-    :raises InvalidInput: the bag is not whole, or a record is damaged.
+    :raises InvalidInput: the bag is not whole, see also `Bag.require_complete`, or a record is damaged.
     """
     run = BagRun()
     records = bag.records()
@@ -101,6 +101,7 @@ def bag_run(bag: Bag) -> BagRun:
         _ = run.count("seen"), run.count("written"), int(run.totals.get("episodes_unfinished", 0))
     except (AttributeError, KeyError, ValueError, TypeError, RecursionError) as error:
         raise InvalidInput(f"{bag.path}: its record of how it was made is damaged: {reason(error)}") from None
+    bag.require_complete(run.count("written"))
     return run
 
 

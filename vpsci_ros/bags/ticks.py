@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vpsci_ros.bags.odometry import ODOMETRY, odometry_ticks
-from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout, received
@@ -17,19 +17,16 @@ from vpsci_ros.wire.layout import SAFETY, TYPES, WORLD
 _PATIENCE = 1000  # ticks for which the monitor's answer may come later in the file than the world's message
 
 
-def read_bag(
-    folder: str | Path, *, recover: bool = False, start: int = 0, stop: int = 2**63 - 1
-) -> Iterator[RecordedTick]:
+def read_bag(bag: str | Path | Bag, *, start: int = 0, stop: int = 2**63 - 1) -> Iterator[RecordedTick]:
     """Yield every tick of a bag in order.
 
     A bag without the world's states gives what its odometry says: see `vpsci_ros.bags.odometry`.
 
-    :param recover: read what is whole of a bag that was not closed or is damaged, instead of refusing it.
     :param start, stop: log times [ns] of the first and the last tick wanted.
-    :raises InvalidInput: no bag, a bag of something else, one without a tick, or (unless `recover`) one that breaks
-        off or is damaged.
+    :raises InvalidInput: no bag, a bag of something else, one without a tick, or (unless opened to `recover`) one that
+        breaks off or is damaged.
     """
-    bag = Bag(folder, recover=recover)
+    bag = opened(bag)
     answers: dict[int, Any] = {}
     waiting: dict[int, tuple[Any, int]] = {}
     ticks = 0
@@ -42,17 +39,17 @@ def read_bag(
             if tick not in answers and len(waiting) <= _PATIENCE:
                 break
             ticks += 1
-            yield _tick(folder, *waiting.pop(tick), answers.pop(tick, None))
+            yield _tick(bag.path, *waiting.pop(tick), answers.pop(tick, None))
     for tick in list(waiting):
         ticks += 1
-        yield _tick(folder, *waiting.pop(tick), answers.pop(tick, None))
+        yield _tick(bag.path, *waiting.pop(tick), answers.pop(tick, None))
     if ticks == 0:
         for found in odometry_ticks(bag):
             ticks += 1
             if start <= found.time <= stop:
                 yield found
     if ticks == 0:
-        raise InvalidInput(f"{folder}: {what_is_missing(bag)}")
+        raise InvalidInput(f"{bag.path}: {what_is_missing(bag)}")
 
 
 def what_is_missing(bag: Bag) -> str:
@@ -65,7 +62,8 @@ def what_is_missing(bag: Bag) -> str:
         return f"the bag holds no message of {WORLD}" + ("" if recorded else "; nothing was recorded")
     return (
         f"no message of {WORLD}, so this is no bag of a vpsci graph, and without both {' and '.join(ODOMETRY)} it is "
-        f"none of a drive past a pedestrian either; it has {', '.join(topics)}"
+        f"none of a drive past a pedestrian either; it has {', '.join(topics)}; of several graphs in namespaces choose "
+        "one by --topic-prefix"
     )
 
 
@@ -77,7 +75,7 @@ def _messages(bag: Bag, start: int, stop: int) -> Iterator[tuple[str, Any, int]]
         yield raw.topic, decode(raw, bag.path), raw.time
 
 
-def _tick(folder: str | Path, world: Any, time: int, safety: Any | None) -> RecordedTick:
+def _tick(folder: Path, world: Any, time: int, safety: Any | None) -> RecordedTick:
     tick = received.world_state(world, f"{folder}: {WORLD}")
     curvttc = distance = np.full(len(tick.state), np.nan)
     if safety is not None:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+
+DAY = 86_400 * 10**9  # [ns]
 
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """One topic of a file or bag: `first` and `last` are log times [ns], 0 where it has no message."""
+    """One topic of a file or bag: `first` and `last` are log times [ns], 0 where it has no message.
+
+    Recorders on simulated time log what comes before the first `/clock` at time 0: where that is more than a `DAY`
+    before the rest, `first` is that of the rest.
+    """
 
     name: str
     type: str
@@ -21,13 +27,20 @@ class TopicInfo:
         """Return this topic over two files."""
         if not self.messages or not other.messages:
             return self if self.messages else other
-        first, last = min(self.first, other.first), max(self.last, other.last)
+        firsts, last = (self.first, other.first), max(self.last, other.last)
+        first = max(firsts) if min(firsts) == 0 and last > DAY else min(firsts)
         return TopicInfo(self.name, self.type, self.messages + other.messages, first, last, self.latched)
 
     @property
     def rate(self) -> float:
         """Messages per second of log time; 0 for less than two."""
         return (self.messages - 1) * 1e9 / (self.last - self.first) if self.last > self.first else 0.0
+
+
+def extent(topics: Collection[TopicInfo]) -> tuple[int, int]:
+    """Return the first and the last log time [ns] of some topics, of which one at least has a message."""
+    last = max(topic.last for topic in topics)
+    return min(topic.first for topic in topics if topic.messages and (topic.last or last <= DAY)), last
 
 
 def by_name(rows: Iterable[TopicInfo]) -> dict[str, TopicInfo]:

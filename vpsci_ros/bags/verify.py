@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.reader import Bag
+from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.recorded import recorded_from_bag
 from vpsci_ros.bags.run_record import BagRun, bag_run
 from vpsci_ros.errors import InvalidInput
@@ -67,21 +67,20 @@ class VerifiedBag:
     notes: tuple[str, ...] = ()
 
 
-def verify_bag(path: str | Path, *, weights: str = "", recover: bool = False) -> VerifiedBag:
+def verify_bag(bag: str | Path | Bag, *, weights: str = "") -> VerifiedBag:
     """Simulate the episodes of a bag again and compare every message of every tick.
 
     :param weights: a weights file, or a shipped name, to take in place of the one that the bag names.
-    :param recover: compare what is whole of a bag that was not closed or is damaged.
     :raises InvalidInput: no bag, or one that cannot be simulated again: why is said.
     """
-    bag = Bag(path, recover=recover)
+    bag = opened(bag)
     simulation = _Simulation(bag, bag_run(bag), weights)
     result = VerifiedBag()
     absent = expected = 0
     ticks = itertools.chain(_ticks(bag, result), [(0, _NOTHING)])
     for (tick, messages), (_, following) in itertools.pairwise(ticks):
         if expected == 0 and tick > 0:
-            raise InvalidInput(f"{path} cannot be simulated again: its first tick is {tick}, the beginning is lost")
+            raise InvalidInput(f"{bag.path} cannot be simulated again: its first tick is {tick}, the beginning is lost")
         while expected < tick and not simulation.done:  # what is lost is simulated as if no answer had been missing
             absent += 1
             simulation.take_actions()
@@ -97,10 +96,12 @@ def verify_bag(path: str | Path, *, weights: str = "", recover: bool = False) ->
         simulation.advance(missing)
         expected += 1
     if result.ticks == 0 and not result.difference:
-        raise InvalidInput(f"{path} cannot be simulated again: it holds no message of {WORLD}")
+        raise InvalidInput(f"{bag.path} cannot be simulated again: it holds no message of {WORLD}")
     if absent:
         plural = "s" * (absent > 1)
         result.uncompared += (f"the bag lacks {absent} tick{plural} between its first and its last one",)
+    if bag.path.is_dir() and not (bag.path / "metadata.yaml").is_file() and not simulation.done:
+        result.uncompared += ("metadata.yaml is missing: whether the bag lost what came after its last tick",)
     for topic, count in simulation.absent.items():
         result.uncompared += (f"the bag lacks {count} message{'s' * (count > 1)} of {topic}",)
     if result.difference and simulation.cpu not in ("", cpu_name()):

@@ -13,6 +13,10 @@ bag_app = typer.Typer(
 )
 
 BagPath = Annotated[Path, typer.Argument(metavar="BAG", help="rosbag2 folder (MCAP or sqlite3), or one of its files.")]
+Prefix = Annotated[
+    str | None,
+    typer.Option("--topic-prefix", metavar="/left", help="Namespace of the graph; default: found from the topics."),
+]
 Recover = Annotated[bool, typer.Option("--recover", help="Read the whole messages of a damaged bag.")]
 
 
@@ -50,16 +54,19 @@ def export(
     csv: Annotated[bool, typer.Option("--csv", help="Write CSV besides Parquet.")] = False,
     keep_rejected: Annotated[bool, typer.Option(help="Write rejected episodes besides.")] = False,
     recover: Recover = False,
+    topic_prefix: Prefix = None,
 ) -> None:
     """Write a bag's episodes as a dataset (Tables 6 and 7), with a summary and a picture.
 
     Without a selection the paper's four filters decide. A selection by number, outcome or CurvTTC overrides them.
     """
     from vpsci_ros.bags.export import Selection, export_bag
+    from vpsci_ros.bags.reader import Bag
 
     selection = Selection(episodes, outcome, curvttc_below)
     formats = ("parquet", "csv") if csv else ("parquet",)
-    export_bag(bag, output, formats=formats, selection=selection, keep_rejected=keep_rejected, recover=recover)
+    opened = Bag(bag, recover=recover, topic_prefix=topic_prefix)
+    export_bag(opened, output, formats=formats, selection=selection, keep_rejected=keep_rejected)
 
 
 @bag_app.command()
@@ -70,11 +77,13 @@ def plot(
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="PNG to write.")],
     recover: Recover = False,
+    topic_prefix: Prefix = None,
 ) -> None:
     """Draw one episode: both trajectories with speed as colour, CurvTTC, speeds and distance over time."""
     from vpsci_ros.bags.plot import save_episode
+    from vpsci_ros.bags.reader import Bag
 
-    drawn = save_episode(bag, episode, output, recover=recover)
+    drawn = save_episode(Bag(bag, recover=recover, topic_prefix=topic_prefix), episode, output)
     print(f"episode {drawn.name}, {drawn.outcome}; written: {output}")
 
 
@@ -85,14 +94,16 @@ def verify(
         str, typer.Option(metavar="FILE", help="Weights to simulate with, if the bag's are not installed.")
     ] = "",
     recover: Recover = False,
+    topic_prefix: Prefix = None,
 ) -> None:
     """Simulate a bag again from its parameters and compare every message, to the bit.
 
     Exit status: 0 equal; 1 a difference; 2 it cannot be simulated again; 3 a part was not compared.
     """
+    from vpsci_ros.bags.reader import Bag
     from vpsci_ros.bags.verify import verify_bag
 
-    result = verify_bag(bag, weights=weights, recover=recover)
+    result = verify_bag(Bag(bag, recover=recover, topic_prefix=topic_prefix), weights=weights)
     for note in result.notes:
         print(f"note: {note}")
     if result.difference:

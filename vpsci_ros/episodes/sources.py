@@ -123,7 +123,7 @@ def _of_a_bag(file: Path) -> bool:
 
 def _bag(path: Path, recover: bool) -> EpisodeSource:
     bag = Bag(path, recover=recover)
-    found = bag_episodes(bag, recover=recover)
+    found = bag_episodes(bag)
     if not found:
         raise InvalidInput(f"{path}: not one episode ended while it was recorded, so it holds none that is whole")
     roads = {scenario.number: scenario for scenario in scenarios_of(bag)}
@@ -134,9 +134,9 @@ def _bag(path: Path, recover: bool) -> EpisodeSource:
 
     def read(wanted: Collection[str]) -> Iterator[Episode]:
         chosen = [one for one in found if one.name in wanted]
-        return read_bag_episodes(path, None if len(chosen) == len(found) else chosen, recover=recover)
+        return read_bag_episodes(bag, None if len(chosen) == len(found) else chosen)
 
-    period = next(read_bag(path, recover=recover)).period
+    period = next(read_bag(bag)).period
     return EpisodeSource(path, "bag", period, listed, scenarios_of(bag, own=True), read)
 
 

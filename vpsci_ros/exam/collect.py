@@ -92,7 +92,7 @@ def read_run(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
         for event in layout.events(decode(raw, bag)):
             unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
     try:
-        found, sight = episodes_in_bag(bag, exam, name, recover=bool(conduct.failure))
+        found, sight = episodes_in_bag(recording, exam, name)
     except InvalidInput:
         if not conduct.failure:
             raise
@@ -104,9 +104,7 @@ def read_run(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
     return RunResult(own, conduct, dict(+unanswered), sight)
 
 
-def episodes_in_bag(
-    bag: Path, exam: Exam, pedestrian: str, *, recover: bool
-) -> tuple[list[Episode], Mapping[Key, Sight]]:
+def episodes_in_bag(bag: Bag, exam: Exam, pedestrian: str) -> tuple[list[Episode], Mapping[Key, Sight]]:
     """Return the episodes of a bag of the ADS with one of the pedestrians, and what it could see of each.
 
     Messages hold neither the kind of the pedestrians nor their number: both are drawn again.
@@ -120,7 +118,7 @@ def episodes_in_bag(
     }
 
     def ticks() -> Iterator[Tick]:
-        for tick in read_bag(bag, recover=recover):
+        for tick in read_bag(bag):
             for number, row in enumerate(tick.state):
                 if row["status"] != IDLE:
                     key = int(row["scenario"]), int(row["episode"])

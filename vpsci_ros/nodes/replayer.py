@@ -143,6 +143,8 @@ class Replayer(GraphNode):
         self._outlets[message.topic].publish(message.data)
         self._sent += 1
         self._next = next(self._messages, None)
+        if message.time == 0:
+            self._restart_pace()  # what was recorded before the first /clock waits for nobody
 
     # ---- services
 
