@@ -82,3 +82,13 @@ def test_every_page_and_picture_of_docs_is_linked_from_somewhere() -> None:
         linked |= {(ROOT / name).resolve() for name in re.findall(r"docs/[\w./-]+\.\w+", text)}
     left = [path.name for path in (ROOT / "docs").rglob("*") if path.is_file() and path.resolve() not in linked]
     assert not left
+
+
+def test_each_promise_names_a_test_that_there_is() -> None:
+    page = (ROOT / "docs" / "promises.md").read_text("utf-8")
+    files = sorted((ROOT / "test").rglob("test_*.py"))
+    known = {path.name for path in files}
+    known |= {name for path in files for name in re.findall(r"def (test_\w+)\(", path.read_text("utf-8"))}
+    named = set(re.findall(r"test_\w+(?:\.py)?", page))
+    assert len(named) > 30
+    assert named <= known
