@@ -1,7 +1,7 @@
-"""What a path holds, a near-miss table, a dataset, a bag or an exam: its episodes by name, and any of them read.
+"""Episodes of a near-miss table, a dataset, a bag or an exam: listed by name, and read.
 
-A dataset and a bag hold the scenarios of one's own that they were made with, and an exam holds bags: an episode has its
-road from there, never from a file of the same number that lies elsewhere.
+A dataset, a bag and the bags of an exam contain their own scenarios: an episode takes its road from there, never from
+another file of the same number.
 """
 
 import dataclasses
@@ -36,13 +36,13 @@ _OF_A_BAG = (".mcap", ".db3", ".zstd")
 
 @dataclass(frozen=True)
 class EpisodeSource:
-    """Episodes that can be read, one by one.
+    """A readable source of episodes.
 
-    :ivar path: where they lie.
+    :ivar path: file or folder.
     :ivar kind: "recorded", "generated", "bag" or "exam".
     :ivar period: time from one frame to the next [s].
-    :ivar listed: all of them without their motion, in their order.
-    :ivar scenarios: of one's own, where they take place.
+    :ivar listed: all episodes without their motion, in order.
+    :ivar scenarios: your own scenarios among theirs.
     :ivar reader: yields the episodes of these names.
     """
 
@@ -59,7 +59,7 @@ class EpisodeSource:
         return self.path.resolve().name if self.kind == "generated" else self.path.resolve().stem
 
     def chosen(self, wanted: Sequence[str] = (), limit: int | None = None) -> list[Listed]:
-        """Return the episodes that are meant by these names, labels or numbers; none: all, or evenly spread ones.
+        """Return the episodes with these names, labels or numbers; all, or evenly spread ones, without any.
 
         :param limit: of all at most so many.
         :raises InvalidInput: one that is not there.
@@ -89,15 +89,15 @@ def read_episodes(
     """Yield the episodes of a near-miss table, of a dataset (kept ones), of a bag (ended ones) or of an exam.
 
     :param wanted: only these, by name ("6:12", "17"), label or number; none: all.
-    :param limit: of all at most so many, evenly spread.
-    :param recover: take what is whole of a bag that was not closed or is damaged.
-    :raises InvalidInput: none of these, a damaged one, or no episode as wanted.
+    :param limit: most episodes, evenly spread.
+    :param recover: read the whole messages of a damaged bag.
+    :raises InvalidInput: another kind of file, a damaged one, or an unknown episode.
     """
     return open_source(path, recover=recover).read(wanted, limit)
 
 
 def open_source(path: str | Path, *, recover: bool = False) -> EpisodeSource:
-    """Return what lies at `path`, or near misses named as `read_near_misses` has it; see `read_episodes`."""
+    """Return the source at `path`, or near misses by a name of `read_near_misses`; see `read_episodes`."""
     path, part = near_misses_part(path)
     if not path.exists():
         raise InvalidInput(f"{path}: no such file or folder; {EXPECTED}")
@@ -162,6 +162,6 @@ def _of_run(run: str, listed: Listed) -> Listed:
 
 
 def spread(total: int, limit: int) -> list[int]:
-    """Return which of `total` episodes are taken where at most `limit` may be: all, or evenly spread ones."""
+    """Return the indices of at most `limit` of `total` episodes, evenly spread."""
     rows: list[int] = np.unique(np.linspace(0, total - 1, min(total, limit)).round().astype(int)).tolist()
     return rows if total else []

@@ -1,4 +1,4 @@
-"""From finished units to the dataset's files: the same bytes whoever computed the units, in which order, how large."""
+"""The dataset's files from finished units: the same bytes for any order and size of units."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -22,8 +22,8 @@ def assemble(
 ) -> dict[str, Any]:
     """Write every file of the dataset, dataset.json last, and return its content.
 
-    :param provenance: what goes into dataset.json and into the metadata of each Parquet file.
-    :raises InvalidInput: a finished unit was damaged meanwhile; it is removed, so that it will be computed again.
+    :param provenance: facts for dataset.json and for the metadata of each Parquet file.
+    :raises InvalidInput: a finished unit was damaged; it is removed, to be computed again.
     """
     names = {scenario.number: scenario.name for scenario in job.scenarios}
     keep = job.keep_rejected

@@ -6,10 +6,10 @@ import polars as pl
 
 
 def first_difference(expected: pl.DataFrame, found: pl.DataFrame, tolerance: float) -> str | None:
-    """Return in words where two tables differ first, None where they do not.
+    """Return the first difference of two tables in words; None without one.
 
-    :param found: the columns of `expected` after "row", the place of each in its file.
-    :param tolerance: floats may differ by so much; 0: the same bits, where NaN equals NaN.
+    :param found: "row", the place of each row in its file, and the columns of `expected`.
+    :param tolerance: allowed difference of floats; 0: the same bits, where NaN equals NaN.
     """
     height = min(expected.height, found.height)
     first, column = height, ""

@@ -7,7 +7,7 @@ from vpsci_ros.parameters import parameter
 
 @dataclass(frozen=True)
 class DatasetConfig:
-    """What a dataset holds and how it is computed; the bounds of its filters stand beside it in the same section."""
+    """Content and computation of a dataset; the same section has the bounds of its filters."""
 
     kept: int = parameter(
         0, "kept episodes wanted in each scenario; 0: the counts of Table 10", low=0, high=1_000_000_000

@@ -1,4 +1,4 @@
-"""The datasheet of a generated dataset: what it holds, how it was made, where its limits are, in its own numbers.
+"""The datasheet of a generated dataset: content, origin and limits, in its own numbers.
 
 It is the folder's README.md, and begins with what dataset hubs read: licence, files by scenario and split, columns.
 Its words are in `templates/datasheet.md`.
@@ -60,7 +60,7 @@ def datasheet(description: Mapping[str, Any], scenarios: Sequence[Scenario]) -> 
 
 
 def _drivers(everybody: str, learned: Sequence[str]) -> str:
-    """Return who acts by a policy while a collision is near: the agents in `learned`, out of everybody."""
+    """Return in words the agents that act by a policy while CurvTTC is critical."""
     if not learned:
         return f"{everybody} road users are rule-based"
     return (

@@ -1,4 +1,4 @@
-"""What a dataset is made from: everything that its bytes depend on, and nothing else."""
+"""The job of a dataset: everything that its bytes depend on, and nothing else."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -58,16 +58,16 @@ class Policy:
 
     @property
     def file(self) -> str:
-        """Name of the copy that lies in the dataset's folder."""
+        """Name of the copy in the dataset's folder."""
         return f"weights-{self.digest[:12]}.safetensors"
 
 
 @dataclass(frozen=True)
 class Job:
-    """What every episode is a pure function of, besides its scenario and number.
+    """Everything that an episode depends on, besides its scenario and number.
 
     :ivar policies: by agent; an agent whose driver is not a policy has none.
-    :ivar keep_rejected: keep the frames of rejected episodes, too.
+    :ivar keep_rejected: keep the frames of rejected episodes.
     """
 
     seed: int
@@ -103,8 +103,8 @@ def job_from(
 ) -> Job:
     """Build a job from the sections of a parameter file.
 
-    :param weights: by agent, a weights file to take instead of the one that the sections name.
-    :param own: scenarios of one's own, instead of the files that the sections name.
+    :param weights: by agent, a weights file in place of the one in the sections.
+    :param own: your own scenarios, in place of the files in the sections.
     :raises InvalidInput: a parameter, a scenario or a weights file is refused, or a driver needs somebody outside.
     """
     run = sections.get(RunConfig, "world_simulator")

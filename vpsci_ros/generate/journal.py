@@ -1,8 +1,8 @@
-"""What a run has finished so far, kept in the output folder, so that it goes on after Ctrl-C, a crash or a reboot.
+"""Finished units of a run, kept in the output folder, so that it resumes after Ctrl-C, a crash or a reboot.
 
-The hidden folder `.generate` holds `run.json`, what the run is, and a file for each finished unit. A unit's file
-appears whole, by a rename, so its presence is the journal's entry; a file that the disk has damaged is recognised by
-its checksums and the unit computed again. The folder goes when the dataset is complete and its record written.
+The hidden folder `.generate` has `run.json`, the identity of the run, and a file for each finished unit. A unit's file
+appears whole, by a rename. Damaged units fail their checksum and are recomputed. The folder is removed when the dataset
+is complete and its record written.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ RUN = "run.json"
 class Journal:
     """The journal of one run; use `journal_of` to open it.
 
-    :ivar unit: episodes in a unit, as the run was begun with.
+    :ivar unit: episodes in a unit of this run.
     """
 
     def __init__(self, folder: Path, unit: int) -> None:
@@ -35,16 +35,16 @@ class Journal:
         self.unit = unit
 
     def path(self, unit: Unit) -> Path:
-        """Return where a unit's episodes are or will be."""
+        """Return the path of a unit's file."""
         return self._folder / f"{unit.scenario}-{unit.numbers[0]:010d}.npz"
 
     def store(self, unit: Unit, data: bytes) -> None:
-        """Note a finished unit."""
+        """Write a finished unit."""
         with written_whole(self.path(unit)) as path:
             path.write_bytes(data)
 
     def load(self, unit: Unit) -> EpisodeBlock | None:
-        """Return a unit's episodes; None where it is not finished, or damaged, which also removes it."""
+        """Return a unit's episodes; None for an unfinished or damaged one, which is removed."""
         path = self.path(unit)
         if not path.is_file():
             return None
@@ -59,7 +59,7 @@ class Journal:
         return sorted(int(path.stem.partition("-")[2]) for path in self._folder.glob(f"{scenario}-*.npz"))
 
     def remove(self) -> None:
-        """Remove all of it: the dataset is complete."""
+        """Remove the journal of a complete dataset."""
         shutil.rmtree(self._folder)
 
 
@@ -67,9 +67,9 @@ class Journal:
 def journal_of(folder: Path, run: Mapping[str, Any], unit: int) -> Iterator[Journal | None]:
     """Open the journal of `run` in the output folder, begun or not; yields None where the run is complete.
 
-    :param run: what the run is, as JSON values.
-    :param unit: episodes in a unit, where the run begins now.
-    :raises InvalidInput: the folder holds another run's work, or something else, or another process works in it.
+    :param run: identity of the run, as JSON values.
+    :param unit: episodes in a unit of a new run.
+    :raises InvalidInput: the folder has another content, or another process uses it.
     """
     if (folder / DESCRIPTION).is_file() and ((folder / RECORD).is_file() or not (folder / FOLDER).is_dir()):
         require_same(folder, _read(folder / DESCRIPTION), run, "holds a dataset")

@@ -1,8 +1,8 @@
-"""Which unit is worth computing next, and when a scenario has what it needs.
+"""The next unit to compute, and whether a scenario is complete.
 
-A scenario's dataset is its episodes in the order of their numbers up to the one that is the last kept one wanted, so
-the set does not depend on who computed what, or when. Units are handed out in order; what was computed beyond the last
-episode is thrown away, and the plan keeps that little by looking at the acceptance so far.
+A scenario's dataset is its episodes in the order of their numbers up to the last wanted kept one, so it does not depend
+on the workers. Units are handed out in order. Episodes beyond the last one are discarded; the plan keeps them few by
+the acceptance so far.
 """
 
 import itertools
@@ -13,7 +13,7 @@ from vpsci_ros.generate.job import Unit
 
 
 class ScenarioPlan:
-    """One scenario: units handed out, and what they brought.
+    """One scenario: its units, handed out and computed.
 
     :param target: kept episodes wanted.
     :param first: number of the first episode.
@@ -38,22 +38,22 @@ class ScenarioPlan:
 
     @property
     def acceptance(self) -> float:
-        """Share of episodes that are kept, 1 while nothing is known."""
+        """Share of kept episodes, 1 before the first unit."""
         return self.kept / self.simulated if self._kept else 1.0
 
     @property
     def expected(self) -> float:
-        """Kept episodes once every unit that is handed out is computed, as share of the target."""
+        """Expected kept episodes of all units handed out, as share of the target."""
         running = len(self._handed_out - self._kept.keys()) * self._size
         return (self.kept + running * self.acceptance) / self.target
 
     @property
     def complete(self) -> bool:
-        """Whether the units computed without a gap from the first one hold the kept episodes wanted."""
+        """Whether the computed units, without a gap from the first one, have the wanted kept episodes."""
         return self.units_needed() is not None
 
     def units_needed(self) -> int | None:
-        """Return how many units from the first one on hold the kept episodes wanted, None while they do not."""
+        """Return the number of units, from the first one, that have the wanted kept episodes; None before."""
         kept = 0
         for place in range(len(self._kept)):
             if place not in self._kept:
@@ -75,7 +75,7 @@ class ScenarioPlan:
         return self.unit(place)
 
     def take(self, unit: Unit, kept: int) -> None:
-        """Note a unit that is computed and how many of its episodes are kept."""
+        """Record a computed unit and the number of its kept episodes."""
         place = (unit.numbers[0] - self._first) // self._size
         self._handed_out.add(place)
         self._kept[place] = kept
@@ -85,7 +85,7 @@ class DatasetPlan:
     """All scenarios of a run.
 
     :param targets: kept episodes wanted by scenario.
-    :param give_up: episodes not kept, in multiples of the target, after which a scenario is hopeless.
+    :param give_up: rejected episodes, in multiples of the target, after which a scenario fails.
     """
 
     def __init__(self, targets: Mapping[int, int], first: int, size: int, give_up: float) -> None:
@@ -98,7 +98,7 @@ class DatasetPlan:
         return all(scenario.complete for scenario in self.scenarios.values())
 
     def next(self) -> Unit | None:
-        """Return the next unit, of the scenario that is furthest behind; None while those on their way may do.
+        """Return the next unit, of the scenario furthest behind; None while the units under way may suffice.
 
         :raises VpsciError: a scenario keeps next to nothing.
         """

@@ -1,4 +1,4 @@
-"""What is seen of a run: a bar for each scenario with kept, rejected, acceptance, rate and time left."""
+"""Progress of a run: a bar for each scenario with kept, rejected, acceptance, rate and time left."""
 
 import time
 
@@ -8,7 +8,7 @@ from vpsci_ros.runs.tables import short_name
 
 
 class ProgressOfRun(Bars):
-    """A bar for each scenario; without a terminal a line for all, now and then and at the end.
+    """A bar for each scenario; without a terminal a line for all at intervals and at the end.
 
     :param names: of the scenarios by number.
     """
@@ -23,7 +23,7 @@ class ProgressOfRun(Bars):
         return self
 
     def show(self, plan: DatasetPlan) -> None:
-        """Bring the display up to date."""
+        """Update the display."""
         if self._before is None:  # what an earlier run had done does not count for this one's rate
             self._before = {number: _counted(scenario) for number, scenario in plan.scenarios.items()}
         hours = max(1e-3, time.monotonic() - self._begun) / 3600.0
@@ -41,5 +41,5 @@ class ProgressOfRun(Bars):
 
 
 def _counted(scenario: ScenarioPlan) -> int:
-    """Return how many kept episodes of a scenario count: a unit may keep more than are still wanted."""
+    """Return the kept episodes of a scenario, at most its target."""
     return min(scenario.kept, scenario.target)

@@ -14,8 +14,8 @@ from vpsci_ros.parameters import values_of
 def record_episodes(folder: Path, episodes: list[tuple[int, int]], bag: Path) -> int:
     """Write episodes of a dataset to a bag and return the number of ticks.
 
-    :param episodes: (scenario number, episode number); any that the dataset's seed defines, kept or not.
-    :raises InvalidInput: no dataset of `generate`, a scenario that it does not have, or `bag` is not empty.
+    :param episodes: (scenario number, episode number), kept or not.
+    :raises InvalidInput: no dataset of `generate`, an unknown scenario, or `bag` is not empty.
     """
     job = job_of(Dataset(folder))
     known = [scenario.number for scenario in job.scenarios]

@@ -1,4 +1,4 @@
-"""`vpsci generate`: a whole dataset, resumable, by as many workers as there are."""
+"""`vpsci generate`: a whole dataset, resumable, by any number of workers."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -27,11 +27,11 @@ Report = Callable[[DatasetPlan], None]
 
 @dataclass(frozen=True)
 class Generated:
-    """What a run did.
+    """The result of a run.
 
     :ivar description: content of dataset.json.
-    :ivar computed: episodes simulated by this run, those beyond the last one needed included; 0 when all was there.
-    :ivar seconds: simulating and writing.
+    :ivar computed: episodes simulated by this run, with those beyond the last needed one; 0 for a finished dataset.
+    :ivar seconds: time of simulation and of writing.
     """
 
     description: dict[str, Any]
@@ -54,18 +54,17 @@ def generate(
     first: int = 0,
     report: Report | None = None,
 ) -> Generated:
-    """Generate a dataset, or go on with one that was stopped.
+    """Generate a dataset, or resume a stopped one.
 
     The episodes are those from `first` on, in the order of their numbers, up to the last kept one wanted in each
     scenario. The bytes of every file but generation.json depend on (job, targets, formats, first) alone.
 
     :param targets: kept episodes wanted by scenario number.
     :param folder: must be new or empty, or hold the same run, unfinished or complete.
-    :param workers: called when there is something to compute.
+    :param workers: called to start workers when a unit is missing.
     :param report: called after each unit.
-    :raises InvalidInput: `folder` holds another run or anything else, or this one, damaged since it was finished; or
-        another process works in it.
-    :raises VpsciError: a scenario keeps next to nothing, workers die again and again, or the disk is full.
+    :raises InvalidInput: `folder` has another content, or this dataset, damaged; or another process uses it.
+    :raises VpsciError: a scenario keeps almost no episode, workers die repeatedly, or the disk is full.
     """
     run = {
         **job.description(),
@@ -106,7 +105,7 @@ def generate(
 
 
 def _require_whole(folder: Path, description: Mapping[str, Any]) -> None:
-    """Refuse a finished dataset that lost something since.
+    """Refuse a finished dataset with a missing or changed file.
 
     :raises InvalidInput: a file is missing, or its content is not what dataset.json says.
     """
@@ -119,7 +118,7 @@ def _require_whole(folder: Path, description: Mapping[str, Any]) -> None:
 
 
 def _unit(config: DatasetConfig, targets: Mapping[int, int]) -> int:
-    """Return the size of a unit: no larger than a small dataset needs."""
+    """Return the size of a unit, smaller for small datasets."""
     return min(config.unit, max(32, 2 * max(targets.values())))
 
 

@@ -1,9 +1,7 @@
 """Episodes by their numbers: world, monitor, policies and filters over one unit of work, in one thread.
 
-Every episode is simulated to its end. The only ones that could be ended early are those that are never critical, and
-they run without policies: all of their frames cost about a tenth of the time (`never_critical` of
-benchmarks/bench_generate.py). Saving a part of that takes a proof that CurvTTC cannot fall any more, for any
-scenario file; a bound on speeds and distances, which is cheap, proves it for next to none of their frames.
+Every episode is simulated to its end. Episodes that are never critical could end early, but they run without policies
+and cost about a tenth of the time, and to end them needs a proof that CurvTTC stays high in any scenario file.
 """
 
 from collections.abc import Callable, Iterable
@@ -25,9 +23,9 @@ TOGETHER = 64  # episodes, ended, that the filters see at once
 
 
 class Simulator:
-    """Computes units of a job; the episodes' bits do not depend on `batch`, nor on which units came before.
+    """Computes units of a job; the episodes' bits depend neither on `batch` nor on earlier units.
 
-    :param batch: episodes simulated side by side.
+    :param batch: parallel episodes.
     """
 
     def __init__(self, job: Job, batch: int) -> None:
@@ -39,7 +37,7 @@ class Simulator:
             self._agents[agent].load(weights_from_bytes(policy.data, policy.name), version=1)
 
     def loop(self, episodes: Iterable[tuple[int, int]], scenario: int = 0) -> Loop:
-        """Return the loop over every tick of episodes, (scenario, number) each; all of one scenario, where given."""
+        """Return the loop over every tick of these episodes, (scenario, number) each, or of one given scenario."""
         scenarios = [own for own in self._job.scenarios if own.number == scenario] or self._job.scenarios
         world = World(self._job.world, scenarios, episodes, self._batch, self._job.seed)
         return Loop(world, self._job.monitor, self._agents)
@@ -63,7 +61,7 @@ class Simulator:
 
 
 def computing(job: Job, batch: int) -> Callable[[Unit], tuple[int, bytes]]:
-    """Return what computes units of a job: how many episodes are kept, and the bytes of all where there is no file."""
+    """Return a function that computes a unit: the number of kept episodes, and its bytes if it wrote no file."""
     simulator = Simulator(job, batch)
 
     def compute(unit: Unit) -> tuple[int, bytes]:

@@ -1,8 +1,7 @@
-"""Is a dataset what its description says? Files are hashed, episodes simulated again and compared row by row.
+"""Verification of a dataset: hash its files, simulate its episodes again and compare row by row.
 
-What dataset.json holds is enough to simulate any episode, with the weights that lie beside it. A file whose hash is
-right is compared in the episodes that are drawn, all or a sample; one whose hash is wrong is compared whole, so that
-the first differing row is found wherever it is.
+dataset.json and the weights beside it are enough to simulate any episode. A file with the right hash is compared in all
+episodes or in a sample; one with a wrong hash is compared whole, so that its first differing row is found.
 """
 
 from collections import deque
@@ -33,10 +32,10 @@ BLOCK = 1024
 
 @dataclass(frozen=True)
 class Finding:
-    """What is wrong with one file.
+    """A difference in one file.
 
     :ivar file: name within the dataset.
-    :ivar changed: its bytes are not those that dataset.json names.
+    :ivar changed: its hash differs from the one in dataset.json.
     :ivar what: the first difference, in words.
     """
 
@@ -47,7 +46,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class VerifiedDataset:
-    """What was compared: episodes, rows, and what was found (nothing: all is as it should be)."""
+    """The result of a verification: numbers of episodes and rows, and the differences found."""
 
     episodes: int
     rows: int
@@ -65,8 +64,8 @@ def verify(
 ) -> VerifiedDataset:
     """Simulate episodes of a dataset again and compare them to its files.
 
-    :param sample: so many episodes of each scenario, drawn at random by `seed`; None for all.
-    :param tolerance: numbers may differ by so much [m, m/s, s]; 0: to the bit.
+    :param sample: episodes of each scenario, drawn at random by `seed`; None for all.
+    :param tolerance: allowed difference [m, m/s, s]; 0: to the bit.
     :raises InvalidInput: no dataset of `generate`, or its weights or this package's scenarios are not those it names.
     """
     data = Dataset(folder)
@@ -105,9 +104,9 @@ def verify(
 
 
 def job_of(data: Dataset) -> Job:
-    """Return the job that a dataset was made by, from its description.
+    """Return the job of a dataset, from its description.
 
-    :raises InvalidInput: it was made by something else, or its weights or this package's scenarios differ.
+    :raises InvalidInput: another program made it, or its weights or this package's scenarios differ.
     """
     where, description = data.folder / DESCRIPTION, data.description
     try:

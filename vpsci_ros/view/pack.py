@@ -1,4 +1,4 @@
-"""Episodes made small: whole numbers of 16 bits in base64, and a row of JSON for each.
+"""Compact episodes: 16-bit whole numbers in base64, and a row of JSON each.
 
 A frame takes 22 bytes, 29 in base64: a thousand episodes of 10 s at 0.05 s come to 6 MB. Positions count from the
 middle of their episode. Pedestrians beside the most critical one take eight bytes each and frame more.
@@ -39,9 +39,8 @@ OTHER_STEPS = [FINEST[name] for name in _WALK]
 def packed(source: Source) -> dict[str, Any]:
     """Return a source as JSON values; its key `frames` is base64 of int16[frames, 11], little-endian.
 
-    Where an episode has further pedestrians, `others` says how many, and the source's `others` is base64 of their
-    int16[n * frames, 4] one after the other, in steps of `other_steps`.
-    The grounds of scenarios of one's own are in it: two sources may have different ones of the same number.
+    An episode with further pedestrians has their number in `others`; the source's `others` is base64 of their
+    int16[n * frames, 4] in order, in steps of `other_steps`. The source contains the grounds of your own scenarios.
     """
     groups = sorted({shown.episode.group for shown in source.episodes})
     marks = sorted({mark for shown in source.episodes for mark in shown.marks})
@@ -123,7 +122,7 @@ def ground(scenario: Scenario) -> dict[str, Any]:
 
 
 def _packed_others(motion: np.ndarray) -> dict[str, Any]:
-    """Return the further pedestrians, float64[n, 4], as JSON values; without any, nothing."""
+    """Return the further pedestrians, float64[n, 4], as JSON values; an empty mapping without any."""
     if not len(motion):
         return {}
     steps = np.maximum(OTHER_STEPS, np.abs(motion).max(axis=0) / LARGEST)
@@ -137,7 +136,7 @@ def _middle(values: np.ndarray) -> np.ndarray:
 
 
 def _steps(frames: np.ndarray) -> np.ndarray:
-    """Return the step of each column: the finest one with which its largest number fits."""
+    """Return the step of each column, the finest in which its largest number fits."""
     finite = np.where(np.isfinite(frames), np.abs(frames), 0.0)
     steps: np.ndarray = np.maximum([FINEST[name] for name in FIELDS], finite.max(axis=0) / LARGEST)
     return steps

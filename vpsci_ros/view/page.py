@@ -1,4 +1,4 @@
-"""The page as one HTML file: template, style, script and episodes, and nothing from elsewhere."""
+"""The page as one HTML file: template, style, script and episodes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ SCENE = ("data.js", "scene.js")
 def write_view(path: Path, sources: Sequence[Source], title: str) -> int:
     """Write the page, whole or not at all, and return its size in bytes.
 
-    :param sources: at least one, each with an episode; their order is that of the page's choice.
+    :param sources: at least one, each with an episode, in the order of the page's menu.
     """
     html.write_page(
         path,
@@ -30,5 +30,5 @@ def write_view(path: Path, sources: Sequence[Source], title: str) -> int:
 
 
 def inlined(*names: str) -> str:
-    """Return files of `templates` one after the other, to stand in a page as they are."""
+    """Return the joined text of files of `templates`."""
     return "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in names)

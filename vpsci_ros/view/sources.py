@@ -1,4 +1,4 @@
-"""What the page shows: episodes with who gave way and the marks it filters by, in the sources that they come from."""
+"""Sources of the page: episodes with yielding and the marks by which the page filters."""
 
 import dataclasses
 from collections import Counter
@@ -16,11 +16,11 @@ LIMIT = 1000  # episodes of a source on one page, unless more are requested
 
 
 class Shown(NamedTuple):
-    """An episode on the page: of several pedestrians the most critical one is looked at, the others are beside it.
+    """An episode on the page, with its most critical pedestrian first.
 
-    :ivar yielded: who gave way, one of `YIELDED`.
-    :ivar marks: names that the page filters by, say "hard_braking".
-    :ivar failure: what its failure has in common with others, in words; empty where it is none.
+    :ivar yielded: one of `YIELDED`.
+    :ivar marks: filters of the page, such as "hard_braking".
+    :ivar failure: group of its failure, in words; empty without a failure.
     """
 
     episode: Episode
@@ -33,10 +33,10 @@ class Shown(NamedTuple):
 class Source:
     """Episodes of one kind.
 
-    :ivar key: by which links find it, unique on its page.
-    :ivar title: as people read it.
+    :ivar key: name in links, unique on its page.
+    :ivar title: displayed name.
     :ivar period: time from one frame to the next [s].
-    :ivar total: episodes that there are, of which `episodes` may be a part.
+    :ivar total: number of all episodes; `episodes` may be a part of them.
     :ivar changes: name of another source's episode -> what was changed in it, each a list of episodes of this source by
         the amount: the page has a slider through them.
     """
@@ -50,7 +50,7 @@ class Source:
 
 
 def shown(episode: Episode) -> Shown:
-    """Return an episode with who gave way in it, and the marks that apply."""
+    """Return an episode with its yielding and marks."""
     code, least = episode.yielded(), episode.least_curvttc
     applies = {
         "critical": least < CRITICAL_TTC,
@@ -64,9 +64,9 @@ def shown(episode: Episode) -> Shown:
 def read_source(path: Path, limit: int = LIMIT, wanted: Sequence[str] = ()) -> Source:
     """Return the episodes of a near-miss table, a dataset or a bag, see `vpsci_ros.episodes.read_episodes`.
 
-    :param limit: episodes at most; where there are more, evenly spread ones are taken.
+    :param limit: most episodes, evenly spread.
     :param wanted: only these episodes.
-    :raises InvalidInput: also where there is no episode.
+    :raises InvalidInput: also without an episode.
     """
     found = open_source(path)
     episodes = [shown(episode) for episode in found.read(wanted, limit)]
@@ -76,7 +76,7 @@ def read_source(path: Path, limit: int = LIMIT, wanted: Sequence[str] = ()) -> S
 
 
 def with_unique_keys(sources: Sequence[Source]) -> list[Source]:
-    """Return sources whose keys and titles differ; those that come again get a number."""
+    """Return sources with unique keys and titles; repeated ones get a number."""
     seen: Counter[str] = Counter()
     out = []
     for source in sources:
