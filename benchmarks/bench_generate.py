@@ -171,7 +171,7 @@ def through_graph(sections: Sections, episodes: int) -> dict[str, float]:
 def main() -> None:
     """Measure, print, and write the numbers where asked to."""
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("--weights", default="refined")
+    arguments.add_argument("--weights", default="people")
     arguments.add_argument("--episodes", type=int, default=200)
     arguments.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     arguments.add_argument("--batches", action="store_true")

@@ -22,8 +22,7 @@ from domain_coordinator import domain_id
 
 from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.sections import Sections
@@ -67,7 +66,7 @@ def engine(chosen: Sections, weights: str) -> float:
     """Return the ticks per second of the same episodes without nodes."""
     run, config = chosen.get(RunConfig, "world_simulator"), chosen.get(WorldConfig, "world_simulator")
     world = World(config, load_scenarios(run.scenarios), run.queue(), run.batch, run.seed)
-    agents = policies(load_weights(weights_path(weights)), world)
+    agents = policies(load_policy(weights), world)
     steps = iter(Loop(world, agents=agents))
     next(steps)  # compilation is not what is measured
     begun = time.perf_counter()

@@ -22,8 +22,7 @@ from vpsci_ros.data.importers.vci import FRAME_RATES, read_folder
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 from vpsci_ros.parameters import build
 from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 
@@ -80,7 +79,7 @@ def generated(
     queue = [(scenario, number) for number in range(episodes) for scenario in range(1, 9)]
     world = World(config, load_scenarios(range(1, 9)), queue, 64, seed)
     every = EVERY * round(0.1 / config.tick)
-    for step in Loop(world, agents=policies(load_weights(weights_path(weights)), world)):
+    for step in Loop(world, agents=policies(load_policy(weights), world)):
         state = step.tick.state.reshape(-1, config.pedestrians)
         for slots in state[(state["status"][:, 0] == RUNNING) & (state["frame"][:, 0] % every == 0)]:
             if slots["vehicle_speed"][0] <= MOVING:
@@ -137,7 +136,7 @@ def main() -> None:
     parser.add_argument("folders", nargs="*", help="clips, as FOLDER:FORMAT")
     parser.add_argument("--episodes", type=int, default=40, help="of each scenario")
     parser.add_argument("--pedestrians", type=int, default=4)
-    parser.add_argument("--weights", default="refined")
+    parser.add_argument("--weights", default="people")
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--set", action="append", default=[], help="a parameter of the world, NAME=VALUE")
     options = parser.parse_args()

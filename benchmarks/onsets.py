@@ -23,8 +23,7 @@ from vpsci_ros.evaluation.realism.long_run import SETS_OFF, STANDS
 from vpsci_ros.evaluation.realism.two_sample import two_sample
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, resampled, share
 from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.safety import CRITICAL_TTC, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.safety import PEDESTRIAN_RADIUS as RADIUS
 from vpsci_ros.world import World, WorldConfig, load_scenarios, people
@@ -113,7 +112,7 @@ def generated(config: WorldConfig, episodes: int, weights: str, seed: int) -> tu
     world = World(config, load_scenarios(range(1, 9)), queue, 512, seed)
     seen: dict[tuple[int, int], list[tuple[float, ...]]] = {}
     accelerations: dict[tuple[int, int], list[tuple[float, ...]]] = {}
-    for step in Loop(world, agents=policies(load_weights(weights_path(weights)), world)):
+    for step in Loop(world, agents=policies(load_policy(weights), world)):
         state = step.tick.state
         for i in np.flatnonzero(state["status"]):
             row = state[i]
@@ -249,7 +248,7 @@ def main() -> None:
     parser.add_argument("near_misses", type=Path, help="table of whole tracks, of `vpsci import`")
     parser.add_argument("--episodes", type=int, default=60, help="in each scenario")
     parser.add_argument("--spawn", nargs="+", default=["human", "paper"], help="what is compared")
-    parser.add_argument("--weights", default="refined", help="file or shipped name: who acts from the onset on")
+    parser.add_argument("--weights", default="people", help="file or shipped name: who acts from the onset on")
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--rows", type=Path, help="write the recorded onsets, the rows of people.RIGHT_TURNS, as CSV")

@@ -27,9 +27,8 @@ from vpsci_ros.evaluation.protocols import eligible
 from vpsci_ros.learning.measured import NoAcceleration, measure_outcomes, rates_with_intervals
 from vpsci_ros.parameters import build
 from vpsci_ros.policy.agent import policies
+from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.policy.simulation import SimulationConfig
-from vpsci_ros.policy.weights import Weights, load_weights
-from vpsci_ros.resources import weights_path
 from vpsci_ros.world import COLLISION, GOAL, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.observation import AGENTS
@@ -59,7 +58,7 @@ class Watched(NamedTuple):
     outcome: NDArray[np.int64]
 
 
-def watched(weights: Weights | None, config: WorldConfig, episodes: list[tuple[int, int]], seed: int) -> Watched:
+def watched(weights: Policy | None, config: WorldConfig, episodes: list[tuple[int, int]], seed: int) -> Watched:
     """Simulate the episodes and look at those that become critical, from then on; `onset` is CurvTTC then."""
     world = World(config, load_scenarios(range(1, 9)), episodes, 512, seed)
     agents: dict[str, Agent] = dict.fromkeys(AGENTS, NoAcceleration())
@@ -135,7 +134,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=250, help="in each scenario")
     parser.add_argument("--seed", type=int, default=20261125, help="of the world; another one than training had")
-    parser.add_argument("--weights", nargs="+", default=["refined", "pretrained"], help="files or shipped names")
+    parser.add_argument("--weights", nargs="+", default=["people", "ma_sst_ddpg"], help="files or shipped names")
     parser.add_argument("--world", nargs="+", default=[], metavar="NAME=VALUE", help="parameters of the world")
     parser.add_argument("--near-misses", type=Path, help="near-miss table")
     arguments = parser.parse_args()
@@ -153,7 +152,7 @@ def main() -> None:
     settings = {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in arguments.world)}
     world, scenarios = build(WorldConfig, settings, "--world"), load_scenarios(range(1, 9))
     for name in [*arguments.weights, "no acceleration"]:
-        weights = None if name == "no acceleration" else load_weights(weights_path(name))
+        weights = None if name == "no acceleration" else load_policy(name)
         outcomes = measure_outcomes(weights, SimulationConfig(scenarios, episodes, 512, arguments.seed, world))
         row = rates_with_intervals(outcomes)
         print(f"{name}: {row['critical_episodes']:.0f} critical of {len(episodes)} episodes")

@@ -15,8 +15,7 @@ import numpy as np
 
 from vpsci_ros import Pedestrian, Vehicle, Walker
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.safety import clearance
 
 TICK, PACE, BEFORE, SECONDS = 0.05, 1.3, 5.0, 9.0  # [s], [m/s], [m] before the middle, [s]
@@ -59,9 +58,9 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=200)
     parser.add_argument("--speeds", type=float, nargs="+", default=[2.0, 5.0, 8.0], help="[m/s]")
     parser.add_argument("--leads", type=float, nargs="+", default=[-1.0, 0.0, 1.0], help="[s]")
-    parser.add_argument("--weights", default="refined")
+    parser.add_argument("--weights", default="people")
     given = parser.parse_args()
-    weights, way = load_weights(weights_path(given.weights)), [(0.0, -8.0), (0.0, 8.0)]
+    weights, way = load_policy(given.weights), [(0.0, -8.0), (0.0, 8.0)]
     heads = ("car [m/s]", "lead [s]", "walks on", "learned: contact", "clearance, median", "is past first")
     print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
     for speed in given.speeds:

@@ -76,7 +76,7 @@ def main() -> int:
     """Make all bags, or say what went wrong."""
     options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     options.add_argument("--output", type=Path, default=Path("bags"))
-    options.add_argument("--weights", default="refined", help="weights file, or shipped name")
+    options.add_argument("--weights", default="people", help="weights file, or shipped name")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--look", type=int, default=200, help="episodes among which one is chosen")
     given = options.parse_args()

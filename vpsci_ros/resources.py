@@ -63,13 +63,13 @@ def _data_dir(package: Path, folder: str, what: str) -> Path:
 
 
 def weights_path(name: str, package: Path = _PACKAGE) -> Path:
-    """Return the weights file that `name` means: a path, or the name of weights shipped with the package ("refined").
+    """Return the file of the policy that `name` means: a path, or the name of one shipped with the package ("people").
 
     :raises InvalidInput: there is no such file.
     """
     if name.endswith(".safetensors"):
         if not Path(name).is_file():
-            raise InvalidInput(f"weights {name}: no such file; train them with 'vpsci pretrain', or name shipped ones")
+            raise InvalidInput(f"weights {name}: no such file; make one with 'vpsci people', or name a shipped one")
         return Path(name)
     shipped = {path.stem: path for path in (package / "models").glob("*.safetensors")}
     if name not in shipped:

@@ -106,7 +106,7 @@ def test_info_tells_topics_rates_of_simulated_time_episodes_and_counts(own_bag: 
 
 
 def test_info_prints_weights_hashes_and_fits_eighty_columns(own_bag: Path, tmp_path: Path) -> None:
-    policy = {"vehicle_policy": {"weights": "refined"}}
+    policy = {"vehicle_policy": {"weights": "people"}}
     bag = changed(own_bag, tmp_path / "bag", nodes=bag_run(Bag(own_bag)).parameters | policy)
     text = io.StringIO()
     print_info(bag_info(bag), Console(file=text, width=80))
@@ -335,9 +335,9 @@ def test_verify_says_why_a_bag_cannot_be_simulated_again(
 
 def test_verify_refuses_weights_of_another_hash(own_bag: Path, tmp_path: Path) -> None:
     world = bag_run(Bag(own_bag)).parameters["world_simulator"] | {"vehicle_driver": "policy"}
-    bag = changed(own_bag, tmp_path / "bag", nodes={"world_simulator": world, "vehicle_policy": {"weights": "refined"}})
-    with pytest.raises(InvalidInput, match="acted by weights refined of SHA-256 .*, but .*pretrained.safetensors has"):
-        verify_bag(bag, weights="pretrained")
+    bag = changed(own_bag, tmp_path / "bag", nodes={"world_simulator": world, "vehicle_policy": {"weights": "people"}})
+    with pytest.raises(InvalidInput, match="acted by weights people of SHA-256 .*, but .*ma_sst_ddpg.safetensors has"):
+        verify_bag(bag, weights="ma_sst_ddpg")
 
 
 def test_verify_cannot_simulate_another_tools_bag(foreign: Path) -> None:

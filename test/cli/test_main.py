@@ -121,32 +121,39 @@ def test_pretraining_writes_weights_that_evaluation_reads(
 
     write_near_misses(synthetic_near_misses(8).table, tmp_path / "near.parquet")
     arguments = ["--data", str(tmp_path / "near.parquet"), "--json", str(tmp_path / "out.json")]
-    result = vpsci("evaluate", *arguments, "--refined", weights, "--pretrained", weights)
+    result = vpsci("evaluate", *arguments, "--weights", f"own={weights}")
     assert result.returncode == 0, result.stderr
     import json
 
     models = json.loads((tmp_path / "out.json").read_text())["models"]
-    assert set(models) == {"refined", "pretrained", "repeat_velocity", "constant_velocity", "constant_velocity_tracked"}
-    assert models["refined"]["closed_loop"]["ade"] > 0
+    assert set(models) == {
+        "own",
+        "people",
+        "ma_sst_ddpg",
+        "repeat_velocity",
+        "constant_velocity",
+        "constant_velocity_tracked",
+    }
+    assert models["own"]["closed_loop"]["ade"] > 0
     assert pl.read_csv(tmp_path / "run" / "log.csv").height == 2
 
     record = json.loads((tmp_path / "run" / "run.json").read_text())
     assert record["error"] == ""
     assert set(record["outputs_sha256"]) == {"log.csv", "learning.png", "params.yaml", "pretrained.safetensors"}
     made_from = json.loads((tmp_path / "out.json").read_text())["weights_sha256"]
-    assert made_from["refined"] == record["outputs_sha256"]["pretrained.safetensors"]
+    assert made_from["own"] == record["outputs_sha256"]["pretrained.safetensors"]
     assert list(record["inputs_sha256"]) == [str(tmp_path / "all.parquet")]
     before = (tmp_path / "run" / "log.csv").stat().st_mtime_ns
     same = vpsci("pretrain", *stage, "-o", str(tmp_path / "run"), *settings)
     assert (same.returncode, "holds this run, finished" in same.stdout) == (0, True)
     assert (tmp_path / "run" / "log.csv").stat().st_mtime_ns == before
 
-    refused = vpsci("evaluate", *arguments, "--refined", weights, "--pretrained", "pretrained", "--held-out")
+    refused = vpsci("evaluate", *arguments, "--weights", weights, "--held-out")
     assert refused.returncode == 2
     assert "none of its clips was held out" in refused.stderr
     found = []
     for options in ([], ["--held-out"]):
-        models = ["--refined", weights, "--pretrained", weights, *options]
+        models = ["--weights", weights, *options]
         own = vpsci("evaluate", "--data", str(tmp_path / "all.parquet"), "--json", str(tmp_path / "own.json"), *models)
         assert own.returncode == 0, own.stderr
         assert ("see --held-out" in own.stdout) == (not options)

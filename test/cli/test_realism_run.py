@@ -24,7 +24,7 @@ def test_parts_are_kept_for_the_very_weights_folds_and_dataset_that_were_read(
 
     folds, own, generated = tmp_path / "folds", tmp_path / "own.safetensors", tmp_path / "dataset"
     shutil.copytree(dataset, generated)
-    shutil.copy(weights_path("refined"), own)
+    shutil.copy(weights_path("ma_sst_ddpg"), own)
     fold = folds / "fold_1" / "pretrained.safetensors"
     fold.parent.mkdir(parents=True)
     shutil.copy(own, fold)
@@ -32,7 +32,7 @@ def test_parts_are_kept_for_the_very_weights_folds_and_dataset_that_were_read(
     monkeypatch.setattr(realism, "_of_folds", lambda *_: {})
     study = RealismStudy(
         data=near_misses_file, library=None, weights=[str(own)], folds=folds, dataset=generated, conflicts=None,
-        held_out=False, clean=False, temperature=1.0, seed=0, episodes=4,
+        held_out=False, clean=False, seed=0, episodes=4,
     )  # fmt: skip
     for changed in (None, own, fold, generated / "dataset.json"):
         if changed is not None and changed.suffix == ".json":

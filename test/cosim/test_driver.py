@@ -8,16 +8,15 @@ import pytest
 
 from vpsci_ros import Driver, Vehicle, Walker
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.weights import Weights, load_weights
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import Policy, load_policy
 
 LANE = [(-40.0, 0.0), (40.0, 0.0)]
 BEGINS = Vehicle(-20.0, 0.5, 0.0, 3.0)
 
 
 @pytest.fixture(scope="module")
-def weights() -> Weights:
-    return load_weights(weights_path("refined"))
+def weights() -> Policy:
+    return load_policy("people")
 
 
 def driven(driver: Driver, seconds: float, period: float = 0.05, people: Any = None) -> list[Any]:
@@ -28,14 +27,14 @@ def driven(driver: Driver, seconds: float, period: float = 0.05, people: Any = N
     return steps
 
 
-def test_alone_it_keeps_to_its_lane_at_its_pace(weights: Weights) -> None:
+def test_alone_it_keeps_to_its_lane_at_its_pace(weights: Policy) -> None:
     steps = driven(Driver(weights, seed=2, lane=LANE, speed=4.0), 12.0)
     assert abs(steps[-1].y) < 0.3
     assert sum(step.speed for step in steps[60:]) / len(steps[60:]) == pytest.approx(4.0, abs=0.5)
     assert not any(step.controlled or step.faces is not None for step in steps)
 
 
-def test_the_policy_drives_while_somebody_crosses_and_gives_back(weights: Weights) -> None:
+def test_the_policy_drives_while_somebody_crosses_and_gives_back(weights: Policy) -> None:
     steps = driven(Driver(weights, seed=2, lane=LANE), 14.0, people=lambda t: {"he": Walker(0.0, -6.0 + t, 0.0, 1.0)})
     controlled = [step.controlled for step in steps]
     assert any(controlled)
@@ -44,7 +43,7 @@ def test_the_policy_drives_while_somebody_crosses_and_gives_back(weights: Weight
     assert steps[controlled.index(True)].curvttc < 5.0
 
 
-def test_at_another_time_step_it_does_nearly_the_same(weights: Weights) -> None:
+def test_at_another_time_step_it_does_nearly_the_same(weights: Policy) -> None:
     people = lambda t: {"he": Walker(0.0, -6.0 + t, 0.0, 1.0)}  # noqa: E731
     usual = driven(Driver(weights, seed=2, lane=LANE), 8.0, people=people)
     for period in (0.1, 0.02):
@@ -53,7 +52,7 @@ def test_at_another_time_step_it_does_nearly_the_same(weights: Weights) -> None:
         assert any(step.controlled for step in other)
 
 
-def test_of_more_than_eight_pedestrians_the_nearest_count_and_keep_their_places(weights: Weights) -> None:
+def test_of_more_than_eight_pedestrians_the_nearest_count_and_keep_their_places(weights: Policy) -> None:
     crowd = {k: Walker(-10.0 + 2.0 * k, 8.0, 0.0, 0.0) for k in range(12)}
     first, straight = Driver(weights, seed=2, lane=LANE), BEGINS._replace(y=0.0, curvature=0.0)
     first.step(straight, crowd)
@@ -76,6 +75,6 @@ def test_a_driver_that_cannot_be_is_refused(bad: dict[str, Any], message: str) -
         Driver(**bad)
 
 
-def test_one_that_reverses_is_refused(weights: Weights) -> None:
+def test_one_that_reverses_is_refused(weights: Policy) -> None:
     with pytest.raises(InvalidInput, match=re.escape("own: speed = -1 m/s: expected 0 or more")):
         Driver(weights, lane=LANE).step(Vehicle(0.0, 0.0, math.pi, -1.0), {})

@@ -16,16 +16,15 @@ from vpsci_ros import Pedestrian, Vehicle, Walker
 from vpsci_ros.cosim import Walk
 from vpsci_ros.cosim.scenarios import of_lane, of_walk
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.weights import Weights, load_weights
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import Policy, load_policy
 
 ROUTE = [(0.0, -8.0), (0.0, 8.0)]  # north, across a road along x
 AT_THE_KERB = Walker(0.0, -5.0, 0.0, 1.2)
 
 
 @pytest.fixture(scope="module")
-def weights() -> Weights:
-    return load_weights(weights_path("refined"))
+def weights() -> Policy:
+    return load_policy("people")
 
 
 def car(time: float, speed: float = 5.0, meets: float = 4.0, **more: Any) -> Vehicle:
@@ -66,14 +65,14 @@ def test_importing_the_package_does_not_import_the_agents() -> None:
         from vpsci_ros import Cyclist  # noqa: F401
 
 
-def test_who_it_is_depends_on_seed_and_episode_alone(weights: Weights) -> None:
+def test_who_it_is_depends_on_seed_and_episode_alone(weights: Policy) -> None:
     people = [Pedestrian(weights, seed=s, episode=e, route=ROUTE).person for s, e in ((1, 0), (1, 0), (1, 1), (2, 0))]
     assert people[0] == people[1]
     assert len({person.speed for person in people}) == 3
-    assert (people[0].recorded, people[0].latent, people[0].kind) == (-1, (), "adult")
+    assert (people[0].recorded, people[0].kind) == (-1, "adult")
 
 
-def test_it_hands_over_below_5_s_and_gives_back_3_s_after_the_last_critical_tick(weights: Weights) -> None:
+def test_it_hands_over_below_5_s_and_gives_back_3_s_after_the_last_critical_tick(weights: Policy) -> None:
     walked = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2))
     controlled = [walk.controlled for walk in walked]
     critical = [walk.curvttc < 5.0 for walk in walked]
@@ -86,29 +85,29 @@ def test_it_hands_over_below_5_s_and_gives_back_3_s_after_the_last_critical_tick
     assert all(walk.faces == "car" for walk in walked)
 
 
-def test_without_a_vehicle_it_walks_its_route_at_its_pace_and_stops_at_the_end(weights: Weights) -> None:
+def test_without_a_vehicle_it_walks_its_route_at_its_pace_and_on_beyond_its_end(weights: Policy) -> None:
     pedestrian = Pedestrian(weights, seed=3, route=ROUTE, speed=1.2)
     walked = crossing(pedestrian, seconds=20.0, gone=0.0)
     assert not any(walk.controlled or walk.faces is not None or walk.curvttc < math.inf for walk in walked)
     assert [walk.arrived for walk in walked].index(True) * 0.05 == pytest.approx(13.0 / 1.2, rel=0.15)
     assert max(abs(walk.x) for walk in walked) < 0.7, "its sway"
-    assert walked[-1].y < 9.5
-    assert math.hypot(walked[-1].vx, walked[-1].vy) < 1e-6
+    assert walked[-1].y > 15.0
+    assert math.hypot(walked[-1].vx, walked[-1].vy) == pytest.approx(1.2, rel=0.3)
 
 
-def test_a_vehicle_that_appears_late_is_reacted_to_from_then_on(weights: Weights) -> None:
+def test_a_vehicle_that_appears_late_is_reacted_to_from_then_on(weights: Policy) -> None:
     walked = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), late=2.03)
     assert not any(walk.controlled for walk in walked[:42])
     assert walked[42].controlled, "2.1 s: the first policy frame at which it is there"
 
 
-def test_a_vehicle_that_leaves_takes_control_with_it_at_the_next_policy_frame(weights: Weights) -> None:
+def test_a_vehicle_that_leaves_takes_control_with_it_at_the_next_policy_frame(weights: Policy) -> None:
     walked = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), gone=1.03)
     assert [walk.controlled for walk in walked[20:23]] == [True, True, False]
 
 
 @pytest.mark.parametrize("period", [0.1, 0.025, 0.02, 1 / 15, 1 / 30, 0.2])
-def test_at_another_time_step_it_does_nearly_the_same(weights: Weights, period: float) -> None:
+def test_at_another_time_step_it_does_nearly_the_same(weights: Policy, period: float) -> None:
     """The vehicle keeps its speed, so what ticks within a step expect of it is so."""
     usual = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), seconds=6.0)
     other = crossing(Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), seconds=6.0, period=period)
@@ -120,7 +119,7 @@ def test_at_another_time_step_it_does_nearly_the_same(weights: Weights, period: 
     assert any(walk.controlled for walk in other)
 
 
-def test_two_ticks_in_one_step_are_two_steps(weights: Weights) -> None:
+def test_two_ticks_in_one_step_are_two_steps(weights: Policy) -> None:
     usual = crossing(Pedestrian(weights, seed=3, route=ROUTE), seconds=6.0)
     other = crossing(Pedestrian(weights, seed=3, route=ROUTE), seconds=6.0, period=0.1)
     assert any(walk.controlled for walk in usual)
@@ -128,7 +127,7 @@ def test_two_ticks_in_one_step_are_two_steps(weights: Weights) -> None:
         assert twice[:4] == pytest.approx(second[:4], abs=1e-9)
 
 
-def test_steps_of_changing_length_add_up(weights: Weights) -> None:
+def test_steps_of_changing_length_add_up(weights: Policy) -> None:
     pedestrian, own, time = Pedestrian(weights, seed=3, route=ROUTE, speed=1.2), AT_THE_KERB, 0.0
     for k in range(120):
         period = (0.011, 0.05, 0.083, 0.02)[k % 4]
@@ -139,7 +138,7 @@ def test_steps_of_changing_length_add_up(weights: Weights) -> None:
     assert (own.x, own.y) == pytest.approx((at.x, at.y), abs=0.05)
 
 
-def test_of_several_vehicles_it_faces_the_one_with_the_least_curvttc(weights: Weights) -> None:
+def test_of_several_vehicles_it_faces_the_one_with_the_least_curvttc(weights: Policy) -> None:
     alone, several = (Pedestrian(weights, seed=3, route=ROUTE, speed=1.2) for _ in range(2))
     one, other = AT_THE_KERB, AT_THE_KERB
     for k in range(100):
@@ -147,14 +146,17 @@ def test_of_several_vehicles_it_faces_the_one_with_the_least_curvttc(weights: We
         near, parked_by = car(time), Vehicle(5.0, -3.0, 0.0, 0.0, 0.0, 0.0)
         first = alone.step(one, {"car": near})
         second = several.step(other, {"stands": parked_by, "car": near, "behind": car(time, meets=9.0)})
+        if math.isinf(first.curvttc) and k > 40:
+            break  # the car has passed, and the one behind it counts
         assert first == second
         one, other = Walker(*first[:4]), Walker(*second[:4])
+    assert k > 40
     later, sooner = car(0.0, meets=4.5), car(0.0, meets=4.0)
     for order in ({"later": later, "sooner": sooner}, {"sooner": sooner, "later": later}):
         assert Pedestrian(weights, route=ROUTE).step(AT_THE_KERB, order).faces == "sooner"
 
 
-def test_what_is_hidden_by_a_parked_vehicle_is_not_reacted_to_until_it_is_seen(weights: Weights) -> None:
+def test_what_is_hidden_by_a_parked_vehicle_is_not_reacted_to_until_it_is_seen(weights: Policy) -> None:
     hides = [[-4.0, -2.6, 0.0, 6.0, 2.0]]  # between the walker and the car that comes along y = 0
     free, hidden = (Pedestrian(weights, seed=3, route=ROUTE, speed=1.2) for _ in range(2))
     vehicle = {"car": car(1.0)}
@@ -166,7 +168,7 @@ def test_what_is_hidden_by_a_parked_vehicle_is_not_reacted_to_until_it_is_seen(w
     assert hidden.step(AT_THE_KERB, vehicle, parked=[]).controlled
 
 
-def test_curvature_and_acceleration_are_found_from_the_step_before(weights: Weights) -> None:
+def test_curvature_and_acceleration_are_found_from_the_step_before(weights: Policy) -> None:
     """On a circle of 20 m at 4 m/s the heading turns by 0.2 rad/s; one of them is told, the other sees for itself."""
     told, seeing = (Pedestrian(weights, seed=3, route=ROUTE) for _ in range(2))
     for k in range(3):
@@ -179,21 +181,21 @@ def test_curvature_and_acceleration_are_found_from_the_step_before(weights: Weig
     assert straight != pytest.approx(first, rel=0.02), "without a step before: straight on"
 
 
-def test_a_reversing_vehicle_is_one_that_drives_the_other_way(weights: Weights) -> None:
+def test_a_reversing_vehicle_is_one_that_drives_the_other_way(weights: Policy) -> None:
     ahead, back = (Pedestrian(weights, seed=3, route=ROUTE) for _ in range(2))
     forwards = ahead.step(AT_THE_KERB, {0: Vehicle(-15.0, 0.0, 0.0, 5.0)})
     backwards = back.step(AT_THE_KERB, {0: Vehicle(-15.0, 0.0, -math.pi, -5.0)})
     assert backwards == forwards
 
 
-def test_a_longer_vehicle_is_nearer(weights: Weights) -> None:
+def test_a_longer_vehicle_is_nearer(weights: Policy) -> None:
     car_, bus = (Pedestrian(weights, seed=3, route=ROUTE) for _ in range(2))
     short = car_.step(AT_THE_KERB, {0: Vehicle(-15.0, 0.0, 0.0, 4.0)}).curvttc
     long = bus.step(AT_THE_KERB, {0: Vehicle(-15.0, 0.0, 0.0, 4.0, length=12.0)}).curvttc
     assert long < short
 
 
-def test_others_in_the_way_are_kept_apart_from(weights: Weights) -> None:
+def test_others_in_the_way_are_kept_apart_from(weights: Policy) -> None:
     alone, crowded = (Pedestrian(weights, seed=3, route=ROUTE, speed=1.2) for _ in range(2))
     own = Walker(0.0, -5.0, 0.0, 1.2)
     oncoming = {k: Walker(0.2 + 10.0 * (k > 0), -4.3, 0.0, -1.2) for k in range(12)}  # the nearest seven count
@@ -201,13 +203,13 @@ def test_others_in_the_way_are_kept_apart_from(weights: Weights) -> None:
 
 
 @pytest.mark.parametrize("change", [copy.deepcopy, lambda agent: pickle.loads(pickle.dumps(agent))])
-def test_a_copy_in_mid_episode_goes_on_to_the_bit(weights: Weights, change: Callable[[Pedestrian], Pedestrian]) -> None:
+def test_a_copy_in_mid_episode_goes_on_to_the_bit(weights: Policy, change: Callable[[Pedestrian], Pedestrian]) -> None:
     pedestrian = Pedestrian(weights, seed=1, episode=4, route=ROUTE)
     crossing(pedestrian, 3.0)
     assert crossing(change(pedestrian), 3.0) == crossing(pedestrian, 3.0)
 
 
-def test_where_the_engine_has_it_elsewhere_it_goes_on_from_there(weights: Weights) -> None:
+def test_where_the_engine_has_it_elsewhere_it_goes_on_from_there(weights: Policy) -> None:
     pedestrian = Pedestrian(weights, seed=3, route=[(0.0, 0.0), (10.0, 0.0), (10.0, 10.0)], speed=1.2)
     pedestrian.step(Walker(0.0, 0.0, 1.2, 0.0), {})
     walks = [pedestrian.step(Walker(10.0, 6.0, 0.0, 1.2), {}) for _ in range(10)]
@@ -244,7 +246,7 @@ GOOD: dict[str, Any] = {"own": AT_THE_KERB, "vehicles": {"car": Vehicle(-20.0, 0
         ({"period": True}, "period = True: expected"),
     ],
 )
-def test_a_bad_step_is_refused_and_changes_nothing(weights: Weights, bad: dict[str, Any], message: str) -> None:
+def test_a_bad_step_is_refused_and_changes_nothing(weights: Policy, bad: dict[str, Any], message: str) -> None:
     pedestrian, control = (Pedestrian(weights, seed=3, route=ROUTE) for _ in range(2))
     with pytest.raises(InvalidInput, match=re.escape(message)):
         pedestrian.step(**{**GOOD, **bad})
@@ -280,7 +282,7 @@ def test_a_pedestrian_that_cannot_be_is_refused(bad: dict[str, Any], message: st
         Pedestrian(**bad)
 
 
-def test_before_its_first_step_one_who_walks_to_a_goal_is_nobody_yet(weights: Weights) -> None:
+def test_before_its_first_step_one_who_walks_to_a_goal_is_nobody_yet(weights: Policy) -> None:
     pedestrian = Pedestrian(weights, goal=(0.0, 8.0))
     with pytest.raises(InvalidInput, match="call step first"):
         _ = pedestrian.start

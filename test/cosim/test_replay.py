@@ -8,8 +8,7 @@ import pytest
 
 from vpsci_ros import Driver, Pedestrian, Vehicle, Walker
 from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.weights import Weights, load_weights
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenario
 from vpsci_ros.world.crowd import CrowdConfig
 from vpsci_ros.world.kinds import KindMixture
@@ -22,11 +21,11 @@ MIXED = KindMixture(adult=1.0, older=1.0, child=1.0, distracted=1.0)
 
 
 @pytest.fixture(scope="module")
-def weights() -> Weights:
-    return load_weights(weights_path("refined"))
+def weights() -> Policy:
+    return load_policy("people")
 
 
-def ticks(weights: Weights, scenario: int, episode: int, config: WorldConfig) -> Iterator[np.ndarray]:
+def ticks(weights: Policy, scenario: int, episode: int, config: WorldConfig) -> Iterator[np.ndarray]:
     """Yield the rows of each tick at which an episode of ours runs."""
     world = World(config, [load_scenario(scenario)], [(scenario, episode)], 1, SEED)
     loop = Loop(world, agents=policies(weights, world))
@@ -43,7 +42,7 @@ def car(record: np.void) -> Vehicle:
 
 
 @pytest.mark.parametrize(("scenario", "episode"), [(1, 0), (2, 3), (104, 2)])  # 104: parked cars hide them at first
-def test_both_agents_alone_play_an_episode_of_ours_to_the_bit(weights: Weights, scenario: int, episode: int) -> None:
+def test_both_agents_alone_play_an_episode_of_ours_to_the_bit(weights: Policy, scenario: int, episode: int) -> None:
     pedestrian = Pedestrian(weights, seed=SEED, episode=episode, scenario=scenario)
     driver = Driver(weights, seed=SEED, episode=episode, scenario=scenario)
     own, vehicle, controlled, seen = pedestrian.start, driver.start, False, 0
@@ -61,7 +60,7 @@ def test_both_agents_alone_play_an_episode_of_ours_to_the_bit(weights: Weights, 
     assert pedestrian.person.recorded == driver.person.recorded >= 0, "one recorded encounter, undivided"
 
 
-def test_its_acceleration_is_that_of_the_world_to_the_bit(weights: Weights) -> None:
+def test_its_acceleration_is_that_of_the_world_to_the_bit(weights: Policy) -> None:
     pedestrian = Pedestrian(weights, seed=SEED, scenario=1)
     rows = [state[0] for state in ticks(weights, 1, 0, WorldConfig())]
     for now, then in itertools.pairwise(rows):
@@ -71,7 +70,7 @@ def test_its_acceleration_is_that_of_the_world_to_the_bit(weights: Weights) -> N
 
 
 @pytest.mark.parametrize("number", [0, 2])
-def test_one_of_several_pedestrians_of_several_kinds_is_the_same_to_the_bit(weights: Weights, number: int) -> None:
+def test_one_of_several_pedestrians_of_several_kinds_is_the_same_to_the_bit(weights: Policy, number: int) -> None:
     config = WorldConfig(pedestrians=3, crowd=CrowdConfig(group=0.3, opposite=0.2, follower=0.2), kinds=MIXED)
     pedestrian = Pedestrian(weights, seed=SEED, episode=5, scenario=1, config=config, number=number)
     driver = Driver(weights, seed=SEED, episode=5, scenario=1, config=config)

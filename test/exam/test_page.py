@@ -17,7 +17,7 @@ EXAM = {
     "weights_sha256": 64 * "b",
     "software": {"python": "3.11"},
     "cpu": "a kind of CPU",
-    "parameters": {"world_simulator": {"seed": 7}, "pedestrian_policy": {"weights": "refined"}},
+    "parameters": {"world_simulator": {"seed": 7}, "pedestrian_policy": {"weights": "people"}},
 }
 
 

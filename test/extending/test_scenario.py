@@ -71,7 +71,7 @@ def test_a_dataset_of_them_is_verified_and_recorded_without_the_files(made: Path
     assert checked.exit_code == 0, checked.output
     (number, *_) = data.index().filter(pl.col("scenario") == 41).get_column("count").to_list()
     assert record_episodes(made / "set", [(41, number)], tmp_path / "bag") > 20
-    assert verify_bag(tmp_path / "bag", weights="refined").difference == ""
+    assert verify_bag(tmp_path / "bag", weights="people").difference == ""
     save_episode(tmp_path / "bag", f"41:{number}", tmp_path / "episode.png")
 
 

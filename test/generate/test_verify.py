@@ -148,7 +148,7 @@ def test_other_weights_are_refused(copy) -> None:
     weights = load_weights(path)
     data[-1] ^= 1
     path.write_bytes(data)
-    with pytest.raises(InvalidInput, match="damaged weights file"):
+    with pytest.raises(InvalidInput, match="damaged file"):
         verify(copy, serial)
     name = next(iter(weights.tensors))
     weights.tensors[name] += 1.0

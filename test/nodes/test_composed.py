@@ -20,8 +20,7 @@ from vpsci_ros.nodes.exchange import Exchange
 from vpsci_ros.nodes.graph import GraphResult, NodeProcesses, resolve, run_graph
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
@@ -32,7 +31,7 @@ NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_poli
 
 
 def test_a_composed_graph_runs_the_episodes_of_the_engine(domain: int, tmp_path: Path) -> None:
-    policy = {"weights": "pretrained", "seed": 11}  # of what a policy draws, as in the world
+    policy = {"weights": "people", "seed": 11}  # of what a policy draws, as in the world
     chosen = {
         "graph": {"nodes": NODES},
         "world_simulator": {"scenarios": [2, 7], "episodes": 4, "batch": 3, "seed": 11},
@@ -45,7 +44,7 @@ def test_a_composed_graph_runs_the_episodes_of_the_engine(domain: int, tmp_path:
     run = Sections(chosen).get(RunConfig, "world_simulator")
     world = World(WorldConfig(), load_scenarios(run.scenarios), run.queue(), run.batch, run.seed)
     outcomes: Counter[str] = Counter()
-    for step in Loop(world, agents=policies(load_weights(weights_path("pretrained")), world)):
+    for step in Loop(world, agents=policies(load_policy("people"), world)):
         ended = step.events[step.events["kind"] == FINISHED]
         outcomes.update(OUTCOME_NAMES[outcome] for outcome in ended["outcome"])
     assert counts is not None
@@ -60,8 +59,8 @@ def run(folder: Path, *, together: bool, **world: Any) -> GraphResult:
         "graph": {"nodes": [*NODES, "perception"], "composed": together, "progress_timeout": 240.0},
         "world_simulator": {"scenarios": [3], "episodes": 1, "batch": 1, "episode_time": 4.0} | world,
         "perception": {"position_noise": 0.2, "missed": 0.05},
-        "vehicle_policy": {"weights": "pretrained"},
-        "pedestrian_policy": {"weights": "pretrained"},
+        "vehicle_policy": {"weights": "people"},
+        "pedestrian_policy": {"weights": "people"},
     }
     return run_graph(Sections(sections), folder, quiet=True)
 

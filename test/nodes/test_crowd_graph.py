@@ -25,7 +25,7 @@ NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_poli
 
 
 def crowd(batch: int, **world: object) -> Sections:
-    policy = {"weights": "refined", "seed": 11}
+    policy = {"weights": "people", "seed": 11}
     settings = {"scenarios": [1, 6], "episodes": 2, "batch": batch, "seed": 11, "pedestrians": 3}
     return Sections(
         {

@@ -252,7 +252,7 @@ def test_a_folder_that_is_not_empty_is_refused_before_anything_starts(tmp_path: 
 @pytest.mark.parametrize(
     ("chosen", "message"),
     [
-        (sections("refined", batch=0), "world_simulator: batch = 0 is out of range; expected 1 to 65536"),
+        (sections("people", batch=0), "world_simulator: batch = 0 is out of range; expected 1 to 65536"),
         (sections("refind"), r"'refind': expected a \.safetensors file or a shipped name"),
     ],
 )

@@ -53,8 +53,7 @@ import gc, sys
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 from vpsci_ros.policy.agent import PolicyAgent
-from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.world import EPISODE, RUNNING
 from vpsci_ros.world.tick import Tick
 
@@ -62,9 +61,11 @@ def compiled():
     kernels = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
     return {(each.py_func.__qualname__, str(kind)) for each in kernels for kind in each.signatures}
 
-agents = [PolicyAgent(agent, 1, explore=True) for agent in ("vehicle", "pedestrian")]
-for agent in agents:
-    agent.load(load_weights(weights_path("refined")), 1)
+agents = []
+for policy in map(load_policy, ("people", "ma_sst_ddpg")):
+    for agent in ("vehicle", "pedestrian"):
+        agents.append(PolicyAgent(agent, 1, explore=True))
+        agents[-1].load(policy, 1)
 before = compiled()
 assert len(before) > 5
 for rows in (1, 16):

@@ -24,14 +24,13 @@ print(json.dumps(sorted(
 EPISODE = """
 from vpsci_ros.generate.job import Unit
 from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig, apply_filters
 world = World(WorldConfig(), load_scenarios([1]), [(1, number) for number in range(4)], 4, 0)
-loop, frames = Loop(world, agents=policies(load_weights(weights_path("refined")), world)), EpisodeFrames(4, 601)
+loop, frames = Loop(world, agents=policies(load_policy("people"), world)), EpisodeFrames(4, 601)
 for step in loop:
     frames.store(step.tick.state, step.assessment.curvttc, step.assessment.distance)
 apply_filters(frames.take(), FilterConfig())
@@ -48,12 +47,12 @@ def called(program: str) -> set[str]:
 
 def test_episodes_with_policies_call_no_kernel_that_was_not_compiled_beforehand():
     parts = {name: called(f"from vpsci_ros.policy.compiling import PARTS\nPARTS['{name}']()") for name in PARTS}
-    for kernel, name in ((".spawn_all ", "spawn"), (".move_one ", "move"), (".step_slots ", "act")):
+    for kernel, name in ((".spawn_all ", "spawn"), (".move_one ", "move"), (".lend ", "act")):
         assert [part for part, kernels in parts.items() if kernel in str(kernels)] == [name], "the longest, once each"
     beforehand = set().union(*parts.values())
     later = {kernel for kernel in called(EPISODE) if ".tick._all_finite " not in kernel}  # a fifth of a second
     assert any(".engine.move_one " in kernel for kernel in later)
-    assert any(".streaming_kernels.step_slots " in kernel for kernel in later)
+    assert any(".choice.lend " in kernel for kernel in later)
     assert later - beforehand == set()
 
 

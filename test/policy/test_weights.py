@@ -114,7 +114,7 @@ def test_a_file_with_a_flipped_bit_in_any_tensor_is_refused(networks):
     for place in rng.integers(first, len(data), 20):
         damaged = bytearray(data)
         damaged[place] ^= 1  # the value stays finite, its last bits or its neighbours' change
-        with pytest.raises(InvalidInput, match="damaged weights file: its tensors are not those"):
+        with pytest.raises(InvalidInput, match="damaged file: its tensors are not those"):
             weights_from_bytes(bytes(damaged))
 
 
@@ -124,7 +124,7 @@ def test_a_file_without_a_checksum_is_refused(networks):
         rb'"tensors_sha256":"[0-9a-f]{64}"', lambda m: b'"other":"0.' + b"1" * (len(m[0]) - 12) + b'"', data
     )
     assert len(stripped) == len(data)
-    with pytest.raises(InvalidInput, match="damaged weights file"):
+    with pytest.raises(InvalidInput, match="damaged file"):
         weights_from_bytes(stripped)
 
 

@@ -23,7 +23,7 @@ from vpsci_ros.parameters import pick, refuse_unknown, table
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.config import PolicyConfig
-from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import PeerConfig, RunConfig
 from vpsci_ros.runs.files import sha256
@@ -199,7 +199,7 @@ class _Simulation:
                 f"{self._where}: {node} acted by weights {config.weights} of SHA-256 {digest}, but {path} has "
                 f"{sha256(path)}; {remedy}"
             )
-        policy.load(load_weights(path), version=1)
+        policy.load(load_policy(path), version=1)
         return policy
 
     @property

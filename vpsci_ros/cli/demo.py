@@ -99,14 +99,13 @@ def demo_sources(folder: Path, sections: Sections, near_misses: Path) -> list[So
     """
     from vpsci_ros.data.gathered import gathered
     from vpsci_ros.policy.agent import policies
+    from vpsci_ros.policy.policy_file import load_policy
     from vpsci_ros.policy.simulation import simulation_of
-    from vpsci_ros.policy.weights import load_weights
-    from vpsci_ros.resources import weights_path
     from vpsci_ros.world.loop import Loop
 
     simulation = simulation_of(sections)
     world = simulation.make_world()
-    agents = policies(load_weights(weights_path("refined")), world, simulation.policies)
+    agents = policies(load_policy("people"), world, simulation.policies)
     steps = Loop(world, simulation.monitor, agents)
     period = simulation.world.tick
     ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)

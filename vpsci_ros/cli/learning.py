@@ -73,8 +73,10 @@ def evaluate(
     json_path: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers to this file.")
     ] = None,
-    refined: Annotated[str, typer.Option(help="Weights after stage 2: a file or a shipped name.")] = "refined",
-    pretrained: Annotated[str, typer.Option(help="Weights after stage 1: a file or a shipped name.")] = "pretrained",
+    weights: Annotated[
+        list[str] | None,
+        typer.Option("--weights", metavar="[NAME=]FILE", help="Further policies: files or shipped names; repeatable."),
+    ] = None,
     held_out: Annotated[
         bool, typer.Option("--held-out", help="Measure only clips that neither has learned from.")
     ] = False,
@@ -86,4 +88,4 @@ def evaluate(
     """
     from vpsci_ros.cli.stages import run_evaluation
 
-    run_evaluation(data, form, {"refined": refined, "pretrained": pretrained}, json_path, held_out=held_out)
+    run_evaluation(data, form, weights or [], json_path, held_out=held_out)

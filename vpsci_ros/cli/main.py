@@ -14,6 +14,7 @@ from vpsci_ros.cli.dataset import dataset_app, generate, report
 from vpsci_ros.cli.exam import ads_test
 from vpsci_ros.cli.learning import evaluate, pretrain, refine
 from vpsci_ros.cli.options import Output, Params, Quiet, Settings, read_sections, writes_folder
+from vpsci_ros.cli.people import people
 from vpsci_ros.cli.realism import realism
 from vpsci_ros.cli.view import view
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words, is_shortage
@@ -32,7 +33,7 @@ app.add_typer(bag_app, name="bag")
 app.add_typer(safety_app, name="safety")
 app.add_typer(world_app, name="world")
 app.add_typer(dataset_app, name="dataset")
-for command in (pretrain, refine, evaluate, realism, generate, report, ads_test, view):
+for command in (people, pretrain, refine, evaluate, realism, generate, report, ads_test, view):
     app.command()(command)
 
 

@@ -46,9 +46,6 @@ def realism(
     clean: Annotated[
         bool, typer.Option("--clean", help="Leave out cars that stand and tracks that begin critical.")
     ] = False,
-    temperature: Annotated[
-        float, typer.Option(min=0.0, max=2.0, help="Scale of random draws of stochastic policies.")
-    ] = 1.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the roll-outs.")] = 0,
     episodes: Annotated[int, typer.Option(min=1, help="Most episodes of the dataset to read.")] = 2000,
     json_path: Annotated[

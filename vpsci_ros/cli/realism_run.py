@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -24,7 +24,8 @@ from vpsci_ros.evaluation.realism.onsets import Onsets
 from vpsci_ros.evaluation.realism.run import RealismConfig, measure_realism
 from vpsci_ros.evaluation.realism.simulators import Simulator, policy
 from vpsci_ros.evaluation.realism.table import print_realism
-from vpsci_ros.policy.weights import Weights, load_weights
+from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
+from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.report.beside import save_beside
 from vpsci_ros.report.realism import save_realism
 from vpsci_ros.resources import near_misses_path, weights_path
@@ -34,7 +35,6 @@ from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.sections import Sections
 
-SHIPPED = ("pretrained", "refined", "pretrained_deterministic", "refined_deterministic")
 RESULT, PICTURE, BESIDE = "realism.json", "realism.png", "beside.png"
 
 
@@ -50,7 +50,6 @@ class RealismStudy:
     conflicts: Path | None  # datlong.csv of the right-turn study
     held_out: bool  # only clips that no weights given have learned from
     clean: bool  # without cars that stand and tracks that begin critical
-    temperature: float  # of stochastic policies
     seed: int  # of all that is drawn
     episodes: int  # of the dataset that are looked at, at most
 
@@ -62,19 +61,20 @@ def run_realism(study: RealismStudy, json_path: Path | None, output: Path | None
     :raises InvalidInput: a file is refused, a name is there twice, or no clip of the data was held out.
     """
     table = read_near_misses(study.data)
-    files = {name: weights_path(name) for name in SHIPPED} | _named(study.weights or [])
-    loaded = {name: load_weights(path) for name, path in files.items()}
+    given = named_policies(study.weights or [])
+    files = {name: weights_path(name) for name in SHIPPED} | given
+    loaded = {name: load_policy(path) for name, path in files.items()}
     if study.held_out:
-        table = _kept_out(table, loaded, study.data)
-    simulators = {name: policy(own, study.seed, study.temperature) for name, own in loaded.items()}
+        table = _kept_out(table, [loaded[name] for name in given or SHIPPED[:1]], study.data)
+    simulators = {name: policy(own, study.seed) for name, own in loaded.items()}
     if study.folds is not None:
-        simulators |= _of_folds(study.folds, table, study.seed, study.temperature)
+        simulators |= _of_folds(study.folds, table, study.seed)
     inputs = [*files.values(), *([] if study.conflicts is None else [study.conflicts])]
     inputs += [near_misses_path(name) for name in (study.data, study.library) if name is not None]
     inputs += [] if study.folds is None else sorted(study.folds.glob("fold_*/**/*.safetensors"))
     dataset = None if study.dataset is None else Dataset(study.dataset)
     inputs += [] if dataset is None else dataset.inputs.values()
-    chosen = ("clean", "held_out", "temperature", "seed", "episodes")
+    chosen = ("clean", "held_out", "seed", "episodes")
     resolved = {name: getattr(study, name) for name in chosen} | {
         "models": list(simulators),
         "data": str(study.data),
@@ -119,27 +119,15 @@ def run_realism(study: RealismStudy, json_path: Path | None, output: Path | None
             print(f"written: {path}")
 
 
-def _named(weights: list[str]) -> dict[str, Path]:
-    """Return name -> file of weights given as NAME=FILE, or as a file or shipped name alone."""
-    out: dict[str, Path] = {}
-    for given in weights:
-        name, equals, path = given.rpartition("=")
-        name = name if equals else Path(path).stem
-        if name in out:
-            raise InvalidInput(f"--weights {given}: {name} is there twice; name them, NAME=FILE")
-        out[name] = weights_path(path)
-    return out
-
-
-def _kept_out(table: pl.DataFrame, weights: Mapping[str, Weights], data: Path) -> pl.DataFrame:
-    clips = set.intersection(*(set(own.facts.get("data", {}).get("held_out_clips", [])) for own in weights.values()))
+def _kept_out(table: pl.DataFrame, policies: Sequence[Policy], data: Path) -> pl.DataFrame:
+    clips = set.intersection(*(set(own.facts.get("data", {}).get("held_out_clips", [])) for own in policies))
     kept = table.filter(pl.concat_str("source", "clip", separator="/").is_in(sorted(clips)))
     if kept.is_empty():
-        raise InvalidInput(f"{data}: none of its clips was held out of all these weights' training, by their metadata")
+        raise InvalidInput(f"{data}: none of its clips was held out of the policies, by their metadata")
     return kept
 
 
-def _of_folds(study: Path, table: pl.DataFrame, seed: int, temperature: float) -> dict[str, Simulator]:
+def _of_folds(study: Path, table: pl.DataFrame, seed: int) -> dict[str, Simulator]:
     """Return simulators in which each onset is answered by the fold's weights that never saw its clip."""
     folders = sorted(study.glob("fold_*"), key=lambda path: int(path.name.removeprefix("fold_")))
     try:
@@ -157,18 +145,16 @@ def _of_folds(study: Path, table: pl.DataFrame, seed: int, temperature: float) -
             if path.is_file():
                 found.setdefault(f"{path.stem}_folds", {})[number] = path
     whole = {name: files for name, files in found.items() if len(files) == of["folds"]}
-    return {name: partial(_by_fold, files, owner, seed, temperature) for name, files in whole.items()}
+    return {name: partial(_by_fold, files, owner, seed) for name, files in whole.items()}
 
 
-def _by_fold(
-    files: dict[int, Path], owner: dict[str, int], seed: int, temperature: float, onsets: Onsets
-) -> NDArray[np.float64]:
+def _by_fold(files: dict[int, Path], owner: dict[str, int], seed: int, onsets: Onsets) -> NDArray[np.float64]:
     numbers = np.array([owner[clip] for clip in onsets.clip])
     out: NDArray[np.float64] | None = None
     for number, path in files.items():
         rows = np.flatnonzero(numbers == number)
         if rows.size:
-            positions = policy(load_weights(path), seed, temperature)(onsets.take(rows))
+            positions = policy(load_weights(path), seed)(onsets.take(rows))
             out = np.zeros((len(onsets), *positions.shape[1:])) if out is None else out
             out[rows] = positions
     assert out is not None

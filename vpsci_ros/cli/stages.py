@@ -17,7 +17,7 @@ from vpsci_ros.evaluation.errors import evaluate
 from vpsci_ros.learning.inputs import stage_1_inputs, stage_2_inputs
 from vpsci_ros.learning.online import LOG, refine
 from vpsci_ros.learning.pretrain import pretrain
-from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.policy.policy_file import SHIPPED, load_policy, named_policies
 from vpsci_ros.report.learning import save_learning
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.files import sha256, write_json
@@ -88,19 +88,20 @@ def _run(folder: Path, run: RunFolder, bar: StageBar, learn: Callable[[StageBar]
     return True
 
 
-def run_evaluation(
-    data: Path, form: str, models: dict[str, str], json_path: Path | None, *, held_out: bool = False
-) -> None:
+def run_evaluation(data: Path, form: str, models: list[str], json_path: Path | None, *, held_out: bool = False) -> None:
     """Measure models and controls on near misses, print the table, write the JSON.
 
+    :param models: policies beside the shipped ones, [NAME=]FILE.
     :param data: near-miss table, or a folder of recordings in one of the importers' formats.
-    :param held_out: measure only clips that the weights' metadata say were held out.
+    :param held_out: measure only clips that were held out of `models`, or of the shipped people where there are none.
     :raises InvalidInput: unknown format, unreadable data or weights, or no clip of the data was held out.
     """
     table = _near_misses(data, form)
-    paths = {name: weights_path(model) for name, model in models.items()}
-    weights = {name: load_weights(path) for name, path in paths.items()}
-    clips = set.intersection(*(set(w.facts.get("data", {}).get("held_out_clips", [])) for w in weights.values()))
+    given = named_policies(models)
+    paths = {name: weights_path(name) for name in SHIPPED} | given
+    weights = {name: load_policy(path) for name, path in paths.items()}
+    chosen = [weights[name] for name in given or SHIPPED[:1]]
+    clips = set.intersection(*(set(own.facts.get("data", {}).get("held_out_clips", [])) for own in chosen))
     kept_out = table.filter(pl.concat_str("source", "clip", separator="/").is_in(sorted(clips)))
     if held_out and kept_out.is_empty():
         raise InvalidInput(f"{data}: none of its clips was held out of the weights' training, by their metadata")

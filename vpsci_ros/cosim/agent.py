@@ -13,8 +13,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.config import PolicyConfig
-from vpsci_ros.policy.weights import Weights, load_weights
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.safety import curvttc
 from vpsci_ros.world import RUNNING, Scenario, World, WorldConfig
 from vpsci_ros.world.crowd import MOST
@@ -41,7 +40,6 @@ class Person(NamedTuple):
     kind: str
     speed: float
     reaction_delay: float
-    latent: tuple[float, ...]
     recorded: int
 
 
@@ -57,7 +55,7 @@ class Body:
     def __init__(
         self,
         agent: str,
-        weights: str | Path | Weights,
+        weights: str | Path | Policy,
         scenario: Scenario,
         seed: int,
         episode: int,
@@ -80,7 +78,7 @@ class Body:
         self.state[:] = spawned[number]
         self.state[: len(spawned)] = spawned
         self.state["pedestrian"] = np.arange(MOST)
-        own = weights if isinstance(weights, Weights) else load_weights(weights_path(str(weights)))
+        own = load_policy(weights) if isinstance(weights, (str, Path)) else weights
         self.agent = policies(own, self.world, None if policy is None else {agent: policy})[agent]
         self._number, self._agent = number, agent
 
@@ -92,10 +90,9 @@ class Body:
 
     def person(self, speed: float) -> Person:
         """Return the drawn person; fields drawn at the hand-over are empty before it."""
-        latent, recorded = self.agent.drawn(self._number)
         record = self.record
         kind, delay = KINDS[int(record["kind"])], float(record["reaction_delay"])
-        return Person(kind, speed, delay, tuple(latent.tolist()), recorded)
+        return Person(kind, speed, delay, self.agent.lent(self._number))
 
     def begin(self, **values: float) -> None:
         """Overwrite fields of all rows, before the first tick."""

@@ -22,7 +22,7 @@ from vpsci_ros.cosim.inputs import (
 )
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.config import PolicyConfig
-from vpsci_ros.policy.weights import Weights
+from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.world import Scenario, WorldConfig
 from vpsci_ros.world.crowd import MOST
 from vpsci_ros.world.kinematics import drive
@@ -72,13 +72,13 @@ class Driver:
     :param speed: [m/s] with nothing near; None: drawn from recorded right turns, 0.4 to 5.6.
     :param config: periods and hand-over; its drivers are ignored.
     :param monitor: threshold of critical.
-    :param policy: random draws; None: by `seed`, at temperature 1.
+    :param policy: random draws; None: by `seed`.
     :raises InvalidInput: not exactly one of scenario and lane, or a refused value.
     """
 
     def __init__(
         self,
-        weights: str | Path | Weights = "refined",
+        weights: str | Path | Policy = "people",
         *,
         seed: int = 0,
         episode: int = 0,

@@ -26,7 +26,7 @@ from vpsci_ros.cosim.inputs import (
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.config import PolicyConfig
-from vpsci_ros.policy.weights import Weights
+from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.safety import visible_share
 from vpsci_ros.world import Scenario, WorldConfig
 from vpsci_ros.world.crowd import MOST
@@ -75,13 +75,13 @@ class Pedestrian:
     :param number: of the pedestrian within an episode of ours with several, see `WorldConfig.pedestrians`.
     :param config: periods, kinds of pedestrian, hand-over; its drivers are ignored.
     :param monitor: threshold of critical.
-    :param policy: random draws; None: by `seed`, at temperature 1.
+    :param policy: random draws; None: by `seed`.
     :raises InvalidInput: not exactly one of scenario, route and goal, or a refused value.
     """
 
     def __init__(
         self,
-        weights: str | Path | Weights = "refined",
+        weights: str | Path | Policy = "people",
         *,
         seed: int = 0,
         episode: int = 0,

@@ -13,7 +13,7 @@ from vpsci_ros.envs import driving
 from vpsci_ros.envs.rendering import Views
 from vpsci_ros.envs.simulation import Simulation, Snapshot
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.weights import Weights
+from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.world import OUTCOME_NAMES, WorldConfig
 from vpsci_ros.world.tables import tables_from
 from vpsci_ros.world.tick import Actions
@@ -43,7 +43,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self,
         scenarios: Iterable[int | str | Path] = range(1, 9),
         pedestrian: str = "policy",
-        weights: str | Path | Weights = "refined",
+        weights: str | Path | Policy = "people",
         render_mode: str | None = None,
         config: WorldConfig | None = None,
     ) -> None:

@@ -13,8 +13,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import AGENT_TYPES, make_agent
 from vpsci_ros.policy.config import LEARNED, PolicyConfig
-from vpsci_ros.policy.weights import Weights, load_weights
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.world import IDLE, World, WorldConfig, load_scenarios
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS
 from vpsci_ros.world.loop import Agent, Loop
@@ -58,7 +57,7 @@ class Simulation:
         *,
         vehicle: str = "external",
         pedestrian: str = "policy",
-        weights: str | Path | Weights = "refined",
+        weights: str | Path | Policy = "people",
         config: WorldConfig | None = None,
         always_critical: bool = False,
     ) -> None:
@@ -77,8 +76,7 @@ class Simulation:
             agents["pedestrian"] = make_agent("pedestrian", PolicyConfig(agent=pedestrian))
         elif pedestrian == "policy" and vehicle != "policy":
             agents["pedestrian"] = self._learned = PolicyAgent("pedestrian", 0, explore=False)
-            own = weights if isinstance(weights, Weights) else load_weights(weights_path(str(weights)))
-            self._learned.load(own, 1)
+            self._learned.load(load_policy(weights) if isinstance(weights, (str, Path)) else weights, 1)
         self._loop = Loop(self.world, agents=agents, always_critical=always_critical)
         self._begun = [0] * batch  # episodes, of each slot
         self._seeds = [0] * batch

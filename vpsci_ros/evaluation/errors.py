@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import Interactions, from_table
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
+from vpsci_ros.evaluation.predictors import Predictor, RepeatVelocity, predictor_of
 from vpsci_ros.evaluation.protocols import (
     Measured,
     ProtocolErrors,
@@ -23,7 +23,9 @@ from vpsci_ros.evaluation.realism.score import energy_score
 from vpsci_ros.evaluation.realism.score import errors as roll_out_errors
 from vpsci_ros.evaluation.realism.simulators import policy, rolled_out
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
+from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.weights import Weights
 
 CONTROLS = ("repeat_velocity", "constant_velocity", "constant_velocity_tracked")
@@ -33,7 +35,7 @@ TRACKED_STEPS = NetworkConfig().tracked_steps
 Share = tuple[float, list[float]]  # and its interval
 
 
-def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor], seed: int = 0) -> dict[str, Any]:
+def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor], seed: int = 0) -> dict[str, Any]:
     """Measure models and controls on near misses, in the layout of `vpsci evaluate --json`.
 
     {"interactions": N, "clips": C, "models": {NAME: {"reconstruction": ERRORS, "closed_loop": ERRORS}}}, where ERRORS
@@ -49,7 +51,7 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor
 
     Each model has `fixed_3s`, too, where tracks go on for 3 s after their onset: see there.
 
-    :param models: name -> weights of both agents, or any `Predictor`.
+    :param models: name -> a policy, or any `Predictor`.
     :raises InvalidInput: no interaction of a second or more, or a model has a control's name.
     """
     for name in CONTROLS:
@@ -57,7 +59,8 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor
             raise InvalidInput(f"models: {name} is the name of a control; call the model something else")
     interactions = eligible(from_table(near_misses))
     predictors: dict[str, Predictor] = {
-        name: PolicyPredictor(model) if isinstance(model, Weights) else model for name, model in models.items()
+        name: predictor_of(model, interactions.clip, seed) if isinstance(model, (Bank, Weights)) else model
+        for name, model in models.items()
     }
     result = compare({name: measure(model, interactions) for name, model in predictors.items()}, interactions, seed)
     controls = {name: RepeatVelocity(TRACKED_STEPS if name.endswith("tracked") else 0) for name in CONTROLS}
@@ -67,7 +70,7 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor
     return result | {"fixed_3s": of}
 
 
-def fixed_3s(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor], seed: int) -> dict[str, Any]:
+def fixed_3s(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor], seed: int) -> dict[str, Any]:
     """Return errors and energy score [m] over the 3 s after each onset, whatever comes of it; see `realism.score`.
 
     {"interactions": N, "clips": C, "models": {NAME: {"roll_outs": K, "ade": m, "fde": m, "energy_score": m,
@@ -79,7 +82,7 @@ def fixed_3s(near_misses: pl.DataFrame, models: Mapping[str, Weights | Predictor
     except InvalidInput:
         return {"interactions": 0, "clips": 0, "models": {}}
     positions = {
-        name: policy(model, seed)(onsets) if isinstance(model, Weights) else rolled_out(model, onsets)
+        name: policy(model, seed)(onsets) if isinstance(model, (Bank, Weights)) else rolled_out(model, onsets)
         for name, model in models.items()
     }
     scores = {name: energy_score(own, onsets.recorded) for name, own in positions.items()}

@@ -1,18 +1,21 @@
 """Models that predict the next step of a near miss, under one interface: the learned policies, and the controls."""
 
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.data.interactions import Interactions
-from vpsci_ros.policy.draws import draw_innovation, draw_latent, keys
-from vpsci_ros.policy.residuals import Borrower, moments_of
+from vpsci_ros.policy.bank import SLOWEST, Bank, moments_of, people_of
+from vpsci_ros.policy.choice import Lender
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.draws import keys
+from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.stepped import actor_at_work
-from vpsci_ros.policy.streaming import Draws
 from vpsci_ros.policy.weights import Weights
+from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import AGENTS
 
+_TREND = 4  # steps by which acceleration and yaw rate are known, as in the bank
 Actions = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 
@@ -73,52 +76,17 @@ class RepeatVelocity:
         """See `Predictor.executed`; a velocity has no further history."""
 
 
-class PredictionStart(NamedTuple):
-    """Where predictions of N interactions of one source begin.
-
-    :ivar observed: int64[N], steps that are observed before.
-    :ivar moments: float64[N, 7], see `residuals.moments_of`.
-    :ivar people: the source, whose own residuals are borrowed.
-    """
-
-    observed: NDArray[np.int64]
-    moments: NDArray[np.float64]
-    people: str
-
-    @classmethod
-    def of(cls, interactions: Interactions, people: str, observed: int) -> "PredictionStart":
-        """Return the start of closed loops at the first critical steps, after up to `observed` steps."""
-        moments = moments_of(interactions.observation["vehicle"], *interactions.trends())
-        moments = moments[np.arange(len(interactions)), interactions.first]
-        return cls(np.minimum(interactions.first, observed), moments, people)
-
-
 class PolicyPredictor:
-    """Both learned actors of a weights file, by the same streaming code that the nodes run.
+    """Both actors of a weights file, by the same streaming code that the nodes run."""
 
-    :param temperature: of stochastic policies, see `PolicyAgent`; 0, the default: their deterministic middle.
-    :param seed: of what they draw; row i draws as episode i of scenario 0.
-    :param start: where policies with residuals of recorded people borrow them; None: nowhere.
-    """
-
-    def __init__(
-        self, weights: Weights, temperature: float = 0.0, seed: int = 0, start: "PredictionStart | None" = None
-    ) -> None:
-        self._weights, self._start = weights, start
-        self._latent_size = weights.network.latent if temperature > 0.0 else 0
-        self._temperature, self._seed = np.float32(temperature), seed
+    def __init__(self, weights: Weights) -> None:
+        self._weights = weights
         self.tracked_steps = weights.network.tracked_steps
 
     def begin(self, count: int) -> None:
         """See `Predictor.begin`."""
         self._actors = [actor_at_work(self._weights.actor(agent), count) for agent in AGENTS]
         self._begun = np.zeros(count, bool)
-        self._steps = 0
-        self._taken = np.zeros(count, np.int64)
-        rows = np.arange(count)
-        self._key = keys(count, self._seed, 0, rows)
-        self._borrowers = self._borrow(count)
-        self._latents = [draw_latent(self._seed, 0, rows, agent, self._latent_size) for agent in range(len(AGENTS))]
 
     def act(
         self,
@@ -130,45 +98,69 @@ class PolicyPredictor:
         """See `Predictor.act`."""
         reset = active & ~self._begun
         self._begun |= active
-        first, second = (self._draws(agent) for agent in range(len(AGENTS)))
-        added, more = self._residuals(vehicle, active)
-        self._steps += 1
         return (
-            self._actors[0].step(vehicle, curvttc, reset, active, first, added),
-            self._actors[1].step(pedestrian, curvttc, reset, active, second, more),
+            self._actors[0].step(vehicle, curvttc, reset, active),
+            self._actors[1].step(pedestrian, curvttc, reset, active),
         )
-
-    def _borrow(self, count: int) -> list[Borrower]:
-        residuals = self._weights.residuals()
-        if residuals is None or self._start is None or self._temperature == 0.0:
-            return []
-        people = self._weights.people(self._start.people)
-        return [Borrower(residuals, agent, count, people) for agent in range(len(AGENTS))]
-
-    def _residuals(
-        self, vehicle: NDArray[np.float32], active: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
-        """Return what recorded people add from the first predicted step on."""
-        if not self._borrowers:
-            return None, None
-        assert self._start is not None
-        predicted = active & (self._taken >= self._start.observed)
-        moment = np.where((self._taken == self._start.observed)[:, None], self._start.moments, 0.0)
-        moment[:, 0] = np.where(self._taken == self._start.observed, moment[:, 0], vehicle[:, 0])
-        begun = predicted & (self._taken == self._start.observed)
-        self._taken += active
-        first, second = (b.step(moment, self._key, begun, predicted) * self._temperature for b in self._borrowers)
-        return first, second
-
-    def _draws(self, agent: int) -> Draws | None:
-        if self._latent_size == 0:
-            return None
-        key = self._key.copy()
-        key[:, 4] = self._steps
-        innovation = draw_innovation(key, agent, np.ones(len(key), bool))
-        return Draws(self._latents[agent], innovation, self._temperature)
 
     def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
         """See `Predictor.executed`."""
         for actor, action in zip(self._actors, actions, strict=True):
             actor.executed(action, active)
+
+
+class PeoplePredictor:
+    """Recorded people of a bank, by the same code that the nodes run; both keep their velocity until it is critical.
+
+    :param clip: object[N], "source/clip" of each interaction: its people's reactions act, or the bank's first ones.
+    :param seed: of the draws; row i draws as episode i of scenario 0.
+    """
+
+    tracked_steps = NetworkConfig().tracked_steps
+
+    def __init__(self, bank: Bank, clip: NDArray[np.object_], seed: int = 0) -> None:
+        names = np.array([people_of(name) for name in clip])
+        self._people = np.where(np.isin(names, list(bank.reactions)), names, next(iter(bank.reactions)))
+        self._bank, self._seed = bank, seed
+
+    def begin(self, count: int) -> None:
+        """See `Predictor.begin`."""
+        self._lenders = {
+            name: [Lender(self._bank.of(name), agent, count, keeps_lane=False) for agent in range(len(AGENTS))]
+            for name in np.unique(self._people)
+        }
+        self._key, self._steps = keys(count, self._seed, 0, np.arange(count)), 0
+        self._begun = np.zeros(count, bool)
+        self._done = np.zeros((_TREND, count, 2))  # what the vehicle did in the last steps
+        self._known = np.zeros(count, np.int64)  # of these
+
+    def act(
+        self,
+        vehicle: NDArray[np.float32],
+        pedestrian: NDArray[np.float32],
+        curvttc: NDArray[np.float64],
+        active: NDArray[np.bool_],
+    ) -> Actions:
+        """See `Predictor.act`."""
+        reset = active & ~self._begun & (curvttc < CRITICAL_TTC)
+        self._begun |= reset
+        trend = self._done.sum(axis=0) / np.maximum(self._known, 1)[:, None]
+        moments = moments_of(vehicle, trend[:, 0], trend[:, 1] / np.maximum(vehicle[:, 0], SLOWEST))
+        self._key[:, 4] = self._steps
+        self._steps += 1
+        out = np.zeros((2, len(active), 2))
+        for name, lenders in self._lenders.items():
+            rows = active & self._begun & (self._people == name)
+            for agent, lender in enumerate(lenders):
+                out[agent] += lender.step(moments, self._key, reset, rows)
+        return out[0].astype(np.float32), out[1].astype(np.float32)
+
+    def executed(self, actions: Actions, active: NDArray[np.bool_]) -> None:
+        """See `Predictor.executed`."""
+        self._done[:, active] = np.concatenate([self._done[1:, active], actions[0][None, active]])
+        self._known[active] = np.minimum(self._known[active] + 1, _TREND)
+
+
+def predictor_of(policy: Policy, clip: NDArray[np.object_], seed: int = 0) -> Predictor:
+    """Return what predicts by a policy; `clip` and `seed` as `PeoplePredictor` takes them."""
+    return PeoplePredictor(policy, clip, seed) if isinstance(policy, Bank) else PolicyPredictor(policy)

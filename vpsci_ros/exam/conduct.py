@@ -40,7 +40,7 @@ from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.compiling import compile_kernels
-from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.ray_workers import RayWorkers
@@ -187,7 +187,7 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
     if config.pedestrian_driver == "policy":
         agents["pedestrian"] = agent = make_agent("pedestrian", exam.policy(pedestrian))
         if isinstance(agent, PolicyAgent):
-            agent.load(load_weights(exam.weights), version=1)
+            agent.load(load_policy(exam.weights), version=1)
     world = World(config, exam.scenarios, episodes, min(batch, len(episodes)), exam.run.seed, recorded)
     monitor = exam.sections.get(MonitorConfig, "safety_monitor")
     changes = exam.sections.get(InterventionConfig, "world_simulator")

@@ -86,7 +86,7 @@ def prepare(
     given |= {"socket": port} if port is not None else {}
     chosen = sections.changed("ads_test", given).changed("world_simulator", {"batch": 1})
     if "weights" not in chosen.values.get("pedestrian_policy", {}):
-        chosen = chosen.changed("pedestrian_policy", {"weights": "refined"})
+        chosen = chosen.changed("pedestrian_policy", {"weights": "people"})
     config = chosen.get(ExamConfig, "ads_test")
     run, world = chosen.get(RunConfig, "world_simulator"), chosen.get(WorldConfig, "world_simulator")
     exam = Exam(chosen, config, run, world)

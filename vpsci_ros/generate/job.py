@@ -11,7 +11,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.config import LEARNED, PolicyConfig
-from vpsci_ros.policy.weights import weights_from_bytes
+from vpsci_ros.policy.policy_file import policy_from_bytes
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.provenance import cpu_name
@@ -145,6 +145,6 @@ def _policy(config: PolicyConfig, where: str) -> Policy:
         raise InvalidInput(f"{where}: weights is empty; name a safetensors file, or weights shipped with the package")
     path = weights_path(config.weights)
     data = path.read_bytes()
-    weights_from_bytes(data, str(path))
+    policy_from_bytes(data, str(path))
     named = replace(config, weights=path.stem)  # where a file lies is nobody's business
     return Policy(data, path.stem, named)

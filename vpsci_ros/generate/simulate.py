@@ -14,7 +14,7 @@ from vpsci_ros.data.filters import apply_filters
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.policy.agent import PolicyAgent, learned_agent
-from vpsci_ros.policy.weights import weights_from_bytes
+from vpsci_ros.policy.policy_file import policy_from_bytes
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.world import World
 from vpsci_ros.world.loop import Loop
@@ -34,7 +34,7 @@ class Simulator:
         self._agents: dict[str, PolicyAgent] = {}
         for agent, policy in job.policies.items():
             self._agents[agent] = learned_agent(agent, policy.config)
-            self._agents[agent].load(weights_from_bytes(policy.data, policy.name), version=1)
+            self._agents[agent].load(policy_from_bytes(policy.data, policy.name), version=1)
 
     def loop(self, episodes: Iterable[tuple[int, int]], scenario: int = 0) -> Loop:
         """Return the loop over every tick of these episodes, (scenario, number) each, or of one given scenario."""

@@ -17,8 +17,8 @@ from vpsci_ros.nodes.topics import LATCHED
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.config import PolicyConfig
-from vpsci_ros.policy.weights import Weights, load_weights, weights_from_bytes
-from vpsci_ros.resources import weights_path
+from vpsci_ros.policy.policy_file import Policy, load_policy
+from vpsci_ros.policy.weights import Weights, weights_from_bytes
 from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action
 from vpsci_ros.wire.header import WireHeader
 from vpsci_ros.wire.world_state import SerializedState
@@ -50,7 +50,7 @@ class AgentPolicy(GraphNode):
         self._meter = Meter()
         if isinstance(self._agent, PolicyAgent):
             if config.weights:
-                self._take_up(self._agent, load_weights(weights_path(config.weights)), version=1)
+                self._take_up(self._agent, load_policy(config.weights), version=1)
             else:
                 self.input("/policy/weights", self._weights, partial(self._on_weights, self._agent), LATCHED)
                 self.get_logger().info(f"waiting for weights on {self.full_name('/policy/weights')}")
@@ -69,13 +69,12 @@ class AgentPolicy(GraphNode):
         return self._meter.figures() | {"policy_version": self._version}
 
     def parameters_changed(self) -> None:
-        """Apply the exploration and the temperature that were set on the running node."""
+        """Apply the exploration that was set on the running node."""
         config = self.config(PolicyConfig)
         if isinstance(self._agent, PolicyAgent):
-            self._agent.set_temperature(config.temperature)
             self._agent.set_exploration(config.explore, config.noise)
 
-    def _take_up(self, agent: PolicyAgent, weights: Weights, version: int) -> None:
+    def _take_up(self, agent: PolicyAgent, weights: Policy, version: int) -> None:
         """Act with `weights` from now on."""
         agent.load(weights, version)
         self._version = version

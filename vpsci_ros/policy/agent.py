@@ -1,16 +1,19 @@
-"""One agent at work: what a policy does between a world state and an action, in process and in its node alike."""
+"""One agent at work: what a policy does between a world state and an action, in process and in its node alike.
+
+A policy is a bank of recorded people (`vpsci_ros.policy.bank`), or the networks of a weights file.
+"""
 
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
-from vpsci_ros.policy.draws import Keys, draw_innovation, draw_latent, keys_of
 from vpsci_ros.policy.exploration import exploration_noise
-from vpsci_ros.policy.residuals import Borrower, Residuals, moments_in, same
-from vpsci_ros.policy.stepped import SteppedActor, actor_at_work
-from vpsci_ros.policy.streaming import Draws, StreamingActor
+from vpsci_ros.policy.people import PeopleAtWork
+from vpsci_ros.policy.policy_file import Policy
+from vpsci_ros.policy.stepped import actor_at_work
 from vpsci_ros.policy.weights import ActorWeights, Weights
 from vpsci_ros.world import EPISODE, RUNNING, World, observation
 from vpsci_ros.world.observation import AGENTS
@@ -19,60 +22,49 @@ from vpsci_ros.world.tick import Assessment, Tick
 
 
 class PolicyAgent:
-    """The actor of one agent over a batch of parallel episodes, each with its own history since the hand-over.
+    """The policy of one agent over a batch of parallel episodes.
 
-    Of several pedestrians in an episode each has its own draws and history. Their vehicle has a history with each of
-    them, and acts in all rows as it does where CurvTTC is least, see `vpsci_ros.world.sharing.leading_rows`.
+    Of several pedestrians in an episode each acts on its own. Their vehicle has a history with each of them, and acts
+    in all rows as it does where CurvTTC is least, see `vpsci_ros.world.sharing.leading_rows`.
 
     Call `load` before `act`.
 
     :param agent: "vehicle" or "pedestrian".
-    :param seed: of the exploration noise and of what a stochastic policy draws.
-    :param explore: add the noise of equation (16), a function of (seed, scenario, episode, step) only.
+    :param seed: of the exploration noise and of which recorded people act.
+    :param explore: networks: add the noise of equation (16), a function of (seed, scenario, episode, step) only.
     :param noise: how much; None: the defaults.
-    :param temperature: factor on what a stochastic policy draws (`vpsci_ros.policy.draws`); 1: as learned, 0: the
-        deterministic middle. A policy without latent numbers or residuals draws nothing.
-    :param people: the source whose residuals act; empty: the first one's.
+    :param people: of a bank, whose reactions act; empty: the first one's.
     """
 
     def __init__(
-        self,
-        agent: str,
-        seed: int,
-        explore: bool,
-        noise: NoiseConfig | None = None,
-        temperature: float = 1.0,
-        people: str = "",
+        self, agent: str, seed: int, explore: bool, noise: NoiseConfig | None = None, people: str = ""
     ) -> None:
         self._index = AGENTS.index(agent)
         self._seed: int | NDArray[np.int64] = seed
-        self._explore = explore
-        self._noise = noise or NoiseConfig()
-        self._temperature, self._people = temperature, people
-        self._residuals: Residuals | None = None
-        self._source = 0
-        self._borrower: Borrower | None = None
-        self._weights: ActorWeights | None = None
-        self._actor: StreamingActor | SteppedActor | None = None
-        self._step = np.zeros(0, np.int64)
-        self._latent = np.zeros((0, 0), np.float32)
+        self._explore, self._noise = explore, noise or NoiseConfig()
+        self._people = people
+        self._policy: Policy | None = None
+        self._work: PeopleAtWork | NetworkAtWork | None = None
+        self._rows = 0
         self.version = 0
 
-    def load(self, weights: Weights, version: int) -> None:
-        """Act with `weights` from the next step on; histories are kept.
+    def load(self, policy: Policy, version: int) -> None:
+        """Act by `policy` from the next step on; histories of networks of the same shape are kept.
 
         The first call takes seconds where the kernels are not compiled yet, so that no step has to.
+
+        :raises InvalidInput: a bank that does not know the people.
         """
-        first = self._weights is None
-        self._weights, residuals = weights.actor(AGENTS[self._index]), weights.residuals()
-        if not same(residuals, self._residuals):
-            self._residuals, self._borrower = residuals, None  # others' from the next step on
-        self._source = weights.people(self._people)
-        self.version = version
+        if isinstance(policy, Bank):
+            policy.of(self._people)
+        first, same = self._policy is None, isinstance(policy, Weights) and isinstance(self._work, NetworkAtWork)
+        self._policy, self.version = policy, version
         if first:
-            self._warm_up(weights)
-        if self._actor is not None:
-            self._actor.load(self._weights)
+            self._warm_up(policy)
+        if same:
+            self._work.load(policy.actor(AGENTS[self._index]))  # type: ignore[union-attr]
+        else:
+            self._work = None
 
     def set_exploration(self, explore: bool, noise: NoiseConfig) -> None:
         """Explore, or no longer, by this noise from the next step on."""
@@ -82,90 +74,94 @@ class PolicyAgent:
         """Draw by a seed of its own in each slot, int64[B], from the next step on."""
         self._seed = seeds
 
-    def set_temperature(self, temperature: float) -> None:
-        """Draw by this temperature from the next step on."""
-        self._temperature = temperature
-
     def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.float32]:
         """Return accelerations [m/s2], float32[B, 2] as (longitudinal, lateral); 0 where the policy does not act."""
-        assert self._weights is not None, "act() before load()"
+        assert self._policy is not None, "act() before load()"
         state, active = tick.state, assessment.acting
-        if self._actor is None or len(self._step) != len(state):
-            self._actor = actor_at_work(self._weights, len(state))
-            self._step = np.zeros(len(state), np.int64)
-            self._latent = np.zeros((len(state), self._weights.network.latent), np.float32)
-            self._borrower = None
-        if self._residuals is not None and self._borrower is None:
-            self._borrower = Borrower(self._residuals, self._index, len(state), self._source)
+        if self._work is None or self._rows != len(state):
+            self._work, self._rows = self._at_work(self._policy, len(state)), len(state)
         if not np.count_nonzero(active):
             return np.zeros((len(state), 2), np.float32)
-        reset = active & (state["controlled"] == 0)
-        self._step += active
-        self._step[reset] = 0
-        key = keys_of(state, self._seed)
-        draws = self._draws(key, reset, active)
-        seen = observation.observe(state, active)
-        residual = None
-        if self._borrower is not None:
-            moment = moments_in(state, seen[0])  # by which both find the same person
-            residual = self._borrower.step(moment, key, reset, active) * np.float32(self._temperature)
-        action = self._actor.step(seen[self._index], assessment.curvttc, reset, active, draws, residual)
-        if self._explore:
-            which = state["scenario"], state["episode"], self._step
-            limit = self._weights.network.action_limit
-            noise = exploration_noise(self._seed, *which, self._index, self._noise, limit)
-            action = np.where(active[:, None], np.clip(action + noise, -limit, limit), 0).astype(np.float32)
-            self._actor.executed(action, active)
+        explore = self._noise if self._explore else None
+        if isinstance(self._work, PeopleAtWork):
+            action = self._work.act(tick, assessment, self._seed)
+        else:
+            action = self._work.act(tick, assessment, self._seed, explore)
         if self._index == 0 and np.count_nonzero(state["pedestrian"]):
             leaders = leading_rows(state, active, assessment.curvttc)
             action = np.where(active[:, None], action[leaders], np.float32(0))
-            self._actor.executed(action, active)
-        if self._index == 0 and self._borrower is not None:
-            action[:, 1] = 0.0  # the road turns another way than the one on which it was learned: the lane is kept
-            self._actor.executed(action, active)
+            if isinstance(self._work, NetworkAtWork):
+                self._work.executed(action, active)
         return action
 
-    def drawn(self, slot: int) -> tuple[NDArray[np.float32], int]:
-        """Return who acts in a slot: its latent numbers, float32[latent], and the recorded sequence; -1: none.
+    def lent(self, slot: int) -> int:
+        """Return the number of the recorded moment whose reaction acts in a slot; -1: none, or a network acts."""
+        return self._work.lent(slot) if isinstance(self._work, PeopleAtWork) else -1
 
-        Both are drawn at the hand-over, see `vpsci_ros.policy.draws` and `vpsci_ros.policy.residuals.Borrower`.
-        """
-        latent = self._latent[slot].copy() if len(self._latent) else np.zeros(0, np.float32)
-        return latent, -1 if self._borrower is None else self._borrower.sequence(slot)
+    def _at_work(self, policy: Policy, rows: int) -> "PeopleAtWork | NetworkAtWork":
+        if isinstance(policy, Bank):
+            return PeopleAtWork(policy.of(self._people), self._index, rows)
+        return NetworkAtWork(policy.actor(AGENTS[self._index]), self._index, rows)
 
-    def _warm_up(self, weights: Weights) -> None:
-        """Have another one act and explore, in episodes of nobody's: in one, whose columns lie close, and in two."""
-        trial = PolicyAgent(AGENTS[self._index], 0, explore=True)
-        trial._weights, trial._residuals = weights.actor(AGENTS[self._index]), weights.residuals()
+    def _warm_up(self, policy: Policy) -> None:
+        """Run a copy of the policy with exploration in slots without an episode: one, and two that share a vehicle."""
+        trial = PolicyAgent(AGENTS[self._index], 0, explore=True, people=self._people)
+        trial._policy = policy
         for rows in (1, 2):
             state, near, every = np.zeros(rows, EPISODE), np.ones(rows), np.ones(rows, np.bool_)
             state["status"], state["pedestrian"] = RUNNING, np.arange(rows)
             tick = Tick(0, state, every)
             trial.act(tick, tick.assessed(near, near, every))
 
-    def _draws(self, key: Keys, reset: NDArray[np.bool_], active: NDArray[np.bool_]) -> Draws | None:
-        """Return what the active episodes draw for this step, or None where nothing is drawn."""
-        size = self._latent.shape[1]
-        if size == 0:
-            return None
-        if self._index == 0:
-            key = key.copy()
-            key[:, 3] = 0  # the driver is the same to all
-        if np.count_nonzero(reset):
-            seed, scenario, episode, person, _ = key[reset].T
-            self._latent[reset] = draw_latent(seed, scenario, episode, self._index, size, person)
-        return Draws(self._latent, draw_innovation(key, self._index, active), np.float32(self._temperature))
+
+class NetworkAtWork:
+    """The actor of one agent over B slots, each with its own history since the hand-over.
+
+    :param agent: index in `AGENTS`.
+    """
+
+    def __init__(self, weights: ActorWeights, agent: int, capacity: int) -> None:
+        self._agent, self._limit = agent, weights.network.action_limit
+        self._actor = actor_at_work(weights, capacity)
+        self._step = np.zeros(capacity, np.int64)
+
+    def load(self, weights: ActorWeights) -> None:
+        """Act by other weights of the same shape from the next step on."""
+        self._actor.load(weights)
+
+    def act(
+        self, tick: Tick, assessment: Assessment, seed: ArrayLike, explore: NoiseConfig | None
+    ) -> NDArray[np.float32]:
+        """Return accelerations [m/s2], float32[B, 2], see `PolicyAgent.act`.
+
+        :param explore: the noise of (16); None: none.
+        """
+        state, active = tick.state, assessment.acting
+        reset = active & (state["controlled"] == 0)
+        self._step += active
+        self._step[reset] = 0
+        seen = observation.observe(state, active)[self._agent]
+        action = self._actor.step(seen, assessment.curvttc, reset, active)
+        if explore is not None:
+            which = state["scenario"], state["episode"], self._step
+            noise = exploration_noise(seed, *which, self._agent, explore, self._limit)
+            action = np.clip(action + noise, -self._limit, self._limit)
+            action = np.where(active[:, None], action, 0).astype(np.float32)
+            self._actor.executed(action, active)
+        return action
+
+    def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:
+        """Take the actions that were executed where `active` into the histories."""
+        self._actor.executed(action, active)
 
 
 def learned_agent(agent: str, config: PolicyConfig) -> PolicyAgent:
     """Return the policy of "vehicle" or "pedestrian" by the parameters of its node, without weights yet."""
-    return PolicyAgent(agent, config.seed, config.explore, config.noise, config.temperature, config.people)
+    return PolicyAgent(agent, config.seed, config.explore, config.noise, config.people)
 
 
-def policies(
-    weights: Weights, world: World, configs: Mapping[str, PolicyConfig] | None = None
-) -> dict[str, PolicyAgent]:
-    """Return the learned policies of those agents that the world's configuration hands to one.
+def policies(policy: Policy, world: World, configs: Mapping[str, PolicyConfig] | None = None) -> dict[str, PolicyAgent]:
+    """Return the policies of those agents that the world's configuration hands to one.
 
     :param configs: agent -> how it explores and draws; without one it does not explore, and draws by the world's seed.
     """
@@ -174,5 +170,5 @@ def policies(
         if getattr(world.config, f"{agent}_driver") == "policy":
             config = (configs or {}).get(agent, PolicyConfig(seed=world.seed))
             agents[agent] = learned_agent(agent, config)
-            agents[agent].load(weights, version=1)
+            agents[agent].load(policy, version=1)
     return agents

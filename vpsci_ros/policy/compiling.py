@@ -35,8 +35,7 @@ def _act() -> None:
     import numpy as np
 
     from vpsci_ros.policy.agent import policies
-    from vpsci_ros.policy.weights import load_weights
-    from vpsci_ros.resources import weights_path
+    from vpsci_ros.policy.policy_file import load_policy
     from vpsci_ros.world import World, WorldConfig, load_scenarios
     from vpsci_ros.world.state import EPISODE, RUNNING
     from vpsci_ros.world.tick import Tick
@@ -46,7 +45,7 @@ def _act() -> None:
     yes = np.ones(1, np.bool_)
     tick = Tick(number=0, state=state, policy_frame=yes, by_policies=True)
     world = World(WorldConfig(), load_scenarios([1]), [], 1, 0, first_tick=1)
-    for agent in policies(load_weights(weights_path("refined")), world).values():
+    for agent in policies(load_policy("people"), world).values():
         agent.act(tick, tick.assessed(np.ones(1), np.ones(1), yes))
 
 

@@ -92,22 +92,15 @@ class PolicyConfig:
     agent: str = parameter(
         LEARNED, "who acts: learned, by the weights; or an agent that another distribution adds (docs/extending.md)"
     )
-    weights: str = parameter("", "safetensors file; empty: wait for /policy/weights")
+    weights: str = parameter(
+        "", "bank of people or weights: a safetensors file, or people, ma_sst_ddpg; empty: wait for /policy/weights"
+    )
     explore: bool = parameter(False, "add the exploration noise of equation (16)", read_only=False)
     seed: int = parameter(
         1, "seed of the exploration noise and of what a stochastic policy draws", low=0, high=2**63 - 1
     )
-    temperature: float = parameter(
-        1.0,
-        "of a stochastic policy: factor on its latent numbers and its noise, or on the residuals of recorded people; "
-        "1: as learned, 0: the deterministic middle; a deterministic policy draws nothing",
-        low=0.0,
-        high=10.0,
-        read_only=False,
-    )
     people: str = parameter(
         "",
-        "whose residuals act, where weights hold those of several recordings: a source of the near misses up to a "
-        "hyphen, such as cqut; empty: the first one",
+        "of a bank: whose reactions act, a source of its near misses up to a hyphen, such as cqut; empty: the first",
     )
     noise: NoiseConfig = NoiseConfig()

@@ -8,9 +8,6 @@ from a weights file starts them equal to the networks, as Algorithm 1 does. Its 
 """
 
 import dataclasses
-import hashlib
-import json
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,21 +15,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError
-from safetensors.numpy import load, save
 
-from vpsci_ros.documents import parse_json, reason, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import build, values_of
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.residuals import Residuals, residuals_of
 from vpsci_ros.policy.shapes import weight_shapes
+from vpsci_ros.policy.tensor_file import Tensors, digest_of, read_bytes, read_tensors, tensors_to_bytes
 from vpsci_ros.runs.files import written_whole
-from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.world.observation import AGENTS
 
-FORMAT, CHECKSUM = "vpsci-ma-sst-ddpg 1", "tensors_sha256"
-Tensors = dict[str, NDArray[np.float32]]
+FORMAT = "vpsci-ma-sst-ddpg 1"
 
 
 @dataclass(frozen=True)
@@ -88,10 +81,7 @@ class Weights:
 
     def digest(self) -> str:
         """Return the SHA-256 of names and values of all tensors, as hexadecimal digits; facts do not enter."""
-        digest = hashlib.sha256()
-        for name in sorted(self.tensors):
-            digest.update(name.encode() + self.tensors[name].tobytes())
-        return digest.hexdigest()
+        return digest_of(self.tensors)
 
 
 def weights_to_bytes(weights: Weights) -> bytes:
@@ -100,26 +90,8 @@ def weights_to_bytes(weights: Weights) -> bytes:
     :raises InvalidInput: a tensor is missing, unknown, of the wrong shape or type, or not finite.
     """
     _check(weights.tensors, weights.network, "weights")
-    facts = {"software": software_versions()} | weights.facts
     configuration = weights.configuration | {"NetworkConfig": dataclasses.asdict(weights.network)}
-    metadata = {
-        "format": FORMAT,
-        "configuration": json.dumps(configuration, sort_keys=True),
-        CHECKSUM: weights.digest(),
-    }
-    metadata |= {name: json.dumps(value, sort_keys=True) for name, value in facts.items()}
-    tensors = {name: np.ascontiguousarray(weights.tensors[name]) for name in sorted(weights.tensors)}
-    return _in_order(save(tensors, metadata))
-
-
-def _in_order(data: bytes) -> bytes:
-    """Return a safetensors file with its metadata in alphabetical order; the library writes it in a random one."""
-    length = int.from_bytes(data[:8], "little")
-    header = json.loads(data[8 : 8 + length])
-    header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
-    text = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
-    text += b" " * (-len(text) % 8)  # tensors are aligned to eight bytes
-    return len(text).to_bytes(8, "little") + text + data[8 + length :]
+    return tensors_to_bytes(weights.tensors, FORMAT, {**weights.facts, "configuration": configuration})
 
 
 def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
@@ -127,27 +99,13 @@ def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
 
     :raises InvalidInput: not a safetensors file of this format, or its tensors do not fit its own configuration.
     """
-    metadata = _metadata(data, where)
-    if metadata.get("format") != FORMAT:
-        raise InvalidInput(
-            f"{where}: expected format {FORMAT!r} in the metadata, got {metadata.get('format')!r}; "
-            "give a file that `vpsci pretrain` or `vpsci refine` wrote"
-        )
-    try:
-        tensors = load(data)
-        texts = {name: parse_json(text, where) for name, text in metadata.items() if name not in ("format", CHECKSUM)}
-        configuration = texts.pop("configuration")
-        values = configuration["NetworkConfig"]
-    except (SafetensorError, ValueError, KeyError, TypeError) as error:
-        raise InvalidInput(f"{where}: damaged weights file: {reason(error)}; copy or train it again") from None
-    network = build(NetworkConfig, values, f"{where}, configuration")
+    tensors, facts = read_tensors(data, FORMAT, where, "give a file that `vpsci pretrain` or `vpsci refine` wrote")
+    configuration = facts.pop("configuration", None)
+    if not isinstance(configuration, dict) or not isinstance(configuration.get("NetworkConfig"), dict):
+        raise InvalidInput(f"{where}: damaged weights file: no configuration in the metadata; copy or train it again")
+    network = build(NetworkConfig, configuration["NetworkConfig"], f"{where}, configuration")
     _check(tensors, network, where)
-    weights = Weights(network, tensors, configuration, texts)
-    if metadata.get(CHECKSUM) != weights.digest():
-        raise InvalidInput(
-            f"{where}: damaged weights file: its tensors are not those it was written with; copy it again"
-        )
-    return weights
+    return Weights(network, tensors, configuration, facts)
 
 
 def save_weights(path: str | Path, weights: Weights) -> None:
@@ -165,36 +123,12 @@ def load_weights(path: str | Path) -> Weights:
 
     :raises InvalidInput: no such file, or as `weights_from_bytes`.
     """
-    path = Path(path)
-    require_regular(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InvalidInput(
-            f"{path}: cannot read weights ({error.strerror}); train them with `vpsci pretrain` or take the shipped ones"
-        ) from error
-    return weights_from_bytes(data, str(path))
+    return weights_from_bytes(read_bytes(path, "weights: train them with `vpsci pretrain`"), str(path))
 
 
 def resolved(*configs: Any) -> dict[str, dict[str, Any]]:
     """Return configuration objects as plain values for `Weights.configuration`."""
     return {type(c).__name__: values_of(c) for c in configs}
-
-
-def _metadata(data: bytes, where: str) -> dict[str, str]:
-    """Return the metadata in the header of a safetensors file: 8 bytes of length, then JSON."""
-    try:
-        (length,) = struct.unpack_from("<Q", data)
-        if length > len(data) - 8:
-            raise ValueError(f"header of {length} bytes in a file of {len(data)}")
-        metadata = parse_json(data[8 : 8 + length], where).get("__metadata__", {})
-        if not isinstance(metadata, dict):
-            raise ValueError("metadata are not a mapping")
-    except (struct.error, ValueError, AttributeError) as error:
-        raise InvalidInput(
-            f"{where}: expected a safetensors file, got {len(data)} bytes of something else ({error})"
-        ) from None
-    return metadata
 
 
 def _check(tensors: Mapping[str, NDArray[Any]], network: NetworkConfig, where: str) -> None:

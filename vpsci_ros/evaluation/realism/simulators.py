@@ -6,13 +6,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vpsci_ros.evaluation.predictors import PolicyPredictor, PredictionStart, Predictor, RepeatVelocity
-from vpsci_ros.evaluation.protocols import OBSERVED, closed_loop_trajectories
+from vpsci_ros.evaluation.predictors import PeoplePredictor, PolicyPredictor, Predictor, RepeatVelocity
+from vpsci_ros.evaluation.protocols import closed_loop_trajectories
 from vpsci_ros.evaluation.realism.onsets import STEPS, Onsets
 from vpsci_ros.kinematics.scene import SHARPEST_TURN, scene_at
+from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.residuals import people_of
-from vpsci_ros.policy.weights import Weights
+from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.safety import PEDESTRIAN_RADIUS
 from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.autopilot import too_near
@@ -41,24 +41,14 @@ def tracked(onsets: Onsets) -> Floats:
     return rolled_out(RepeatVelocity(TRACKED_STEPS), onsets)
 
 
-def policy(weights: Weights, seed: int, temperature: float = 1.0, roll_outs: int = ROLL_OUTS) -> Simulator:
-    """Return the policies of a weights file as a simulator; K = 1 where they are deterministic."""
+def policy(own: Policy, seed: int, roll_outs: int = ROLL_OUTS) -> Simulator:
+    """Return a policy as a simulator; K = 1 for networks, in which there is no chance."""
 
     def simulate(onsets: Onsets) -> Floats:
-        if (weights.network.latent == 0 and not weights.network.residuals) or temperature == 0.0:
-            return rolled_out(PolicyPredictor(weights), onsets)
-        out = np.zeros((len(onsets), roll_outs, 2, STEPS, 2))
-        people = np.array([people_of(clip) for clip in onsets.clip])
-        known = weights.facts.get("data", {}).get("people", [])
-        for name in np.unique(people):
-            rows = np.flatnonzero(people == name)
-            again = onsets.take(np.repeat(rows, roll_outs))
-            start = None
-            if weights.network.residuals:
-                start = PredictionStart.of(again.interactions, name if name in known else "", OBSERVED)
-            model = PolicyPredictor(weights, temperature=temperature, seed=seed, start=start)
-            out[rows] = rolled_out(model, again).reshape(len(rows), roll_outs, 2, STEPS, 2)
-        return out
+        if not isinstance(own, Bank):
+            return rolled_out(PolicyPredictor(own), onsets)
+        again = onsets.take(np.repeat(np.arange(len(onsets)), roll_outs))
+        return rolled_out(PeoplePredictor(own, again.clip, seed), again).reshape(len(onsets), roll_outs, 2, STEPS, 2)
 
     return simulate
 

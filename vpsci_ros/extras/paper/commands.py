@@ -259,12 +259,9 @@ def make(
     ] = Path(TO_MEASURE_ON),
     weights: Annotated[
         str, typer.Option(metavar="FILE", help="Policies to be rated; or shipped ones' name.")
-    ] = "refined",
+    ] = "people",
     scenes: Annotated[int, typer.Option(min=2, max=200, metavar="N", help="Each makes three clips of 4 s.")] = 8,
     seed: Annotated[int, typer.Option(min=0, help="Of the draw.")] = 1,
-    temperature: Annotated[
-        float, typer.Option(min=0.0, max=10.0, help="Of stochastic policies; 0: their deterministic middle.")
-    ] = 1.0,
 ) -> None:
     """Write questionnaire.html for the raters, and key.json, which they must not see.
 
@@ -274,7 +271,7 @@ def make(
     """
     from vpsci_ros.extras.paper.turing.kit import make_kit
 
-    key = make_kit(near_misses, weights, output, scenes=scenes, seed=seed, temperature=temperature)
+    key = make_kit(near_misses, weights, output, scenes=scenes, seed=seed)
     known = sum(not scene["held_out"] for scene in key["scenes"])
     if known:
         print(f"note: {known} of the {scenes} scenes are of recordings that the weights have learned from")

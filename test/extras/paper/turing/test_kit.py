@@ -30,7 +30,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def kit(table: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("kit") / "kit"
-    make_kit(table, "refined", folder, scenes=4, seed=2, temperature=0.0)
+    make_kit(table, "people", folder, scenes=4, seed=2)
     return folder
 
 
@@ -59,17 +59,17 @@ def test_every_scene_is_shown_once_by_every_source(kit: Path) -> None:
 def test_the_same_kit_again_is_made_whole_and_another_one_refused(kit: Path, table: Path) -> None:
     page = (kit / PAGE).read_bytes()
     (kit / PAGE).write_bytes(b"")
-    make_kit(table, "refined", kit, scenes=4, seed=2, temperature=0.0)
+    make_kit(table, "people", kit, scenes=4, seed=2)
     assert (kit / PAGE).read_bytes() == page
     with pytest.raises(InvalidInput, match="choose another output folder"):
-        make_kit(table, "refined", kit, scenes=4, seed=3, temperature=0.0)
+        make_kit(table, "people", kit, scenes=4, seed=3)
 
 
 def test_the_page_says_nothing_of_sources(kit: Path) -> None:
     page = (kit / PAGE).read_text(encoding="utf-8")
     assert not [
         word
-        for word in (*SOURCES, "refined", "synthetic", "control")
+        for word in (*SOURCES, "people", "synthetic", "control")
         if word in page.split("id=kit>")[1].split("</script>")[0]
     ]
     order = [key(kit)["clips"][name]["source"] for name in shown(kit)]
@@ -87,8 +87,8 @@ def test_clips_have_one_length_and_those_of_a_scene_one_beginning(kit: Path) -> 
 
 
 def test_the_same_seed_draws_the_same_kit_and_another_one_another(table: Path, kit: Path, tmp_path: Path) -> None:
-    again = make_kit(table, "refined", tmp_path / "again", scenes=4, seed=2, temperature=0.0)
-    other = make_kit(table, "refined", tmp_path / "other", scenes=4, seed=3, temperature=0.0)
+    again = make_kit(table, "people", tmp_path / "again", scenes=4, seed=2)
+    other = make_kit(table, "people", tmp_path / "other", scenes=4, seed=3)
     assert again["kit"] == key(kit)["kit"] != other["kit"]
 
 
@@ -125,7 +125,7 @@ def test_smoothing_takes_jitter_away_and_leaves_turns_and_standing_vehicles_alon
 
 def test_more_scenes_than_there_are_is_refused(table: Path, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"expected 200 scenes .* found \d+; ask for fewer"):
-        make_kit(table, "refined", tmp_path / "kit", scenes=200, seed=1, temperature=0.0)
+        make_kit(table, "people", tmp_path / "kit", scenes=200, seed=1)
     assert not (tmp_path / "kit").exists()
 
 

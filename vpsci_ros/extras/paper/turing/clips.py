@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.predictors import PolicyPredictor
+from vpsci_ros.evaluation.predictors import predictor_of
 from vpsci_ros.evaluation.protocols import closed_loop_trajectories
 from vpsci_ros.evaluation.realism.onsets import HISTORY, STEPS, Onsets, find_onsets
 from vpsci_ros.evaluation.realism.simulators import rule_based
-from vpsci_ros.policy.weights import Weights
+from vpsci_ros.policy.policy_file import Policy
 
 Floats = NDArray[np.float64]
 RECORDED, GENERATED, CONTROL = "recorded", "generated", "rule_based"
@@ -69,14 +69,11 @@ def draw_scenes(table: pl.DataFrame, count: int, seed: int) -> Onsets:
     return onsets.take(np.sort(chosen))
 
 
-def make_clips(onsets: Onsets, weights: Weights, seed: int, temperature: float) -> list[RatedClip]:
-    """Return three clips a scene, named and ordered at random.
-
-    :param temperature: of stochastic policies; 0: their deterministic middle.
-    """
+def make_clips(onsets: Onsets, policy: Policy, seed: int) -> list[RatedClip]:
+    """Return three clips a scene, named and ordered at random."""
     history = onsets.interactions.motion[np.arange(len(onsets))[:, None], _history_steps(onsets)]
     before = np.stack([history[..., 0:2], history[..., 5:7]], axis=1)
-    predicted = closed_loop_trajectories(PolicyPredictor(weights, temperature, seed), onsets.interactions)
+    predicted = closed_loop_trajectories(predictor_of(policy, onsets.clip, seed), onsets.interactions)
     after = {
         RECORDED: onsets.recorded,
         GENERATED: np.stack([predicted[..., 0:2], predicted[..., 5:7]], axis=1),

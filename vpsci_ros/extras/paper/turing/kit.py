@@ -11,7 +11,7 @@ from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.onsets import Onsets
 from vpsci_ros.extras.paper.turing.clips import RatedClip, draw_scenes, make_clips
-from vpsci_ros.policy.weights import load_weights
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.report import html
 from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
@@ -25,7 +25,7 @@ PAGE, KEY = "questionnaire.html", "key.json"
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 
 
-def make_kit(table: Path, weights: str, folder: Path, *, scenes: int, seed: int, temperature: float) -> dict[str, Any]:
+def make_kit(table: Path, weights: str, folder: Path, *, scenes: int, seed: int) -> dict[str, Any]:
     """Write questionnaire.html and key.json into `folder` and return the key.
 
     :param table: near misses of recorded people, or a part of them, see `read_near_misses`.
@@ -38,15 +38,14 @@ def make_kit(table: Path, weights: str, folder: Path, *, scenes: int, seed: int,
         raise InvalidInput(f"scenes = {scenes}: expected at least 2, since intervals rest on how scenes differ")
     rows = read_near_misses(table)
     path = weights_path(weights)
-    loaded = load_weights(path)
+    loaded = load_policy(path)
     onsets = draw_scenes(rows, scenes, seed)
-    clips = make_clips(onsets, loaded, seed, temperature)
+    clips = make_clips(onsets, loaded, seed)
     shown = [{"name": clip.name, "values": clip.values.round(3).tolist()} for clip in clips]
     kit = hashlib.sha256(json.dumps(shown).encode()).hexdigest()[:16]
     key = {
         "kit": kit,
         "seed": seed,
-        "temperature": temperature,
         "near_misses_sha256": sha256(near_misses_path(table)),
         "weights": weights,
         "weights_sha256": sha256(path),

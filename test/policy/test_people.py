@@ -1,0 +1,225 @@
+"""Recorded people: one of the most like moments is lent to both agents, chosen so that they do not touch."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.agent import PolicyAgent, policies
+from vpsci_ros.policy.bank import (
+    ACTIONS,
+    FEATURES,
+    MOMENT,
+    SECONDS,
+    Bank,
+    Reactions,
+    bank_from_bytes,
+    bank_to_bytes,
+    describe,
+    moments_in,
+    save_bank,
+)
+from vpsci_ros.policy.choice import NEAREST, Lender
+from vpsci_ros.policy.draws import keys
+from vpsci_ros.policy.make_bank import actions_of, bank_of_tables, fitted
+from vpsci_ros.policy.policy_file import load_policy
+from vpsci_ros.world import EPISODE, RUNNING, World, WorldConfig, load_scenarios
+from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.tick import Tick
+
+APART = np.array([[2.0, -0.5, 0.1, 6.0, 9.0, 0.1, 0.5]])  # the pedestrian is to the left and walks away
+MEETS = np.array([[5.0, 0.0, 0.0, 10.0, -2.0, 0.0, 1.0]])  # both at the same place after 2 s
+
+
+def reactions(count: int = 40, length: int = 35, vehicle: float = 0.0) -> Reactions:
+    """Moment k lies k away from `APART`; its vehicle does `vehicle` and steers k / 1000, its pedestrian 0.01 k."""
+    features = np.repeat(describe(APART)[0], count, axis=0)
+    features[:, 0] += np.arange(count)
+    steps = np.zeros((count, length, ACTIONS))
+    steps[..., 0], steps[..., 1] = vehicle, np.arange(count)[:, None] / 1000.0
+    steps[..., 2] = 0.01 * np.arange(count)[:, None]
+    begin = length * np.arange(count)
+    zero = np.zeros((FEATURES, SECONDS, ACTIONS))
+    return Reactions(
+        features.T.copy(), np.ones(FEATURES), np.ones(count), begin, begin + length, steps.reshape(-1, 4), zero
+    )
+
+
+def lent(own: Reactions, agent: int, moment: np.ndarray, count: int, steps: int = 1, seed: int = 7) -> np.ndarray:
+    """What `count` slots do at the same moment, float64[steps, count, 2]."""
+    lender, every, moments = Lender(own, agent, count, False), np.ones(count, bool), np.repeat(moment, count, axis=0)
+    return np.stack(
+        [lender.step(moments, keys(count, seed, 0, np.arange(count)), every & (k == 0), every) for k in range(steps)]
+    )
+
+
+def test_a_moment_and_its_mirror_image_are_alike_and_know_their_sides() -> None:
+    mirrored = APART * np.array([1, 1, -1, 1, -1, 1, -1])
+    features, side = describe(np.concatenate([APART, mirrored]))
+    assert features[0].tobytes() == features[1].tobytes()
+    assert side.tolist() == [1.0, -1.0]
+    np.testing.assert_allclose(features[0], [2.0, np.hypot(0.1, 0.5), 6.0, 9.0, 0.1, 0.5, -0.5, 0.1])
+
+
+def test_each_of_the_nearest_moments_is_lent_as_often_and_no_other() -> None:
+    number = np.round(lent(reactions(), 1, APART, 4000)[0, :, 0] / 0.01).astype(int)
+    counts = np.bincount(number, minlength=40)
+    assert (counts[NEAREST:] == 0).all()
+    assert counts[:NEAREST].min() > 4000 / NEAREST - 5 * np.sqrt(4000 / NEAREST)
+
+
+def test_driver_and_pedestrian_are_lent_two_halves_of_one_reaction() -> None:
+    vehicle, pedestrian = (lent(reactions(), agent, APART, 100)[0] for agent in (0, 1))
+    np.testing.assert_allclose(vehicle[:, 1] / 2.0**2, pedestrian[:, 0] / 10.0)  # a curvature at 2 m/s; k of both
+    assert len(set(pedestrian[:, 0])) > 8
+
+
+def test_left_and_right_are_exchanged_where_the_pedestrian_is_on_the_other_side() -> None:
+    mirrored = APART * np.array([1, 1, -1, 1, -1, 1, -1])
+    left, right = lent(reactions(), 0, APART, 50)[0], lent(reactions(), 0, mirrored, 50)[0]
+    np.testing.assert_array_equal(left * [1, -1], right)
+
+
+def test_a_reaction_is_lent_whole_and_another_one_follows_it() -> None:
+    lender, every, moments, along = Lender(reactions(length=35), 1, 200, False), np.ones(200, bool), None, []
+    moments = np.repeat(APART, 200, axis=0)
+    for frame in range(40):
+        key = keys(200, 7, 0, np.arange(200), frame=frame)
+        along.append(lender.step(moments, key, every & (frame == 0), every)[:, 0])
+    first, second = np.array(along[:35]), np.array(along[35:])
+    assert (first == first[0]).all()
+    assert (second == second[0]).all()
+    assert (first[0] != second[0]).mean() > 0.8
+
+
+def test_the_one_reaction_that_does_not_touch_is_chosen() -> None:
+    own = reactions(count=32)
+    steps = own.steps.reshape(32, -1, ACTIONS).copy()
+    steps[:, :, :] = 0.0
+    steps[17, :, 0] = -4.0  # brakes: 5 m/s is gone after 3.1 m, which leaves 4 m to the pedestrian's line
+    own = own._replace(steps=steps.reshape(-1, ACTIONS))
+    assert (lent(own, 0, MEETS, 200)[0, :, 0] == -4.0).all()
+
+
+def test_where_all_touch_the_one_that_touches_last_is_chosen() -> None:
+    own = reactions(count=32)
+    steps = np.zeros((32, 35, ACTIONS))
+    steps[:, :, 0] = 1.0
+    steps[5, :, 0] = -0.1
+    own = own._replace(steps=steps.reshape(-1, ACTIONS))
+    assert (lent(own, 0, MEETS, 100)[0, :, 0] == -0.1).all()
+
+
+def test_who_meets_a_car_that_does_not_brake_as_lent_takes_it_to_keep_its_velocity() -> None:
+    # In all reactions the vehicle brakes; in one the pedestrian stops, too. The car that is met does not brake.
+    own = reactions(count=32)
+    steps = np.zeros((32, 35, ACTIONS))
+    steps[:, :, 0] = -4.0
+    steps[9, :, 3] = 2.0  # to the left, recorded with the pedestrian on the left; here it is on the right
+    own = own._replace(steps=steps.reshape(-1, ACTIONS))
+    count, stops = 64, []
+    lender, every = Lender(own, 1, count, False), np.ones(count, bool)
+    for frame in range(8):
+        moment = MEETS + np.array([0, 0, 0, -0.5, 0.1, 0, 0]) * frame
+        done = lender.step(
+            np.repeat(moment, count, axis=0),
+            keys(count, 7, 0, np.arange(count), frame=frame),
+            every & (frame == 0),
+            every,
+        )
+        stops.append((done[:, 1] == -2.0).mean())
+    assert stops[0] < 0.2
+    assert stops[-1] == 1.0
+
+
+def test_a_row_has_the_same_bits_in_any_batch() -> None:
+    own, rng = load_policy("people").of(), np.random.default_rng(1)
+    moments = np.concatenate([APART, MEETS] * 20) + 0.2 * rng.normal(size=(40, MOMENT))
+    key, every = keys(40, 3, 1, np.arange(40)), np.ones(40, bool)
+    whole = Lender(own, 1, 40, True).step(moments, key, every, every)
+    for row in (0, 7, 39):
+        part = Lender(own, 1, 1, True).step(moments[[row]], key[[row]], every[:1], every[:1])
+        assert part.tobytes() == whole[[row]].tobytes()
+
+
+def test_a_moment_of_the_world_is_that_of_its_record() -> None:
+    state = np.zeros(1, EPISODE)
+    state["vehicle_heading"], state["vehicle_speed"] = np.pi / 2, 3.0
+    state["vehicle_curvature"], state["vehicle_acceleration"] = 0.1, -1.0
+    state["pedestrian_x"], state["pedestrian_y"], state["pedestrian_vx"] = -2.0, 5.0, 1.5
+    out = np.zeros((1, MOMENT))
+    moments_in(state, np.ones(1, bool), out)
+    np.testing.assert_allclose(out, [[3.0, -1.0, 0.3, 5.0, 2.0, 0.0, -1.5]], atol=1e-12)
+
+
+def test_a_bank_comes_back_from_its_file_and_damage_is_refused(tmp_path: Path) -> None:
+    bank = Bank({"here": reactions()}, {"data": {"clips": 3}})
+    save_bank(tmp_path / "own.safetensors", bank)
+    again = load_policy(tmp_path / "own.safetensors")
+    assert isinstance(again, Bank)
+    assert again.facts["data"] == {"clips": 3}
+    for one, other in zip(again.of("here"), bank.of("here"), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6)
+    data = bytearray(bank_to_bytes(bank))
+    data[-1] ^= 1
+    with pytest.raises(InvalidInput, match="its tensors are not those it was written with"):
+        bank_from_bytes(bytes(data))
+    with pytest.raises(InvalidInput, match="expected one of here, got 'vci'"):
+        bank.of("vci")
+    with pytest.raises(InvalidInput, match="do not fit together"):
+        bank_from_bytes(bank_to_bytes(Bank({"here": reactions()._replace(end=np.full(40, 9999))})))
+
+
+def test_recorded_actions_lead_along_the_recorded_way() -> None:
+    from vpsci_ros.data.interactions import from_table
+
+    table = read_near_misses("right_turns/train")
+    interactions = from_table(table.filter(table["interaction"].is_in(table["interaction"].unique()[:20])), True)
+    fit = fitted(interactions)
+    gap = np.hypot(*(fit.motion[..., :2] - interactions.motion[..., :2]).reshape(-1, 2).T)
+    assert np.quantile(gap, 0.95) < 0.05  # [m]; noise of the positions is 1 to 2 cm
+    assert np.abs(actions_of(fit)[..., 0]).max() < 6.0
+
+
+def test_a_bank_leaves_out_the_clips_that_are_named(tmp_path: Path) -> None:
+    bank = bank_of_tables(["right_turns/dev"], ["cqut-pvi/dev/corner1"])
+    assert set(bank.reactions) == {"cqut"}
+    held = bank.facts["data"]["held_out_clips"]
+    assert held
+    assert all(clip.startswith("cqut-pvi/dev/corner1") for clip in held)
+    with pytest.raises(InvalidInput, match="leave some to learn from"):
+        bank_of_tables(["right_turns/dev"], ["cqut-pvi"])
+
+
+def test_the_shipped_bank_knows_right_turns_and_the_campus_and_holds_no_clip_to_measure_on() -> None:
+    bank = load_policy("people")
+    assert isinstance(bank, Bank)
+    assert list(bank.reactions) == ["cqut", "vci"]
+    assert bank.facts["data"]["interactions"] == 878
+    held = bank.facts["data"]["held_out_clips"]
+    assert sum(clip.startswith("vci") for clip in held) == 9
+    assert sum(clip.startswith("cqut-pvi/dev/") for clip in held) == len(held) - 9 > 100
+
+
+def test_shipped_people_hardly_ever_collide() -> None:
+    # 126 episodes; 1% of critical ones collide (docs/results.md), 76% where nobody reacts: more than 4 has p < 0.01.
+    config = WorldConfig(spawn="right_turns", episode_time=20.0)
+    world = World(config, load_scenarios(range(1, 9)), [(s, e) for e in range(16) for s in range(1, 9)], 128, 5)
+    struck = 0
+    for step in Loop(world, agents=policies(load_policy("people"), world)):
+        struck += int(step.tick.state["struck"][step.tick.state["status"] != RUNNING].sum())
+    assert struck <= 4
+
+
+def test_another_bank_acts_from_the_next_step_on() -> None:
+    state, yes = np.zeros(1, EPISODE), np.ones(1, bool)
+    state["status"], state["vehicle_speed"], state["pedestrian_x"], state["pedestrian_y"] = RUNNING, 2.0, 6.0, 9.0
+    tick = Tick(0, state, yes)
+    agent, seen = PolicyAgent("vehicle", 1, explore=False), []
+    for version, along in enumerate((0.25, -0.5)):
+        agent.load(Bank({"here": reactions(vehicle=along)}), version)
+        seen.append(float(agent.act(tick, tick.assessed(yes, yes, yes))[0, 0]))
+    assert seen == [0.25, -0.5]
+    assert agent.lent(0) >= 0

@@ -1,0 +1,190 @@
+"""A bank of recorded reactions: what drivers and pedestrians did together, from many moments of their tracks on.
+
+A *moment* is a recorded step of a pair; its *reaction* is what both did from then to the end of the track. Two moments
+are alike by speed of the vehicle, pace of the pedestrian, its place and velocity in the vehicle's heading frame, and
+acceleration and yaw rate of the vehicle. On which side the pedestrian is makes no difference: left and right are
+exchanged where the sides differ. A vehicle's sideways motion is a curvature, so that a slow one does not swerve as a
+fast one.
+
+`vpsci people` makes a bank of a near-miss table (`vpsci_ros.policy.make_bank`); its file is safetensors, and holds no
+network. `vpsci_ros.policy.choice` says which reaction is lent to whom.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.tensor_file import read_tensors, tensors_to_bytes
+from vpsci_ros.runs.files import written_whole
+from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.observation import to_heading_frame
+
+FORMAT = "vpsci-people 1"
+MOMENT, FEATURES = 7, 8  # numbers of a moment, and of what makes it like another one
+ACTIONS = 4  # of a step: the vehicle's [m/s2] and curvature [1/m], the pedestrian's forward and left [m/s2]
+SECONDS, SECOND = 3, 10  # after a moment in which a reaction is adjusted to another one; steps of a second
+SLOWEST = 1.0  # [m/s] a slower vehicle steers as at this speed
+
+Floats = NDArray[np.float64]
+
+
+class Reactions(NamedTuple):
+    """M moments of S recorded steps of 0.1 s, of one people.
+
+    :ivar features: float64[8, M], see `features_of`, each divided by `scale`.
+    :ivar scale: float64[8], standard deviation of each feature over the onsets.
+    :ivar side: float64[M], 1 where the pedestrian was to the left of the vehicle, else -1.
+    :ivar begin, end: int64[M], the steps of a reaction: the moment, and one past the end of its track.
+    :ivar steps: float64[S, 4], see `ACTIONS`.
+    :ivar slope: float64[8, 3, 4], by how much an action of each second is more where a feature is more by 1; of moments
+        with the pedestrian to the left.
+    """
+
+    features: Floats
+    scale: Floats
+    side: Floats
+    begin: NDArray[np.int64]
+    end: NDArray[np.int64]
+    steps: Floats
+    slope: Floats
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Reactions by the people that showed them, the first one the default; facts say what they were made from."""
+
+    reactions: Mapping[str, Reactions]
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    def of(self, people: str = "") -> Reactions:
+        """Return the reactions of one people; of the empty name the first.
+
+        :raises InvalidInput: the bank does not know them.
+        """
+        if people and people not in self.reactions:
+            raise InvalidInput(f"people: expected one of {', '.join(self.reactions)}, got {people!r}")
+        return self.reactions[people or next(iter(self.reactions))]
+
+    def digest(self) -> str:
+        """Return the SHA-256 of all reactions, as hexadecimal digits."""
+        return hashlib.sha256(bank_to_bytes(self)).hexdigest()
+
+
+def people_of(source: str) -> str:
+    """Return the people of a source of near misses, or of "source/clip": its name up to a hyphen.
+
+    Recordings of one kind of place share it, as vci-dut and vci-citr do, and borrow from each other.
+    """
+    return source.partition("/")[0].partition("-")[0]
+
+
+def moments_of(observed: NDArray[Any], acceleration: NDArray[Any], yaw_rate: NDArray[Any]) -> Floats:
+    """Return recorded moments, float64[..., 7].
+
+    Speed, acceleration and yaw rate of the vehicle [m/s, m/s2, rad/s], then place [m] and velocity [m/s] of the
+    pedestrian in its heading frame, forward and left each.
+
+    :param observed: float[..., 6], what the vehicle observes, equation (6).
+    :param acceleration, yaw_rate: float[...], of the vehicle [m/s2, rad/s].
+    """
+    seen = np.asarray(observed, np.float64)
+    parts = seen[..., :1], acceleration[..., None], yaw_rate[..., None]
+    return np.concatenate([*parts, -seen[..., 2:4], seen[..., 0:2] - seen[..., 4:6]], axis=-1, dtype=np.float64)
+
+
+@kernel
+def moments_in(state, rows, out):  # type: ignore[no-untyped-def]
+    """Write the moments of EPISODE[B] records to float64[B, 7], of those `rows`, bool[B]; see `moments_of`."""
+    for i in range(state.size):
+        if rows[i]:
+            slot, m = state[i], out[i]
+            east, north = slot.pedestrian_x - slot.vehicle_x, slot.pedestrian_y - slot.vehicle_y
+            m[0], m[1] = slot.vehicle_speed, slot.vehicle_acceleration
+            m[2] = slot.vehicle_curvature * slot.vehicle_speed
+            m[3], m[4] = to_heading_frame(slot.vehicle_heading, east, north)
+            m[5], m[6] = to_heading_frame(slot.vehicle_heading, slot.pedestrian_vx, slot.pedestrian_vy)
+
+
+@kernel
+def features_of(moment, out):  # type: ignore[no-untyped-def]
+    """Write what makes a moment, float64[7], like another one to float64[8]; return the pedestrian's side, 1 or -1."""
+    walk_forward, walk_left = moment[5], moment[6]
+    side = -1.0 if moment[4] < 0.0 else 1.0
+    out[0], out[1] = moment[0], np.sqrt(walk_forward * walk_forward + walk_left * walk_left)
+    out[2], out[3] = moment[3], moment[4] * side
+    out[4], out[5] = walk_forward, walk_left * side
+    out[6], out[7] = moment[1], moment[2] * side
+    return side
+
+
+def describe(moments: Floats) -> tuple[Floats, Floats]:
+    """Return `features_of` moments, float64[n, 8], and the pedestrians' sides, float64[n]."""
+    features, side = np.empty((len(moments), FEATURES)), np.empty(len(moments))
+    _describe(np.ascontiguousarray(moments), features, side)
+    return features, side
+
+
+@kernel
+def _describe(moments, features, side):  # type: ignore[no-untyped-def]
+    for i in range(side.size):
+        side[i] = features_of(moments[i], features[i])
+
+
+def bank_to_bytes(bank: Bank) -> bytes:
+    """Return the bytes of a bank's file; equal banks give equal bytes."""
+    tensors = {
+        f"{people}.{name}": np.ascontiguousarray(value, np.float32)
+        for people, reactions in bank.reactions.items()
+        for name, value in reactions._asdict().items()
+    }
+    return tensors_to_bytes(tensors, FORMAT, {"people": list(bank.reactions), **bank.facts})
+
+
+def save_bank(path: str | Path, bank: Bank) -> None:
+    """Write a bank's file, whole or not at all."""
+    with written_whole(path) as temporary:
+        temporary.write_bytes(bank_to_bytes(bank))
+
+
+def bank_from_bytes(data: bytes, where: str = "bank") -> Bank:
+    """Read the bytes of a bank's file; `where` opens the error messages.
+
+    :raises InvalidInput: it is none, it is damaged, or its parts do not fit together.
+    """
+    tensors, facts = read_tensors(data, FORMAT, where, "give a file that `vpsci people` wrote")
+    names = facts.pop("people", None)
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        raise InvalidInput(f"{where}: expected the names of its people in the metadata, got {names!r}")
+    return Bank({name: _reactions(tensors, name, where) for name in names}, facts)
+
+
+def _reactions(tensors: Mapping[str, NDArray[np.float32]], people: str, where: str) -> Reactions:
+    parts: dict[str, Any] = {}
+    for name in Reactions._fields:
+        if f"{people}.{name}" not in tensors:
+            raise InvalidInput(f"{where}: tensor {people}.{name} is missing; make the bank again (`vpsci people`)")
+        parts[name] = tensors[f"{people}.{name}"].astype(np.int64 if name in ("begin", "end") else np.float64)
+    own = Reactions(**parts)
+    count, steps = len(own.side), len(own.steps)
+    shapes = (
+        (FEATURES, count),
+        (FEATURES,),
+        (count,),
+        (count,),
+        (count,),
+        (steps, ACTIONS),
+        (FEATURES, SECONDS, ACTIONS),
+    )
+    for name, value, shape in zip(own._fields, own, shapes, strict=True):
+        if value.shape != shape:
+            raise InvalidInput(f"{where}: tensor {people}.{name}: expected shape {shape}, got {value.shape}")
+    inside = (own.begin >= 0) & (own.begin < own.end) & (own.end <= steps)
+    if count == 0 or not inside.all() or not (own.scale > 0.0).all() or not (np.abs(own.side) == 1.0).all():
+        raise InvalidInput(f"{where}: the reactions of {people!r} do not fit together; make the bank again")
+    return own

@@ -1,0 +1,187 @@
+"""Make a bank of recorded reactions from near misses, in seconds.
+
+Recorded accelerations are those of the motion that passes nearest to the recorded positions, with little jerk:
+differences of published speeds neither lead along these positions, nor are they free of noise.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from vpsci_ros.data.interactions import Interactions, from_table, table_hash
+from vpsci_ros.data.near_misses import clips_of, concat_near_misses, read_near_misses, split_by_name
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.bank import (
+    ACTIONS,
+    FEATURES,
+    SECOND,
+    SECONDS,
+    SLOWEST,
+    Bank,
+    Reactions,
+    describe,
+    moments_of,
+    people_of,
+)
+from vpsci_ros.world.observation import STEP
+
+EVERY = 10  # steps from one moment of a track to the next, 1 s
+SETTLED = 5  # steps at the beginning of a track that say little of accelerations: no moments
+LEAST = SECONDS * SECOND  # steps of a reaction, at least
+RIDGE = 0.1  # penalty of slopes, per onset
+JERK_WEIGHT = 1e-4  # [s6] of squared jerk against squared distance to the recorded positions: noise of 1 to 3 cm
+_MOVING = 0.5  # [m/s] below it the direction of motion says nothing of a vehicle's heading
+
+Floats = NDArray[np.float64]
+
+
+def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = ()) -> Bank:
+    """Return the bank of near-miss tables of whole tracks, see `vpsci_ros.data.near_misses.read_near_misses`.
+
+    :param without: how clips, "source/clip", begin whose reactions are left out.
+    :raises InvalidInput: a table is refused, nothing is left, or no onset has 3 s recorded after it.
+    """
+    table = concat_near_misses([read_near_misses(name) for name in names])
+    table, held_out = split_by_name(table, without) if without else (table, table.head(0))
+    interactions = from_table(table, whole_tracks=True)
+    of = np.array([people_of(clip) for clip in interactions.clip])
+    made = {name: reactions_of(interactions.take(np.flatnonzero(of == name))) for name in dict.fromkeys(of.tolist())}
+    people = {name: reactions for name, reactions in made.items() if reactions is not None}
+    if not people:
+        raise InvalidInput(
+            f"near misses: expected one with {LEAST * STEP:g} s recorded after its onset, got none in "
+            f"{', '.join(map(str, names))}; import the recordings again, for whole tracks"
+        )
+    facts: dict[str, Any] = {
+        "interactions": len(interactions),
+        "clips": len(set(interactions.clip)),
+        "sha256": table_hash(table),
+        "held_out_clips": clips_of(held_out),
+    }
+    return Bank(people, {"data": facts})
+
+
+def reactions_of(interactions: Interactions) -> Reactions | None:
+    """Return the reactions of whole tracks of one people; None where no onset has 3 s after it."""
+    done, known = actions_of(fitted(interactions)), interactions.length - 1
+    onsets = np.flatnonzero(interactions.first <= known - LEAST)
+    if len(onsets) == 0:
+        return None
+    row, at = [onsets], [interactions.first[onsets]]
+    for number, end in enumerate(known):
+        at.append(np.arange(SETTLED, end - LEAST + 1, EVERY))
+        row.append(np.full(len(at[-1]), number))
+    rows, steps = np.concatenate(row), np.concatenate(at)
+    moments = moments_of(interactions.observation["vehicle"], *interactions.trends())
+    features, side = describe(moments[rows, steps])
+    begun, count = features[: len(onsets)], len(onsets)
+    scale = np.maximum(begun.std(axis=0), 1e-3)
+    offset = np.concatenate([[0], np.cumsum(known)])
+    return Reactions(
+        features=np.ascontiguousarray((features / scale).T),
+        scale=scale,
+        side=side,
+        begin=offset[rows] + steps,
+        end=offset[rows + 1],
+        steps=np.concatenate([own[:end] for own, end in zip(done, known, strict=True)]),
+        slope=_slopes(begun / scale, done[rows[:count]], steps[:count], known[onsets], side[:count]),
+    )
+
+
+def actions_of(interactions: Interactions) -> Floats:
+    """Return what both did at each step, float64[N, T, 4], see `bank.ACTIONS`."""
+    done = np.concatenate([interactions.action[agent] for agent in ("vehicle", "pedestrian")], axis=2, dtype=np.float64)
+    speed = np.maximum(np.hypot(interactions.motion[..., 3], interactions.motion[..., 4]), SLOWEST)
+    done[..., 1] /= speed * speed
+    return done
+
+
+def _slopes(features: Floats, done: Floats, at: NDArray[np.int64], known: NDArray[np.int64], side: Floats) -> Floats:
+    """Return `Reactions.slope`, float64[8, 3, 4]: ridge regressions of what was done in each second after n onsets."""
+    out = np.zeros((FEATURES, SECONDS, ACTIONS))
+    for second in range(SECONDS):
+        steps = at[:, None] + second * SECOND + np.arange(SECOND)
+        action = np.take_along_axis(done, steps[..., None], axis=1).mean(axis=1)
+        action[:, 1::2] *= side[:, None]
+        x, y = features - features.mean(axis=0), action - action.mean(axis=0)
+        normal = np.einsum("ni,nj->ij", x, x) + RIDGE * len(x) * np.eye(FEATURES)
+        out[:, second] = _solve(normal, np.einsum("ni,nj->ij", x, y))
+    return out
+
+
+def fitted(interactions: Interactions) -> Interactions:
+    """Return interactions with the motion that passes nearest to the recorded positions, and its accelerations.
+
+    The vehicle moves along its heading and does not roll backwards.
+    """
+    motion = interactions.motion.copy()
+    for row, length in enumerate(interactions.length):
+        own = motion[row, :length]
+        velocity, position = _fit(int(length))
+        recorded_heading = own[:, 2].copy()
+        for place, speed in ((0, 3), (5, 7)):
+            recorded = own[:, place : place + 2].copy()
+            own[:, speed : speed + 2] = np.einsum("ts,sk->tk", velocity, recorded)
+            own[:, place : place + 2] = np.einsum("ts,sk->tk", position, recorded)
+        own[:, 2] = _headings(recorded_heading, own[:, 3:5])
+        c, s = np.cos(own[:, 2]), np.sin(own[:, 2])
+        along = np.maximum(c * own[:, 3] + s * own[:, 4], 0.0)
+        own[:, 3], own[:, 4] = along * c, along * s
+    return interactions.moving(motion)
+
+
+def _headings(recorded_heading: Floats, velocity: Floats) -> Floats:
+    """Return the direction of motion [T] [rad]; where a vehicle hardly moves, the recorded one, turned as nearby."""
+    moving = np.flatnonzero(np.hypot(velocity[:, 0], velocity[:, 1]) > _MOVING)
+    if moving.size == 0:
+        return recorded_heading
+    turn = np.arctan2(velocity[:, 1], velocity[:, 0]) - recorded_heading
+    turn = (turn + np.pi) % (2.0 * np.pi) - np.pi
+    nearest = moving[np.abs(np.arange(len(velocity))[:, None] - moving).argmin(axis=1)]
+    result: Floats = recorded_heading + turn[nearest]
+    return result
+
+
+@cache
+def _fit(length: int) -> tuple[Floats, Floats]:
+    """Return matrices [T, T] from recorded positions to velocities and positions with little jerk, by least squares.
+
+    A position follows from the one before with the mean of both velocities, as in the kinematics.
+    """
+    way = np.zeros((length, length + 1))  # from the first position and the velocities to positions
+    way[:, 0] = 1.0
+    for step in range(1, length):
+        way[step, 1:] = way[step - 1, 1:]
+        way[step, step : step + 2] += 0.5 * STEP
+    jerk = np.zeros((max(length - 2, 0), length + 1))
+    for step in range(len(jerk)):
+        jerk[step, step + 1 : step + 4] = np.array([1.0, -2.0, 1.0]) / STEP**2
+    # Sums in one order: a BLAS takes as many threads as there are cores, and other last bits with each number.
+    normal = np.einsum("ti,tj->ij", way, way) + JERK_WEIGHT * np.einsum("ti,tj->ij", jerk, jerk)
+    solved = _solve(normal + 1e-9 * np.eye(length + 1), way.T)
+    return solved[1:], np.einsum("ti,ij->tj", way, solved)
+
+
+@njit(cache=True)
+def _solve(matrix, right):  # type: ignore[no-untyped-def]
+    """Return X of matrix X = right for a positive definite matrix, by Cholesky's decomposition."""
+    n = len(matrix)
+    low, out = np.zeros((n, n)), right.copy()
+    for j in range(n):
+        low[j, j] = np.sqrt(matrix[j, j] - (low[j, :j] ** 2).sum())
+        for i in range(j + 1, n):
+            low[i, j] = (matrix[i, j] - (low[i, :j] * low[j, :j]).sum()) / low[j, j]
+    for i in range(n):
+        for k in range(i):
+            out[i] -= low[i, k] * out[k]
+        out[i] /= low[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            out[i] -= low[k, i] * out[k]
+        out[i] /= low[i, i]
+    return out

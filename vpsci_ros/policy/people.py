@@ -1,0 +1,37 @@
+"""Recorded people at work: what a bank's reactions do between a world state and an action."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vpsci_ros.policy.bank import MOMENT, Reactions, moments_in
+from vpsci_ros.policy.choice import Lender
+from vpsci_ros.policy.draws import keys_of
+from vpsci_ros.world.tick import Assessment, Tick
+
+
+class PeopleAtWork:
+    """Lends recorded reactions to one agent over B slots, see `vpsci_ros.policy.choice`.
+
+    :param agent: index in `AGENTS`.
+    """
+
+    def __init__(self, reactions: Reactions, agent: int, capacity: int) -> None:
+        self._lender, self._agent = Lender(reactions, agent, capacity, keeps_lane=True), agent
+        self._moments = np.zeros((capacity, MOMENT))
+
+    def act(self, tick: Tick, assessment: Assessment, seed: ArrayLike) -> NDArray[np.float32]:
+        """Return accelerations [m/s2], float32[B, 2], see `PolicyAgent.act`.
+
+        The vehicle keeps to its lane: the road turns another way than the one on which its reaction was recorded.
+        """
+        active = assessment.acting
+        moments_in(tick.state, active, self._moments)
+        reset = active & (tick.state["controlled"] == 0)
+        action = self._lender.step(self._moments, keys_of(tick.state, seed), reset, active).astype(np.float32)
+        if self._agent == 0:
+            action[:, 1] = 0.0
+        return action
+
+    def lent(self, slot: int) -> int:
+        """Return the number of the recorded moment whose reaction acts in a slot; -1: none yet."""
+        return int(self._lender.slots["moment"][slot]) - 1

@@ -1,0 +1,48 @@
+"""The file of a policy: a bank of recorded people or the weights of networks, told apart by what it says of itself."""
+
+from pathlib import Path
+from typing import TypeAlias
+
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy import bank
+from vpsci_ros.policy.bank import Bank, bank_from_bytes
+from vpsci_ros.policy.tensor_file import format_of, read_bytes
+from vpsci_ros.policy.weights import Weights, weights_from_bytes
+from vpsci_ros.resources import weights_path
+
+Policy: TypeAlias = Bank | Weights
+SHIPPED = ("people", "ma_sst_ddpg")
+
+
+def policy_from_bytes(data: bytes, where: str = "policy") -> Policy:
+    """Read the bytes of a policy's file; `where` opens the error messages.
+
+    :raises InvalidInput: neither a bank nor weights, or damage.
+    """
+    return bank_from_bytes(data, where) if format_of(data, where) == bank.FORMAT else weights_from_bytes(data, where)
+
+
+def load_policy(name: str | Path) -> Policy:
+    """Read a policy: a file, or one shipped with the package by its name, `people` or `ma_sst_ddpg`.
+
+    :raises InvalidInput: no such file, or as `policy_from_bytes`.
+    """
+    path = weights_path(str(name))
+    return policy_from_bytes(
+        read_bytes(path, "the policy: make one with `vpsci people`, or name a shipped one"), str(path)
+    )
+
+
+def named_policies(given: list[str]) -> dict[str, Path]:
+    """Return name -> file of policies given as NAME=FILE, or as a file or shipped name alone.
+
+    :raises InvalidInput: a name is there twice, or a file is not.
+    """
+    out: dict[str, Path] = {}
+    for text in given:
+        name, equals, path = text.rpartition("=")
+        name = name if equals else Path(path).stem
+        if name in out:
+            raise InvalidInput(f"--weights {text}: {name} is there twice; name them, NAME=FILE")
+        out[name] = weights_path(path)
+    return out
