@@ -13,7 +13,6 @@ from vpsci_ros.nodes.base import GraphNode, run_nodes
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.domain import set_defaults
 from vpsci_ros.nodes.entry import node_class
-from vpsci_ros.nodes.exchange import Exchange
 from vpsci_ros.runs.sections import Sections
 
 
@@ -29,15 +28,15 @@ def composed(sections: Sections) -> Iterator[dict[str, GraphNode]]:
     leader = "world_simulator" if "world_simulator" in names else "learner"
     context = Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    spinner, exchange = EventsExecutor(context=context), Exchange()
+    spinner = EventsExecutor(context=context)
     nodes: dict[str, GraphNode] = {}
     try:
         for name in sorted(names, key=lambda name: name != leader):
             values = {**sections.values[name], "peers": list(names)}
             overrides = [Parameter(key, value=value) for key, value in values.items() if value != []]
-            nodes[name] = node_class(name)(context=context, parameter_overrides=overrides, exchange=exchange)
+            nodes[name] = node_class(name)(context=context, parameter_overrides=overrides)
             spinner.add_node(nodes[name])
-        assert run_nodes([*nodes.values()], spinner, exchange) == 0, "a node has failed, and its log says why"
+        assert run_nodes([*nodes.values()], spinner) == 0, "a node has failed, and its log says why"
         yield nodes
     finally:
         spinner.shutdown()

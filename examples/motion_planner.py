@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH
-from vpsci_ros.wire import received
+from vpsci_ros.wire.world_state import SerializedState, read_world_state
 from vpsci_ros.world import IDLE, Scenario, load_scenarios
 from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION, MAX_STEERING_ANGLE, WHEELBASE
 from vpsci_ros.world.scenario import further_files, scenario_files
@@ -33,7 +33,6 @@ from vpsci_ros.world.scenario import further_files, scenario_files
 if TYPE_CHECKING:
     from sensor_msgs.msg import PointCloud2
 
-    from vpsci_msgs.msg import WorldState
 
 CRUISE = 4.0  # [m/s], as example_ads does
 HOLD = 2  # ticks from plan to plan: 0.1 s
@@ -192,11 +191,11 @@ def drive(latency: float | None) -> None:
     rclpy.init()
     node, driver = rclpy.create_node("motion_planner"), Driver()
     command = node.create_publisher(VehicleControl, "vehicle/cmd_control", 10)
-    waiting: list[WorldState] = []  # the tick that objects have not come for
+    waiting: list[SerializedState] = []  # the tick that objects have not come for
     seen: list[PointCloud2] = []  # the latest ones
 
-    def on_state(message: WorldState) -> None:
-        waiting[:] = [message]
+    def on_state(data: bytes) -> None:
+        waiting[:] = [read_world_state(data)]
         answer()
 
     def on_objects(message: PointCloud2) -> None:
@@ -204,18 +203,19 @@ def drive(latency: float | None) -> None:
         answer()
 
     def answer() -> None:
-        age = seconds(waiting[0]) - seconds(seen[0]) if waiting and seen else 0.0
+        age = 1e-9 * waiting[0].header.at - seconds(seen[0]) if waiting and seen else 0.0
         if not waiting or (latency is not None and (not seen or age > latency + 0.001)):
             return
-        message = waiting.pop()
-        state = received.world_state(message).state
+        header, tick, period = waiting.pop()
+        state = tick.state
         people = people_of(state) if latency is None else people_seen(seen[0])
-        steer, throttle, brake = driver.control(state[0], people, message.dt, age)
-        command.publish(
-            VehicleControl(header=message.header, tick=message.tick, steer=steer, throttle=throttle, brake=brake)
-        )
+        steer, throttle, brake = driver.control(state[0], people, period, age)
+        answer = VehicleControl(tick=tick.number, steer=steer, throttle=throttle, brake=brake)
+        answer.header.stamp.sec, answer.header.stamp.nanosec = header.seconds, header.nanoseconds
+        answer.header.frame_id = header.frame_id
+        command.publish(answer)
 
-    node.create_subscription(WorldState, "world/state", on_state, 10)
+    node.create_subscription(WorldState, "world/state", on_state, 10, raw=True)
     if latency is not None:
         node.create_subscription(PointCloud2, "perception/objects", on_objects, 10)
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
@@ -223,7 +223,7 @@ def drive(latency: float | None) -> None:
     rclpy.try_shutdown()
 
 
-def seconds(message: "WorldState | PointCloud2") -> float:
+def seconds(message: "PointCloud2") -> float:
     """Return the simulated time of a message's stamp [s]."""
     return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
 

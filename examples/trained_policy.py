@@ -29,7 +29,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from vpsci_ros.envs import driving
 from vpsci_ros.envs.right_turn import ACTION_SPACE, OBSERVATION_SPACE, RightTurnEnv
-from vpsci_ros.wire import received
+from vpsci_ros.wire.world_state import read_world_state
 from vpsci_ros.world import IDLE, load_scenarios
 from vpsci_ros.world.monitor import MonitorConfig, assess
 from vpsci_ros.world.scenario import further_files, scenario_files
@@ -118,13 +118,15 @@ def drive(path: Path) -> None:
     node, driver = rclpy.create_node("trained_policy"), Driver(load(path))
     command = node.create_publisher(VehicleControl, "vehicle/cmd_control", 10)
 
-    def on_state(message: WorldState) -> None:
-        steer, throttle, brake = (float(value) for value in driver.control(received.world_state(message).state))
-        command.publish(
-            VehicleControl(header=message.header, tick=message.tick, steer=steer, throttle=throttle, brake=brake)
-        )
+    def on_state(data: bytes) -> None:
+        header, tick, _ = read_world_state(data)
+        steer, throttle, brake = (float(value) for value in driver.control(tick.state))
+        answer = VehicleControl(tick=tick.number, steer=steer, throttle=throttle, brake=brake)
+        answer.header.stamp.sec, answer.header.stamp.nanosec = header.seconds, header.nanoseconds
+        answer.header.frame_id = header.frame_id
+        command.publish(answer)
 
-    node.create_subscription(WorldState, "world/state", on_state, 10)
+    node.create_subscription(WorldState, "world/state", on_state, 10, raw=True)
     with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
     rclpy.try_shutdown()

@@ -59,8 +59,8 @@ NOTES = """
 - **Diagnostics.** Every node reports once a second of wall time: rates, lag, missing ticks, refused messages
   (`vpsci_ros/world/counts.py`). These depend on the machine. Everything else in a bag depends on the parameters
   alone, as long as no answer is missing and no learner or external driving system takes part.
-- **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag, in less
-  CPU time. Separate processes, the default, use several cores and have a log each.
+- **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag. Separate
+  processes, the default, use several cores and have a log each.
 - **Frames.** With `batch: 1` the world also publishes odometry, transforms, `/markers` and robot descriptions while
   somebody subscribes. Frames are `map`, `vehicle/base_link` (centre of the car on the ground), `vehicle/rear_axle`
   and `pedestrian/base_link` (x where it walks). `rviz2 -d rviz/vpsci.rviz` and Foxglove (`docs/foxglove_layout.json`)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
+from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rclpy.context import Context
 from rclpy.executors import Executor, SingleThreadedExecutor
@@ -17,6 +18,11 @@ from vpsci_msgs.msg import AgentAction, SafetyState
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.wire import layout
+from vpsci_ros.wire.answers import SerializedSafety, write_safety_state
+from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.world_state import SerializedState, write_world_state
+from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.tick import Tick
 
 PATIENCE = 240.0  # [s]
 
@@ -30,6 +36,24 @@ def action_message(header: Header, tick: int, action: NDArray[np.floating[Any]],
     """Return accelerations [m/s2], [B, 2] as (longitudinal, lateral), as a message."""
     message = AgentAction(header=header, tick=tick, policy_version=policy_version)
     return convert.filled(message, layout.action_fields(action))
+
+
+def state_bytes(state: NDArray[np.void], policy_frame: Any, tick: int, period: float = 0.05) -> bytes:
+    """Return `/world/state` of EPISODE[B] records, serialized."""
+    header = WireHeader(*divmod(tick * round(period * 1e9), 10**9), layout.MAP)
+    return write_world_state(SerializedState(header, Tick(tick, state, np.asarray(policy_frame, np.bool_)), period))
+
+
+def safety_bytes(tick: int, curvttc: Any, distance: Any, critical: Any) -> bytes:
+    """Return `/safety/state` of a tick of 0.05 s, serialized."""
+    header = WireHeader(*divmod(tick * 50_000_000, 10**9), layout.MAP)
+    values = np.asarray(curvttc, float), np.asarray(distance, float), np.asarray(critical, np.uint8)
+    return write_safety_state(SerializedSafety(header, tick, *values))
+
+
+def odometry_messages(record: np.void, header: Header, prefix: str = "") -> list[Odometry]:
+    """Return vehicle and pedestrian of one EPISODE record as odometry; `prefix` comes before their frames' names."""
+    return [convert.odometry(layout.motion_of(record, agent), f"{prefix}{agent}", header) for agent in AGENTS]
 
 
 class Stage:

@@ -5,18 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from nodes.stage import Stage, overrides
+from nodes.stage import Stage, overrides, safety_bytes, state_bytes
 from rclpy.context import Context
-from std_msgs.msg import Header
 
 from vpsci_msgs.msg import AgentAction
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.agent_policy import VehiclePolicy
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.world import EPISODE, RUNNING
-
-PERIOD = 0.05
 
 
 class Session(Stage):
@@ -36,14 +32,11 @@ class Session(Stage):
         """Send `/world/state`: one episode, at a policy frame at every other tick."""
         state = np.zeros(1, EPISODE)
         state["status"], state["controlled"] = RUNNING, controlled
-        message = convert.world_state_message(state, np.array([tick % 2 == 0]), tick, PERIOD)
-        self.policy.intake.receive("/world/state", message)
+        self.policy.intake.receive("/world/state", state_bytes(state, [tick % 2 == 0], tick))
 
     def safety(self, tick: int) -> None:
         """Send `/safety/state` of a scene without danger."""
-        far, calm = np.full(1, np.inf), np.zeros(1, bool)
-        header = Header(stamp=convert.stamp(tick, PERIOD), frame_id=convert.MAP)
-        self.policy.intake.receive("/safety/state", convert.safety_message(header, tick, far, far, calm))
+        self.policy.intake.receive("/safety/state", safety_bytes(tick, [np.inf], [np.inf], [False]))
 
     def missed(self) -> int:
         return int(self.policy.figures()["ticks_missed"])

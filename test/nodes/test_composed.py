@@ -2,23 +2,16 @@
 
 import signal
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from composed import composed
-from nodes.stage import Stage
-from rclpy.context import Context
-from rclpy.serialization import serialize_message
-from rosgraph_msgs.msg import Clock
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.verify import verify_bag
-from vpsci_ros.nodes.exchange import Exchange
 from vpsci_ros.nodes.graph import GraphResult, NodeProcesses, resolve, run_graph
-from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.runs.config import RunConfig
@@ -103,32 +96,3 @@ def test_a_composed_graph_whose_process_is_killed_fails_by_name_and_leaves_a_bag
     result = run(tmp_path / "run", together=True, episodes=100_000)
     assert "world_simulator was killed by SIGKILL" in result.error
     assert list(Bag(result.bag).messages(["/world/state"]))
-
-
-def test_readers_in_other_processes_get_every_message_and_those_here_each_once(
-    context: Context, stage: Callable[..., Stage]
-) -> None:
-    here, exchange = stage(), Exchange()
-    local: list[bytes] = []
-    elsewhere: list[bytes] = []
-    reader = exchange.reader("/clock", local.append)
-    publisher = here.peer.create_publisher(Clock, "clock", LOCK_STEP)
-    here.peer.create_subscription(Clock, "clock", reader.from_middleware, LOCK_STEP, raw=True)
-    here.spin_until(lambda: publisher.get_subscription_count() == 1)
-    messages = [Clock() for _ in range(4)]
-    for second, message in enumerate(messages):
-        message.clock.sec = second
-    exchange.publish("/clock", messages[0], publisher)
-    assert not exchange.deliver(1.0)
-    assert local == [serialize_message(messages[0])], "without the middleware"
-
-    here.peer.create_subscription(Clock, "clock", elsewhere.append, LOCK_STEP, raw=True)
-    here.spin_until(lambda: publisher.get_subscription_count() == 2)
-    exchange.publish("/clock", messages[1], publisher)
-    publisher.publish(messages[2])  # another program's
-    publisher.publish(messages[1])  # another's that says the same
-    exchange.deliver(1.0)
-    here.spin_until(lambda: len(elsewhere) == 3 and len(local) == 4)
-    data = [serialize_message(message) for message in messages]
-    assert elsewhere == [data[1], data[2], data[1]]
-    assert local == [data[0], data[1], data[2], data[1]]

@@ -1,6 +1,7 @@
 """The node publishes the pedestrians as its core perceives them, a list a tick; the exam's ADS then lives by that."""
 
 import json
+import struct
 import sys
 from contextlib import closing
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from nodes.stage import Stage, overrides
+from nodes.stage import Stage, overrides, state_bytes
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 from sensor_msgs.msg import PointCloud2
@@ -19,13 +20,12 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.exam.run import prepare, run_exam
-from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.sections import Sections
-from vpsci_ros.wire import received
+from vpsci_ros.wire.world_state import read_world_state
 from vpsci_ros.world import EPISODE, load_scenarios
 from vpsci_ros.world.parked import parked_from
 from vpsci_ros.world.perception import SEEN, PerceptionConfig, blank, perceive
@@ -41,9 +41,9 @@ def run_world(context: Context, world: dict[str, Any], errors: dict[str, Any]) -
     settings = {"episodes": 1, "batch": 1, "vehicle_driver": "autopilot", "pedestrian_driver": "autopilot"} | world
     simulator = WorldSimulator(context=context, parameter_overrides=overrides(**settings, peers=nodes))
     perception = Perception(context=context, parameter_overrides=overrides(**errors, peers=nodes))
-    states: list[Any] = []
+    states: list[bytes] = []
     objects: list[Any] = []
-    simulator.create_subscription(WorldState, "world/state", states.append, 1000)
+    simulator.create_subscription(WorldState, "world/state", states.append, 1000, raw=True)
     simulator.create_subscription(PointCloud2, "perception/objects", objects.append, 1000)
     made = [simulator, SafetyMonitor(context=context), perception]
     with closing(Stage(context, *made, executor=EventsExecutor)) as here:
@@ -56,8 +56,9 @@ def test_it_tells_a_list_a_tick_as_the_core_does_stamped_when_it_was_seen(contex
     config, parked = PerceptionConfig(**ERRORS), parked_from(load_scenarios([104]))
     memory, listed = blank(1, config, 0.05), 0
     assert len(states) == len(objects) > 60
-    for state, message in zip(states, objects, strict=True):
-        memory, expected = perceive(memory, received.world_state(state).state, config, 0.05, parked)
+    for data, message in zip(states, objects, strict=True):
+        state = read_world_state(data).tick
+        memory, expected = perceive(memory, state.state, config, 0.05, parked)
         seen = expected[expected["status"] == SEEN]
         points = np.frombuffer(bytes(message.data), POINT)
         assert message.width == len(points) == len(seen)
@@ -65,7 +66,7 @@ def test_it_tells_a_list_a_tick_as_the_core_does_stamped_when_it_was_seen(contex
         for name in ("x", "y", "vx", "vy"):
             assert points[name].tolist() == seen[name].astype(np.float32).tolist()
         tick = round((message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec) / 0.05)
-        assert tick == max(0, state.tick - 2)
+        assert tick == max(0, state.number - 2)
         listed += len(points)
     assert message.header.frame_id == "map"
     assert [(f.name, f.offset, f.datatype) for f in message.fields] == [
@@ -83,9 +84,8 @@ def test_more_than_one_episode_at_a_time_is_refused_with_what_to_do(context: Con
 def test_a_state_whose_ticks_take_no_time_is_refused_and_counted(context: Context, period: float) -> None:
     node = Perception(context=context)
     state = np.zeros(1, EPISODE)
-    message = convert.world_state_message(state, np.zeros(1, bool), 3, 0.05)
-    message.dt = period
-    node.intake.receive("/world/state", message)
+    data = state_bytes(state, [False], 3).replace(struct.pack("<d", 0.05), struct.pack("<d", period))
+    node.intake.receive("/world/state", data)
     assert node.intake.refused == {"/world/state": 1}
     node.destroy_node()
 
@@ -99,7 +99,7 @@ def test_the_first_list_is_published_again_for_an_external_driving_system_alone(
     node._on_parameters("world_simulator", {"scenarios": [1], "scenario_files": [], "vehicle_driver": driver})
     node._world._requested_at.clear()  # the world has replied
     state = np.zeros(1, EPISODE)
-    node.intake.receive("/world/state", convert.world_state_message(state, np.zeros(1, bool), 0, 0.05))
+    node.intake.receive("/world/state", state_bytes(state, [False], 0))
     node._repeat_first()
     assert node._objects.published == lists
     node.destroy_node()

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
-from nodes.stage import Stage, action_message, overrides
+from nodes.stage import Stage, action_message, overrides, safety_bytes, state_bytes
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.parameter import Parameter
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, UInt64
 
-from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, WorldState
+from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, VehicleControl, WorldState
 from vpsci_ros.bags.info import bag_info
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.learning.transitions import TRANSITION
@@ -41,26 +41,25 @@ from vpsci_ros.world.lockstep import LockStepConfig
 PERIOD = 0.05
 
 
-def state(tick: int, **changed: Any) -> WorldState:
-    """Return `/world/state` of one running episode at a policy frame."""
-    record = np.zeros(1, EPISODE)
+def state(tick: int, batch: int = 1, **changed: Any) -> bytes:
+    """Return `/world/state` of running episodes at a policy frame."""
+    record = np.zeros(batch, EPISODE)
     record["status"], record["scenario"] = RUNNING, 1
-    message = convert.world_state_message(record, np.ones(1, bool), tick, PERIOD)
-    return convert.filled(message, changed)
+    for name, values in changed.items():
+        record[name] = values
+    return state_bytes(record, np.ones(batch, bool), tick)
 
 
-def safety(tick: int, **changed: Any) -> SafetyState:
-    header = Header(stamp=convert.stamp(tick, PERIOD), frame_id=convert.MAP)
-    message = convert.safety_message(header, tick, np.full(1, np.inf), np.ones(1), np.zeros(1, bool))
-    return convert.filled(message, changed)
+def safety(tick: int, curvttc: Any = (np.inf,), distance: Any = (1.0,)) -> bytes:
+    return safety_bytes(tick, curvttc, distance, [False])
 
 
 def refused(node: GraphNode) -> dict[str, int]:
     return {topic.removeprefix("refused "): n for topic, n in node.status().pairs().items() if "refused /" in topic}
 
 
-NO_DISTANCE = safety(2, distance=array("d", [np.nan]))
-BAD_STATES = [state(1, vehicle_x=array("d")), state(1, vehicle_x=array("d", [np.nan])), WorldState(tick=1)]
+NO_DISTANCE = safety(2, distance=[np.nan])
+BAD_STATES = [state(1)[:-40], state(1, vehicle_x=np.nan), serialize_message(WorldState(tick=1))]
 
 
 def test_a_monitor_refuses_bad_states_and_answers_the_next_one(context: Context, stage: Callable[..., Stage]) -> None:
@@ -88,7 +87,7 @@ def test_a_policy_refuses_bad_messages_and_answers_the_next_one(
     here.spin_until(lambda: answered == [0])
     for bad in BAD_STATES:
         policy.intake.receive("/world/state", bad)
-    for bad in (safety(2, curvttc=array("d")), safety(2, curvttc=array("d", [np.nan])), NO_DISTANCE):
+    for bad in (safety(2)[:-8], safety(2, curvttc=[np.nan]), NO_DISTANCE):
         policy.intake.receive("/safety/state", bad)
     policy.intake.receive("/world/state", state(2))
     policy.intake.receive("/safety/state", safety(2))
@@ -120,10 +119,10 @@ def test_a_recorder_refuses_bytes_that_are_no_message(
 ) -> None:
     recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
     stage(recorder)
-    for topic in ("/tf", "/tf_static", "/diagnostics", "/episode/event"):
+    for topic in ("/vehicle/cmd_control", "/diagnostics", "/episode/event"):
         recorder._take(topic, b"\x00\x01\x00\x00" + b"\xff" * 40)
     recorder.close()
-    assert refused(recorder) == {"/tf": 1, "/tf_static": 1, "/diagnostics": 1, "/episode/event": 1}
+    assert refused(recorder) == {"/vehicle/cmd_control": 1, "/diagnostics": 1, "/episode/event": 1}
 
 
 def test_a_recorder_refuses_states_and_answers_that_the_other_nodes_refuse(
@@ -135,32 +134,31 @@ def test_a_recorder_refuses_states_and_answers_that_the_other_nodes_refuse(
     header = Header(stamp=convert.stamp(1, PERIOD), frame_id=convert.MAP)
     good, bad = np.zeros((1, 2)), (np.zeros((2, 2)), np.full((1, 2), np.nan))
     sent = {
-        "/world/state": [
-            state(1),
-            *BAD_STATES,
-            convert.world_state_message(np.zeros(2, EPISODE), bad[0][0], 1, PERIOD),
-        ],
-        "/safety/state": [safety(1), safety(1, curvttc=np.full(1, np.nan)), safety(1, distance=np.zeros(2))],
-        "/vehicle/action": [action_message(header, 1, pairs, 1) for pairs in (good, *bad)],
+        "/world/state": [state(1), *BAD_STATES, state(1, batch=2)],
+        "/safety/state": [safety(1), safety(1, curvttc=[np.nan]), safety(1, distance=np.zeros(2))],
+        "/vehicle/action": [serialize_message(action_message(header, 1, pairs, 1)) for pairs in (good, *bad)],
     }
     for topic, messages in sent.items():
         for message in messages:
-            recorder._take(topic, serialize_message(message))
+            recorder._take(topic, message)
     recorder.close()
     assert refused(recorder) == {topic: len(messages) - 1 for topic, messages in sent.items()}
     info = bag_info(tmp_path / "bag")
     assert (info["messages_seen"], info["messages"]) == (11, 3)
 
 
-def test_a_recorder_writes_no_byte_that_says_nothing(
+def test_a_recorder_writes_what_others_sent_with_zeros_between_its_fields(
     context: Context, stage: Callable[..., Stage], tmp_path: Path
 ) -> None:
     recorder = Recorder(context=context, parameter_overrides=overrides(bag=str(tmp_path / "bag")))
     stage(recorder)
-    recorder._take("/world/state", serialize_message(state(1)) + b"\x07\x07\x07")
+    command = VehicleControl(tick=3, steer=0.5, header=Header(frame_id="a"))
+    clean = serialize_message(command).replace(b"a\0\0\0", b"a\0\x07\x07")
+    recorder._take("/vehicle/cmd_control", clean)
     recorder.close()
-    (raw,) = Bag(tmp_path / "bag").messages(["/world/state"])
-    assert bytes(raw.data)[-3:] == bytes(3)
+    (raw,) = Bag(tmp_path / "bag").messages(["/vehicle/cmd_control"])
+    assert b"\x07" not in bytes(raw.data)
+    assert deserialize_message(bytes(raw.data), VehicleControl) == command
 
 
 CODES = [*range(11), 255]  # of types of a parameter's value; 10 and 255 are none

@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nodes.stage import odometry_messages
+from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from tf2_msgs.msg import TFMessage
 
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.graph import run_graph
-from vpsci_ros.nodes.recorder_reading import is_own
+from vpsci_ros.nodes.recorder import is_own
 from vpsci_ros.nodes.topics import TOPICS
 from vpsci_ros.resources import robot_description
 from vpsci_ros.runs.sections import Sections
@@ -28,7 +30,7 @@ def test_transforms_are_the_poses_of_the_odometry() -> None:
     state = np.zeros(1, EPISODE)
     state["vehicle_x"], state["vehicle_y"], state["vehicle_heading"] = 3.0, -4.0, 0.5
     state["pedestrian_x"], state["pedestrian_vy"] = 7.0, 1.5
-    odometry = convert.odometry_messages(state[0], convert.Header(frame_id="map"), "left/")
+    odometry = odometry_messages(state[0], convert.Header(frame_id="map"), "left/")
     vehicle, pedestrian = convert.transforms(odometry).transforms
     assert (vehicle.header.frame_id, vehicle.child_frame_id) == ("map", "left/vehicle/base_link")
     assert pedestrian.child_frame_id == "left/pedestrian/base_link"
@@ -75,12 +77,18 @@ def test_rviz_shows_topics_of_the_graph_in_their_types() -> None:
 @pytest.mark.parametrize(("prefix", "own"), [("", False), ("left/", True), ("right/", False)])
 def test_of_a_topic_that_graphs_share_each_takes_its_own(prefix: str, own: bool) -> None:
     state = np.zeros(1, EPISODE)
-    moving = convert.transforms(convert.odometry_messages(state[0], convert.Header(frame_id="map"), "left/"))
+    moving = convert.transforms(odometry_messages(state[0], convert.Header(frame_id="map"), "left/"))
     status = DiagnosticArray(status=[DiagnosticStatus(name="left/world_simulator")])
-    for message in (moving, convert.fixed_transforms("left/"), status):
-        assert is_own(message, prefix) is own
-    assert not is_own(TFMessage(), "left/")
-    assert not is_own(DiagnosticArray(status=[DiagnosticStatus(name="left/somebody_else")]), "left/")
+    for topic, message in (
+        ("/tf", moving),
+        ("/tf_static", convert.fixed_transforms("left/")),
+        ("/diagnostics", status),
+    ):
+        assert is_own(topic, serialize_message(message), prefix) is own
+    assert not is_own("/tf", serialize_message(TFMessage()), "left/")
+    for names in (["left/somebody_else"], []):
+        other = DiagnosticArray(status=[DiagnosticStatus(name=name) for name in names])
+        assert not is_own("/diagnostics", serialize_message(other), "left/")
 
 
 def test_a_graph_in_a_namespace_records_its_transforms_and_nothing_of_its_names_is_lost(

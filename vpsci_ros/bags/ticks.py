@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -10,9 +9,11 @@ from vpsci_ros.bags.odometry import ODOMETRY, odometry_ticks
 from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.wire import layout, received
-from vpsci_ros.wire.decoder import Decoder
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.answers import SerializedSafety, read_safety_state
+from vpsci_ros.wire.decoder import RawMessage, require_cdr
 from vpsci_ros.wire.layout import SAFETY, TYPES, WORLD
+from vpsci_ros.wire.world_state import SerializedState, read_world_state
 
 _PATIENCE = 1000  # ticks for which the monitor's answer may come later in the file than the world's message
 
@@ -27,14 +28,17 @@ def read_bag(bag: str | Path | Bag, *, start: int = 0, stop: int = 2**63 - 1) ->
         breaks off or is damaged.
     """
     bag = opened(bag)
-    answers: dict[int, Any] = {}
-    waiting: dict[int, tuple[Any, int]] = {}
+    answers: dict[int, SerializedSafety] = {}
+    waiting: dict[int, tuple[SerializedState, int]] = {}
     ticks = 0
-    for topic, message, time in _messages(bag, start, stop):
-        if topic == WORLD:
-            waiting[int(message.tick)] = message, time
+    for raw in _messages(bag, start, stop):
+        where = f"{bag.path}: {raw.topic}"
+        if raw.topic == WORLD:
+            world = read_world_state(raw.data, where, raw.definition if raw.form == "ros2msg" else "")
+            waiting[world.tick.number] = world, raw.time
         else:
-            answers[int(message.tick)] = message
+            answer = read_safety_state(raw.data, where)
+            answers[answer.tick] = answer
         for tick in list(waiting):
             if tick not in answers and len(waiting) <= _PATIENCE:
                 break
@@ -67,19 +71,19 @@ def what_is_missing(bag: Bag) -> str:
     )
 
 
-def _messages(bag: Bag, start: int, stop: int) -> Iterator[tuple[str, Any, int]]:
-    decode = Decoder()
+def _messages(bag: Bag, start: int, stop: int) -> Iterator[RawMessage]:
     for raw in bag.messages((WORLD, SAFETY), start, stop):
         if raw.type != TYPES[raw.topic]:
             raise InvalidInput(f"{bag.path}: expected {TYPES[raw.topic]} on {raw.topic}, got {raw.type}")
-        yield raw.topic, decode(raw, bag.path), raw.time
+        require_cdr(raw, bag.path)
+        yield raw
 
 
-def _tick(folder: Path, world: Any, time: int, safety: Any | None) -> RecordedTick:
-    tick = received.world_state(world, f"{folder}: {WORLD}")
+def _tick(folder: Path, world: SerializedState, time: int, safety: SerializedSafety | None) -> RecordedTick:
+    tick = world.tick
     curvttc = distance = np.full(len(tick.state), np.nan)
     if safety is not None:
         curvttc, distance, _ = layout.safety_state(safety, len(tick.state), f"{folder}: {SAFETY}")
     return RecordedTick(
-        number=tick.number, period=float(world.dt), state=tick.state, curvttc=curvttc, distance=distance, time=time
+        number=tick.number, period=world.period, state=tick.state, curvttc=curvttc, distance=distance, time=time
     )

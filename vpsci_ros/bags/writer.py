@@ -1,6 +1,6 @@
 """Write a rosbag2 folder with MCAP storage from serialized messages: schemas embedded, chunks compressed with zstd.
 
-`mcap_writer` writes the file; this module adds what makes it a bag (metadata.yaml, the QoS of each channel) and keeps
+`mcap.writer` writes the file; this module adds what makes it a bag (metadata.yaml, the QoS of each channel) and keeps
 the part that is already on disk whole: chunks are handed to the operating system as they fill, so that a writer that is
 killed leaves a file that is readable up to its last chunk (`vpsci_ros.bags.repair` then completes it).
 """
@@ -11,8 +11,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mcap.writer import CompressionType, Writer
+
 from vpsci_ros import __version__
-from vpsci_ros.bags.mcap_writer import McapWriter
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.runs.files import require_empty_folder, written_whole
@@ -111,12 +112,14 @@ class BagWriter:
         if self._refusal:
             self._require_whole()
         try:  # rather than `_on_disk`, which takes as long as half a small message
-            if self._full and self._writer.has_messages:
+            if self._full and self.files[-1].messages:
                 self._claim.require_there()
                 self._finish()
                 self._open()
             row.seen += 1
-            if self._writer.add_message(row.channel, row.messages, log_time, publish_time, data):
+            self._writer.add_message(row.channel, log_time, data, publish_time, row.messages)
+            self.files[-1].count(log_time)
+            if self._file.tell() != self._written:
                 self._flush()  # a chunk that has just filled goes to the operating system at once
         except OSError as error:
             raise self._refused(error) from error
@@ -130,7 +133,7 @@ class BagWriter:
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Store a named record of text values, found again without reading the messages; errors as `write`."""
         with self._on_disk():
-            self._writer.add_metadata(name, values)
+            self._writer.add_metadata(name, dict(values))
             self._flush()
 
     def describe(self, name: str, values: Mapping[str, str]) -> None:
@@ -171,17 +174,17 @@ class BagWriter:
     def _open(self) -> None:
         self.files.append(BagFile(f"{self.folder.name}_{len(self.files)}.mcap"))
         self._file = open(self.path, "wb")  # noqa: SIM115 - closed by _finish()
-        self._writer = McapWriter(self._file, self._chunk_size, profile="ros2", library=f"vpsci_ros {__version__}")
+        self._writer = Writer(self._file, self._chunk_size, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        self._writer.start(profile="ros2", library=f"vpsci_ros {__version__}")
         schemas: dict[str, int] = {}
         for topic in self.topics.values():
             if topic.type not in schemas:
-                schemas[topic.type] = self._writer.add_schema(topic.type, "ros2msg", topic.definition.encode())
+                schemas[topic.type] = self._writer.register_schema(topic.type, "ros2msg", topic.definition.encode())
             profile = dump_yaml([topic.qos()])
             details = {"offered_qos_profiles": profile, "topic_type_hash": topic.type_hash}
-            topic.channel = self._writer.add_channel(topic.name, "cdr", schemas[topic.type], details)
+            topic.channel = self._writer.register_channel(topic.name, "cdr", schemas[topic.type], details)
         for name, values in self._described:
             self._writer.add_metadata(name, values)
-
         self._look()
 
     def _flush(self) -> None:
@@ -189,12 +192,12 @@ class BagWriter:
         self._look()
 
     def _look(self) -> None:
-        self._full = bool(self._split_size) and self._file.tell() >= self._split_size
+        self._written = self._file.tell()
+        self._full = bool(self._split_size) and self._written >= self._split_size
 
     def _finish(self, custom_data: Mapping[str, str] | None = None) -> None:
         self.add_metadata(RUN, self._totals() | dict(custom_data or {}))
-        file = self.files[-1]
-        file.first, file.last, file.messages = self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
         self._file.close()
 
     def _totals(self) -> dict[str, str]:

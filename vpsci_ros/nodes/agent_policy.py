@@ -6,26 +6,24 @@ from typing import Any
 
 import numpy as np
 
-from vpsci_msgs.msg import PolicyWeights, SafetyState
+from vpsci_msgs.msg import PolicyWeights
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.exchange import Outgoing, each
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.output import Output
-from vpsci_ros.nodes.serialized import assessment, checked_safety_state, safety_state, shown, warm_up
 from vpsci_ros.nodes.topics import LATCHED
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy, load_policy
 from vpsci_ros.policy.weights import Weights, weights_from_bytes
-from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, read_safety_state, write_action
 from vpsci_ros.wire.header import WireHeader
-from vpsci_ros.wire.world_state import SerializedState
+from vpsci_ros.wire.world_state import SerializedState, read_world_state, warm_up
 from vpsci_ros.world.tick import Tick, finite_pairs
 
 OFFER_PERIOD = 0.1  # [s]: endpoints of two programs that know each other are matched within some milliseconds
-_write = each(write_action)
 
 
 class AgentPolicy(GraphNode):
@@ -45,7 +43,7 @@ class AgentPolicy(GraphNode):
         self._actions: Output | None = None
         self._agent = make_agent(agent, config)
         self._world: SerializedState | None = None
-        self._safety: SafetyState | SerializedSafety | None = None
+        self._safety: SerializedSafety | None = None
         self._known = -1  # the latest tick that was worked through
         self._meter = Meter()
         if isinstance(self._agent, PolicyAgent):
@@ -54,8 +52,8 @@ class AgentPolicy(GraphNode):
             else:
                 self.input("/policy/weights", self._weights, partial(self._on_weights, self._agent), LATCHED)
                 self.get_logger().info(f"waiting for weights on {self.full_name('/policy/weights')}")
-        self.input("/world/state", shown, self._on_state, raw=True)
-        self._monitored = self.input("/safety/state", safety_state, self._on_safety, raw=True)
+        self.input("/world/state", read_world_state, self._on_state, raw=True)
+        self._monitored = self.input("/safety/state", _safety_state, self._on_safety, raw=True)
         self._monitor_found = False
         self.wall_timer(OFFER_PERIOD, self._offer)
 
@@ -93,11 +91,9 @@ class AgentPolicy(GraphNode):
         self._meter.tick(world.tick.number)
         self._answer()
 
-    def _on_safety(self, safety: SafetyState | SerializedSafety) -> None:
-        batch = len(self._world.tick.state) if self._world and safety.tick > 0 else len(safety.curvttc)
-        if self.intake.read("/safety/state", checked_safety_state, safety, batch):
-            self._safety = safety
-            self._answer()
+    def _on_safety(self, safety: SerializedSafety) -> None:
+        self._safety = safety
+        self._answer()
 
     def _weights(self, message: PolicyWeights) -> tuple[Weights, int]:
         """Return the weights of a message, and their version.
@@ -129,20 +125,18 @@ class AgentPolicy(GraphNode):
             self._actions.publish(message)
             self._meter.answered(arrived)
 
-    def _act(self, header: WireHeader, tick: Tick, safety: SafetyState | SerializedSafety) -> Outgoing | None:
+    def _act(self, header: WireHeader, tick: Tick, safety: SerializedSafety) -> bytes | None:
         """Take one tick in; return the answer, or None where none is wanted."""
         if not np.count_nonzero(tick.policy_frame):
-            if self.intake.read("/safety/state", checked_safety_state, safety, len(tick.state)):
-                self._known = tick.number
+            self._known = tick.number
             return None
-        assessed = self.intake.read("/safety/state", assessment, safety, tick)
+        assessed = self.intake.read("/safety/state", layout.assessment, safety, tick)
         if assessed is None:
             return None
         self._known = tick.number
         action = self._agent.act(tick, assessed).astype(np.float64)
         finite_pairs("pedestrian", action)  # refuses another shape, and numbers that are not finite
-        answer = SerializedAction(header, tick.number, action[:, 0], action[:, 1], self._version)
-        return Outgoing(answer, _write)
+        return write_action(SerializedAction(header, tick.number, action[:, 0], action[:, 1], self._version))
 
 
 class VehiclePolicy(AgentPolicy):
@@ -157,6 +151,16 @@ class PedestrianPolicy(AgentPolicy):
 
     def __init__(self, **given: Any) -> None:
         super().__init__("pedestrian", **given)
+
+
+def _safety_state(data: bytes) -> SerializedSafety:
+    """Return what a SafetyState says, one number of each kind for each episode.
+
+    :raises InvalidInput: it is none; see `layout.safety_state`.
+    """
+    safety = read_safety_state(data)
+    layout.safety_state(safety, len(safety.curvttc))
+    return safety
 
 
 def _require_no_hand_over(tick: Tick) -> None:

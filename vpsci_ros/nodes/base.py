@@ -24,7 +24,6 @@ from vpsci_ros.nodes import status as reporting
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.domain import require_security, set_defaults
-from vpsci_ros.nodes.exchange import Exchange
 from vpsci_ros.nodes.intake import Intake
 from vpsci_ros.nodes.output import Output
 from vpsci_ros.nodes.parameter_service import RefusingParameterService
@@ -37,7 +36,6 @@ from vpsci_ros.world.counts import WorldCounts
 
 T = TypeVar("T")
 FLUSH_LIMIT = 4.0  # [s] for the recorder to receive a topic's last messages
-SLICE = 0.02  # [s] for what nodes of one process publish for each other, before timers and other processes have a turn
 DRAIN_QUIET = 0.3  # [s] without a message: nothing is on its way any more
 DRAIN_LIMIT = 20.0  # [s] to receive what is still on its way when a node is to stop
 DIAGNOSTICS_PERIOD = 1.0  # [s] of wall time
@@ -66,7 +64,6 @@ class GraphNode(Node, metaclass=_Destroying):
 
     :param context: a private context, or None for the global one.
     :param parameter_overrides: as in `rclpy.node.Node`, for graphs in one process.
-    :param exchange: that it shares with the other nodes of its process, if there are any.
     :raises InvalidInput: a parameter is unknown, of the wrong type or out of range.
     """
 
@@ -81,7 +78,6 @@ class GraphNode(Node, metaclass=_Destroying):
         *,
         context: Context | None = None,
         parameter_overrides: list[Any] | None = None,
-        exchange: Exchange | None = None,
     ) -> None:
         overrides = parameter_overrides or []
         super().__init__(name, context=context, parameter_overrides=overrides, start_parameter_services=False)
@@ -104,8 +100,7 @@ class GraphNode(Node, metaclass=_Destroying):
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.add_on_set_parameters_callback(self._check_parameters)  # both would be called at every declaration
         self.add_post_set_parameters_callback(self._take_up_parameters)
-        self._exchange = exchange
-        self.intake = Intake(self, exchange)
+        self.intake = Intake(self)
         self.input = self.intake.add
         self.diagnostics = self.output("/diagnostics")
         self.wall_timer(DIAGNOSTICS_PERIOD, self._report_and_look_for_peers)
@@ -125,7 +120,7 @@ class GraphNode(Node, metaclass=_Destroying):
     def output(self, topic: str) -> Output:
         """Return an output for a topic of the table."""
         expected = listeners(topic, self.peers)
-        made = Output(self, topic, expected, self.peer_timeout, self._is_stopping, self._exchange)
+        made = Output(self, topic, expected, self.peer_timeout, self._is_stopping)
         self._offered.append(made)
         return made
 
@@ -292,12 +287,10 @@ def run_together(kinds: Sequence[Any], args: list[str] | None = None) -> int:
 
 
 def _run(kinds: Sequence[Any], context: Context, stop: StopRequest) -> int:
-    exchange = Exchange() if len(kinds) > 1 else None
-    shared = {} if exchange is None else {"exchange": exchange}  # which a user's node, alone, need not know
     nodes: list[GraphNode] = []
     try:
         for kind in kinds:
-            nodes.append(kind(context=context, **shared))
+            nodes.append(kind(context=context))
             nodes[-1].stop = stop
     except (VpsciError, OSError, MemoryError) as error:
         print(f"error: {error if isinstance(error, VpsciError) else in_words(error)}", file=sys.stderr)
@@ -308,27 +301,25 @@ def _run(kinds: Sequence[Any], context: Context, stop: StopRequest) -> int:
     for node in nodes:
         executor.add_node(node)
     try:
-        return run_nodes(nodes, executor, exchange)
+        return run_nodes(nodes, executor)
     finally:
         executor.shutdown()
         for node in nodes:
             node.destroy_node()
 
 
-def run_nodes(nodes: Sequence[GraphNode], executor: EventsExecutor, exchange: Exchange | None) -> int:
+def run_nodes(nodes: Sequence[GraphNode], executor: EventsExecutor) -> int:
     """Run nodes until the first of them has finished, or a stop was requested, and close them; return 0, or 1."""
     status = 1
     try:
-        status = _attempt(nodes[0], partial(_spin, nodes[0], executor, exchange))
+        status = _attempt(nodes[0], partial(_spin, nodes[0], executor))
     finally:
         for node in nodes:
             if not node.drains:
                 status = max(status, _attempt(node, partial(_end, node)))
-        if exchange is not None:
-            exchange.deliver(DRAIN_LIMIT)
         deadline = time.monotonic() + DRAIN_LIMIT
         while not all(node.quiet for node in nodes) and time.monotonic() < deadline:
-            _spin_once(executor, exchange)
+            _spin_once(executor)
         for node in nodes:
             if node.drains:
                 status = max(status, _attempt(node, partial(_end, node)))
@@ -338,14 +329,13 @@ def run_nodes(nodes: Sequence[GraphNode], executor: EventsExecutor, exchange: Ex
     return status
 
 
-def _spin(first: GraphNode, executor: EventsExecutor, exchange: Exchange | None) -> None:
+def _spin(first: GraphNode, executor: EventsExecutor) -> None:
     while not first.stop.is_set() and not first.finished:
-        _spin_once(executor, exchange)
+        _spin_once(executor)
 
 
-def _spin_once(executor: EventsExecutor, exchange: Exchange | None) -> None:
-    more = exchange is not None and exchange.deliver(SLICE)
-    executor.spin_once(timeout_sec=0.0 if more else 0.1)  # in these wheels EventsExecutor.spin() runs no callback
+def _spin_once(executor: EventsExecutor) -> None:
+    executor.spin_once(timeout_sec=0.1)  # in these wheels EventsExecutor.spin() runs no callback
 
 
 def _end(node: GraphNode) -> None:

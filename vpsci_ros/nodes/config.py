@@ -41,7 +41,7 @@ class GraphConfig:
     namespace: str = parameter("", "namespace of all nodes, such as /left; empty: none")
     composed: bool = parameter(
         False,
-        "all nodes in one process, which hand their messages on without the middleware: faster; if one fails, all do",
+        "all nodes in one process, for few cores; if one fails, all do",
     )
 
     def __post_init__(self) -> None:

@@ -19,11 +19,10 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from vpsci_msgs.msg import EpisodeEvent, SafetyState, Transition, WorldState
+from vpsci_msgs.msg import EpisodeEvent, Transition
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world.kinematics import WHEELBASE
-from vpsci_ros.world.observation import AGENTS
 
 Array = NDArray[Any]
 T = TypeVar("T")
@@ -54,17 +53,6 @@ def stamp(tick: int, period: float) -> Time:
     return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
 
 
-def world_state_message(state: Array, policy_frame: Array, tick: int, period: float) -> WorldState:
-    """Return EPISODE[B] records at `tick` as a message; `vpsci_ros.wire.header` writes the same serialized, at once."""
-    message = WorldState(header=Header(stamp=stamp(tick, period), frame_id=MAP), tick=tick, dt=period)
-    return filled(message, layout.world_state_fields(state, policy_frame))
-
-
-def safety_message(header: Header, tick: int, curvttc: Array, distance: Array, critical: Array) -> SafetyState:
-    """Return CurvTTC [s], distance [m] (float64[B]) and critical (bool[B]) at `tick` as a SafetyState."""
-    return filled(SafetyState(header=header, tick=tick), layout.safety_fields(curvttc, distance, critical))
-
-
 def event_message(events: Array, tick: int, period: float) -> EpisodeEvent:
     """Return EVENT[n] records of one tick as a message."""
     header = Header(stamp=stamp(tick, period), frame_id=MAP)
@@ -89,14 +77,6 @@ def objects_message(objects: Array, at: Time) -> PointCloud2:
     cloud = PointCloud2(header=Header(stamp=at, frame_id=MAP), fields=_POINT_FIELDS, is_dense=True, **size)
     cloud.data.frombytes(points.tobytes())
     return cloud
-
-
-def odometry_messages(record: np.void, header: Header, prefix: str = "") -> tuple[Odometry, Odometry]:
-    """Return vehicle and pedestrian of one EPISODE record as odometry; `prefix` comes before their frames' names."""
-    frames = (f"{prefix}{agent}" for agent in AGENTS)
-    motions = (layout.motion_of(record, agent) for agent in AGENTS)
-    vehicle, pedestrian = (odometry(motion, frame, header) for motion, frame in zip(motions, frames, strict=True))
-    return vehicle, pedestrian
 
 
 def odometry(motion: layout.PlanarMotion, frame: str, header: Header) -> Odometry:

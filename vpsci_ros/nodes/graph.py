@@ -226,7 +226,8 @@ class NodeProcesses:
 
     def ended(self) -> dict[str, int]:
         """Return the exit status of each process that has ended."""
-        return {node: process.status for node, process in self.running.items() if process.status is not None}
+        now = {process: process.status for process in self.running.values()}  # composed nodes end together
+        return {node: status for node, process in self.running.items() if (status := now[process]) is not None}
 
     def statuses(self, seconds: float) -> dict[str, NodeStatus]:
         """Return the latest report of each node that has made one, after reading the pipes for so many seconds."""

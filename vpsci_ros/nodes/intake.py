@@ -13,8 +13,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.nodes.exchange import Exchange
-from vpsci_ros.nodes.topics import LATCHED, TOPICS, speakers
+from vpsci_ros.nodes.topics import TOPICS, speakers
 
 T = TypeVar("T")
 MOST_AT_ONCE = 1000  # messages of a topic in one poll
@@ -25,14 +24,13 @@ UNKNOWN = "_NODE_NAME_UNKNOWN_"  # so the middleware calls a node of which it kn
 class Intake:
     """The subscriptions of a node, by topic of the table.
 
-    :param exchange: through which messages of other nodes of this process come, where there are any.
     :ivar arrived: `time.perf_counter()` when the latest message came.
     :ivar polled: subscription that the node polls itself -> what takes its messages.
     :ivar refused: topic -> messages that were refused.
     """
 
-    def __init__(self, node: Node, exchange: Exchange | None = None) -> None:
-        self._node, self._exchange = node, exchange
+    def __init__(self, node: Node) -> None:
+        self._node = node
         self._inputs: dict[str, Subscription] = {}
         self._receivers: dict[str, tuple[Callable[[Any], Any], Callable[[Any], None]]] = {}
         self.polled: dict[Subscription, Callable[[bytes], None]] = {}
@@ -63,8 +61,6 @@ class Intake:
         if decode is not None:
             self._receivers[topic] = decode, handle
             receive = partial(self.receive, topic)
-        if self._exchange is not None and raw and row.qos is not LATCHED:
-            receive = self._exchange.reader(topic, receive).from_middleware
         self._inputs[topic] = self._node.create_subscription(
             row.type, row.ros_name, receive, raw=raw, **row.quality(qos)
         )

@@ -2,14 +2,12 @@
 
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
 
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.nodes.exchange import Exchange, Outgoing
 from vpsci_ros.nodes.topics import LATCHED, TOPICS
 
 STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
@@ -24,9 +22,7 @@ class Output:
     :param expected: names of the nodes that are to read it.
     :param timeout: how long to wait for them [s].
     :param stopping: returns whether the node is to stop, and waits no more.
-    :param exchange: through which the other nodes of this process get what is published, where there are any.
     :ivar published: number of messages.
-    :ivar shared: nodes of this process get what is published as it is.
     """
 
     def __init__(
@@ -36,21 +32,13 @@ class Output:
         expected: list[str],
         timeout: float,
         stopping: Callable[[], bool],
-        exchange: Exchange | None = None,
     ) -> None:
         self.topic = topic
         self.expected = expected
         self._node = node
         row = TOPICS[topic]
         self._latched = row.qos is LATCHED
-        publisher = node.create_publisher(row.type, row.ros_name, **row.quality())
-        self._publisher = publisher
-        self._send: Callable[[Any], None] = self._send_to_readers
-        self._count: Callable[[], int] = publisher.get_subscription_count
-        self.shared = exchange is not None and not self._latched
-        if exchange is not None and self.shared:
-            self._send = partial(exchange.publish, topic, publisher=publisher)
-            self._count = partial(exchange.subscriptions, publisher)
+        self._publisher = node.create_publisher(row.type, row.ros_name, **row.quality())
         self._timeout = timeout
         self._stopping = stopping
         self._ready = False
@@ -94,26 +82,22 @@ class Output:
     @property
     def has_readers(self) -> bool:
         """Whether there is a reader; views of the world are made only for one."""
-        return self._count() > 0
+        return self._publisher.get_subscription_count() > 0
 
     def publish(self, message: Any) -> None:
-        """Publish; the first time, wait for the expected readers.
+        """Publish a message, or the bytes of one; the first time, wait for the expected readers.
 
         :raises VpsciError: they did not appear within `peer_timeout`.
         """
         if not self._ready:
             self._wait()
-        self._send(message)
-        self.published += 1
+        self.publish_now(message)
 
     def publish_now(self, message: Any) -> None:
         """Publish to the readers that are matched."""
-        self._send(message)
-        self.published += 1
-
-    def _send_to_readers(self, message: Any) -> None:
         if self._latched or self.has_readers:
-            self._publisher.publish(bytes(message) if isinstance(message, Outgoing) else message)
+            self._publisher.publish(message)
+        self.published += 1
 
     def flush(self, timeout_sec: float) -> bool:
         """Wait until every reader has received all messages; return whether that happened in time."""

@@ -6,17 +6,14 @@ from typing import Any
 
 from sensor_msgs.msg import PointCloud2
 
-from vpsci_msgs.msg import WorldState
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.exchange import Outgoing
 from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.nodes.peer_parameters import PeerParameters
-from vpsci_ros.nodes.serialized import shown
-from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
 from vpsci_ros.wire.layout import WORLD
-from vpsci_ros.wire.world_state import SerializedState
+from vpsci_ros.wire.world_state import SerializedState, read_world_state
+from vpsci_ros.wire.world_state import warm_up as warm_up_reading
 from vpsci_ros.world import load_scenarios
 from vpsci_ros.world.parked import Parked, parked_from
 from vpsci_ros.world.perception import SEEN, PerceptionConfig, PerceptionState, blank, perceive, warm_up
@@ -98,12 +95,12 @@ class Perception(GraphNode):
             self._objects.publish_now(self._first)
 
 
-def _shown(message: WorldState | bytes | Outgoing) -> SerializedState:
+def _shown(data: bytes) -> SerializedState:
     """Return what a WorldState says.
 
-    :raises InvalidInput: as `vpsci_ros.nodes.serialized.shown`, or its ticks take no time.
+    :raises InvalidInput: as `read_world_state`, or its ticks take no time.
     """
-    world = shown(message)
+    world = read_world_state(data)
     if not 0.0 < world.period < math.inf:
         raise InvalidInput(f"{WORLD}: expected dt > 0 s, got {world.period:g}")
     return world

@@ -1,28 +1,35 @@
 """The recorder: writes every message of the graph, as it came off the wire, to a rosbag2 folder with MCAP storage."""
 
 import hashlib
+import struct
 import time
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
 from vpsci_msgs.msg import PolicyWeights
-from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog
+from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog, event_rows
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
-from vpsci_ros.nodes import serialized
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.config import NODES, RecorderConfig
-from vpsci_ros.nodes.exchange import Outgoing
+from vpsci_ros.nodes.config import EXECUTABLES, NODES, RecorderConfig
 from vpsci_ros.nodes.peer_parameters import PeerParameters
-from vpsci_ros.nodes.recorder_reading import FOREIGN, Reading
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
-from vpsci_ros.wire.decoder import describe
+from vpsci_ros.wire import layout
+from vpsci_ros.wire.answers import read_action, read_safety_state
+from vpsci_ros.wire.decoder import describe, rewritten
+from vpsci_ros.wire.header import stamp_of
+from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
+from vpsci_ros.wire.world_state import read_world_state, warm_up
 from vpsci_ros.world import load_scenarios
+from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.tick import finite_pairs
 
-AT_ONCE = 250  # messages that are written together; the values of more would be in the cache no longer
 POLL = 0.02  # [s]: at a thousand ticks a second two hundred messages at once, in place of as many calls
+_ACTIONS = {f"/{agent}/action": agent for agent in AGENTS}
+_AS_WRITTEN = (
+    *("/clock", "/markers", "/tf", "/vehicle/odometry", "/pedestrian/odometry", "/pedestrians/odometry"),
+)  # with zeros between their fields; the others are written once more, so that the same run leaves the same bag
 
 
 class Recorder(GraphNode):
@@ -32,8 +39,7 @@ class Recorder(GraphNode):
     same for the same seed; publish times are the wall times of receipt. Beside the messages the bag gets the
     parameters of the other nodes, which it requests, and a record of each episode.
 
-    What comes is gathered, and a thread of its own reads and writes it, some hundred messages at a time: what nodes of
-    this process publish has its bytes made there, all of a kind together.
+    States and answers that the nodes which act on them refuse are refused here as well.
     """
 
     drains = True
@@ -51,7 +57,7 @@ class Recorder(GraphNode):
         sizes = {"chunk_size": config.chunk_size * 1024, "split_size": config.split_size}
         self._bag = BagWriter(config.bag, topics, **sizes)
         self._bag.describe(SOFTWARE, software_record())
-        self._reading = Reading(self.intake, self.frame_prefix)
+        self._rows = 0  # of the arrays of states and answers; 0: not known
         self._episodes = EpisodeLog()
         self._ended: list[BagEpisode] = []
         self._recorded_episodes = 0
@@ -59,14 +65,11 @@ class Recorder(GraphNode):
         if self._untimed:
             self.simulated_at = self.get_clock().now().nanoseconds
         self._begun = time.monotonic()
-        self._came: list[tuple[str, bytes | Outgoing, int]] = []  # topic, message, wall time [ns]
-        self._thread = ThreadPoolExecutor(1, "recorder")
-        self._written: Future[None] | None = None  # what was handed over to it
-        serialized.warm_up()
+        warm_up()
         others = [name for name in (self.peers if explicit else NODES) if name not in ("recorder", "replayer")]
         self._peer_parameters = PeerParameters(self, others, self._on_parameters)
         if "learner" in others:
-            self.input("/policy/weights", _digest, partial(self._describe, WEIGHTS), LATCHED)
+            self.input("/policy/weights", _digest, partial(self._bag.describe, WEIGHTS), LATCHED)
         # Where the nodes wait for this one, it first waits for their parameters: a short run would be over before.
         self._waiting: list[Topic] = wanted
         if explicit:
@@ -86,54 +89,55 @@ class Recorder(GraphNode):
         for row in self._waiting:
             self.input(row.name, None, partial(self._take, row.name), RECORDING, raw=True, polled=True)
         self._waiting = []
-        self.wall_timer(POLL, self._poll)
+        self.wall_timer(POLL, self.intake.poll)
 
-    def _take(self, topic: str, message: bytes | Outgoing) -> None:
-        self._came.append((topic, message, time.time_ns()))
-        if len(self._came) >= AT_ONCE:
-            self._hand_over()
+    def _take(self, topic: str, data: bytes) -> None:
+        """Write a message, unless it is another graph's or refused.
 
-    def _poll(self) -> None:
-        self.intake.poll()
-        self._hand_over()
-
-    def _hand_over(self) -> None:
-        """Have written what has come, beside what this process does next.
-
-        :raises VpsciError: the disk has refused what was to be written before.
+        :raises VpsciError: the disk refuses it.
         """
-        if self._came:
-            self.intake.arrived = time.perf_counter()
-            self._settle()
-            self._written = self._thread.submit(self._record, self._came)
-            self._came = []
+        self.intake.arrived = time.perf_counter()
+        own = not TOPICS[topic].shared or self.intake.read(topic, is_own, topic, data, self.frame_prefix)
+        if own is False:
+            return
+        read = self.intake.read(topic, self._read, topic, data) if own else None
+        if read is None:
+            self._bag.refuse(topic)
+            return
+        at, data, message = read
+        if self._ended and at > self._ended[0].end_time:
+            self._write_ended()
+        self._bag.write(topic, data, at, time.time_ns())
+        if topic == EVENTS:
+            self._ended += self._episodes.add(
+                message.tick, at, event_rows(layout.events(message)), self._bag.files[-1].name
+            )
+        if topic != "/diagnostics" or self._untimed:
+            self.simulated_at = at
 
-    def _settle(self) -> None:
-        """Wait until everything is written that was handed over; a writer that is slower thus slows down the graph."""
-        written, self._written = self._written, None
-        if written is not None:
-            written.result()
+    def _read(self, topic: str, data: bytes) -> tuple[int, bytes, Any]:
+        """Return stamp [ns] and bytes of a message as they are recorded, and, where it was decoded, the message.
 
-    def _describe(self, name: str, values: Mapping[str, str]) -> None:
-        self._settle()
-        self._bag.describe(name, values)
-
-    def _record(self, came: Sequence[tuple[str, bytes | Outgoing, int]]) -> None:
-        """Write messages that came at these wall times [ns], in their order."""
-        own = self._reading.own([message[:2] for message in came])
-        for (topic, message, came_at), found in zip(came, own, strict=True):
-            read = found or self._reading.message(topic, bytes(message))
-            if read is None:
-                self._bag.refuse(topic)
-            elif read is not FOREIGN:
-                at, data, tick, events = read
-                if self._ended and at > self._ended[0].end_time:
-                    self._write_ended()
-                self._bag.write(topic, data, at, came_at)
-                if events:
-                    self._ended += self._episodes.add(tick, at, events, self._bag.files[-1].name)
-                if topic != "/diagnostics" or self._untimed:
-                    self.simulated_at = at
+        :raises InvalidInput: it has no stamp, or is shorter than its lengths say, or it is a state, an answer or events
+            that the nodes which act on them refuse as well.
+        """
+        at = stamp_of(topic, data)
+        if topic == WORLD:
+            rows = len(read_world_state(data).tick.state)
+            if self._rows and rows != self._rows:
+                raise InvalidInput(f"{topic}: expected {self._rows} pedestrians, got {rows}; are two worlds here?")
+        elif topic == SAFETY:
+            safety = read_safety_state(data)
+            layout.safety_state(safety, self._rows or len(safety.curvttc))
+        elif topic in _ACTIONS:
+            answer = read_action(data, topic)
+            finite_pairs(_ACTIONS[topic], layout.action(answer, self._rows or len(answer.longitudinal), topic))
+        elif topic not in _AS_WRITTEN:
+            message, data = rewritten(TOPICS[topic].type_name, data, topic)
+            if topic == EVENTS:
+                layout.events(message)
+            return at, data, message
+        return at, data, None
 
     def _write_ended(self) -> None:
         """Write the records of the episodes whose last tick is over."""
@@ -144,11 +148,11 @@ class Recorder(GraphNode):
 
     def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
         scenarios = scenario_records(load_scenarios(values.get("scenarios", ()), values.get("scenario_files", ())))
-        self._describe(NODE, node_record(node, values))
+        self._bag.describe(NODE, node_record(node, values))
         if node == "world_simulator":
-            self._reading.rows = int(values.get("batch", 0)) * int(values.get("pedestrians", 1))
+            self._rows = int(values.get("batch", 0)) * int(values.get("pedestrians", 1))
         for record in scenarios:
-            self._describe(SCENARIO, record)
+            self._bag.describe(SCENARIO, record)
 
     def figures(self) -> dict[str, Any]:
         """Return numbers of messages, episodes and files."""
@@ -162,14 +166,25 @@ class Recorder(GraphNode):
 
     def close(self) -> None:
         """Complete the bag."""
-        self._poll()
-        self._settle()
-        self._thread.shutdown()
+        self.intake.poll()
         self._write_ended()
         totals = {"episodes": str(self._recorded_episodes), "episodes_unfinished": str(self._episodes.unfinished)}
         self._bag.close(totals)
         written = sum(topic.messages for topic in self._bag.topics.values())
         self.get_logger().info(f"wrote {self._bag.folder}: {written} messages, {self._recorded_episodes} episodes")
+
+
+def is_own(topic: str, data: bytes, prefix: str) -> bool:
+    """Return whether a message on a topic that graphs share is of the graph whose names begin with `prefix`.
+
+    :param prefix: such as "left/", or nothing.
+    :raises InvalidInput: the bytes are no message.
+    """
+    if topic == "/diagnostics":
+        names = {status.name for status in rewritten(TOPICS[topic].type_name, data, topic)[0].status}
+        return bool(names) and names <= {f"{prefix}{name}" for name in EXECUTABLES}
+    vehicle = f"{prefix}vehicle/base_link".encode() + b"\0"  # every message of a graph's frames has it
+    return struct.pack("<I", len(vehicle)) + vehicle in data
 
 
 def _digest(message: PolicyWeights) -> dict[str, str]:

@@ -11,14 +11,13 @@ from rclpy.subscription import Subscription
 from rclpy.time import Time
 from std_msgs.msg import Header
 
-from vpsci_msgs.msg import AgentAction, SafetyState, VehicleControl
+from vpsci_msgs.msg import VehicleControl
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.exchange import Outgoing
 from vpsci_ros.nodes.failures import ADS
-from vpsci_ros.nodes.serialized import action, safety_state
 from vpsci_ros.nodes.topics import COMMANDS
 from vpsci_ros.wire import layout
+from vpsci_ros.wire.answers import read_action, read_safety_state
 from vpsci_ros.wire.layout import MAP, WORLD
 from vpsci_ros.world.lockstep import SAFETY, LockStep
 from vpsci_ros.world.safe_stop import ExternalDriver
@@ -86,13 +85,13 @@ class Respondents:
 
         return self._node.input(topic, None, submit, qos, raw=qos is None)
 
-    def _take_safety(self, message: SafetyState | bytes | Outgoing) -> None:
-        answer = safety_state(message)
+    def _take_safety(self, data: bytes) -> None:
+        answer = read_safety_state(data)
         self._lock_step.take_assessment(answer.tick, lambda tick: layout.assessment(answer, tick))
 
-    def _take_action(self, agent: str, message: AgentAction | bytes | Outgoing) -> None:
+    def _take_action(self, agent: str, data: bytes) -> None:
         topic = f"/{agent}/action"
-        answer = action(message, topic)
+        answer = read_action(data, topic)
         self._lock_step.take_action(
             answer.tick, agent, answer.policy_version, lambda tick: layout.action(answer, len(tick.state), topic)
         )

@@ -3,15 +3,11 @@
 from typing import Any
 
 from vpsci_ros.nodes.base import GraphNode
-from vpsci_ros.nodes.exchange import Outgoing, each
 from vpsci_ros.nodes.meter import Meter
-from vpsci_ros.nodes.serialized import shown
-from vpsci_ros.nodes.serialized import warm_up as warm_up_reading
 from vpsci_ros.wire.answers import SerializedSafety, write_safety_state
-from vpsci_ros.wire.world_state import SerializedState
+from vpsci_ros.wire.world_state import SerializedState, read_world_state
+from vpsci_ros.wire.world_state import warm_up as warm_up_reading
 from vpsci_ros.world.monitor import MonitorConfig, assess, warm_up
-
-_write = each(write_safety_state)
 
 
 class SafetyMonitor(GraphNode):
@@ -24,7 +20,7 @@ class SafetyMonitor(GraphNode):
         warm_up(self._config)  # before the topic is there, for which the world waits
         self._meter = Meter()
         self._safety = self.output("/safety/state")
-        self.input("/world/state", shown, self._on_state, raw=True)
+        self.input("/world/state", read_world_state, self._on_state, raw=True)
 
     def figures(self) -> dict[str, Any]:
         """Return rate and lag of the answers."""
@@ -33,8 +29,7 @@ class SafetyMonitor(GraphNode):
     def _on_state(self, world: SerializedState) -> None:
         header, tick, _ = world
         curvttc, distance, critical = assess(tick.state, self._config)
-        safety = SerializedSafety(header, tick.number, curvttc, distance, critical)
-        self._safety.publish(Outgoing(safety, _write))
+        self._safety.publish(write_safety_state(SerializedSafety(header, tick.number, curvttc, distance, critical)))
         self.simulated_at = header.at
         self._meter.tick(tick.number)
         self._meter.answered(self.intake.arrived)

@@ -1,6 +1,5 @@
-"""Messages as bytes and as arrays, without ROS.
+"""Messages as bytes and as arrays, without ROS: a node gets bytes and gives bytes.
 
-`layout` says which arrays a message holds, `decoder` reads any message by its definition, `received` checks what came
-from a topic. What every tick sends is packed and unpacked by hand (`header`, `world_state`, `answers`), and
-`padding` clears the bytes between the fields of a serialized message.
+`layout` says which arrays a message holds, `decoder` reads any message by its definition. What every tick sends is
+packed, unpacked and checked by hand (`header`, `world_state`, `answers`).
 """

@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.wire.header import WireHeader, aligned, read_start, write_start
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.wire.header import WireHeader, aligned, read_start, whole_words, write_start
+from vpsci_ros.wire.layout import SAFETY
 
 Floats = NDArray[np.float64]
 _U32 = struct.Struct("<I")
@@ -36,26 +38,30 @@ class SerializedAction(NamedTuple):
     policy_version: int
 
 
-def read_safety_state(data: bytes) -> SerializedSafety | None:
-    """Return what a serialized SafetyState says; None where the bytes are not as ROS writes them."""
-    found = _read(data)
-    if found is None or found[4] > len(data) - found[5]:
-        return None
-    header, tick, curvttc, distance, count, at = found
+def read_safety_state(data: bytes, where: str = SAFETY) -> SerializedSafety:
+    """Return what a serialized SafetyState says; see `vpsci_ros.wire.layout.safety_state` for its numbers.
+
+    :raises InvalidInput: the bytes are not as ROS writes them.
+    """
+    header, tick, curvttc, distance, count, at = _read(data, where)
+    if count > len(data) - at:
+        raise _broken_off(data, where)
     critical = np.frombuffer(data, np.uint8, count, at) if count else np.zeros(0, np.uint8)
     return SerializedSafety(header, tick, curvttc, distance, critical)
 
 
-def read_action(data: bytes) -> SerializedAction | None:
-    """Return what a serialized AgentAction says; None where the bytes are not as ROS writes them."""
-    found = _read(data)
-    return SerializedAction(*found[:5]) if found else None
+def read_action(data: bytes, where: str) -> SerializedAction:
+    """Return what a serialized AgentAction says; see `vpsci_ros.wire.layout.action` for its numbers.
+
+    :raises InvalidInput: the bytes are not as ROS writes them.
+    """
+    return SerializedAction(*_read(data, where)[:5])
 
 
 def write_safety_state(safety: SerializedSafety) -> bytes:
     """Return a SafetyState of at least one episode, serialized."""
     data = _with_floats(_with_floats(write_start(safety.header, safety.tick), safety.curvttc), safety.distance)
-    return data + _U32.pack(len(safety.critical)) + safety.critical.tobytes()
+    return whole_words(data + _U32.pack(len(safety.critical)) + safety.critical.tobytes())
 
 
 def write_action(action: SerializedAction) -> bytes:
@@ -64,21 +70,23 @@ def write_action(action: SerializedAction) -> bytes:
     return data + _U32.pack(action.policy_version)
 
 
-def _read(data: bytes) -> tuple[WireHeader, int, Floats, Floats, int, int] | None:
+def _read(data: bytes, where: str) -> tuple[WireHeader, int, Floats, Floats, int, int]:
     """Return header, tick, two float64[] and a uint32 with which both messages begin, and the offset behind them.
 
-    :return: None where the bytes are not as ROS writes them.
+    :raises InvalidInput: the bytes are not as ROS writes them.
     """
-    start = read_start(data)
-    if start is None:
-        return None
+    header, tick, at = read_start(data, where)
     try:
-        first, at = _floats(data, start[2])
+        first, at = _floats(data, at)
         second, at = _floats(data, at)
         (number,) = _U32.unpack_from(data, aligned(at, 4))
-    except (struct.error, ValueError):  # shorter than its lengths say
-        return None
-    return start[0], start[1], first, second, number, aligned(at, 4) + _U32.size
+    except (struct.error, ValueError):
+        raise _broken_off(data, where) from None
+    return header, tick, first, second, number, aligned(at, 4) + _U32.size
+
+
+def _broken_off(data: bytes, where: str) -> InvalidInput:
+    return InvalidInput(f"{where}: {len(data)} bytes, which is shorter than the lengths in the message say")
 
 
 def _floats(data: bytes, at: int) -> tuple[Floats, int]:

@@ -39,10 +39,7 @@ class Decoder:
 
         :raises InvalidInput: another encoding than CDR, or a definition or message that cannot be read.
         """
-        if raw.encoding != "cdr":
-            raise InvalidInput(
-                f"{where}: {raw.topic} holds {raw.encoding} described by {raw.form or 'nothing'}; expected ROS 2's cdr"
-            )
+        require_cdr(raw, where)
         try:
             if raw.form != "ros2msg":
                 if raw.type not in known_types().fielddefs:
@@ -61,6 +58,29 @@ class Decoder:
             raise InvalidInput(
                 f"{where}: {raw.type} at {raw.time} ns on {raw.topic} is not readable: {error}"
             ) from None
+
+
+def require_cdr(raw: RawMessage, where: object) -> None:
+    """Refuse another encoding than that of ROS 2; `where` opens the error message."""
+    if raw.encoding != "cdr":
+        raise InvalidInput(
+            f"{where}: {raw.topic} holds {raw.encoding} described by {raw.form or 'nothing'}; expected ROS 2's cdr"
+        )
+
+
+def rewritten(kind: str, data: bytes, where: str) -> tuple[Any, bytes]:
+    """Return the message that bytes are, of a type such as "nav_msgs/msg/Odometry", and it serialized once more.
+
+    A serializer skips the gaps between fields, so that what lay in the memory there goes over the wire; here they are
+    zero, and the same message is the same bytes.
+
+    :raises InvalidInput: the bytes are no such message.
+    """
+    try:
+        message = known_types().deserialize_cdr(data, kind)
+        return message, bytes(known_types().serialize_cdr(message, kind))
+    except Exception as error:  # noqa: BLE001  rosbags raises errors of many types
+        raise InvalidInput(f"{where}: {len(data)} bytes that are no {kind}: {error}") from None
 
 
 @cache

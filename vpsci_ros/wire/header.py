@@ -1,16 +1,21 @@
 """How a message of `vpsci_msgs` begins when it is serialized: encapsulation, header, tick.
 
-Little-endian CDR as ROS makes it, see `vpsci_ros.wire.padding`: a number stands at a multiple of its size, counted from
-behind the 4 bytes of the encapsulation.
+Little-endian CDR as ROS makes it (OMG DDS-XTypes 1.3, 7.4.1: XCDR version 1): a number stands at a multiple of its
+size, counted from behind the 4 bytes of the encapsulation. What is written here has zeros between fields, and behind
+the last one up to a multiple of 4, to which the middleware would fill it up by whatever lies in the memory.
 """
 
 import struct
 from typing import NamedTuple
 
+from vpsci_ros.errors import InvalidInput
+
 LITTLE_ENDIAN = b"\x00\x01"
 _START = struct.Struct("<4siII")  # encapsulation, stamp, length of frame_id with the zero that ends it
 _CLOCK = struct.Struct("<4siI")
+_STAMP = struct.Struct("<iI")
 _TICK = struct.Struct("<Q")
+_SEQUENCES = ("/markers", "/tf", "/tf_static")  # topics of messages that are sequences
 
 
 class WireHeader(NamedTuple):
@@ -26,22 +31,19 @@ class WireHeader(NamedTuple):
         return self.seconds * 1_000_000_000 + self.nanoseconds
 
 
-def read_start(data: bytes) -> tuple[WireHeader, int, int] | None:
+def read_start(data: bytes, where: str) -> tuple[WireHeader, int, int]:
     """Return header and tick of a serialized message, and the offset behind them.
 
-    :return: None where they are not as ROS writes them.
+    :param where: the topic, which opens the message.
+    :raises InvalidInput: they are not as ROS writes them.
     """
-    if len(data) < _START.size:
-        return None
-    encoding, seconds, nanoseconds, length = _START.unpack_from(data)
-    at = aligned(_START.size + length, 8)
-    if encoding[:2] != LITTLE_ENDIAN or length == 0 or at + _TICK.size > len(data):
-        return None
-    try:
-        frame_id = str(data[_START.size : _START.size + length - 1], "utf-8")
-    except UnicodeDecodeError:
-        return None
-    return WireHeader(seconds, nanoseconds, frame_id), _TICK.unpack_from(data, at)[0], at + _TICK.size
+    if len(data) >= _START.size:
+        encoding, seconds, nanoseconds, length = _START.unpack_from(data)
+        at = aligned(_START.size + length, 8)
+        if encoding[:2] == LITTLE_ENDIAN and length > 0 and at + _TICK.size <= len(data):
+            frame_id = str(data[_START.size : _START.size + length - 1], "utf-8", "replace")
+            return WireHeader(seconds, nanoseconds, frame_id), _TICK.unpack_from(data, at)[0], at + _TICK.size
+    raise InvalidInput(f"{where}: {len(data)} bytes that are no message with header and tick in little-endian CDR")
 
 
 def write_start(header: WireHeader, tick: int) -> bytes:
@@ -56,6 +58,31 @@ def write_clock(header: WireHeader) -> bytes:
     return _CLOCK.pack(LITTLE_ENDIAN, header.seconds, header.nanoseconds)
 
 
+def stamp_of(topic: str, data: bytes) -> int:
+    """Return the stamp [ns] of a serialized message of any recorded topic.
+
+    Every recorded type begins with its stamp, after CDR's 4 bytes; in a sequence its length comes first.
+
+    :raises InvalidInput: the message is too short to have one, or it is none: negative, or of more than a second's
+        nanoseconds.
+    """
+    at = 8 if topic in _SEQUENCES else 4
+    if len(data) < at + _STAMP.size:
+        raise InvalidInput(f"{topic}: expected a message of at least {at + _STAMP.size} bytes, got {len(data)}")
+    seconds, nanoseconds = _STAMP.unpack_from(data, at)
+    if seconds < 0 or nanoseconds >= 1_000_000_000:
+        raise InvalidInput(
+            f"{topic}: expected a stamp from 0 s on, got {seconds} s and {nanoseconds} ns; "
+            "does another program publish it?"
+        )
+    return int(seconds * 1_000_000_000 + nanoseconds)
+
+
 def aligned(at: int, size: int) -> int:
     """Return the offset of a number of `size` bytes at or behind `at`."""
     return at + -(at - 4) % size
+
+
+def whole_words(data: bytes) -> bytes:
+    """Return a serialized message filled up to a multiple of 4 bytes."""
+    return data + bytes(-len(data) % 4)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,16 +38,25 @@ TYPES = {
 """Topics that can be written without ROS; all topics stand in `vpsci_ros.nodes.topics`."""
 
 
-def sequences(message: str) -> dict[str, str]:
-    """Return the sequences of numbers of a message of this package in the order of its definition: name -> type."""
-    lines = (messages_dir() / f"{message}.msg").read_text(encoding="utf-8").splitlines()
-    fields = [line.split()[:2] for line in lines if "[]" in line.partition("#")[0]]
+@cache
+def own_definition(message: str) -> str:
+    """Return the definition of a message of this package."""
+    return (messages_dir() / f"{message}.msg").read_text(encoding="utf-8")
+
+
+def sequences(definition: str) -> dict[str, str]:
+    """Return the sequences of numbers of a message in the order of its definition: name -> type.
+
+    :param definition: also one of a bag, behind which, after a line of "=", stand those of the messages in it.
+    """
+    lines = (line.partition("#")[0] for line in definition.partition("\n====")[0].splitlines())
+    fields = [line.split()[:2] for line in lines if "[]" in line]
     return {name: kind.removesuffix("[]") for kind, name in fields}
 
 
 def _shapes(message: str, record: np.dtype[Any]) -> dict[str, tuple[int, ...]]:
     """Return the shape in one record of each sequence of a message that is also a field of the record."""
-    return {name: record[name].shape for name in sequences(message) if name in (record.names or ())}
+    return {name: record[name].shape for name in sequences(own_definition(message)) if name in (record.names or ())}
 
 
 _STATE = _shapes("WorldState", EPISODE)
@@ -135,20 +145,6 @@ def checked(field: array[Any] | Array, length: int, where: str, name: str) -> Ar
             "bag damaged?"
         )
     return values(field)
-
-
-def world_state(message: Any, where: str = WORLD) -> Tick:
-    """Return the tick of a WorldState.
-
-    Pedestrians are numbered by the rows of their episode: adjacent rows of one episode have one vehicle.
-
-    :raises InvalidInput: the arrays differ in length, or one is missing; `where` opens the message.
-    """
-    state = _records(message, _STATE, np.zeros(len(getattr(message, "scenario", ())), EPISODE), where)
-    flags = getattr(message, "policy_frame", np.zeros(0, np.uint8))
-    frame = checked(flags, len(state), where, "policy_frame") != 0
-    number_pedestrians(state)
-    return Tick(number=int(message.tick), state=state, policy_frame=frame)
 
 
 @kernel

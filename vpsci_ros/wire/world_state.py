@@ -1,33 +1,32 @@
-"""A serialized `vpsci_msgs/WorldState` to records and back, at once.
+"""A serialized `vpsci_msgs/WorldState` to records and back: the one reader and the one writer of it.
 
-It is the one message that three nodes read and one writes at every tick. Its twenty sequences, each made an object of
-Python and then copied into records or out of them, took as long as everything else at a tick; compiled code goes
-through the bytes once: 10 us to read and 7 us to write a state of one episode, where rosbags' CDR takes 55 and 15
-without the records.
+Three nodes read it and one writes it at every tick. Its sequences, each made an object of Python and then copied into
+records or out of them, took as long as everything else at a tick; compiled code goes through the bytes once: 10 us to
+read and 7 us to write a state of one episode, where rosbags' CDR takes 55 and 15 without the records.
 """
 
 import struct
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.header import WireHeader, read_start, write_start
+from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.state import EPISODE
+from vpsci_ros.world.state import ENDED, EPISODE
 from vpsci_ros.world.tick import Tick
 
 _REST = struct.Struct("<dI")  # dt, length of the first sequence
 _FRAME = -1  # in place of an offset in a record: `policy_frame` has none
-_OFFSETS = {name: int(field[1]) for name, field in dict(EPISODE.fields or {}).items()}
-_SEQUENCES = layout.sequences("WorldState")
-_SIZES = np.array([np.dtype(kind).itemsize for kind in _SEQUENCES.values()])
-_PLACES = np.array([_FRAME if name == "policy_frame" else _OFFSETS[name] for name in _SEQUENCES])
-_ROW = int(_SIZES.sum())  # [bytes] of one slot
-_SENT = np.zeros(EPISODE.itemsize // 8, np.uint64)  # mask of a record's bytes that a message has
-for _size, _place in zip(_SIZES, _PLACES, strict=True):
-    if _place != _FRAME:
-        _SENT.view(np.uint8)[_place : _place + _size] = 255
+FARTHEST = 1e8  # [m], [m/s], [rad]: nothing in a world is beyond
+_MOTION = (
+    *("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature"),
+    *("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy"),
+)
 
 
 class SerializedState(NamedTuple):
@@ -38,70 +37,121 @@ class SerializedState(NamedTuple):
     period: float  # [s] of a tick, unchecked
 
 
-def read_world_state(data: bytes) -> SerializedState | None:
-    """Return what a serialized WorldState says; its numbers are as they come, see `received.credible`.
+class _Fields(NamedTuple):
+    """The sequences of a WorldState in their order."""
 
-    :return: None where the bytes are not as ROS writes them, or the sequences differ in length, or are empty: the
-        caller then has the middleware read the message, which finds out what is wrong with it.
+    names: tuple[str, ...]
+    sizes: NDArray[np.int64]  # [bytes] of a value of each
+    places: NDArray[np.int64]  # of it in a record of EPISODE
+
+
+def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> SerializedState:
+    """Return what a serialized WorldState says, as a world can have sent it.
+
+    :param where: the topic, which opens the message.
+    :param definition: of the type, where the bytes are of a bag, which holds it; empty: this package's.
+    :raises InvalidInput: the bytes are not as ROS writes them or of another version, the sequences differ in length or
+        are empty, an unknown status, or a number that is not finite or beyond `FARTHEST`.
     """
-    start = read_start(data)
-    if start is None or start[2] + _REST.size > len(data):
-        return None
-    header, number, at = start
+    fields = _fields(definition or layout.own_definition("WorldState"), where)
+    header, number, at = read_start(data, where)
+    if at + _REST.size > len(data):
+        raise InvalidInput(f"{where}: {len(data)} bytes, which end before the first sequence of a WorldState")
     period, count = _REST.unpack_from(data, at)
-    if count == 0 or count * _ROW > len(data):
-        return None
-    words = np.frombuffer(data, np.uint32, len(data) // 4)
-    state = np.zeros(count * EPISODE.itemsize, np.uint8)
-    frame = np.zeros(count, np.bool_)
+    if count == 0:
+        raise InvalidInput(f"{where}: expected at least one episode, got none; does another program publish it?")
+    if count * int(fields.sizes.sum()) > len(data):
+        raise InvalidInput(f"{where}: {len(data)} bytes, too few for a WorldState of {count} episodes")
+    octets, words = np.frombuffer(data, np.uint8), np.frombuffer(data, np.uint32, len(data) // 4)
+    state, frame = np.zeros(count * EPISODE.itemsize, np.uint8), np.zeros(count, np.bool_)
     rows = state.reshape(count, EPISODE.itemsize)
-    octets, begin = np.frombuffer(data, np.uint8), at + _REST.size - 4
-    if not _read(octets, words, begin, _SIZES, _PLACES, rows, rows.view(np.uint32), frame):
-        return None
+    missing = _read(octets, words, at + _REST.size - 4, *fields[1:], rows, rows.view(np.uint32), frame)
+    if missing >= 0:
+        raise InvalidInput(
+            f"{where}: expected {count} entries in {fields.names[missing]}, as in {fields.names[0]}, got another number"
+            "; are two graphs in one domain, or is the bag damaged?"
+        )
     records = state.view(EPISODE)
     layout.number_pedestrians(records)
+    if not _in_range(records):  # at every tick, so one compiled look at all; this one finds out what is wrong
+        _require_range(records, where)
     return SerializedState(header, Tick(number, records, frame), period)
 
 
 def write_world_state(world: SerializedState) -> bytes:
-    """Return the serialized WorldState that says this, as ROS would write it, with zeros for padding."""
-    start = write_start(world.header, world.tick.number) + _REST.pack(world.period, len(world.tick.state))
+    """Return the serialized WorldState that says this."""
     state, frame, count = world.tick.state, world.tick.policy_frame, len(world.tick.state)
-    words = np.zeros((len(start) + count * _ROW) // 4 + 4 * len(_SIZES), np.uint32)  # with room for lengths and padding
+    fields = _fields(layout.own_definition("WorldState"), WORLD)
+    start = write_start(world.header, world.tick.number) + _REST.pack(world.period, count)
+    # with room for lengths and padding
+    words = np.zeros((len(start) + count * int(fields.sizes.sum())) // 4 + 4 * len(fields.sizes), np.uint32)
     data = words.view(np.uint8)
     data[: len(start)] = np.frombuffer(start, np.uint8)
     rows = state.view(np.uint8).reshape(count, EPISODE.itemsize)
-    end = _write(data, words, len(start) - 4, _SIZES, _PLACES, rows, rows.view(np.uint32), frame)
+    end = _write(data, words, len(start) - 4, *fields[1:], rows, rows.view(np.uint32), frame)
     return data[:end].tobytes()
-
-
-def as_read(world: SerializedState) -> SerializedState:
-    """Return what a reader of the serialized state gets, arrays of its own, without the bytes between."""
-    words = np.frombuffer(world.tick.state, np.uint64)  # a view, which numpy makes in a third of the time of `view`
-    sent = np.empty_like(words)
-    _mask(words, _SENT, sent)
-    state = np.frombuffer(sent, EPISODE)
-    layout.number_pedestrians(state)
-    return SerializedState(world.header, Tick(world.tick.number, state, world.tick.policy_frame), world.period)
 
 
 def warm_up() -> None:
     """Have all of it compiled (or loaded), so that no tick waits for it."""
     tick = Tick(0, np.zeros(1, EPISODE), np.zeros(1, np.bool_))
-    read_world_state(write_world_state(as_read(SerializedState(WireHeader(0, 0, ""), tick, 1.0))))
+    read_world_state(write_world_state(SerializedState(WireHeader(0, 0, ""), tick, 1.0)))
+
+
+@lru_cache(maxsize=16)
+def _fields(definition: str, where: str) -> _Fields:
+    """Return the sequences of a WorldState of this definition.
+
+    :raises InvalidInput: it has other ones than this package's.
+    """
+    wanted, given = layout.sequences(layout.own_definition("WorldState")), layout.sequences(definition)
+    if given != wanted:
+        odd = sorted(given.items() ^ wanted.items())
+        raise InvalidInput(
+            f"{where}: a WorldState of another version, which differs in {', '.join(dict(odd))}; read it with the "
+            "version of vpsci_ros that wrote it"
+        )
+    offsets = {name: int(field[1]) for name, field in dict(EPISODE.fields or {}).items()}
+    sizes = np.array([np.dtype(kind).itemsize for kind in given.values()])
+    return _Fields(tuple(given), sizes, np.array([offsets.get(name, _FRAME) for name in given]))
+
+
+def _require_range(state: NDArray[np.void], where: str) -> None:
+    layout.require_codes(state["status"], ENDED, f"{where}: status")
+    for name in _MOTION:
+        bad = ~(np.abs(state[name]) <= FARTHEST)
+        if bad.any():
+            slot = int(np.argmax(bad))
+            raise InvalidInput(
+                f"{where}: {name} of slot {slot}: expected a number within {FARTHEST:g}, got {state[name][slot]}; "
+                "does another program publish it?"
+            )
 
 
 @kernel
-def _mask(words, mask, sent):  # type: ignore[no-untyped-def]
-    """Fill `sent` with the words that the mask of each record leaves, a tenth of the time of numpy's `&`."""
-    for i in range(0, words.size, mask.size):
-        for j in range(mask.size):
-            sent[i + j] = words[i + j] & mask[j]
+def _in_range(state):  # type: ignore[no-untyped-def]
+    """Return whether status and `_MOTION` of EPISODE[B] are what a world can have; NaN is not."""
+    for i in range(state.size):
+        slot = state[i]
+        if not (
+            slot.status <= ENDED
+            and abs(slot.vehicle_x) <= FARTHEST
+            and abs(slot.vehicle_y) <= FARTHEST
+            and abs(slot.vehicle_heading) <= FARTHEST
+            and abs(slot.vehicle_speed) <= FARTHEST
+            and abs(slot.vehicle_curvature) <= FARTHEST
+            and abs(slot.pedestrian_x) <= FARTHEST
+            and abs(slot.pedestrian_y) <= FARTHEST
+            and abs(slot.pedestrian_vx) <= FARTHEST
+            and abs(slot.pedestrian_vy) <= FARTHEST
+        ):
+            return False
+    return True
 
 
 @kernel
 def _read(data, words, at, sizes, places, rows, row_words, frame):  # type: ignore[no-untyped-def]
-    """Fill records from the sequences that begin at offset `at`; return whether all are there, one value a row.
+    """Fill records from the sequences that begin at offset `at`, one value a row; return the first that is not there.
 
     :param data, words: the message, uint8[n] and uint32[n // 4]; rows, row_words: EPISODE[B] likewise, [B, ...].
     :param sizes, places: of each sequence, the bytes of a value and its offset in a record.
@@ -111,12 +161,12 @@ def _read(data, words, at, sizes, places, rows, row_words, frame):  # type: igno
         size, place = sizes[f], places[f]
         at = (at + 3) // 4 * 4
         if at + 4 > data.size or words[at // 4] != count:
-            return False
+            return f
         at += 4
         if size == 8 and at % 8 == 0:
             at += 4  # since it counts from behind the 4 bytes of the encapsulation
         if at + size * count > data.size:
-            return False
+            return f
         if place == _FRAME:
             for i in range(count):
                 frame[i] = data[at + i] != 0
@@ -130,7 +180,7 @@ def _read(data, words, at, sizes, places, rows, row_words, frame):  # type: igno
                 if each == 2:
                     row_words[i, word + 1] = words[first + i * 2 + 1]
         at += size * count
-    return True
+    return -1
 
 
 @kernel

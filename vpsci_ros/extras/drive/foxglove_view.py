@@ -11,8 +11,8 @@ from foxglove.websocket import Capability, ChannelView, Client, ServerListener
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.live import SHOWN, subscribe_to_graph
 from vpsci_ros.nodes.topics import LATCHED, TOPICS
-from vpsci_ros.wire import received
 from vpsci_ros.wire.decoder import describe
+from vpsci_ros.wire.header import stamp_of
 
 LOOPBACK = "127.0.0.1"
 WAITING = 100  # messages of a topic between two looks at it: five seconds of a graph in real time
@@ -52,7 +52,7 @@ class FoxgloveView(ServerListener):
         :raises InvalidInput: it is a /clock that has no time.
         """
         if topic == "/clock":
-            self._now = received.stamp(topic, message)
+            self._now = stamp_of(topic, message)
             self._server.broadcast_time(self._now)
         if TOPICS[topic].qos is LATCHED:
             self._latest[topic] = message

@@ -6,9 +6,8 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.driver_class import as_odometry
 from vpsci_ros.extras.drive.page import Page
 from vpsci_ros.nodes.live import subscribe_to_graph
-from vpsci_ros.nodes.serialized import shown
 from vpsci_ros.wire.layout import WORLD
-from vpsci_ros.wire.world_state import SerializedState
+from vpsci_ros.wire.world_state import read_world_state
 from vpsci_ros.world import IDLE, Scenario
 from vpsci_ros.world.monitor import MonitorConfig, assess
 
@@ -41,7 +40,7 @@ class Seen:
         if time.monotonic() < self._next:
             return
         self._next = time.monotonic() + EYES
-        world: SerializedState = shown(message, topic)
+        world = read_world_state(message, topic)
         present = world.tick.state[world.tick.state["status"] != IDLE]
         if not len(present):
             return
