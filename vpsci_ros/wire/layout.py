@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.resources import messages_dir
-from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.state import EPISODE, EVENT, IDLE, OUTCOME_NAMES, SAFE_STOP, STARTED
+from vpsci_ros.world.state import EPISODE, EVENT, OUTCOME_NAMES, SAFE_STOP, STARTED
 from vpsci_ros.world.tick import Assessment, Tick, has_nan
 
 Array = NDArray[Any]
@@ -65,6 +64,7 @@ _TRANSITION = _shapes("Transition", TRANSITION)
 _AFTER = {name: _TRANSITION.pop(name) for name in tuple(_TRANSITION) if name.startswith("next_")}
 """Fields that only the last step of a history has: the others find them in the next transition."""
 _DTYPES = {code: np.dtype(code) for code in "BIQfd"}
+NUMBERS = ("kind", "pedestrian", "pedestrians")  # which WorldStates of before November 2026 lack
 _VERSIONS = ("vehicle_policy_version", "pedestrian_policy_version")
 
 
@@ -145,24 +145,6 @@ def checked(field: array[Any] | Array, length: int, where: str, name: str) -> Ar
             "bag damaged?"
         )
     return values(field)
-
-
-@kernel
-def number_pedestrians(state):  # type: ignore[no-untyped-def]
-    """Set the number of each pedestrian within its episode, in EPISODE[B] records."""
-    first = 0  # of the episode
-    for i in range(state.size):
-        if i > 0:
-            slot, last = state[i], state[i - 1]
-            if (
-                slot.status == IDLE
-                or slot.episode != last.episode
-                or slot.scenario != last.scenario
-                or slot.vehicle_x != last.vehicle_x
-                or slot.vehicle_y != last.vehicle_y
-            ):
-                first = i
-        state[i].pedestrian = i - first
 
 
 def safety_state(message: Any, batch: int, where: str = SAFETY) -> tuple[Array, Array, Array]:
