@@ -1,50 +1,17 @@
 """A graph composed in one process is the same graph: the ticks of the engine, the bag of separate processes."""
 
 import signal
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from composed import composed
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.verify import verify_bag
-from vpsci_ros.nodes.graph import GraphResult, NodeProcesses, resolve, run_graph
-from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.policy_file import load_policy
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.nodes.graph import GraphResult, NodeProcesses, run_graph
 from vpsci_ros.runs.sections import Sections
-from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
-from vpsci_ros.world.loop import Loop
-from vpsci_ros.world.state import FINISHED
 
 NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
-
-
-def test_a_composed_graph_runs_the_episodes_of_the_engine(domain: int, tmp_path: Path) -> None:
-    policy = {"weights": "people", "seed": 11}  # of what a policy draws, as in the world
-    chosen = {
-        "graph": {"nodes": NODES},
-        "world_simulator": {"scenarios": [2, 7], "episodes": 4, "batch": 3, "seed": 11},
-        "vehicle_policy": policy,
-        "pedestrian_policy": policy,
-    }
-    with composed(resolve(Sections(chosen), tmp_path)) as nodes:
-        counts = nodes["world_simulator"].counts
-
-    run = Sections(chosen).get(RunConfig, "world_simulator")
-    world = World(WorldConfig(), load_scenarios(run.scenarios), run.queue(), run.batch, run.seed)
-    outcomes: Counter[str] = Counter()
-    for step in Loop(world, agents=policies(load_policy("people"), world)):
-        ended = step.events[step.events["kind"] == FINISHED]
-        outcomes.update(OUTCOME_NAMES[outcome] for outcome in ended["outcome"])
-    assert counts is not None
-    assert {name: getattr(counts, name) for name in outcomes} == outcomes
-    assert np.sum(list(outcomes.values())) == 8
-    assert counts.tick == world.now.number
-    assert (tmp_path / "bag" / "metadata.yaml").is_file()
 
 
 def run(folder: Path, *, together: bool, **world: Any) -> GraphResult:

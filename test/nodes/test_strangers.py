@@ -251,7 +251,7 @@ def test_a_second_publisher_of_actions_is_named_and_what_it_says_otherwise_is_co
     assert world.counts.vehicle_answers_contradicted > 0
 
 
-def test_a_policy_that_gives_no_answer_is_named_at_once_and_one_started_again_is_not_called_another_graph(
+def test_a_policy_that_gives_no_answer_is_named_at_once(
     context: Context, stage: Callable[..., Stage], capfd: pytest.CaptureFixture[str]
 ) -> None:
     chosen = {"scenarios": [1], "pedestrian_driver": "autopilot", "vehicle_driver": "policy", "action_timeout": 60.0}
@@ -269,10 +269,6 @@ def test_a_policy_that_gives_no_answer_is_named_at_once_and_one_started_again_is
 
     here.spin_until(lambda: logged(r"no answer to tick 0 from vehicle_policy for [1-9]"))
     assert world.status().awaited == ["vehicle_policy"]
-    again = here.add(rclpy.create_node("vehicle_policy", context=context))
-    again.create_publisher(AgentAction, "vehicle/action", LOCK_STEP)
-    here.spin_until(lambda: logged("/vehicle_policy; one that was killed is not known to be gone for 20 s, or"))
-    assert world.status().second_publishers
 
 
 def answer_every_state(node: Any, acceleration: float) -> None:

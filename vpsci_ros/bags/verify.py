@@ -272,7 +272,7 @@ class _Simulation:
 def _compare(where: str, message: Any, simulated: Fields, result: VerifiedBag) -> str:
     """Return the first field in which a message differs from what was simulated, empty for none."""
     for name, values in simulated.items():
-        recorded = getattr(message, name, None)
+        recorded: Any = getattr(message, name, None)
         if recorded is None and name in layout.NUMBERS:
             continue  # recorded before states had them
         if values is None:

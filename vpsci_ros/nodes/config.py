@@ -73,7 +73,6 @@ class ReplayerConfig:
     )
     first_episode: str = parameter("", "begin with this one, its number or SCENARIO:NUMBER; empty: at the beginning")
     topics: list[str] = parameter([], "publish these only; empty: all that the bag holds")
-    leave_out: list[str] = parameter([], "topics that are not published")
     paused: bool = parameter(False, "begin paused, to be stepped or resumed by the services")
 
 

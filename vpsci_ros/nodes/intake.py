@@ -137,11 +137,10 @@ class Intake:
                 found = second_publishers(self.publishers(topic), TOPICS[topic].publishers)
                 self._second |= {f"{name} on {topic}" for name in found}
                 if found:
-                    again = set(found) <= {self._full(name) for name in TOPICS[topic].publishers}
-                    why = "one that was killed is not known to be gone for 20 s, or " if again else ""
-                    text = f"a second publisher on {given.topic_name}: {', '.join(found)}"
                     self._node.get_logger().warning(
-                        f"{text}; {why}another graph is in this domain", throttle_duration_sec=LOG_PERIOD
+                        f"a second publisher on {given.topic_name}: {', '.join(found)}; is another graph in this "
+                        "domain, or was a node killed less than 20 s ago?",
+                        throttle_duration_sec=LOG_PERIOD,
                     )
 
     @property

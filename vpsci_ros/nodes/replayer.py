@@ -47,7 +47,7 @@ class Replayer(GraphNode):
         self._outlets = {topic.name: publisher for topic in chosen if (publisher := self._publisher(topic))}
         if not self._outlets:
             raise InvalidInput(f"{config.bag}: none of the message types of {_names(chosen)} is installed here")
-        self._makes_clock = CLOCK not in (*self._outlets, *config.leave_out)
+        self._makes_clock = CLOCK not in self._outlets
         if self._makes_clock:
             self._outlets[CLOCK] = self.create_publisher(Clock, "clock", REPLAY)
         start = chosen_episode(bag_episodes(bag), config.first_episode).start_time if config.first_episode else 0
@@ -65,11 +65,10 @@ class Replayer(GraphNode):
         self.wall_timer(PERIOD, self._on_timer)
 
     def _chosen(self, topics: dict[str, TopicInfo], config: ReplayerConfig) -> list[TopicInfo]:
-        for name in (*config.topics, *config.leave_out):
+        for name in config.topics:
             if name not in topics and name != CLOCK:
                 raise InvalidInput(f"{config.bag}: no topic {name}; it has {', '.join(topics) or 'none'}")
-        rows = [row for row in topics.values() if row.messages and (row.name in config.topics or not config.topics)]
-        return [row for row in rows if row.name not in config.leave_out]
+        return [row for row in topics.values() if row.messages and (row.name in config.topics or not config.topics)]
 
     def _publisher(self, topic: TopicInfo) -> Publisher | None:
         package, _, name = topic.type.partition("/msg/")
