@@ -33,7 +33,7 @@ APART = np.array([[2.0, -0.5, 0.1, 6.0, 9.0, 0.1, 0.5]])  # the pedestrian is to
 MEETS = np.array([[5.0, 0.0, 0.0, 10.0, -2.0, 0.0, 1.0]])  # both at the same place after 2 s
 
 
-def reactions(count: int = 40, length: int = 35, vehicle: float = 0.0) -> Reactions:
+def reactions(count: int = 80, length: int = 35, vehicle: float = 0.0) -> Reactions:
     """Moment k lies k away from `APART`; its vehicle does `vehicle` and steers k / 1000, its pedestrian 0.01 k."""
     features = np.repeat(describe(APART)[0], count, axis=0)
     features[:, 0] += np.arange(count)
@@ -65,7 +65,7 @@ def test_a_moment_and_its_mirror_image_are_alike_and_know_their_sides() -> None:
 
 def test_each_of_the_nearest_moments_is_lent_as_often_and_no_other() -> None:
     number = np.round(lent(reactions(), 1, APART, 4000)[0, :, 0] / 0.01).astype(int)
-    counts = np.bincount(number, minlength=40)
+    counts = np.bincount(number, minlength=80)
     assert (counts[NEAREST:] == 0).all()
     assert counts[:NEAREST].min() > 4000 / NEAREST - 5 * np.sqrt(4000 / NEAREST)
 
@@ -169,7 +169,7 @@ def test_a_bank_comes_back_from_its_file_and_damage_is_refused(tmp_path: Path) -
     with pytest.raises(InvalidInput, match="expected one of here, got 'vci'"):
         bank.of("vci")
     with pytest.raises(InvalidInput, match="do not fit together"):
-        bank_from_bytes(bank_to_bytes(Bank({"here": reactions()._replace(end=np.full(40, 9999))})))
+        bank_from_bytes(bank_to_bytes(Bank({"here": reactions()._replace(end=np.full(80, 9999))})))
 
 
 def test_recorded_actions_lead_along_the_recorded_way() -> None:

@@ -3,8 +3,8 @@
 A reaction is drawn among those of the `NEAREST` most similar moments, evenly among the ones by which the two do not
 touch within 3 s. That is found by a roll-out: both move by the world's own kinematics as the recorded pair did,
 adjusted for how the moments differ, and keep their velocities for `BEYOND` steps where the recording ends sooner. If
-every one of them touches, the one that touches last is taken. A reaction is chosen again when it ends, and as soon as
-the rest of it would touch.
+all of these touch, the nearest moment of the bank is taken by which they do not; if there is none, the one that touches
+last. A reaction is chosen again when it ends, and as soon as the rest of it would touch.
 
 Driver and pedestrian draw by the same numbers and see the same, so they are lent two halves of one reaction, and what
 they do together stays together. If the other one leaves what was lent by `LEFT`, it is a stranger (a driving system, a
@@ -26,11 +26,11 @@ from vpsci_ros.world.counter_rng import STREAM_REACTION, philox, unit
 from vpsci_ros.world.kinematics import brake_for, drive, steer_to, throttle_for, walk
 from vpsci_ros.world.observation import STEP, from_heading_frame
 
-NEAREST = 32  # moments of which one is chosen; a power of two, and the largest that a small bank has
+NEAREST = 64  # moments of which one is chosen; a power of two, and fewer where a bank has fewer
 FURTHEST = 2.0  # standard deviations: the largest difference of a feature that is adjusted for
 AHEAD = 30  # steps that a roll-out looks ahead
 BEYOND = 20  # steps for which both keep their velocities after a reaction
-LEFT = 0.3  # [m] that the other one may leave what was lent by
+LEFT = 0.05  # [m] that the other one may leave what was lent by
 
 BOTH, CAR_KEEPS, WALKER_KEEPS = 0, 1, 2  # who does not do what was lent, but keeps its velocity
 
@@ -129,9 +129,9 @@ def _nearest(own, features, gaps, near):  # type: ignore[no-untyped-def]
 
 @kernel
 def _choose(moment, key, reactions, who, free, room):  # type: ignore[no-untyped-def]
-    """Make `lent` a reaction that stays free for longer than `free` steps, if there is one among the nearest.
+    """Make `lent` a reaction that stays free for longer than `free` steps, if there is one.
 
-    They are tried in an order that the key draws, up to the first by which the two do not touch at all.
+    The nearest are tried in an order that the key draws, up to the first by which the two do not touch at all.
     """
     lent, keeps_lane, stranger = who
     side = features_of(moment, room.own)
@@ -152,6 +152,13 @@ def _choose(moment, key, reactions, who, free, room):  # type: ignore[no-untyped
             free, picked = steps, trial
             if free == AHEAD:
                 break
+    if free < AHEAD:  # none of the nearest: the nearest of all that does not touch, if there is one
+        least = math.inf
+        for m in range(room.gaps.size):
+            if room.gaps[m] < least:
+                _take(room.own, side, reactions, m, room.trial[0])
+                if _free_steps(moment, (room.trial[0], keeps_lane, stranger), reactions.steps, room.done) == AHEAD:
+                    least, picked = room.gaps[m], m
     if picked >= 0:
         _take(room.own, side, reactions, picked, lent)
 
