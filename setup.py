@@ -92,9 +92,9 @@ EXTRAS = {
     ],
     # `vpsci realism`: the two-sample test by a classifier.
     "realism": ["scikit-learn>=1.4,<2"],
-    # `vpsci ads-test --search`: the stand-in of the driving system.
-    "search": ["scikit-learn>=1.4,<2", "threadpoolctl>=3.1,<4"],
     # The branches, vpsci_ros/extras/: each README.md says what it adds.
+    # `vpsci ads-search`: the stand-in of the driving system.
+    "exam_extra": ["scikit-learn>=1.4,<2", "threadpoolctl>=3.1,<4"],
     "paper": ["scikit-learn>=1.4,<2", "torch>=2.4,<3"],
     # openscenario, osi and mp4 (H.264 by FFmpeg's libraries, which the wheel has).
     "formats": [
@@ -146,6 +146,11 @@ EXTRAS = {
 WHERE = {"carla_world": "extras.carla.entry"}  # executable -> its module, where that is not nodes.entry
 BRANCHES = {
     "vpsci_ros.commands": [
+        "ads-hosts = vpsci_ros.extras.exam_extra.commands:hosts_app",
+        "ads-protocol = vpsci_ros.extras.exam_extra.commands:protocol_app",
+        "ads-search = vpsci_ros.extras.exam_extra.commands:search_app",
+        "ads-socket = vpsci_ros.extras.exam_extra.commands:socket_app",
+        "ads-why = vpsci_ros.extras.exam_extra.commands:why_app",
         "drive = vpsci_ros.extras.drive.commands:drive_app",
         "export = vpsci_ros.extras.formats.commands:export_app",
         "study = vpsci_ros.extras.paper.commands:study_app",
@@ -211,7 +216,7 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         NAME: [
-            *("models/*", "recordings/*", "*/templates/*", "exam/search/templates/*"),
+            *("models/*", "recordings/*", "*/templates/*"),
             *("extras/*/README.md", "extras/*/templates/*", "extras/*/*/templates/*"),
         ]
     },

@@ -24,8 +24,9 @@ import polars as pl
 from vpsci_ros.cli.options import read_sections
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.measures import EPISODES
+from vpsci_ros.exam.prepare import prepare
 from vpsci_ros.exam.report import ADS, BASELINE, differences
-from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.exam.run import run_exam
 from vpsci_ros.exam.scores import MEASURES, estimate
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.resources import params_path

@@ -13,28 +13,30 @@ import json
 import os
 import platform
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.cli.options import read_sections
-from vpsci_ros.data.episode import Key
+from vpsci_ros.data.episode import Episode, Key
+from vpsci_ros.data.gathered import Tick, gathered
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.exam.conduct import loop_with
 from vpsci_ros.exam.config import MOVING
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.run import prepare
-from vpsci_ros.exam.search.imitation import lessons
-from vpsci_ros.exam.search.run import plain
-from vpsci_ros.exam.search.seek import Driven, seek
+from vpsci_ros.exam.loops import loop_with
+from vpsci_ros.exam.prepare import prepare
+from vpsci_ros.extras.exam_extra.search.imitation import lessons
+from vpsci_ros.extras.exam_extra.search.run import plain
+from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, seek
 from vpsci_ros.resources import params_path
 from vpsci_ros.runs.provenance import software_versions
-from vpsci_ros.world import COLLISION, ENDED, IDLE
+from vpsci_ros.world import IDLE
 from vpsci_ros.world.tick import Actions
 
+PEDESTRIAN = "learned"
 LATE = 8  # [ticks] by which the driver sees the pedestrian late
 CRUISE, HORIZON, MARGIN = 5.0, 1.5, 0.4  # [m/s], [s], [m]
 _LENGTH, _WIDTH = 2.35 + 0.3 + MARGIN, 0.93 + 0.3 + MARGIN  # [m] from the vehicle's centre
@@ -85,40 +87,29 @@ def contact_time(state: State, speed: NDArray[np.float64], horizon: float) -> ND
 
 def drive(exam: Exam, keys: list[Key], *, learn: bool) -> Driven:
     """Return what the driver made of these episodes; lessons only where somebody is to learn from them."""
-    loop, driver = loop_with(exam, exam.config.search.pedestrian, "external", keys, _BATCH), LateDriver()
-    failed: set[Key] = set()
-    ticks: list[list[RecordedTick]] = [[] for _ in range(len(loop.world.state))]
-    whole: list[list[RecordedTick]] = []
-    while not loop.world.done:
-        step = loop.step(Actions(vehicle=driver.act(loop.world.now.state)))
-        state, ttc = step.tick.state, step.assessment.curvttc
-        hit = (state["status"] == ENDED) & (state["outcome"] == COLLISION)
-        for record in state[hit & (state["vehicle_speed"] > MOVING)]:
-            failed.add((int(record["scenario"]), int(record["episode"])))
-        for slot in range(len(state)) if learn else ():
-            if state["status"][slot] != IDLE:
-                one = slice(slot, slot + 1)
-                ticks[slot].append(RecordedTick(step.tick.number, 0.05, state[one], ttc[one], ttc[one]))
-            if state["status"][slot] == ENDED:
-                whole.append(ticks[slot])
-                ticks[slot] = []
-    parts = [lessons(episode, 1) for episode in whole] or [(np.zeros((0, 0), np.float32), np.zeros(0, np.float32))]
-    return Driven(
-        keys,
-        np.array([key in failed for key in keys]),
-        np.concatenate([part[0] for part in parts]),
-        np.concatenate([part[1] for part in parts]),
-    )
+    loop, driver = loop_with(exam, PEDESTRIAN, "external", keys, _BATCH), LateDriver()
+
+    def ticks() -> Iterator[Tick]:
+        while not loop.world.done:
+            step = loop.step(Actions(vehicle=driver.act(loop.world.now.state)))
+            yield step.tick.state, step.assessment.curvttc, step.assessment.distance
+
+    failed, whole = set[Key](), list[Episode]()
+    for episode in gathered(ticks(), exam.world.tick, exam.scenarios):
+        if episode.outcome == "collision" and episode.speed[-1] > MOVING:
+            failed.add(episode.key)
+        whole += [episode] if learn else []
+    return Driven(keys, np.array([key in failed for key in keys]), *lessons(whole, 1))
 
 
 def measure(seed: int, size: int, budget: int) -> dict[str, Any]:
     """Return what the search makes of one pool, beside the truth."""
-    settings = (f"world_simulator.seed={seed}", f"ads_test.search.pool={size}", f"ads_test.search.budget={budget}")
-    exam = prepare(read_sections(params_path("ads_test"), list(settings)))
+    exam = prepare(read_sections(params_path("ads_test"), [f"world_simulator.seed={seed}"]))
     pool = [(scenario, number) for number in range(size // len(exam.run.scenarios)) for scenario in exam.run.scenarios]
     truth = drive(exam, pool, learn=False).failed
     begun = time.monotonic()
-    plan = seek(exam, pool, lambda _, keys: drive(exam, keys, learn=True), lambda *_: None)
+    search = SearchConfig(PEDESTRIAN, size, budget)
+    plan = seek(exam, search, pool, lambda _, keys: drive(exam, keys, learn=True), lambda *_: None)
     count, driven = plan.count(), int(plan.driven.sum())
     if (plan.failed[plan.driven] != truth[plan.driven]).any():
         raise SystemExit(f"pool {seed}: an episode came out otherwise when it was driven again")

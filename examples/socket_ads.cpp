@@ -1,7 +1,7 @@
 // A driving system to copy, in C++ and without ROS: it connects to the exam, reads a line a tick, and answers it.
 //
 //   c++ -std=c++17 -O2 -o socket_ads examples/socket_ads.cpp
-//   vpsci ads-test --params params/ads_test.yaml -o out/socket --ads ./socket_ads --socket 0
+//   vpsci ads-socket --params params/ads_test.yaml -o out/socket --ads ./socket_ads
 //
 // It drives as vpsci_ros/nodes/example_driver.py does, to the bit. docs/ads.md (A socket) describes the lines. They are
 // JSON, of which numbers_of() reads what this program needs; a program of your own takes a library.

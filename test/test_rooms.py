@@ -14,9 +14,6 @@ ROOMS = (
     "report", "wire", "bags", "episodes", "generate", "view", "envs", "nodes", "exam", "cli", "extras",
 )  # fmt: skip
 """From the ground up, as `vpsci_ros/` lies in DESIGN."""
-BORROWED = {("exam_extra", "formats")}
-"""Branches of `extras/`, the first of which imports the second where it is asked for what that one writes."""
-UNTIL_ITS_BRANCH = {"exam/failures.py"}  # imports extras.formats where `--why` is given
 OF_ROS = {"rclpy", "vpsci_msgs", "rcl_interfaces", "builtin_interfaces", "launch", "launch_ros", "std_srvs"}
 
 
@@ -41,8 +38,6 @@ def upward(path: Path, tree: ast.AST) -> list[str]:
     """Return where a file looks up, one sentence each; it may look at its own room and at those below."""
     arrows, mine = [], ROOMS.index(room(path))
     for line, module in imported(tree):
-        if str(path.relative_to(ROOT)) in UNTIL_ITS_BRANCH and module.startswith("vpsci_ros.extras."):
-            continue
         first, _, rest = module.partition(".")
         theirs = rest.partition(".")[0]
         if first == "vpsci_ros" and theirs in ROOMS and ROOMS.index(theirs) > mine:
@@ -97,7 +92,7 @@ def test_no_branch_imports_another_one() -> None:
         mine = path.relative_to(ROOT).parts[1]
         for line, module in imported(ast.parse(path.read_text(encoding="utf-8"))):
             theirs = module.removeprefix("vpsci_ros.extras.").partition(".")[0]
-            if module.startswith("vpsci_ros.extras.") and theirs != mine and (mine, theirs) not in BORROWED:
+            if module.startswith("vpsci_ros.extras.") and theirs != mine:
                 arrows.append(f"{path.relative_to(ROOT)}:{line} imports {module}")
     assert not arrows, "\n".join(arrows)
 

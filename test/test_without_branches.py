@@ -52,6 +52,8 @@ def test_without_its_branches_the_package_makes_a_dataset_an_exam_a_bag_and_a_pa
         "vpsci_ros.nodes.example_driver:ExampleDriver",
         "--set",
         "ads_test.pedestrians=[walker]",
+        "--set",
+        "ads_test.bags=true",
     ]
     commands = [
         ["--help"],

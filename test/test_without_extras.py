@@ -81,7 +81,7 @@ def test_dataset_exam_view_export_and_graph_run_where_there_is_no_torch(python, 
 
 def test_what_needs_an_extra_names_it_in_one_line_and_leaves_nothing(python, tmp_path):
     data = ["--data", "right_turns/dev"]
-    search = ["ads-test", "--params", "ads_test", "-o", "out", "--search", "--ads", "true"]
+    search = ["ads-search", "--params", "ads_test", "-o", "out", "--ads", "true"]
     commands = {
         ("pretrain", "--params", "stage1_pretrain", "-o", "out"): "learn",
         ("refine", "--params", "stage2_online", "-o", "out"): "learn",
@@ -89,7 +89,7 @@ def test_what_needs_an_extra_names_it_in_one_line_and_leaves_nothing(python, tmp
         ("realism", *data): "learn",
         ("demo", "-o", "out"): "learn",
         ("node", "learner"): "learn",
-        tuple(search): "search",
+        tuple(search): "exam_extra",
     }
     results = run(python, tmp_path, *map(list, commands))
     for (command, extra), (status, text) in zip(commands.items(), results, strict=True):

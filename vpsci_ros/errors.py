@@ -29,8 +29,8 @@ _EXTRAS = {
     "pettingzoo": "rl",
     "ray": "ray",
     "scenariogeneration": "formats",
-    "sklearn": "search",
-    "threadpoolctl": "search",
+    "sklearn": "exam_extra",
+    "threadpoolctl": "exam_extra",
     "torch": "learn",
     "tornado": "drive",
 }

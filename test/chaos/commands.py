@@ -34,7 +34,7 @@ _STAGE2 = (
     "--set learner.foresight.steps=20 --set learner.rehearsal.rollouts=8"
 )
 _CLASS = "--ads-class vpsci_ros.nodes.example_driver:ExampleDriver --set ads_test.pedestrians=[walker]"
-_SEARCH = "--set ads_test.search.pedestrian=walker --set ads_test.search.pool=100 --set ads_test.search.shown=1"
+_SEARCH = "--pedestrian walker --pool 100 --budget 40"
 _DETERMINISTIC = "--params deterministic_stage1 -o {out} -q --set learner.episodes=2 --set learner.replay.batch_size=16"
 _FORMATS = ("openscenario", "commonroad", "osi", "scenarionet", "minari", "mp4", "carla-csv")
 COMMANDS: dict[str, str] = {
@@ -64,7 +64,7 @@ COMMANDS: dict[str, str] = {
     "realism": "realism -o {out} --data {few} --library {few} -q",
     "graph": f"graph --params stage3_generate -o {{out}} -q {_ONE}",
     "ads-test, graph": f"ads-test -o {{out}} -q --ads example_ads --set ads_test.pedestrians=[walker] {_EXAM}",
-    "search": f"ads-test --search --budget 40 -o {{out}} -q {_CLASS} {_EXAM} {_SEARCH}",
+    "search": f"ads-search -o {{out}} -q {_CLASS} {_EXAM} {_SEARCH}",
     "demo": "demo -o {out}",
 }
 """The last ones take longest."""

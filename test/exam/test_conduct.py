@@ -9,10 +9,10 @@ import pytest
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.exam import conduct
+from vpsci_ros.exam import in_graph
 from vpsci_ros.exam.collect import episodes_in_bag
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.run import prepare
+from vpsci_ros.exam.prepare import prepare
 from vpsci_ros.nodes.graph import GraphResult
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.resources import params_dir
@@ -40,9 +40,8 @@ def ended(exam: Exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
             return GraphResult(folder, error=found[0] or error, nodes=statuses)
 
         monkeypatch.setattr("vpsci_ros.nodes.graph.run_graph", graph)
-        monkeypatch.setattr(conduct, "DYING", 0.0)
-        (tmp_path / "logs").mkdir()
-        conduct._run(exam, "walker", tmp_path, quiet=True)
+        monkeypatch.setattr(in_graph, "DYING", 0.0)
+        in_graph.run_in_graph(exam, "walker", tmp_path / "run", tmp_path / "log", quiet=True)
         return found[0]
 
     return run

@@ -47,21 +47,6 @@ def test_increases_compare_with_the_learned_pedestrian_and_counts_are_those_of_t
     assert failed("commands_refused > 0", learned=0.0, walker=0.3) == ["learned"]
 
 
-def test_points_of_a_protocol_are_those_of_the_system_and_fail_where_it_drove_none_of_it():
-    wanted = parse("protocol_points < 3.5", PEDESTRIANS, protocol="euro-ncap")
-    rated = {"ads": {"points": 3.25}, "autopilot": {"points": 4.0}}
-    (verdict,) = check([wanted], {"protocol": {"name": "euro-ncap", "drivers": rated}}, PEDESTRIANS)
-    assert verdict.sentence() == "protocol_points < 3.5: 3.25 with euro-ncap, failed"
-    rated["ads"]["points"] = 3.5
-    (verdict,) = check([wanted], {"protocol": {"name": "euro-ncap", "drivers": rated}}, PEDESTRIANS)
-    assert not verdict.failed
-    (verdict,) = check([wanted], {"protocol": {"name": "euro-ncap", "drivers": {}}}, PEDESTRIANS)
-    assert verdict.failed
-    for text, protocol in (("protocol_points < 3", ""), ("protocol_points < 3 @learned", "euro-ncap")):
-        with pytest.raises(InvalidInput, match="protocol_points are those of a standard protocol; give --protocol"):
-            parse(text, PEDESTRIANS, protocol=protocol)
-
-
 @pytest.mark.parametrize(
     "text",
     [

@@ -17,11 +17,11 @@ import yaml
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.earlier import Earlier, compare, write_junit
+from vpsci_ros.exam.earlier import Earlier, compare, write_junit, write_summary
 from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.prepare import exam_of, identity_of, prepare
 from vpsci_ros.exam.report import ADS
-from vpsci_ros.exam.run import exam_of, identity_of, prepare, run_exam
-from vpsci_ros.exam.summary import write_summary
+from vpsci_ros.exam.run import run_exam
 from vpsci_ros.resources import params_dir
 
 DRIVERS = """

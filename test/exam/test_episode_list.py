@@ -7,7 +7,7 @@ import pytest
 from vpsci_ros.cli.options import read_sections
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.episode_list import with_episode_list, write_episode_list
-from vpsci_ros.exam.run import prepare
+from vpsci_ros.exam.prepare import prepare
 from vpsci_ros.resources import params_path
 
 ROWS = [{"scenario": 8, "episode": 3, "impact_speed": 2.5}, {"scenario": 1, "episode": 17, "impact_speed": None}]

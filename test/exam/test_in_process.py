@@ -7,14 +7,18 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
 import pytest
 
 from vpsci_ros.bags.episodes import read_episodes
 from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.data.kept import read_kept
+from vpsci_ros.episodes import open_source
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam import conduct
-from vpsci_ros.exam.run import prepare, read_exam, run_exam
+from vpsci_ros.exam import in_process
+from vpsci_ros.exam.prepare import prepare
+from vpsci_ros.exam.run import read_exam, run_exam
 from vpsci_ros.resources import params_dir
 
 Write = Callable[[str], str]
@@ -43,8 +47,8 @@ def mine(act: str, reset: str = "self.begin = begin") -> str:
 
 def examined(folder: Path, ads_class: str, *criteria: str, **world: Any) -> tuple[list[str], pl.DataFrame]:
     """Put a class to a short exam of six episodes; return why it fails, and the table of its episodes."""
+    exam = {"pedestrians": ["learned", "walker"], "baseline": False, "bags": world.pop("bags", False)}
     short = {"scenarios": [1, 104], "episodes": 3, "episode_time": 6.0} | world
-    exam = {"pedestrians": ["learned", "walker"], "baseline": False}
     chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", short).changed("ads_test", exam)
     failures = run_exam(prepare(chosen, ads_class=ads_class), folder, criteria, quiet=True)
     return failures, pl.read_parquet(folder / "episodes.parquet")
@@ -54,13 +58,23 @@ def test_an_episode_comes_out_the_same_however_many_run_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     failures, together = examined(tmp_path / "together", EXAMPLE, "ticks_unanswered > 0")
-    monkeypatch.setattr(conduct, "SIDE_BY_SIDE", 2)
+    monkeypatch.setattr(in_process, "SIDE_BY_SIDE", 2)
     _, by_two = examined(tmp_path / "by_two", EXAMPLE)
     assert failures == []
     assert together.height == 18
     assert by_two.equals(together)
-    one, other = (tmp_path / name / "runs" / "learned" / "bag" / "bag_0.mcap" for name in ("together", "by_two"))
-    assert one.read_bytes() == other.read_bytes(), "the bags are written in the order of the episodes"
+    assert not list(tmp_path.rglob("*.mcap"))
+
+
+def test_a_bag_is_made_where_one_is_asked_for_and_holds_the_same_episodes(tmp_path: Path) -> None:
+    _, table = examined(tmp_path / "exam", EXAMPLE, bags=True, scenarios=[1], episodes=2)
+    run = tmp_path / "exam" / "runs" / "walker"
+    kept, recorded = read_kept(run / "episodes.npz"), list(read_episodes(run / "bag"))
+    assert [episode.name for episode in recorded] == [episode.name for episode in kept] == ["1:0", "1:1"]
+    for one, other in zip(kept, recorded, strict=True):
+        assert np.array_equal(one.x, other.x)
+        assert np.array_equal(one.ped_x, other.ped_x)
+    assert table.filter(pl.col("pedestrian") == "walker")["duration"].to_list() == [each.time[-1] for each in kept]
 
 
 def test_it_leaves_what_an_exam_leaves_and_goes_on_without_driving_again(tmp_path: Path) -> None:
@@ -74,11 +88,13 @@ def test_it_leaves_what_an_exam_leaves_and_goes_on_without_driving_again(tmp_pat
     assert identity["ads_files_sha256"].keys() == {"example_driver.py"}
     assert f"Exam of {EXAMPLE}" in (tmp_path / "exam" / "report.html").read_text()
     assert {source.key for source in read_exam(tmp_path / "exam", 9)} == {"ads-learned", "ads-walker"}
-    found = list(read_episodes(tmp_path / "exam" / "runs" / "walker" / "bag"))
-    assert [episode.name for episode in found] == ["1:0", "104:0", "1:1", "104:1", "1:2", "104:2"]
-    bag = tmp_path / "exam" / "runs" / "walker" / "bag" / "bag_0.mcap"
-    bag.write_bytes(b"")
-    with pytest.raises(InvalidInput, match=r"walker/bag/bag_0.mcap: it was not completed"):
+    source = open_source(tmp_path / "exam")
+    names = ["1:0", "1:1", "1:2", "104:0", "104:1", "104:2"]
+    assert [one.name for one in source.listed] == [f"{run}/{name}" for run in ("learned", "walker") for name in names]
+    assert next(source.read(["walker/104:1"])).scenario is not None
+    kept = tmp_path / "exam" / "runs" / "walker" / "episodes.npz"
+    kept.write_bytes(b"")
+    with pytest.raises(InvalidInput, match=r"walker/episodes.npz: not readable as the episodes of a run"):
         examined(tmp_path / "exam", EXAMPLE)
 
 
@@ -109,7 +125,7 @@ def test_other_forms_and_pairs_of_options_are_refused_before_anything_is_written
     found = load(params_dir() / "ads_test.yaml")
     with pytest.raises(InvalidInput, match="--ads and --ads-class exclude each other"):
         prepare(found, "example_ads", EXAMPLE)
-    with pytest.raises(InvalidInput, match="external_mode = real_time: a class is called at every tick"):
+    with pytest.raises(InvalidInput, match="external_mode = real_time: a system that drives without ROS is called"):
         prepare(found.changed("world_simulator", {"external_mode": "real_time"}), ads_class=EXAMPLE)
     assert prepare(found.changed("ads_test", {"ads_class": EXAMPLE}), "external").config.examined == "external"
 
@@ -125,10 +141,12 @@ def test_a_class_whose_process_ends_has_failed_and_the_report_is_where_it_was_as
     assert table.height == 0
 
 
-def test_the_class_of_the_page_drives(tmp_path: Path, module: Write) -> None:
+def test_the_class_of_the_page_arrives(tmp_path: Path, module: Write, capsys: pytest.CaptureFixture[str]) -> None:
     page = (Path(__file__).parents[2] / "docs" / "ads.md").read_text(encoding="utf-8")
     programs = [text for text in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "def act" in text]
     assert len(programs) == 1
-    failures, table = examined(tmp_path / "exam", module(programs[0].replace("class MyDriver", "class Mine")))
+    text = module(programs[0].replace("class MyDriver", "class Mine"))
+    failures, table = examined(tmp_path / "exam", text, scenarios=[1], episodes=2, episode_time=30.0)
     assert failures == []
-    assert table.filter(pl.col("pedestrian") == "alone")["driven"].min() > 5.0
+    assert table["arrived"].all(), "who has crossed walks on, out of its way"
+    assert re.search(r"walker, does not react .* 100\.0% +0\.0% +0\.0%", capsys.readouterr().out)

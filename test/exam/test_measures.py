@@ -149,6 +149,25 @@ def test_a_report_says_how_much_the_driver_lives_off_the_pedestrians_yielding():
     assert value_of(report, "moving_collision_increase", "walker") == 0.5
 
 
+def test_who_stops_short_of_the_goal_for_good_has_not_arrived_and_stood_still():
+    lane = SCENARIO.vehicle
+
+    def ends(at, speed, outcome):
+        x, y = lane.path.at(at)
+        begun = drive([4.0, speed], outcome=outcome)
+        return row(dataclasses.replace(begun, x=np.array([x - 1.0, x]), y=np.array([y, y])))
+
+    found = [ends(lane.goal + 0.5, 0.0, "timeout"), ends(lane.goal - 5.0, 0.0, "timeout"),
+             ends(lane.goal - 5.0, 2.0, "timeout"), ends(lane.goal - 5.0, 0.0, "collision")]  # fmt: skip
+    assert [each["arrived"] for each in found] == [True, False, False, False]
+    assert [each["stood_still"] for each in found] == [False, True, False, False]
+    rows = pl.DataFrame(found)
+    rates = {name: estimate(rows, MEASURES[f"{name}_rate"]) for name in ("arrived", "never_arrived", "stood_still")}
+    assert {name: (rate.value, rate.n) for name, rate in rates.items()} == {
+        "arrived": (0.25, 4), "never_arrived": (pytest.approx(2.0 / 3.0), 3), "stood_still": (0.25, 4)
+    }  # fmt: skip
+
+
 def test_a_report_counts_refused_commands_and_unanswered_ticks():
     run = RunResult([drive(np.full(30, 4.0))], unanswered={(1, 0): 7})
     rows = episode_table(run, [], CONFIG, driver="ads", pedestrian="learned")

@@ -16,8 +16,9 @@ from vpsci_ros.exam import exam as exam_module
 from vpsci_ros.exam.conduct import run_with_all
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.measures import RunResult
+from vpsci_ros.exam.prepare import prepare
 from vpsci_ros.exam.report import Conduct
-from vpsci_ros.exam.run import prepare, read_exam, run_exam
+from vpsci_ros.exam.run import read_exam, run_exam
 from vpsci_ros.resources import params_dir
 
 EXAMPLE = "vpsci_ros.nodes.example_driver:ExampleDriver"
@@ -54,7 +55,7 @@ def test_parts_workers_and_a_worker_that_dies_change_nothing_that_comes_out(
     (tmp_path / "dies_once.py").write_text(DIES_ONCE)
     one, two = tmp_path / "one", tmp_path / "two"
     assert run_exam(small(), one, quiet=True) == []
-    monkeypatch.setattr(exam_module, "PART", 4)
+    monkeypatch.setattr(exam_module, "SIDE_BY_SIDE", 4)
     assert run_exam(small("dies_once:Mine"), two, workers=2, quiet=True) == []
     assert (tmp_path / "died").exists()
     assert {path.name for path in (two / "runs").iterdir()} == {
@@ -95,7 +96,7 @@ def test_after_a_run_without_an_episode_none_counts_whoever_finished_first(
 
     if size > 1:
         monkeypatch.setattr(conduct, "local_workers", lambda job, _: Backwards(job))
-    monkeypatch.setattr(exam_module, "PART", 3)
+    monkeypatch.setattr(exam_module, "SIDE_BY_SIDE", 3)
     monkeypatch.setattr(conduct, "run_with", driven)
     monkeypatch.setattr(collect, "sorted", lambda episodes, **_: list(episodes), raising=False)
     found = run_with_all(small(), tmp_path, ["alone", "learned", "walker"], workers=size, quiet=True)
@@ -107,7 +108,7 @@ def test_after_a_run_without_an_episode_none_counts_whoever_finished_first(
 def test_in_parts_the_same_recorded_person_comes_in_the_same_episode(monkeypatch: pytest.MonkeyPatch) -> None:
     exam = small(recorded="right_turns")
     whole = exam.motion("recorded")
-    monkeypatch.setattr(exam_module, "PART", 4)
+    monkeypatch.setattr(exam_module, "SIDE_BY_SIDE", 4)
     parts = [part.motion("recorded") for part in exam.parts()]
     assert [len(part) for part in parts] == [4, 2]
     for part in parts:

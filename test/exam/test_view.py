@@ -9,11 +9,12 @@ import pytest
 from vpsci_ros.bags.episodes import read_episodes
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import autopilot_run
 from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.exam.loops import autopilot_run
 from vpsci_ros.exam.measures import COLUMNS, RunResult, episode_table
+from vpsci_ros.exam.prepare import prepare
 from vpsci_ros.exam.report import BASELINE
-from vpsci_ros.exam.run import prepare, read_exam
+from vpsci_ros.exam.run import read_exam
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.runs.sections import Sections
 

@@ -1,6 +1,6 @@
 """Episodes of a near-miss table, a dataset, a bag or an exam: listed by name, and read.
 
-A dataset, a bag and the bags of an exam contain their own scenarios: an episode takes its road from there, never from
+A dataset, a bag and the runs of an exam contain their own scenarios: an episode takes its road from there, never from
 another file of the same number.
 """
 
@@ -20,6 +20,7 @@ from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.data.gathered import group_of
+from vpsci_ros.data.kept import KEPT, read_kept
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.published_dataset import open_dataset, published_files
 from vpsci_ros.data.recorded import recorded_episodes, recorded_list
@@ -27,6 +28,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import near_misses_part
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.observation import STEP
+from vpsci_ros.world.scenario import own_documents
 
 EXAM = "exam.json"
 ALONE = "alone"  # of an exam's runs the one without a pedestrian
@@ -142,10 +144,12 @@ def _bag(path: Path, recover: bool) -> EpisodeSource:
 
 def _exam(folder: Path, recover: bool) -> EpisodeSource:
     """Return the episodes of every run with a pedestrian, whose name stands before theirs: "learned/6:12"."""
-    runs = [path for path in sorted((folder / "runs").glob("*/bag")) if path.parent.name != ALONE]
-    if not runs:
+    runs = [path for path in sorted((folder / "runs").glob("*")) if path.name.partition("-")[0] != ALONE]
+    kept = {run.name: _kept(run / KEPT) for run in runs if (run / KEPT).is_file()}
+    bags = {run.name: _bag(run / "bag", recover) for run in runs if run.name not in kept and (run / "bag").is_dir()}
+    bags |= {name: source for name, source in kept.items() if source.listed}
+    if not bags:
         raise InvalidInput(f"{folder}: an exam without a finished run; let it come to its end")
-    bags = {path.parent.name: _bag(path, recover) for path in runs}
     first = next(iter(bags.values()))
 
     def read(wanted: Collection[str]) -> Iterator[Episode]:
@@ -155,6 +159,19 @@ def _exam(folder: Path, recover: bool) -> EpisodeSource:
 
     listed = [_of_run(run, one) for run, bag in bags.items() for one in bag.listed]
     return EpisodeSource(folder, "exam", first.period, listed, first.scenarios, read)
+
+
+def _kept(path: Path) -> EpisodeSource:
+    episodes = read_kept(path)
+    listed = [episode.listed for episode in episodes]
+    roads = {episode.scenario.number: episode.scenario for episode in episodes if episode.scenario is not None}
+    own = own_documents(roads.values())
+
+    def read(wanted: Collection[str]) -> Iterator[Episode]:
+        return (episode for episode in episodes if episode.name in wanted)
+
+    period = episodes[0].period if episodes else 0.0
+    return EpisodeSource(path, "exam", period, listed, [road for road in roads.values() if road.name in own], read)
 
 
 def _of_run(run: str, listed: Listed) -> Listed:

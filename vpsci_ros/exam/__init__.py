@@ -1,5 +1,6 @@
-"""The exam of a driving system: conduct, measures, scores, criteria and page.
+"""The exam of a driving system: `prepare` it, `run` it, and what comes of it.
 
-`conduct` runs the episodes beside the system's `process`, `measures` makes a row of each episode, `scores` defines the
-measures, `report` collects them, `criteria` decides, `page` and `figures` show the result.
+`conduct` has the system meet each pedestrian, by the graph of nodes (`in_graph`) or the loop (`in_process`), in which
+a class answers from a process of its own (`class_process`, `cockpit`). `measures` makes a row of each episode, `scores`
+says what is measured, `report` puts it together, `criteria` says whether it is passed, `page` and `console` show it.
 """

@@ -1,15 +1,21 @@
-"""What the runs of an exam came to: read from their bags and records, and the parts of a run put together."""
+"""The results of an exam's runs, read from what they left, and put together where a pedestrian has several runs.
+
+A run of the graph leaves a bag, any other its episodes (`vpsci_ros.data.kept`); both leave a record.
+"""
 
 import dataclasses
 import itertools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from vpsci_ros.bags.episodes import read_episodes
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.data.gathered import Tick, gathered
+from vpsci_ros.data.kept import KEPT, read_kept
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import EXTERNAL, title_of
 from vpsci_ros.exam.exam import Exam
@@ -27,23 +33,27 @@ from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
 
 
 def label_of(pedestrian: str, part: int) -> str:
-    """Return how the folder of a run is named: walker, walker-2, walker-3."""
+    """Return the name of a run's folder: walker, walker-2, walker-3."""
     return f"{pedestrian}-{part + 1}" if part else pedestrian
 
 
-def bag_of(folder: Path, label: str) -> Path:
-    """Return where the bag of a run is."""
-    return folder / "runs" / label / "bag"
+def run_folder(folder: Path, pedestrian: str, part: int) -> Path:
+    """Return the folder of a run of the exam in `folder`."""
+    return folder / "runs" / label_of(pedestrian, part)
 
 
-def bags_of(folder: Path, pedestrian: str) -> list[Path]:
-    """Return the bags of the runs with one pedestrian, in the order of their parts."""
-    numbered = (bag_of(folder, label_of(pedestrian, part)) for part in itertools.count())
-    return list(itertools.takewhile(Path.is_dir, numbered))
+def driven_episodes(folder: Path, pedestrian: str) -> Iterator[Episode]:
+    """Yield the episodes that an exam's driving system drove with one pedestrian, part by part.
+
+    :raises InvalidInput: what a run left cannot be read.
+    """
+    runs = (run_folder(folder, pedestrian, part) for part in itertools.count())
+    for run in itertools.takewhile(Path.is_dir, runs):
+        yield from read_kept(run / KEPT) if (run / KEPT).is_file() else read_episodes(run / "bag", recover=True)
 
 
 def joined(results: Sequence[RunResult], wanted: int) -> RunResult:
-    """Return what the parts of a run came to together."""
+    """Return the results of the parts of a run as one."""
     conducts = [result.conduct for result in results]
     failures = [conduct.failure for conduct in conducts if conduct.failure]
     others = f" (so did {len(failures) - 1} more of its runs)" if len(failures) > 1 else ""
@@ -59,17 +69,31 @@ def joined(results: Sequence[RunResult], wanted: int) -> RunResult:
     return RunResult(episodes, conduct, unanswered, {k: v for result in results for k, v in result.sight.items()})
 
 
-def conduct_of(exam: Exam, folder: Path, name: str) -> Conduct:
-    """Return how a run went, by its record; one that has not been is a failure, too."""
-    wanted = len(exam.episodes)
-    record = read_record(folder / "runs" / label_of(name, exam.part) / RECORD)
+def is_done(exam: Exam, folder: Path, name: str) -> bool:
+    """Say whether the run of a part with a pedestrian has come to its end in this folder."""
+    record = read_record(run_folder(folder, name, exam.part) / RECORD)
+    return record is not None and not record["error"]
+
+
+def read_run(exam: Exam, folder: Path, name: str) -> RunResult:
+    """Return the result of a run: the episodes that ended, without those that were left to the autopilot.
+
+    :raises InvalidInput: what it left cannot be read, though it came to its end.
+    """
+    run = run_folder(folder, name, exam.part)
+    record = read_record(run / RECORD)
     if record is None:
-        return Conduct(wanted, failure=f"{title_of(name)}: has not been run")
-    nodes = record["results"].get("nodes", {})
-    counts = counts_of({node: NodeStatus.of(values) for node, values in nodes.items()}) or WorldCounts()
-    failure = f"{title_of(name)}: {record['error']}" if record["error"] else ""
-    refused, surplus = counts.vehicle_commands_refused, counts.vehicle_commands_surplus
-    return Conduct(wanted, refused, surplus, counts.safe_stops, failure)
+        return RunResult([], Conduct(len(exam.episodes), failure=f"{title_of(name)}: has not been run"))
+    conduct = _conduct(exam, name, record)
+    if not (run / KEPT).is_file():
+        return _read_bag(exam, name, run / "bag", conduct)
+    sight = {(each.pop("scenario"), each.pop("episode")): Sight(**each) for each in record["results"]["sight"]}
+    return RunResult(read_kept(run / KEPT), conduct, sight=sight)
+
+
+def sight_record(sight: Mapping[Key, Sight]) -> list[dict[str, Any]]:
+    """Return what could be seen, as a record has it."""
+    return [{"scenario": key[0], "episode": key[1]} | dataclasses.asdict(seen) for key, seen in sight.items()]
 
 
 def counts_of(nodes: Mapping[str, NodeStatus]) -> WorldCounts | None:
@@ -77,14 +101,21 @@ def counts_of(nodes: Mapping[str, NodeStatus]) -> WorldCounts | None:
     return nodes["world_simulator"].counts if "world_simulator" in nodes else None
 
 
-def read_run(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
-    """Return what a bag holds: the episodes that ended, without those that were left to the autopilot."""
+def _conduct(exam: Exam, name: str, record: Mapping[str, Any]) -> Conduct:
+    nodes = record["results"].get("nodes", {})
+    counts = counts_of({node: NodeStatus.of(values) for node, values in nodes.items()}) or WorldCounts()
+    failure = f"{title_of(name)}: {record['error']}" if record["error"] else ""
+    refused, surplus = counts.vehicle_commands_refused, counts.vehicle_commands_surplus
+    return Conduct(len(exam.episodes), refused, surplus, counts.safe_stops, failure)
+
+
+def _read_bag(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
     silent_ticks = exam.config.silent_ticks
     if conduct.failure and not bag.is_dir():
         return RunResult([], conduct)  # it failed before the recorder wrote anything
     recording = Bag(bag, recover=bool(conduct.failure))
     events = recording.topics().get(EVENTS)
-    if events is not None and not events.messages:  # the bag of a class has no such topic
+    if events is not None and not events.messages:
         return RunResult([], conduct)  # no episode has begun
     unanswered: Counter[Key] = Counter()
     decode = Decoder()
@@ -123,7 +154,9 @@ def episodes_in_bag(bag: Bag, exam: Exam, pedestrian: str) -> tuple[list[Episode
                 if row["status"] != IDLE:
                     key = int(row["scenario"]), int(row["episode"])
                     if (begin := begun.get((*key, number))) is None:
-                        raise InvalidInput(f"{bag}: episode {key[0]}:{key[1]} is another graph's, not of this exam")
+                        raise InvalidInput(
+                            f"{bag.path}: episode {key[0]}:{key[1]} is another graph's, not of this exam"
+                        )
                     row["kind"], row["pedestrians"] = begin["kind"], begin["pedestrians"]
             yield tick.state, tick.curvttc, tick.distance
 

@@ -1,6 +1,6 @@
 """What an exam asks of a driving system, and with whom."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
@@ -10,10 +10,9 @@ from vpsci_ros.safety import CONFLICT_TTC
 
 SEVERE_TTC = 1.0  # [s] a severe conflict is one with a CurvTTC below
 MOVING = 0.5  # [m/s] a vehicle slower than this at the contact stood: the pedestrian walked into it
+STANDS = 0.1  # [m/s] a vehicle slower than this stands
 EXTERNAL = "external"  # an ADS that the user starts himself
 PERSON = "you"  # a person drives (`vpsci drive`)
-NO_SOCKET = -1
-EURO_NCAP = "euro_ncap"  # the target of the protocol's tests
 ALONE = "alone"  # the reference of the time lost: nobody there
 DRIVERS = {
     LEARNED: "policy",
@@ -31,7 +30,6 @@ TITLES = {
     "constant_velocity": "constant velocity",
     "social_force": "social force",
     ALONE: "nobody there",
-    EURO_NCAP: "Euro NCAP's target",
 }
 
 
@@ -46,30 +44,7 @@ def title_of(pedestrian: str) -> str:
 
 
 FAILURES = ("moving_collision", "collision", "conflict", "severe_conflict")
-"""What can be searched for: columns of the table of episodes."""
-
-
-@dataclass(frozen=True)
-class SearchConfig:
-    """The search for failures (`vpsci ads-test --search`): of which kind, with whom, among how many episodes."""
-
-    failure: str = parameter("moving_collision", "what counts as a failure", choices=FAILURES)
-    pedestrian: str = parameter(LEARNED, "pedestrian to meet, any of `pedestrians` but recorded people")
-    pool: int = parameter(
-        20_000, "episodes to search, the first ones of each scenario: rehearsed in this process, not driven",
-        low=100, high=10_000_000,
-    )  # fmt: skip
-    budget: int = parameter(1000, "episodes that the ADS drives", low=40, high=1_000_000)
-    shown: int = parameter(50, "failures, the worst ones, that are driven again for report and page", low=1, high=1000)
-
-    def __post_init__(self) -> None:
-        known = [name for name in (*DRIVERS, *added_pedestrians()) if name != "recorded"]
-        if self.pedestrian not in known:
-            raise InvalidInput(f"search.pedestrian: unknown {self.pedestrian!r}; expected {', '.join(known)}")
-        if self.budget > self.pool:
-            raise InvalidInput(
-                f"search.budget = {self.budget} exceeds search.pool = {self.pool}; there is nothing to search then"
-            )
+"""What counts as a failure: columns of the table of episodes."""
 
 
 @dataclass(frozen=True)
@@ -80,14 +55,7 @@ class ExamConfig:
         "example_ads", "command that starts the ADS; example_ads: the package's own; external: you start it yourself"
     )
     ads_class: str = parameter(
-        "", "MODULE:CLASS: the ADS is this Python class instead, and drives in this process, without ROS"
-    )
-    socket: int = parameter(
-        NO_SOCKET,
-        "TCP port of the loopback to which the ADS connects, instead of ROS (docs/ads.md); 0: a free one, which it "
-        "finds in VPSCI_ADS_PORT; -1: it drives through ROS topics",
-        low=NO_SOCKET,
-        high=65_535,
+        "", "MODULE:CLASS: the ADS is this Python class instead, in a process of its own, without ROS"
     )
     pedestrians: list[str] = parameter(
         [name for name in DRIVERS if name != "recorded"],
@@ -121,7 +89,10 @@ class ExamConfig:
         high=20.0,
     )
     fail_if: list[str] = parameter([], "criteria as for --fail-if, checked in addition")
-    search: SearchConfig = field(default_factory=SearchConfig)
+    failure: str = parameter("moving_collision", "what counts as a failure of an episode", choices=FAILURES)
+    bags: bool = parameter(
+        False, "a system that drives without ROS leaves bags, too, and drives one episode after the other"
+    )
 
     def __post_init__(self) -> None:
         if not self.ads.strip():
@@ -137,11 +108,6 @@ class ExamConfig:
             raise InvalidInput(
                 "pedestrians holds recorded, but no recordings are given; set 'recorded' to a near-miss table"
             )
-
-    @property
-    def in_process(self) -> bool:
-        """Whether it drives without ROS: a class, or a program behind a socket."""
-        return bool(self.ads_class) or self.socket != NO_SOCKET
 
     @property
     def examined(self) -> str:

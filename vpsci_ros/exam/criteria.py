@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.report import ADS, CHANGES, COUNTS, FAILED_BEFORE, INCREASES, value_of
+from vpsci_ros.exam.report import CHANGES, COUNTS, FAILED_BEFORE, INCREASES, value_of
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.policy.config import LEARNED
 
 COMPARED = (*FAILED_BEFORE, *CHANGES)
-POINTS = "protocol_points"
-NAMES = (*MEASURES, *INCREASES, *COUNTS, *COMPARED, POINTS)
+NAMES = (*MEASURES, *INCREASES, *COUNTS, *COMPARED)
 OPERATORS: dict[str, Callable[[float, float], bool]] = {
     ">": operator.gt,
     ">=": operator.ge,
@@ -62,12 +61,11 @@ class Verdict:
         return f"{self.criterion.text}: {value} with {self.pedestrian}, {'failed' if self.failed else 'passed'}"
 
 
-def parse(text: str, opponents: Sequence[str], *, compared: bool = False, protocol: str = "") -> Criterion:
+def parse(text: str, opponents: Sequence[str], *, compared: bool = False) -> Criterion:
     """Return the criterion that `text` means.
 
     :param opponents: pedestrians of the exam.
     :param compared: whether it is compared with an earlier one.
-    :param protocol: standard protocol that is driven as well; empty: none.
     :raises InvalidInput: another form than MEASURE OPERATOR NUMBER [@PEDESTRIAN], or an unknown name in it.
     """
     where = f"--fail-if {text!r}"
@@ -82,10 +80,6 @@ def parse(text: str, opponents: Sequence[str], *, compared: bool = False, protoc
         near = difflib.get_close_matches(measure, NAMES, 1)
         hint = f"did you mean {near[0]}? " if near else ""
         raise InvalidInput(f"{where}: unknown measure {measure!r}; {hint}measures: {', '.join(NAMES)}")
-    if measure == POINTS and (not protocol or pedestrian is not None):
-        raise InvalidInput(
-            f"{where}: {POINTS} are those of a standard protocol; give --protocol, and no pedestrian here"
-        )
     if pedestrian is not None and pedestrian not in opponents:
         raise InvalidInput(f"{where}: no pedestrian {pedestrian!r} in this exam; it has {', '.join(opponents)}")
     if measure in INCREASES and (LEARNED not in opponents or pedestrian == LEARNED or len(opponents) < 2):
@@ -99,11 +93,6 @@ def check(criteria: Sequence[Criterion], report: dict[str, Any], opponents: Sequ
     """Return a verdict for each criterion and pedestrian that it speaks of."""
     verdicts = []
     for criterion in criteria:
-        if criterion.measure == POINTS:
-            found = report.get("protocol", {})
-            points = found.get("drivers", {}).get(ADS, {}).get("points", math.nan)
-            verdicts.append(Verdict(criterion, found.get("name", ""), points))
-            continue
         among = [criterion.pedestrian] if criterion.pedestrian else list(opponents)
         if criterion.measure in INCREASES:
             among = [name for name in among if name != LEARNED]

@@ -68,7 +68,7 @@ def compared_with(
     if guard is None:
         return exam, Earlier(folder, stored["ads"], rows, pool)
     chosen = pool[np.random.default_rng(exam.run.seed).permutation(pool.height)[:guard]]
-    failed = rows.filter(pl.col(exam.config.search.failure)).select(_KEY)
+    failed = rows.filter(pl.col(exam.config.failure)).select(_KEY)
     wanted = set(pl.concat([chosen, failed]).iter_rows())
     again = [key for key in exam.episodes if key in wanted]
     if not again:
@@ -82,7 +82,7 @@ def _conditions(identity: Mapping[str, Any]) -> dict[str, Any]:
         name: identity.get(name)
         for name in ("world", "scenarios_sha256", "weights_sha256", "agents", "recorded_sha256")
     }
-    left_out = ("ads", "ads_class", "socket", "baseline", "only", "recorded")
+    left_out = ("ads", "ads_class", "bags", "baseline", "only", "recorded")
     return kept | {
         section: {name: value for name, value in values.items() if name not in left_out}
         for section, values in identity["parameters"].items()
@@ -94,7 +94,7 @@ def compare(table: pl.DataFrame, earlier: Earlier, exam: Exam) -> dict[str, Any]
 
     :param table: a row an episode, of the exam.
     """
-    failure = exam.config.search.failure
+    failure = exam.config.failure
     now = table.filter((pl.col("driver") == ADS) & pl.col("pedestrian").is_in(exam.config.opponents))
     out = {}
     for name in exam.config.opponents:
@@ -121,13 +121,14 @@ def compare(table: pl.DataFrame, earlier: Earlier, exam: Exam) -> dict[str, Any]
     return facts | {"pedestrians": out}
 
 
-def summary_lines(report: Mapping[str, Any], view: str) -> list[str]:
-    """Return the verdict as Markdown for a merge request, with links to where the episodes play.
+def write_summary(path: Path, report: Mapping[str, Any], view: str) -> None:
+    """Write the verdict as Markdown for a merge request, with links to where the episodes play.
 
     :param view: the page in which they play; empty: there is none.
     """
     found = report["against"]
-    text = []
+    text = [f"## {report['exam']['ads']}: {'failed' if report['failures'] else 'passed'}", ""]
+    text += [f"- {reason}" for reason in report["failures"]] + [""] * bool(report["failures"])
     what = MEASURES[f"{found['failure']}_rate"].title
     text.append(
         f"Compared with `{found['ads']}` in {found['folder']}. A failure: {what}. Changes are of {found['guard']} "
@@ -145,7 +146,7 @@ def summary_lines(report: Mapping[str, Any], view: str) -> list[str]:
         links = [_link(view, name, key) for name, row in found["pedestrians"].items() for key in row[kind]]
         more = f" and {len(links) - _LISTED} more" if len(links) > _LISTED else ""
         text += ["", f"{title}: {', '.join(links[:_LISTED])}{more}"] if links else []
-    return text
+    write_text(path, "\n".join(text) + "\n")
 
 
 def _change(found: Mapping[str, Any], measure: str) -> str:

@@ -1,4 +1,4 @@
-"""Lists of episodes that somebody wants driven again, as `vpsci ads-test --search` leaves and `--episodes` takes them.
+"""Lists of episodes that somebody wants driven again, as `vpsci ads-search` leaves and `--episodes` takes them.
 
 A number alone says little: the same one begins otherwise under another seed or other parameters of the world. The list
 has these with it, and is refused where they are others.
@@ -19,7 +19,7 @@ from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 
 _FORM = "vpsci_ros episodes, 1"
-_EXPECTED = "expected a list of episodes as `vpsci ads-test --search` writes it"
+_EXPECTED = "expected a list of episodes as `vpsci ads-search` writes it"
 
 
 def write_episode_list(

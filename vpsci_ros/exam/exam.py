@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.exam import euro_ncap
-from vpsci_ros.exam.config import ALONE, DRIVERS, EURO_NCAP, ExamConfig, added_pedestrians
+from vpsci_ros.exam.config import ALONE, DRIVERS, ExamConfig, added_pedestrians
 from vpsci_ros.exam.driver_class import Driver
 from vpsci_ros.exam.episode_list import flat
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns
@@ -20,8 +20,10 @@ from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import CrowdConfig
+from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.perception import PerceptionConfig
 
+SIDE_BY_SIDE = 256  # episodes of a class
 PART = 100  # episodes of a run, at most: where there are more, its pedestrian has several runs
 
 
@@ -33,7 +35,10 @@ class Exam:
     :ivar part: which one of an exam in several parts, from 0.
     :ivar whole: that exam; None: it is whole itself.
     :ivar files: of the driving system, each with its SHA-256.
-    :ivar person: makes the driver that a person is: an episode a run, none of them alone; None: an ADS drives.
+    :ivar seat: seats another driver at the wheel, in this process and one episode at a time, for as long as the context
+        lasts; it gets the log and the patience for an answer [s]. None: the system of `config` drives.
+    :ivar person: a person drives: an episode a run, and none with nobody there.
+    :ivar motions: motion of pedestrians that the exam does not know, by their names.
     """
 
     sections: Sections
@@ -43,7 +48,19 @@ class Exam:
     files: Mapping[str, str] = dataclasses.field(default_factory=dict)
     part: int = 0
     whole: "Exam | None" = None
-    person: Callable[[], Driver] | None = None
+    seat: Callable[[Path, float], AbstractContextManager[Callable[[], Driver]]] | None = None
+    person: bool = False
+    motions: Mapping[str, Callable[["Exam"], Motion]] = dataclasses.field(default_factory=dict)
+
+    @property
+    def in_process(self) -> bool:
+        """Whether the system drives through the loop, without ROS."""
+        return self.seat is not None or bool(self.config.ads_class)
+
+    @property
+    def engine(self) -> EngineConfig:
+        """The engine that moves the agents."""
+        return self.sections.get(EngineConfig, "world_simulator")
 
     @property
     def opponents(self) -> list[str]:
@@ -63,7 +80,7 @@ class Exam:
 
     def parts(self) -> list["Exam"]:
         """Return the exam in parts that are driven in a run each, however many workers there are."""
-        keys, most = self.episodes, 1 if self.person else PART
+        keys, most = self.episodes, 1 if self.person else SIDE_BY_SIDE if self.config.ads_class else PART
         if len(keys) <= most:
             return [self]
         starts = enumerate(range(0, len(keys), most))
@@ -102,11 +119,11 @@ class Exam:
         return dataclasses.replace(world, pedestrian_driver=driver)
 
     def motion(self, pedestrian: str) -> Motion:
-        """Return the motion of a pedestrian that is replayed: recorded people, a protocol's target, or nobody."""
+        """Return the motion of a pedestrian that is replayed: recorded people, or nobody."""
+        if pedestrian in self.motions:
+            return self.motions[pedestrian](self)
         if pedestrian == ALONE:
             return absent_pedestrians(self.spawns())
-        if pedestrian == EURO_NCAP:
-            return euro_ncap.motion(self.scenarios, self.with_pedestrian(pedestrian, "external"))
         path, world = self.config.recorded, self.with_pedestrian(pedestrian, "external")
         begins = (self.whole or self).spawns()  # each person once before any twice, in whatever parts
         motion = recorded_people(read_near_misses(path), begins, self.scenarios, world, self.run.seed, path)

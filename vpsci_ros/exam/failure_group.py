@@ -1,4 +1,4 @@
-"""What a failure has in common with others: by it the page filters its episodes, and `--why` counts them."""
+"""What a failure has in common with others: by it the page filters its episodes, and `vpsci ads-why` counts them."""
 
 import math
 from collections.abc import Mapping

@@ -1,6 +1,6 @@
 """The pictures of an exam: measures with intervals, least distances, outcomes, and one episode with each pedestrian."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,12 +8,12 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 
-from vpsci_ros.data.episode import Episode, Key
+from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.config import added_pedestrians, title_of
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.report.canvas import blank_figure, save_png
-from vpsci_ros.report.trajectories import draw_episode, save_trajectories
+from vpsci_ros.report.trajectories import draw_episode
 from vpsci_ros.safety import HORIZON
 
 # Okabe and Ito's colours, which most people can distinguish
@@ -56,20 +56,6 @@ def save_overview(report: Mapping[str, Any], table: pl.DataFrame, path: Path) ->
     _draw_least(left, table, names)
     _draw_ends(right, table, names)
     save_png(figure, path)
-
-
-def save_episode(episodes: Mapping[str, Sequence[Episode]], path: Path) -> Key | None:
-    """Draw the episode in which the ADS came nearest to the learned pedestrian, with each pedestrian, as a PNG.
-
-    :param episodes: pedestrian -> episodes of the ADS.
-    :returns: its scenario and number; None where the exam has no learned pedestrian.
-    """
-    if not episodes.get(LEARNED):
-        return None
-    worst = min(episodes[LEARNED], key=_nearness).key
-    found = [(name, one.pair()) for name, each in episodes.items() for one in each if one.key == worst]
-    save_trajectories([(_title(name, one), one) for name, one in found], path)
-    return worst
 
 
 def save_one(episode: Episode, path: Path) -> None:
@@ -147,15 +133,3 @@ def _draw_ends(axis: Axes, table: pl.DataFrame, names: list[str]) -> None:
 
 def _rows(table: pl.DataFrame, driver: str, pedestrian: str) -> pl.DataFrame:
     return table.filter((pl.col("driver") == driver) & (pl.col("pedestrian") == pedestrian))
-
-
-def _nearness(episode: Episode) -> tuple[float, float, Key]:
-    """Return what orders episodes by how near they came: a contact at speed before one at rest."""
-    least = -1.0 if episode.outcome == "collision" else min(HORIZON, episode.least_curvttc)
-    return least, -float(episode.speed[-1]), episode.key
-
-
-def _title(name: str, episode: Episode) -> str:
-    least = episode.least_curvttc
-    near = f"least CurvTTC {least:.1f} s" if np.isfinite(least) else "no contact predicted"
-    return f"{title_of(name)}\n{episode.outcome}, {near}"

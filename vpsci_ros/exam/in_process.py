@@ -1,28 +1,119 @@
-"""Episodes that a driving system drives through the loop, many side by side, without ROS.
+"""A run of an exam through the loop, without ROS: the driving system is a class, or has a seat in this process.
 
-They come out one whole episode after the other, in the order in which they were requested, as a graph of nodes drives
-them. A driver that raises, or answers with something that is no command, loses that episode and no other: which ones
-are lost does not depend on how many run side by side.
+A driver that raises, or answers with something that is no command, loses that episode and no other: which ones are lost
+does not depend on how many run side by side.
 """
 
-import itertools
+import contextlib
+import dataclasses
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.episode import Key
-from vpsci_ros.exam.cockpit import Answer, Answers, Scene
+from vpsci_ros.data.gathered import Tick as Gathered
+from vpsci_ros.data.kept import KEPT, write_kept
+from vpsci_ros.exam.class_process import class_process
+from vpsci_ros.exam.cockpit import Answer, Answers, Cockpit, Scene
+from vpsci_ros.exam.collect import episodes_of, sight_record
+from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.exam import SIDE_BY_SIDE, Exam
+from vpsci_ros.exam.loops import loop_with
+from vpsci_ros.exam.measures import RunResult
+from vpsci_ros.exam.report import Conduct
+from vpsci_ros.exam.sight import Watcher
+from vpsci_ros.nodes.config import GraphConfig
+from vpsci_ros.nodes.status import NodeStatus
+from vpsci_ros.policy.compiling import compile_kernels
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.progress import Bars
+from vpsci_ros.runs.record import RECORD, write_record
 from vpsci_ros.world import ENDED, IDLE, RUNNING
+from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.parked import parked_from
 from vpsci_ros.world.perception import PerceptionConfig, blank, perceive
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Step, Tick
 
-SIDE_BY_SIDE = 256  # episodes, at most
-PATIENCE = 60.0  # [s] for an answer
 _SHOWN = 10  # tracebacks in the log
+
+
+def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> RunResult:
+    """Have the driving system meet one pedestrian; leave episodes and record in the folder `run`, return the result.
+
+    With `ads_test.bags` it leaves a bag, too, and drives one episode after the other.
+    """
+    begun, config = time.monotonic(), exam.config
+    run.mkdir(exist_ok=True)
+    log.unlink(missing_ok=True)
+    compile_kernels()
+    loop = loop_with(exam, name, "external", exam.episodes, 1 if exam.seat or config.bags else SIDE_BY_SIDE)
+    world = loop.world.config
+    with contextlib.ExitStack() as stack:
+        bars = stack.enter_context(Bars(quiet=quiet))
+        answers = stack.enter_context(_seated(exam, loop, log))
+        driven = InProcess(loop, answers, exam.perception, log)
+        ticks = driven.ticks(lambda done: bars.bar(title_of(name), done, len(exam.episodes)))
+        if config.bags:
+            made_by = {"made_by": "vpsci ads-test", "ads": config.examined}
+            seen: list[Step] = []
+            write_ticks(_recorded(ticks, driven, seen), world, run / "bag", made_by, scenarios=exam.scenarios)
+            ticks = iter(seen)
+        watcher = Watcher(exam.scenarios, exam.perception, world.tick, world.pedestrians)
+        found, sight = episodes_of(exam, map(_gathered, ticks), watcher, str(run))
+    episodes = [episode for episode in found if episode.key not in driven.lost]
+    failure = driven.failure()
+    counts = WorldCounts(vehicle_commands=driven.commands, vehicle_commands_refused=driven.refused)
+    write_kept(run / KEPT, episodes)
+    write_record(
+        run / RECORD,
+        begun=begun,
+        error=failure,
+        results={
+            "nodes": {"world_simulator": dataclasses.asdict(NodeStatus(counts=counts))},
+            "sight": sight_record(sight),
+        },
+        inputs={exam.weights.name: sha256(exam.weights)} if "pedestrian" in loop.agents else {},
+    )
+    failure = f"{title_of(name)}: {failure}" if failure else ""
+    return RunResult(episodes, Conduct(len(exam.episodes), driven.refused, failure=failure), sight=sight)
+
+
+@contextlib.contextmanager
+def _seated(exam: Exam, loop: Loop, log: Path) -> Iterator[Answers]:
+    """Seat the driving system at the wheel of every car of a loop."""
+    patience = exam.sections.get(GraphConfig, "graph").progress_timeout
+    seats = len(loop.world.state) // loop.world.config.pedestrians
+    with contextlib.ExitStack() as stack:
+        if exam.seat is not None:
+            yield Cockpit(stack.enter_context(exam.seat(log, patience)), exam.scenarios, seats, 0.0).answers
+            return
+        process = stack.enter_context(class_process(exam.config.ads_class, log, patience))
+        process.seat(exam.scenarios, seats)
+        yield process.answers
+
+
+def _gathered(step: Step) -> Gathered:
+    return step.tick.state, step.assessment.curvttc, step.assessment.distance
+
+
+def _recorded(steps: Iterator[Step], driven: "InProcess", seen: list[Step]) -> Iterator[Step]:
+    """Yield the ticks of one episode after another for a bag, numbered anew; of a lost one, those before it was lost.
+
+    :param seen: gets all of them.
+    """
+    number = 0
+    for step in steps:
+        seen.append(step)
+        first = step.tick.state[0]
+        if first["status"] != IDLE and (int(first["scenario"]), int(first["episode"])) not in driven.lost:
+            actions = step.actions.pedestrian if step.tick.policy_frame.any() else None
+            yield step._replace(tick=step.tick._replace(number=number), actions=Actions(pedestrian=actions))
+            number += 1
 
 
 class InProcess:
@@ -46,27 +137,18 @@ class InProcess:
         self.commands = self.refused = 0
         self.lost: dict[Key, str] = {}
 
-    def episodes(self, wanted: list[Key], report: Callable[[int], None]) -> Iterator[Step]:
-        """Yield the ticks of one episode after the other; of a lost one, those before it was lost.
+    def ticks(self, report: Callable[[int], None]) -> Iterator[Step]:
+        """Yield every tick of the loop.
 
-        :param wanted: the episodes of the world's queue, in its order.
-        :param report: called now and then with how many have ended.
+        :param report: called with how many episodes have ended.
         """
-        number = itertools.count()
-        ticks: dict[Key, list[Step]] = {}
-        ended: set[Key] = set()
-        steps = self._steps()
-        for key in wanted:
-            while key not in ended:
-                step = next(steps)
-                for rows, episode in self._present(step.tick.state):
-                    if episode not in self.lost:
-                        ticks.setdefault(episode, []).append(_part(step, rows))
-                    if step.tick.state["status"][rows.start] == ENDED:
-                        ended.add(episode)
-                report(len(ended))
-            for each in ticks.pop(key, ()):
-                yield each._replace(tick=each.tick._replace(number=next(number)))
+        ended = 0
+        while not self._loop.world.done:
+            tick, assessment = self._loop.world.now, self._loop.assessment
+            step = self._loop.step(self._answers(tick, assessment))
+            ended += int(np.count_nonzero(step.tick.state["status"][:: self._most] == ENDED))
+            report(ended)
+            yield step
 
     def failure(self) -> str:
         """Return why not all episodes were driven to their end; empty where they were."""
@@ -75,11 +157,6 @@ class InProcess:
         (scenario, episode), why = next(iter(sorted(self.lost.items())))
         others = f" and {len(self.lost) - 1} more" if len(self.lost) > 1 else ""
         return f"the ADS did not drive {scenario}:{episode}{others} to the end: {why} (log: {self._log})"
-
-    def _steps(self) -> Iterator[Step]:
-        while not self._loop.world.done:
-            tick, assessment = self._loop.world.now, self._loop.assessment
-            yield self._loop.step(self._answers(tick, assessment))
 
     def _present(self, state: NDArray[np.void]) -> Iterator[tuple[slice, Key]]:
         """Yield rows and key of each episode that runs or has just ended in EPISODE[B]."""
@@ -142,18 +219,3 @@ class InProcess:
             with self._log.open("a", encoding="utf-8", errors="backslashreplace") as log:
                 print(f"{key[0]}:{key[1]} at {time:.2f} s: {error}\n{answer.trace}", file=log)
         return None
-
-
-def _part(step: Step, rows: slice) -> Step:
-    """Return the rows of one episode of a step."""
-    tick, assessed = step.tick, step.assessment
-    actions = NO_ACTIONS
-    if step.actions.pedestrian is not None and tick.policy_frame[rows].any():
-        actions = Actions(pedestrian=step.actions.pedestrian[rows])
-    arrays = {name: getattr(assessed, name)[rows] for name in ("curvttc", "distance", "critical", "acting")}
-    return Step(
-        tick=tick._replace(state=tick.state[rows], policy_frame=tick.policy_frame[rows]),
-        assessment=assessed._replace(**arrays),
-        actions=actions,
-        events=step.events[:0],
-    )

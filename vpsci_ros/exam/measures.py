@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import YIELDED, Episode, Key, yields
 from vpsci_ros.data.parquet import Column
-from vpsci_ros.exam.config import MOVING, SEVERE_TTC, ExamConfig
+from vpsci_ros.exam.config import MOVING, SEVERE_TTC, STANDS, ExamConfig
 from vpsci_ros.exam.report import Conduct
 from vpsci_ros.exam.sight import Sight
 from vpsci_ros.safety import CRITICAL_TTC, HORIZON
-from vpsci_ros.world import COLLISION, OUTCOME_NAMES, PARKED_COLLISION
+from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, PARKED_COLLISION
 
 Floats = NDArray[np.float64]
 _COLLISION, _PARKED_COLLISION = OUTCOME_NAMES[COLLISION], OUTCOME_NAMES[PARKED_COLLISION]
@@ -26,6 +26,8 @@ COLUMNS: dict[str, Column] = {
     "scenario": Column(pl.Int64, "", "number of the scenario; 1 to 8 are those of Table 6"),
     "episode": Column(pl.Int64, "", "number within the scenario: the same number begins the same way"),
     "outcome": Column(pl.String, "", "collision, goal (in the lane or not), timeout or parked_collision"),
+    "arrived": Column(pl.Boolean, "", "the vehicle reached its goal"),
+    "stood_still": Column(pl.Boolean, "", "it stood at the end, short of its goal and without a contact"),
     "duration": Column(pl.Float64, "s", "from the spawn to the end"),
     "driven": Column(pl.Float64, "m", "length of the vehicle's path"),
     "collision": Column(pl.Boolean, "", "the footprints touched"),
@@ -105,6 +107,8 @@ def episode_table(
                 "scenario": episode.key[0],
                 "episode": episode.number,
                 "outcome": episode.outcome,
+                "arrived": (there := arrived(driven)),
+                "stood_still": not (there or collided or crashed) and float(speed[-1]) < STANDS,
                 "duration": (len(speed) - 1) * period,
                 "driven": float(path[-1]),
                 "collision": collided,
@@ -130,6 +134,14 @@ def episode_table(
             }
         )
     return pl.DataFrame(rows, schema={name: column.dtype for name, column in COLUMNS.items()})
+
+
+def arrived(episode: Episode) -> bool:
+    """Return whether the vehicle is at its goal when the episode ends, whoever else is."""
+    if episode.outcome == OUTCOME_NAMES[GOAL] or episode.scenario is None:
+        return episode.outcome == OUTCOME_NAMES[GOAL]
+    lane = episode.scenario.vehicle
+    return lane.path.locate(float(episode.x[-1]), float(episode.y[-1]))[0] >= lane.goal
 
 
 def lane_departure(episode: Episode) -> tuple[float, float]:

@@ -8,8 +8,7 @@ import polars as pl
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.config import ALONE, PERSON, TITLES, added_pedestrians, title_of
-from vpsci_ros.exam.failures import why_reasons
-from vpsci_ros.exam.figures import save_episode, save_one, save_overview
+from vpsci_ros.exam.figures import save_one, save_overview
 from vpsci_ros.exam.measures import worst_first
 from vpsci_ros.exam.report import ADS, BASELINE
 from vpsci_ros.exam.scores import DIFFERENCES
@@ -21,7 +20,6 @@ NAMES = {ADS: "The ADS", BASELINE: "The rule-based autopilot"}
 GROUPED = ("collision_rate", "moving_collision_rate", "conflict_rate", "hard_braking_rate", "time_lost")
 SLOW = 1.0  # [s] of time lost, from which on an episode is one to see
 _KEY = ["pedestrian", "scenario", "episode"]
-WORST = 10  # episodes in the list of those to look at
 _TEMPLATE = Path(__file__).resolve().parent / "templates" / "exam.html"
 
 
@@ -32,20 +30,17 @@ def write_page(
     episodes: Mapping[str, Sequence[Episode]],
     view: str = "",
 ) -> None:
-    """Write the page, and its pictures beside it: overview.png, episode.png, must_see_1.png to must_see_3.png.
+    """Write the page, and its pictures beside it: overview.png, must_see_1.png to must_see_3.png.
 
     :param report: of `make_report`, with the keys exam, failures and criteria.
     :param table: a row an episode; `episodes`: pedestrian -> episodes of the ADS, frame by frame.
     :param view: the page beside it in which the episodes play; empty: there is none, and so no link.
     """
-    values: dict[str, Any] = {"overview": None, "episode": None, "worst": [], "must_see": []}
+    values: dict[str, Any] = {"overview": None, "must_see": []}
     if report["drivers"].get(ADS):
-        overview, nearest_one = path.parent / "overview.png", path.parent / "episode.png"
+        overview = path.parent / "overview.png"
         save_overview(report, table, overview)
-        others = {name: found for name, found in episodes.items() if name != ALONE}
-        nearest = save_episode(others, nearest_one)
-        values = {"overview": overview, "episode": nearest_one if nearest else None, "nearest": nearest}
-        values |= _summary(report) | {"worst": worst(table)}
+        values = {"overview": overview} | _summary(report)
         values["must_see"] = _pictured(must_see(table), episodes, path.parent)
     html.write_page(
         path,
@@ -58,7 +53,6 @@ def write_page(
         grouped=GROUPED,
         view=view,
         marks=set(MARKS),
-        why_reasons=why_reasons,
         **values,
     )
 
@@ -78,12 +72,6 @@ def _summary(report: Mapping[str, Any]) -> dict[str, Any]:
         "reliance": reliance,
         "counts": {name: round((found["value"] or 0.0) * found["n"]) for name, found in counted.items()},
     }
-
-
-def worst(table: pl.DataFrame) -> list[dict[str, Any]]:
-    """Return rows of the worst episodes of the ADS, the worst first."""
-    rows = table.filter((pl.col("driver") == ADS) & pl.col("critical") & (pl.col("pedestrian") != ALONE))
-    return worst_first(rows).head(WORST).with_columns(pl.col("impact_speed").fill_nan(-1.0)).to_dicts()
 
 
 def must_see(table: pl.DataFrame) -> list[dict[str, Any]]:

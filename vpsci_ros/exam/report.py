@@ -100,7 +100,7 @@ def make_report(
         "sight": _sight(table, config.opponents, perception),
         "conduct": {name: _conduct(_of(table, ADS, name), run) for name, run in conduct.items()},
         "definitions": definitions(config),
-        "failure": config.search.failure,
+        "failure": config.failure,
     }
 
 

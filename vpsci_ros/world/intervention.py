@@ -44,7 +44,7 @@ class InterventionConfig:
     )  # fmt: skip
     interventions: list[float] = parameter(
         [],
-        "set by `vpsci ads-test --why`; of each episode: scenario, number, frame, change of speed [m/s], by what its "
+        "set by `vpsci ads-why`; of each episode: scenario, number, frame, change of speed [m/s], by what its "
         "braking is firmer [m/s2], how many accelerations follow, and these, forced from the frame on [m/s2]",
     )
 

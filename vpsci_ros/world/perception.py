@@ -82,7 +82,7 @@ class PerceptionConfig:
     )  # fmt: skip
     revealed: list[float] = parameter(
         [],
-        "set by `vpsci ads-test --why`: scenario, number and frame of episodes, three for each, from which on parked "
+        "set by `vpsci ads-why`: scenario, number and frame of episodes, three for each, from which on parked "
         "vehicles hide nobody in it",
     )
 

@@ -4,19 +4,24 @@ The output folder is that of an exam (`vpsci_ros.exam.run`), with replays/ besid
 episodes that are driven.
 """
 
+import contextlib
 import dataclasses
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.collect import conduct_of, label_of
-from vpsci_ros.exam.conduct import autopilot_run, loop_with, run_with
+from vpsci_ros.exam.collect import is_done, label_of
+from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.config import EXTERNAL, PERSON, title_of
+from vpsci_ros.exam.driver_class import Driver
 from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.loops import autopilot_run, loop_with
 from vpsci_ros.exam.measures import RunResult
-from vpsci_ros.exam.run import identity_of, prepare, run_exam, take_folder
+from vpsci_ros.exam.prepare import identity_of, prepare, take_folder
+from vpsci_ros.exam.run import run_exam
 from vpsci_ros.extras.drive.page import Page
 from vpsci_ros.extras.drive.person import Person
 from vpsci_ros.runs.sections import Sections
@@ -37,7 +42,8 @@ def prepare_person(sections: Sections) -> tuple[Exam, float]:
     factor = sections.get(LockStepConfig, "world_simulator").real_time_factor
     if factor <= 0.0:
         raise InvalidInput("world_simulator.real_time_factor = 0: a person drives in real time; set it to 1.0")
-    return dataclasses.replace(exam, config=dataclasses.replace(exam.config, ads=PERSON)), factor
+    config = dataclasses.replace(exam.config, ads=PERSON, bags=True)
+    return dataclasses.replace(exam, config=config, person=True), factor
 
 
 def run_drive(exam: Exam, factor: float, folder: Path, page: Page) -> list[str]:
@@ -47,13 +53,19 @@ def run_drive(exam: Exam, factor: float, folder: Path, page: Page) -> list[str]:
     :returns: why not all episodes were driven; empty: they were.
     :raises InvalidInput: `folder` holds something else.
     """
-    exam = dataclasses.replace(exam, person=lambda: Person(page, exam.world.tick, factor))
+    period = exam.world.tick
+
+    @contextlib.contextmanager
+    def at_the_page(*_: object) -> Iterator[Callable[[], Driver]]:
+        yield lambda: Person(page, period, factor)
+
+    exam = dataclasses.replace(exam, seat=at_the_page)
     take_folder(folder, identity_of(exam))
     _compile(exam)
     runs = [(name, part) for name in exam.opponents for part in exam.parts()]
     driven = 0
     for number, (name, part) in enumerate(runs, 1):
-        if not conduct_of(part, folder, name).failure:
+        if is_done(part, folder, name):
             driven += 1  # before, by an earlier command
             continue
         result = _drive(part, name, folder, page, f"episode {number} of {len(runs)}")

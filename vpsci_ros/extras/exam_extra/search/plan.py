@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.exam.search.margin import Floats
-from vpsci_ros.exam.search.risk import Count, Risk
+from vpsci_ros.extras.exam_extra.search.margin import Floats
+from vpsci_ros.extras.exam_extra.search.risk import Count, Risk
 
 AT_RANDOM = 0.15  # of what is driven after the pilot
 PILOT, SHARPEN = 0.25, 0.2  # of the budget: at random, then where the first stand-in comes near

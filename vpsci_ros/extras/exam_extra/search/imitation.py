@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.bags.tick import RecordedTick
+from vpsci_ros.data.episode import Episode
 from vpsci_ros.safety import HORIZON, clearance
-from vpsci_ros.world import IDLE, RUNNING
+from vpsci_ros.world import EPISODE, IDLE, RUNNING
 
 Floats32 = NDArray[np.float32]
 LAGS = (0, 2, 4, 6, 8, 10)  # [ticks]
@@ -85,24 +85,33 @@ def _seen(state: NDArray[np.void], curvttc: NDArray[np.float64]) -> Floats32:
     return np.stack(columns, axis=1).astype(np.float32)
 
 
-def lessons(ticks: Iterable[RecordedTick], pedestrians: int) -> tuple[Floats32, Floats32]:
-    """Return what the vehicle saw and what it did about it: features float32[n, 43], acceleration float32[n] [m/s2].
-
-    :param ticks: of a bag, one episode at a time.
-    """
-    recent, seen, done = Recent(pedestrians), [], []
-    before: tuple[Floats32, tuple[int, int], float] | None = None
-    for tick in ticks:
-        features, rows = recent.features(tick.state, tick.curvttc)
-        record = tick.state[rows[0]]
-        key = int(record["scenario"]), int(record["episode"])
-        if before is not None and before[1] == key:
-            stays = record["vehicle_speed"] == 0.0 and before[2] == 0.0
-            seen.append(before[0])
-            done.append(HOLDING if stays else float(record["vehicle_acceleration"]))
-        running = record["status"] == RUNNING
-        before = (features[0], key, float(record["vehicle_speed"])) if running else None
+def lessons(episodes: Iterable[Episode], pedestrians: int) -> tuple[Floats32, Floats32]:
+    """Return what the vehicle saw and what it did about it: features float32[n, 43], acceleration float32[n] [m/s2]."""
+    seen, done = [], []
+    for episode in episodes:
+        recent, accelerations = Recent(pedestrians), np.diff(episode.speed) / episode.period
+        for frame, acceleration in enumerate(accelerations):
+            features, _ = recent.features(*_tick(episode, frame, pedestrians))
+            stays = episode.speed[frame] == episode.speed[frame + 1] == 0.0
+            seen.append(features[0])
+            done.append(HOLDING if stays else float(acceleration))
     return np.array(seen, np.float32), np.array(done, np.float32)
+
+
+def _tick(episode: Episode, frame: int, pedestrians: int) -> tuple[NDArray[np.void], NDArray[np.float64]]:
+    """Return one frame of an episode as EPISODE[P], and CurvTTC float64[P] [s]."""
+    state, count = np.zeros(pedestrians, EPISODE), episode.pedestrians
+    curvttc = np.full(pedestrians, np.inf)
+    state["scenario"], state["episode"], state["frame"] = *episode.key, frame
+    state["status"][:count] = RUNNING
+    for name in ("x", "y", "heading", "speed", "curvature"):
+        state[f"vehicle_{name}"] = getattr(episode, name)[frame]
+    if frame:
+        state["vehicle_acceleration"] = (episode.speed[frame] - episode.speed[frame - 1]) / episode.period
+    for name in ("x", "y", "vx", "vy"):
+        state[f"pedestrian_{name}"][:count] = getattr(episode, f"ped_{name}")[:, frame]
+    curvttc[:count] = episode.curvttc[:, frame]
+    return state, curvttc
 
 
 class Imitation:

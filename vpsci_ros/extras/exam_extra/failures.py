@@ -1,20 +1,18 @@
-"""What an exam says of its failures: grouped, exported, played beside what avoids them, and in words."""
+"""What is said of failures that were driven again: grouped, and played beside what avoids them."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import polars as pl
 
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.factors import FACTORS
 from vpsci_ros.exam.failure_group import FailureGroup, failure_group
 from vpsci_ros.exam.measures import RunResult
 from vpsci_ros.exam.report import ADS
-from vpsci_ros.exam.why import Search
+from vpsci_ros.extras.exam_extra.factors import FACTORS
+from vpsci_ros.extras.exam_extra.why import Search
 from vpsci_ros.view.sources import Shown, Source, shown
 
 
@@ -23,7 +21,7 @@ def groups_of(exam: Exam, runs: Mapping[str, RunResult], table: pl.DataFrame) ->
 
     That is the one with the fewest pedestrians, and of these the shortest.
     """
-    failed = pl.col("pedestrian").is_in(exam.config.opponents) & pl.col(exam.config.search.failure)
+    failed = pl.col("pedestrian").is_in(exam.config.opponents) & pl.col(exam.config.failure)
     episodes = {(name, each.key): each for name, run in runs.items() for each in run.episodes}
     groups: dict[tuple[str, FailureGroup], list[dict[str, Any]]] = {}
     for row in table.filter((pl.col("driver") == ADS) & failed).to_dicts():
@@ -36,26 +34,6 @@ def groups_of(exam: Exam, runs: Mapping[str, RunResult], table: pl.DataFrame) ->
         found.append({"pedestrian": pedestrian, **group._asdict(), "name": str(group), "episodes": names,
                       "smallest": f"{smallest['scenario']}:{smallest['episode']}"})  # fmt: skip
     return sorted(found, key=lambda group: (-len(group["episodes"]), group["pedestrian"], group["scenario"]))
-
-
-def export_smallest(why: Mapping[str, Any], runs: Mapping[str, RunResult], folder: Path) -> str:
-    """Write the smallest case of each group as OpenSCENARIO, and its file into the group; return why not, if so.
-
-    :param folder: in which each pedestrian gets one of its own.
-    """
-    from vpsci_ros.extras.formats.run import EXPORTERS, Options
-
-    try:
-        write = EXPORTERS.find("openscenario").load()
-    except InvalidInput as error:
-        return str(error)
-    for group in why["groups"]:
-        episodes = {episode.name: episode for episode in runs[group["pedestrian"]].episodes}
-        smallest, where = episodes[group["smallest"]], folder / group["pedestrian"]
-        where.mkdir(parents=True, exist_ok=True)
-        write([smallest], where, Options(vehicle="trajectory"))
-        group["openscenario"] = f"{where.parent.parent.name}/{where.parent.name}/{where.name}/{smallest.label}.xosc"
-    return ""
 
 
 def again_source(pedestrian: str, searches: Sequence[Search]) -> Source | None:
@@ -92,28 +70,6 @@ def again_source(pedestrian: str, searches: Sequence[Search]) -> Source | None:
         each.sort(key=lambda change: change["steps"][change["nearest"]]["fails"])
     title = f"driven again, {title_of(pedestrian)}"
     return Source(f"why-{pedestrian}", title, period, shown_ones, len(shown_ones), changes)
-
-
-def summary_lines(why: Mapping[str, Any], view: str) -> list[str]:
-    """Return the least changes as Markdown, with links to where failure and nearest success play."""
-    text = [f"Why it fails ({why['failure']}): the least change that avoids each of the worst, one at a time.", ""]
-    for pedestrian, found in why["pedestrians"].items():
-        for row in found["analysed"]:
-            link = f"({view}#a={ADS}-{pedestrian}&b=why-{pedestrian}&episode={row['episode']})"
-            name = f"{pedestrian} {row['episode']}"
-            text.append(f"- {f'[{name}]{link}' if view else name}: {sentence(row, why['factors'])}")
-    return text
-
-
-def sentence(row: Mapping[str, Any], factors: Mapping[str, Any]) -> str:
-    """Return in words what avoids one failure."""
-    if not row["repeats"]:
-        return "did not fail again when driven as it was: it depends on chance, or on the machine"
-    avoids = [f"{factors[name]['title']} by {found['least']:.2g} {factors[name]['unit']}"
-              for name, found in row["factors"].items() if found["least"] is not None and name != "full"]  # fmt: skip
-    full = row["factors"]["full"]["least"]
-    avoids += [f"full braking {full:.2g} s before"] if full is not None else []
-    return f"avoided by {', or '.join(avoids)}" if avoids else "nothing that was tried avoids it"
 
 
 def why_reasons(found: Mapping[str, Any], factor: str) -> dict[str, list[str]]:

@@ -1,18 +1,17 @@
 """The search in one process: the stand-in drives as who it has learned from, and failures are found where they are."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.cli.options import read_sections
+from vpsci_ros.data.episode import Episode, Listed
+from vpsci_ros.data.gathered import gathered
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.conduct import loop_with
-from vpsci_ros.exam.run import identity_of, prepare
-from vpsci_ros.exam.search.imitation import HOLDING, Imitation, Recent, lessons
-from vpsci_ros.exam.search.margin import LeastMargins, Watched
-from vpsci_ros.exam.search.seek import Driven, rehearse, seek
+from vpsci_ros.exam.loops import loop_with
+from vpsci_ros.exam.prepare import prepare
+from vpsci_ros.extras.exam_extra.search.imitation import HOLDING, Imitation, Recent, lessons
+from vpsci_ros.extras.exam_extra.search.margin import LeastMargins, Watched
+from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, rehearse, seek
 from vpsci_ros.resources import params_path
 from vpsci_ros.world import RUNNING
 from vpsci_ros.world.state import EPISODE
@@ -20,7 +19,7 @@ from vpsci_ros.world.tick import Actions
 
 
 def exam_with(*settings):
-    given = ("world_simulator.scenarios=[1,8]", "ads_test.search.pedestrian=walker", "world_simulator.seed=3",
+    given = ("world_simulator.scenarios=[1,8]", "world_simulator.seed=3",
              "world_simulator.episode_time=8.0", "world_simulator.spawn=human")  # fmt: skip
     return prepare(read_sections(params_path("ads_test"), [*given, *settings]))
 
@@ -43,7 +42,7 @@ def margins(exam, keys, ticks=None):
         step = loop.step(Actions(vehicle=careless(loop.world.now.state)))
         least.add(step.tick.state, step.assessment.curvttc)
         if ticks is not None:
-            ticks.append((step.tick.state, step.assessment.curvttc))
+            ticks.append((step.tick.state, step.assessment.curvttc, step.assessment.distance))
     return np.array([least.found[key] for key in keys])
 
 
@@ -51,15 +50,11 @@ def drive_with(exam, keys):
     """Return least margins, and lessons, of episodes that `careless` drives."""
     ticks = []
     margin = margins(exam, keys, ticks)
-    parts = [
-        lessons((RecordedTick(n, 0.05, s[i : i + 1], c[i : i + 1], c[i : i + 1]) for n, (s, c) in enumerate(ticks)), 1)
-        for i in range(len(keys))
-    ]
-    return margin, *(np.concatenate([part[k] for part in parts]) for k in range(2))
+    return margin, *lessons(gathered(ticks, 0.05, exam.scenarios), 1)
 
 
 def test_failures_are_found_where_they_are_and_counted_right():
-    exam = exam_with("ads_test.search.pool=300", "ads_test.search.budget=60")
+    exam = exam_with()
     pool = [(scenario, number) for number in range(150) for scenario in (1, 8)]
     truth = margins(exam, pool) < 0.0
 
@@ -68,7 +63,7 @@ def test_failures_are_found_where_they_are_and_counted_right():
         return Driven(keys, margin < 0.0, seen, done)
 
     reported = []
-    plan = seek(exam, pool, drive, lambda what, done, total: reported.append(what))
+    plan = seek(exam, SearchConfig("walker", 300, 60), pool, drive, lambda what, done, total: reported.append(what))
     np.testing.assert_array_equal(plan.failed[plan.driven], truth[plan.driven])
     assert 5 <= truth.sum() <= 60
     assert plan.failed.sum() > 1.5 * 60 * truth.mean()
@@ -88,17 +83,12 @@ def test_the_stand_in_comes_as_near_as_who_it_has_learned_from():
     assert np.median(abs(played - own)) < 0.2 * np.median(abs(own - np.median(own)))
 
 
-def standing(speeds):
-    for number, speed in enumerate(speeds):
-        state = np.zeros(1, EPISODE)
-        state["status"], state["scenario"], state["vehicle_speed"], state["pedestrian_x"] = RUNNING, 1, speed, 20.0
-        state["vehicle_acceleration"], state["frame"] = 0.5, number
-        yield RecordedTick(number, 0.05, state, np.array([np.inf]), np.array([20.0]))
-
-
 def test_a_vehicle_that_stays_where_it_stands_is_taken_to_brake_so_that_its_stand_in_does_not_creep():
-    _, done = lessons(standing([1.0, 0.0, 0.0, 0.5]), 1)
-    np.testing.assert_allclose(done, [0.5, HOLDING, 0.5])
+    speed, one = np.array([1.0, 0.0, 0.0, 0.5]), np.ones((1, 4))
+    listed = Listed("1:0", "A", 1, 0, "timeout", 9.0)
+    still = Episode("test", listed, None, 0.05, *[speed] * 5, *[one] * 6, one > 0.0)
+    _, done = lessons([still], 1)
+    np.testing.assert_allclose(done, [-20.0, HOLDING, 10.0])
 
 
 def test_what_was_seen_before_an_episode_began_is_forgotten():
@@ -121,21 +111,8 @@ def test_of_several_pedestrians_the_nearest_counts():
     np.testing.assert_array_equal(two, one)
 
 
-@pytest.mark.parametrize(
-    ("setting", "said"),
-    [
-        ("ads_test.search.pedestrian=recorded", "search.pedestrian: unknown 'recorded'"),
-        ("ads_test.search.failure=time_lost", "failure"),
-        ("ads_test.search.budget=30000", "exceeds search.pool = 20000"),
-    ],
-)
-def test_a_search_for_what_cannot_be_searched_is_refused(setting, said):
-    with pytest.raises(InvalidInput, match=said):
-        exam_with(setting)
-
-
-def test_an_exam_that_was_held_is_not_another_one_for_its_search(tmp_path):
-    exam = exam_with()
-    config = dataclasses.replace(exam.config, search=exam_with("ads_test.search.budget=99").config.search)
-    other = dataclasses.replace(exam, config=config)
-    assert identity_of(exam) == identity_of(other)
+def test_a_search_for_what_cannot_be_searched_is_refused():
+    with pytest.raises(InvalidInput, match="unknown 'recorded'"):
+        SearchConfig("recorded", 100, 40)
+    with pytest.raises(InvalidInput, match="--budget 300 exceeds --pool 200"):
+        SearchConfig("walker", 200, 300)

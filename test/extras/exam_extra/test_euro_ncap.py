@@ -13,10 +13,10 @@ import yaml
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.gathered import gathered
-from vpsci_ros.exam import euro_ncap
-from vpsci_ros.exam.euro_ncap import KMH, Cell, cells, colour_of, document, impact_speed, motion, rated
-from vpsci_ros.exam.protocol import beside_people
-from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.exam.prepare import prepare
+from vpsci_ros.extras.exam_extra import euro_ncap
+from vpsci_ros.extras.exam_extra.euro_ncap import KMH, Cell, cells, colour_of, document, impact_speed, motion, rated
+from vpsci_ros.extras.exam_extra.protocol import beside_people, run_protocol
 from vpsci_ros.resources import params_dir
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance
 from vpsci_ros.world import Recorded, World, WorldConfig
@@ -150,23 +150,25 @@ def test_who_passes_the_protocol_and_hits_one_pedestrian_of_several_is_named_wit
     ]
 
 
-def test_the_exam_reports_the_protocol_beside_the_learned_pedestrian(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_protocol_has_a_report_with_the_pedestrians_of_an_exam_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wanted = ("CPNA-75_10kmh", "CPNCO-50_30kmh", "CPTAns-50_10kmh", "slow-75_20kmh")
     chosen = [cell for cell in cells() if cell.name in wanted]
     monkeypatch.setattr(euro_ncap, "cells", lambda: chosen)
-    sections = load(params_dir() / "ads_test.yaml").changed("world_simulator", {"scenarios": [1], "episodes": 2})
-    exam = prepare(sections.changed("ads_test", {"pedestrians": ["learned"]}),
-                   ads_class="vpsci_ros.nodes.example_driver:ExampleDriver")  # fmt: skip
-    assert run_exam(exam, tmp_path / "out", protocol="euro-ncap", quiet=True) == []
-    found = json.loads((tmp_path / "out" / "report.json").read_text())["protocol"]
-    assert found["version"].endswith("version 1.1, October 2025")
+    people = {
+        "drivers": {"ads": {"walker": {"moving_collision_rate": {"value": 0.1, "low": 0.0, "high": 0.2, "n": 10}}}}
+    }
+    (tmp_path / "report.json").write_text(json.dumps(people | {"exam": {"ads": "mine"}}))
+    exam = prepare(load(params_dir() / "ads_test.yaml"), ads_class="vpsci_ros.nodes.example_driver:ExampleDriver")
+    out = tmp_path / "out"
+    assert run_protocol(exam, out, tmp_path, 3.0, workers=1, quiet=True) == ["2.50 points, fewer than 3"]
+    found = json.loads((out / "report.json").read_text())
     assert {driver: each["points"] for driver, each in found["drivers"].items()} == {"ads": 2.5, "autopilot": 1.75}
-    assert [row["driver"] for row in found["beside"]] == ["ads", "autopilot"]
-    page = (tmp_path / "out" / "report.html").read_text()
-    assert "The parked vehicles of CPNCO hid nobody" in " ".join(page.split())
-    assert "| ads | 2.50 of 2.5 | yes |" in (tmp_path / "out" / "summary.md").read_text()
-    assert (tmp_path / "out" / "protocol" / "view.html").is_file()
-    written = yaml.safe_load((tmp_path / "out" / "protocol" / "scenarios" / "CPNCO-50_30kmh.yaml").read_text())
+    assert "the ADS: 2.50 of 2.5 points" in capsys.readouterr().out
+    page = " ".join((out / "report.html").read_text().split())
+    assert "The parked vehicles of CPNCO hid nobody" in page
+    assert "passes the protocol and fails with people" in page
+    assert (out / "view.html").is_file()
+    written = yaml.safe_load((out / "scenarios" / "CPNCO-50_30kmh.yaml").read_text())
     assert len(written["parked"]) == 2

@@ -1,12 +1,11 @@
 """The search held with a driving system through the graph of nodes, and what is left of it in a folder.
 
 search.json (what is searched, and by which parameters and versions), parts/ (the runs, as an exam's), episodes.parquet
-(a row for each that was driven), failures.json (a list for --episodes), failures/ (the worst of them driven again, as
-an exam with report and page), report.json, report.html. The same command goes on with a search that was stopped.
+(a row for each that was driven), failures.json (a list for --episodes), report.json, report.html. The same command goes
+on with a search that was stopped.
 """
 
 import dataclasses
-import itertools
 import json
 import math
 from collections.abc import Mapping
@@ -16,30 +15,27 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.episode import Key
-from vpsci_ros.data.parquet import Column, read_parquet, write_parquet
+from vpsci_ros.data.parquet import Column, write_parquet
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.exam.collect import bags_of
 from vpsci_ros.exam.conduct import run_with_all
 from vpsci_ros.exam.episode_list import write_episode_list
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table, worst_first
+from vpsci_ros.exam.prepare import identity_of, take_folder
 from vpsci_ros.exam.report import ADS
-from vpsci_ros.exam.run import identity_of, run_exam, take_folder
-from vpsci_ros.exam.search.imitation import lessons
-from vpsci_ros.exam.search.page import write_search_page
-from vpsci_ros.exam.search.plan import Plan
-from vpsci_ros.exam.search.risk import Count
-from vpsci_ros.exam.search.seek import Driven, seek
+from vpsci_ros.extras.exam_extra.search.imitation import lessons
+from vpsci_ros.extras.exam_extra.search.page import write_search_page
+from vpsci_ros.extras.exam_extra.search.plan import Plan
+from vpsci_ros.extras.exam_extra.search.risk import Count
+from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, seek
 from vpsci_ros.runs.files import write_json, write_text
 from vpsci_ros.runs.progress import Bars
 
 IDENTITY, FAILURES = "search.json", "failures.json"
 _LISTED = ("scenario", "episode", "outcome", "moving_collision", "impact_speed", "least_curvttc")
-_SAME = ("outcome", "duration", "driven", "impact_speed", "least_curvttc", "hardest_braking")
 _MORE = {
     "part": Column(
         pl.String, "", "of the search in which it was driven: a pilot at random, then where failures were likely"
@@ -52,7 +48,7 @@ class _Failed(Exception):
     """The driving system did not drive a part to its end."""
 
 
-def run_search(exam: Exam, folder: Path, *, workers: int = 1, quiet: bool = False) -> list[str]:
+def run_search(exam: Exam, search: SearchConfig, folder: Path, *, workers: int = 1, quiet: bool = False) -> list[str]:
     """Search, write and print what is found; return why the ADS did not drive what it was given, or nothing.
 
     :param workers: runs side by side.
@@ -60,12 +56,12 @@ def run_search(exam: Exam, folder: Path, *, workers: int = 1, quiet: bool = Fals
     :raises VpsciError: a node has failed.
     """
     require("sklearn", "threadpoolctl")  # which are needed only after the first part has been driven
-    search = exam.config.search
+    failure = exam.config.failure
     if exam.run.only:
-        raise InvalidInput("--search and a list of episodes exclude each other; take the list out")
-    identity = identity_of(exam) | {"search": dataclasses.asdict(search)}
+        raise InvalidInput("ads-search and a list of episodes exclude each other; take the list out")
+    identity = identity_of(exam) | {"search": dataclasses.asdict(search) | {"failure": failure}}
     take_folder(folder, identity, IDENTITY)
-    pool = _pool(exam)
+    pool = _pool(exam, search.pool)
     tables: dict[str, pl.DataFrame] = {}
 
     def drive(name: str, keys: list[Key]) -> Driven:
@@ -78,21 +74,19 @@ def run_search(exam: Exam, folder: Path, *, workers: int = 1, quiet: bool = Fals
             raise _Failed(run.conduct.failure)
         table = episode_table(run, [], exam.config, driver=ADS, pedestrian=search.pedestrian)
         tables[name] = table
-        failed = dict(zip(table.select("scenario", "episode").iter_rows(), table[search.failure], strict=True))
-        seen, done = lessons(
-            itertools.chain.from_iterable(map(read_bag, bags_of(where, pedestrian))), exam.world.pedestrians
-        )
+        failed = dict(zip(table.select("scenario", "episode").iter_rows(), table[failure], strict=True))
+        seen, done = lessons(run.episodes, exam.world.pedestrians)
         return Driven(keys, np.array([failed[key] for key in keys]), seen, done)
 
     try:
         with Bars(quiet=quiet) as bars:
-            plan = seek(exam, pool, drive, bars.bar)
+            plan = seek(exam, search, pool, drive, bars.bar)
     except _Failed as error:
         return [str(error)]
     count = plan.count()
     table = _table(tables, plan, pool)
     write_parquet(table, folder / EPISODES, COLUMNS | _MORE, content="episodes of a search", search=identity)
-    failures = worst_first(table.filter(pl.col(search.failure)), "margin")
+    failures = worst_first(table.filter(pl.col(failure)), "margin")
     rows = [{name: _plain(row[name]) for name in _LISTED} for row in failures.to_dicts()]
     write_episode_list(folder / FAILURES, rows, exam.run, exam.world, exam.scenarios)
     report = {
@@ -101,12 +95,11 @@ def run_search(exam: Exam, folder: Path, *, workers: int = 1, quiet: bool = Fals
         "failures": len(rows),
         "pool": len(pool),
         "count": count._asdict(),
-        "by_part": _by_part(tables, search.failure),
+        "by_part": _by_part(tables, failure),
         "plain": plain(count, int(plan.driven.sum())),
-        "again": _again(exam, folder, failures, workers, quiet) if rows else None,
     }
     write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
-    write_search_page(folder / "report.html", report, plan, rows)
+    write_search_page(folder / "report.html", report, rows)
     _print(report, folder)
     return []
 
@@ -121,9 +114,9 @@ def plain(count: Count, driven: int) -> dict[str, float]:
     return {"episodes": needed, "saving": needed / driven}
 
 
-def _pool(exam: Exam) -> list[Key]:
+def _pool(exam: Exam, size: int) -> list[Key]:
     scenarios, first = exam.run.scenarios, exam.run.first_episode
-    numbers = math.ceil(exam.config.search.pool / len(scenarios))
+    numbers = math.ceil(size / len(scenarios))
     return [(scenario, first + number) for number in range(numbers) for scenario in scenarios]
 
 
@@ -157,35 +150,16 @@ def _by_part(tables: Mapping[str, pl.DataFrame], failure: str) -> list[dict[str,
     return rows
 
 
-def _again(exam: Exam, folder: Path, failures: pl.DataFrame, workers: int, quiet: bool) -> dict[str, int]:
-    """Drive the worst failures again, as an exam of their own, and say how many came out the same."""
-    search = exam.config.search
-    chosen = failures.head(search.shown)
-    keys = sorted(chosen.select("scenario", "episode").iter_rows(), key=lambda key: (key[1], key[0]))
-    alone = exam.only(keys)
-    sections = alone.sections.changed("ads_test", {"pedestrians": [search.pedestrian], "recorded": ""})
-    alone = dataclasses.replace(alone, sections=sections, config=sections.get(type(exam.config), "ads_test"))
-    run_exam(alone, folder / "failures", workers=workers, quiet=quiet)
-    table = read_parquet(folder / "failures" / EPISODES, "the failures driven again", COLUMNS)
-    again = table.filter((pl.col("driver") == ADS) & (pl.col("pedestrian") == search.pedestrian))
-    both = chosen.join(again, on=["scenario", "episode"], suffix="_again")
-    same = both.filter(pl.all_horizontal(pl.col(name).eq_missing(pl.col(f"{name}_again")) for name in _SAME))
-    failed = int(both[f"{search.failure}_again"].sum())
-    return {"driven": chosen.height, "failed": failed, "same": same.height}
-
-
 def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def _print(report: Mapping[str, Any], folder: Path) -> None:
-    count, again = report["count"], report["again"]
+    count = report["count"]
     print(
         f"{report['failures']} failures in {report['driven']} episodes driven; of the {report['pool']:,} searched "
         f"{count['failures']:.0f} [{count['failures_low']:.0f}, {count['failures_high']:.0f}] fail\n"
         f"failure rate {count['rate']:.3%} [{count['rate_low']:.3%}, {count['rate_high']:.3%}]; drawn at random, an "
         f"interval as narrow takes {report['plain']['episodes']:,.0f}, {report['plain']['saving']:.1f} times as many"
     )
-    if again:
-        print(f"driven again: {again['failed']} of the {again['driven']} worst failed, {again['same']} quite as before")
     print(f"report: {folder / 'report.html'}; the failures as a list: {folder / FAILURES}")

@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +11,15 @@ import pytest
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.episode import Episode, Listed
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.factors import FACTORS, Span, case_of
 from vpsci_ros.exam.failure_group import failure_group
-from vpsci_ros.exam.failures import sentence
-from vpsci_ros.exam.run import prepare, run_exam
+from vpsci_ros.exam.prepare import prepare
+from vpsci_ros.exam.run import run_exam
 from vpsci_ros.exam.sight import Sight
-from vpsci_ros.exam.why import Search
+from vpsci_ros.extras.exam_extra.explain import explain_exam
+from vpsci_ros.extras.exam_extra.factors import FACTORS, Span, case_of
+from vpsci_ros.extras.exam_extra.why import Search
 from vpsci_ros.resources import params_dir
 from vpsci_ros.world.intervention import NOT_FORCED, Intervention, InterventionConfig, from_parameter
 from vpsci_ros.world.perception import PerceptionConfig, blank, perceive
@@ -40,24 +41,6 @@ class Late:
             if 0.0 < ahead < 2.0 and abs(aside) < 1.3:
                 return -4.0
         return 2.0 * (5.0 - car.speed)
-"""
-
-
-CLIENT = """
-import json, os, socket
-from collections import namedtuple
-from types import SimpleNamespace
-from drivers_of_why import Late
-
-Body = namedtuple("Body", "x y yaw speed yaw_rate")
-driver = Late()
-with socket.create_connection(("127.0.0.1", int(os.environ["VPSCI_ADS_PORT"]))) as exam:
-    for line in exam.makefile("r"):
-        said = json.loads(line)
-        if said["type"] == "tick":
-            bodies = [Body(*each) for each in said["pedestrians"]]
-            command = driver.act(SimpleNamespace(vehicle=Body(*said["vehicle"]), pedestrians=bodies))
-            exam.sendall((json.dumps({"tick": said["tick"], "command": command}) + "\\n").encode())
 """
 
 
@@ -215,17 +198,22 @@ def explained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
         chosen = of_late_driver(ads_class="drivers_of_why:Late")
-        assert run_exam(chosen, folder / "exam", why=2, quiet=True) == []
-        before = (folder / "exam" / "report.json").read_bytes()
-        times = {path: path.stat().st_mtime_ns for path in (folder / "exam" / "why").rglob("*.mcap")}
-        assert run_exam(chosen, folder / "exam", why=2, quiet=True) == []
-        assert (folder / "exam" / "report.json").read_bytes() == before
+        assert run_exam(chosen, folder / "exam", quiet=True) == []
+        own = folder / "exam" / "why"
+        assert explain_exam(folder / "exam", 2, workers=1, quiet=True) == own / "report.html"
+        before = (own / "report.json").read_bytes()
+        times = {path: path.stat().st_mtime_ns for path in own.rglob("run.json")}
+        explain_exam(folder / "exam", 2, workers=1, quiet=True)
+        assert (own / "report.json").read_bytes() == before
         assert {path: path.stat().st_mtime_ns for path in times} == times, "what is done is not done again"
+        (folder / "drivers_of_why.py").write_text(LATE + "\n")
+        with pytest.raises(InvalidInput, match="ads_files_sha256"):
+            explain_exam(folder / "exam", 2, workers=1, quiet=True)
     return folder / "exam"
 
 
-def test_failures_are_explained_grouped_and_exported(explained: Path) -> None:
-    why = json.loads((explained / "report.json").read_text())["why"]
+def test_failures_are_explained_and_grouped(explained: Path) -> None:
+    why = json.loads((explained / "why" / "report.json").read_text())
     table = pl.read_parquet(explained / "episodes.parquet")
     failed = table.filter((pl.col("pedestrian") == "walker") & pl.col("moving_collision")).height
     found = why["pedestrians"]["walker"]
@@ -239,32 +227,12 @@ def test_failures_are_explained_grouped_and_exported(explained: Path) -> None:
         len(each["tried"]) for row in found["analysed"] for each in row["factors"].values()
     )
     assert sum(len(group["episodes"]) for group in why["groups"]) == failed
-    packed = re.search("id=episodes>(.*?)</script>", (explained / "view.html").read_text(), re.DOTALL)
+    packed = re.search("id=episodes>(.*?)</script>", (explained / "why" / "view.html").read_text(), re.DOTALL)
     played = json.loads(packed[1])["sources"][0] if packed else {}
     for group in why["groups"]:
-        assert (explained / group["openscenario"]).is_file()
         same = [each["name"] for each in played["episodes"] if each.get("failure") == group["name"]]
         assert same == group["episodes"], "the page in which they play filters by the same groups"
-    assert "avoided by braking earlier" in (explained / "summary.md").read_text()
-    page = (explained / "report.html").read_text()
+    page = (explained / "why" / "report.html").read_text()
     assert "view.html#a=ads-walker&amp;b=why-walker&amp;episode=3:3" in page
-    assert "b=autopilot-walker&amp;failure=3%3A%20" in page
-
-
-def test_two_workers_and_a_program_behind_a_socket_find_the_same_least_changes(explained: Path, tmp_path: Path) -> None:
-    (tmp_path / "drivers_of_why.py").write_text(LATE)
-    (tmp_path / "client.py").write_text(CLIENT)
-    chosen = of_late_driver(ads=f"{sys.executable} {tmp_path / 'client.py'}", port=0, workers=2)
-    assert run_exam(chosen, tmp_path / "exam", why=1, workers=2, quiet=True) == []
-    (found,) = json.loads((tmp_path / "exam" / "report.json").read_text())["why"]["pedestrians"]["walker"]["analysed"]
-    of_a_class = json.loads((explained / "report.json").read_text())["why"]["pedestrians"]["walker"]["analysed"]
-    assert found == of_a_class[0]
-
-
-def test_words_say_what_avoids_a_failure() -> None:
-    none = {name: {"least": None} for name in FACTORS}
-    factors = {name: {"title": each.title, "unit": each.unit} for name, each in FACTORS.items()}
-    row = {"repeats": True, "factors": none | {"slower": {"least": 0.35}, "full": {"least": 0.4}}}
-    assert sentence(row, factors) == "avoided by slower at the onset by 0.35 m/s, or full braking 0.4 s before"
-    assert sentence({"repeats": True, "factors": none}, factors) == "nothing that was tried avoids it"
-    assert sentence({"repeats": False, "factors": none}, factors).startswith("did not fail again")
+    assert "b=why-walker&amp;failure=3%3A%20" in page
+    assert "vpsci export exam --episodes PEDESTRIAN/EPISODE" in page

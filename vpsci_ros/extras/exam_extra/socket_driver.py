@@ -6,20 +6,25 @@ class.
 """
 
 import contextlib
+import dataclasses
 import itertools
 import json
 import math
 import socket
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import EXTERNAL, ExamConfig
+from vpsci_ros.exam.config import EXTERNAL
 from vpsci_ros.exam.driver_class import Begin, Driver, Observation
-from vpsci_ros.exam.process import command_of, failure, running
+from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.prepare import prepare, require_lock_step
+from vpsci_ros.exam.process import OWN, command_of, failure, running
 from vpsci_ros.runs.processes import ChildProcess
+from vpsci_ros.runs.sections import Sections
 
 PORT = "VPSCI_ADS_PORT"  # environment variable in which a system that is started here finds the port
 HELLO = {"type": "hello", "protocol": "vpsci-ads", "version": 1}
@@ -131,24 +136,45 @@ class SocketDriver:
         return InvalidInput(self._lost)
 
 
+def prepare_socket(sections: Sections, ads: str | None, port: int, workers: int = 1) -> Exam:
+    """Return the exam of a program that connects to a port of the loopback.
+
+    :param ads: its command, instead of the parameters' one; external: somebody else starts it.
+    :param port: 0: a free one, which the program finds in its environment.
+    :raises InvalidInput: see `prepare`, or the two do not go together.
+    """
+    exam = prepare(sections.changed("ads_test", {"ads_class": ""}), ads, None, workers)
+    command = exam.config.ads
+    if command.strip() == OWN or (command == EXTERNAL) != (port > 0):
+        raise InvalidInput(
+            f"--port {port} with ads = {command}: give a command of your own with port 0, which it finds in its "
+            "environment, or 'external' with the port to which you connect it"
+        )
+    require_lock_step(exam)
+    exam.engine.require_own("a program behind a socket drives")
+    return dataclasses.replace(exam, seat=partial(connected, command, port, exam.world.tick))
+
+
 @contextlib.contextmanager
-def connected(config: ExamConfig, log: Path, period: float, patience: float) -> Iterator[Callable[[], Driver]]:
+def connected(ads: str, number: int, period: float, log: Path, patience: float) -> Iterator[Callable[[], Driver]]:
     """Listen, start the system unless it is external, and yield what makes a driver of its connection.
 
-    :param log: for what the system writes.
+    :param ads: command, or external.
+    :param number: of the port; 0: a free one.
     :param period: of a tick [s].
+    :param log: for what the system writes.
     :param patience: [s] until it has connected, and for each answer.
     :raises InvalidInput: the port cannot be had, or the program not be started.
     """
     with contextlib.ExitStack() as stack:
         try:
-            server = stack.enter_context(socket.create_server(("127.0.0.1", config.socket), backlog=1))
+            server = stack.enter_context(socket.create_server(("127.0.0.1", number), backlog=1))
         except OSError as error:
-            raise InvalidInput(f"--socket {config.socket}: cannot listen there ({error.strerror})") from None
+            raise InvalidInput(f"--port {number}: cannot listen there ({error.strerror})") from None
         process = None
         port = server.getsockname()[1]
-        if config.ads != EXTERNAL:
-            process = stack.enter_context(running(command_of(config.ads), log, {PORT: str(port)}))
+        if ads != EXTERNAL:
+            process = stack.enter_context(running(command_of(ads), log, {PORT: str(port)}))
 
         def ended() -> str:
             return failure(process) if process else ""

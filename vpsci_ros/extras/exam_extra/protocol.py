@@ -1,10 +1,11 @@
-"""Conducting a standard protocol beside the learned pedestrians: its tests driven, rated, and set beside the exam.
+"""A standard protocol conducted: its tests driven, rated, and set beside an exam.
 
 Until a system brakes with 3 m/s2 or more, robots hold the speed of the test and the lane, as on a proving ground: a
 system that would rather drive more slowly is tested at the protocol's speed all the same. From then on it has the car.
 """
 
 import dataclasses
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,17 +14,22 @@ import polars as pl
 import yaml
 
 from vpsci_ros.data.episode import Episode
-from vpsci_ros.exam import euro_ncap
+from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.exam.cockpit import Cockpit
 from vpsci_ros.exam.collect import episodes_of
-from vpsci_ros.exam.conduct import loop_with, run_with_all
-from vpsci_ros.exam.config import EURO_NCAP
+from vpsci_ros.exam.conduct import run_with_all
+from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_process import InProcess
+from vpsci_ros.exam.loops import loop_with
 from vpsci_ros.exam.measures import RunResult, episode_table
+from vpsci_ros.exam.prepare import identity_of, take_folder
+from vpsci_ros.exam.recorded_people import Motion
 from vpsci_ros.exam.report import ADS, BASELINE, Conduct
 from vpsci_ros.exam.sight import Watcher
 from vpsci_ros.exam.view import exam_sources
+from vpsci_ros.extras.exam_extra import euro_ncap
+from vpsci_ros.report import html
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
@@ -34,9 +40,9 @@ from vpsci_ros.world.autopilot import too_near
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.observation import to_heading_frame
 
-PROTOCOLS = ("euro-ncap",)
-FOLDER = "protocol"
-_VIEW = "view.html"
+EURO_NCAP = "euro_ncap"  # the target of the tests, as a pedestrian
+IDENTITY = "protocol.json"
+_TEMPLATE = Path(__file__).resolve().parent / "templates" / "protocol.html"
 _STRAIGHT_AHEAD = 0.5 * VEHICLE_WIDTH + PEDESTRIAN_RADIUS + 0.25  # [m] to either side, as the autopilot's
 
 
@@ -72,7 +78,49 @@ def protocol_exam(exam: Exam, folder: Path) -> Exam:
     }  # fmt: skip
     sections = dataclasses.replace(exam.sections, values={**exam.sections.values, "world_simulator": own | changed})
     run, world = sections.get(RunConfig, "world_simulator"), sections.get(WorldConfig, "world_simulator")
-    return dataclasses.replace(exam, sections=sections, run=run, world=world, part=0, whole=None)
+    return dataclasses.replace(
+        exam, sections=sections, run=run, world=world, part=0, whole=None, motions={EURO_NCAP: _motion}
+    )
+
+
+def _motion(exam: Exam) -> Motion:
+    return euro_ncap.motion(exam.scenarios, exam.with_pedestrian(EURO_NCAP, "external"))
+
+
+def run_protocol(
+    exam: Exam, folder: Path, beside: Path | None, fail_below: float, *, workers: int, quiet: bool
+) -> list[str]:
+    """Conduct the protocol's tests, write and print the result, and return the reasons to fail.
+
+    :param beside: folder of an exam of the same system, whose pedestrians are set beside the tests; None: none.
+    :param fail_below: points that are enough.
+    :raises InvalidInput: `folder` holds something else, or `beside` is no exam that is over.
+    :raises VpsciError: a node has failed.
+    """
+    exam.engine.require_own("the robots of the tests change commands and speeds by our kinematics")
+    people = {} if beside is None else read_json(beside / "report.json")
+    if beside is not None:
+        require_form(people, {"drivers": dict, "exam": {"ads": str}}, f"--exam {beside}: no exam that is over")
+    take_folder(folder, identity_of(exam), IDENTITY)
+    report = conduct_protocol(exam, folder, workers=workers, quiet=quiet)
+    report["ads"] = exam.config.examined
+    report["beside"] = beside_people(report, people.get("drivers", {}))
+    points = report["drivers"][ADS]["points"]
+    failures = [report["failure"]] if report["failure"] else []
+    failures += [f"{points:.2f} points, fewer than {fail_below:g}"] if points < fail_below else []
+    report["failures"] = failures
+    write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
+    page = folder / "report.html"
+    title = f"Euro NCAP's tests: {exam.config.examined}"
+    names = {ADS: "the ADS", BASELINE: "the rule-based autopilot"}
+    titles = {row["pedestrian"]: title_of(row["pedestrian"]) for row in report["beside"]}
+    html.write_page(page, _TEMPLATE, title=title, protocol=report, names=names, titles=titles)
+    for driver, rated in report["drivers"].items():
+        print(f"{names[driver]}: {rated['points']:.2f} of {rated['of']:.1f} points")
+    for reason in failures:
+        print(f"FAILED  {reason}")
+    print(f"report: {page}")
+    return failures
 
 
 def conduct_protocol(exam: Exam, folder: Path, *, workers: int, quiet: bool) -> dict[str, Any]:
@@ -87,12 +135,11 @@ def conduct_protocol(exam: Exam, folder: Path, *, workers: int, quiet: bool) -> 
     tables = [episode_table(run, [], exam.config, driver=name, pedestrian=EURO_NCAP) for name, run in found.items()]
     view = ""
     if found[ADS].episodes:
-        view = f"{FOLDER}/{_VIEW}"
+        view = "view.html"
         drivers = {name: _episodes(run.episodes) for name, run in found.items()}
         sources = exam_sources(pl.concat(tables), drivers, LIMIT, print)
-        write_view(folder / _VIEW, sources, f"{euro_ncap.VERSION}: {exam.config.examined}")
+        write_view(folder / view, sources, f"{euro_ncap.VERSION}: {exam.config.examined}")
     return {
-        "name": PROTOCOLS[0],
         "version": euro_ncap.VERSION,
         "view": view,
         "failure": found[ADS].conduct.failure,
@@ -116,7 +163,7 @@ def _autopilot(exam: Exam, folder: Path) -> RunResult:
     loop = loop_with(exam, EURO_NCAP, "external", exam.episodes, len(exam.episodes))
     brake = type("AutopilotBrake", (AutopilotBrake,), {"near": exam.world.proximity_distance})
     cockpit = Cockpit(brake, exam.scenarios, len(exam.episodes), 0.0)
-    steps = InProcess(loop, cockpit.answers, None, folder / "autopilot.log").episodes(exam.episodes, lambda _: None)
+    steps = InProcess(loop, cockpit.answers, None, folder / "autopilot.log").ticks(lambda _: None)
     ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
     found, sight = episodes_of(exam, ticks, Watcher(exam.scenarios), BASELINE)
     return RunResult(found, Conduct(len(exam.episodes)), sight=sight)
@@ -143,18 +190,3 @@ def beside_people(protocol: Mapping[str, Any], scores: Mapping[str, Any]) -> lis
         rows.append({"driver": driver, "pedestrian": pedestrian, "points": rated["points"], "of": rated["of"],
                      "passed": rated["passed"], "moving_collision_rate": rate, "says": said})  # fmt: skip
     return rows
-
-
-def summary_lines(protocol: Mapping[str, Any]) -> list[str]:
-    """Return the protocol's result as Markdown."""
-    text = [f"{protocol['version']}, tests by day that a kinematic world can conduct:", ""]
-    text += [
-        f"| {' | '.join(['', 'points', 'passed', *euro_ncap.TITLES])} |",
-        "|---" * (3 + len(euro_ncap.TITLES)) + "|",
-    ]
-    for driver, rated in protocol["drivers"].items():
-        each = [f"{test['points']:.2f} of {test['of']:.1f}" for test in rated["tests"].values()]
-        cells = [driver, f"{rated['points']:.2f} of {rated['of']:.1f}", "yes" if rated["passed"] else "no", *each]
-        text.append(f"| {' | '.join(cells)} |")
-    text += ["", *(f"- {row['driver']}: {row['says']} ({row['pedestrian']})" for row in protocol["beside"])]
-    return text

@@ -28,7 +28,7 @@ class Watched(NamedTuple):
     @property
     def failure(self) -> str:
         """The column of the exam's table that holds it."""
-        return self.config.search.failure
+        return self.config.failure
 
     def margin(self, state: NDArray[np.void], curvttc: Floats) -> Floats:
         """Return the margin of each record of EPISODE[B] at this tick, float64[B]; infinity where none runs.

@@ -1,6 +1,7 @@
 """The search itself: drive, learn how the driving system drives, rehearse, drive where it may fail, and count."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -8,16 +9,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Key
-from vpsci_ros.exam.conduct import loop_with
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.config import DRIVERS, added_pedestrians
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.search.imitation import Floats32, Imitation, Recent
-from vpsci_ros.exam.search.margin import Floats, LeastMargins, Watched
-from vpsci_ros.exam.search.plan import Plan
+from vpsci_ros.exam.loops import loop_with
+from vpsci_ros.extras.exam_extra.search.imitation import Floats32, Imitation, Recent
+from vpsci_ros.extras.exam_extra.search.margin import Floats, LeastMargins, Watched
+from vpsci_ros.extras.exam_extra.search.plan import Plan
 from vpsci_ros.world.tick import Actions
 
 _BATCH = 1024  # episodes rehearsed side by side
 Report = Callable[[str, int, int], None]
 """Called with what is done, how much of it, and how much there is."""
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """A search: with whom, among how many episodes, of which the system drives so many."""
+
+    pedestrian: str
+    pool: int
+    budget: int
+
+    def __post_init__(self) -> None:
+        known = [name for name in (*DRIVERS, *added_pedestrians()) if name != "recorded"]
+        if self.pedestrian not in known:
+            raise InvalidInput(f"--pedestrian: unknown {self.pedestrian!r}; expected {', '.join(known)}")
+        if self.budget > self.pool:
+            raise InvalidInput(f"--budget {self.budget} exceeds --pool {self.pool}; there is nothing to search then")
 
 
 class Driven(NamedTuple):
@@ -34,12 +53,14 @@ class Driven(NamedTuple):
     done: Floats32
 
 
-def seek(exam: Exam, pool: list[Key], drive: Callable[[str, list[Key]], Driven], report: Report) -> Plan:
+def seek(
+    exam: Exam, search: SearchConfig, pool: list[Key], drive: Callable[[str, list[Key]], Driven], report: Report
+) -> Plan:
     """Search a pool of episodes, and return what has been driven and what is known of the rest.
 
     :param drive: has the driving system drive the episodes of a part, by its name.
     """
-    search, watched = exam.config.search, Watched(exam.config)
+    watched = Watched(exam.config)
     place = {key: number for number, key in enumerate(pool)}
     plan = Plan(len(pool), search.budget, exam.run.seed)
     seen, done = [], []

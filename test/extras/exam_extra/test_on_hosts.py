@@ -3,16 +3,16 @@
 import os
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 from exam.test_parts import EXAMPLE, report_of, small
 
-from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.errors import VpsciError
 from vpsci_ros.exam import exam as exam_module
 from vpsci_ros.exam.conduct import Run, conductor, run_with
-from vpsci_ros.exam.on_hosts import elsewhere, files_needed, unpack
-from vpsci_ros.exam.run import identity_of, prepare, run_exam, take_folder
+from vpsci_ros.exam.prepare import identity_of, take_folder
+from vpsci_ros.exam.run import run_exam
+from vpsci_ros.extras.exam_extra.on_hosts import elsewhere, files_needed, hosts_crew, unpack
 
 
 def test_a_run_that_was_driven_on_a_host_is_read_here_as_if_it_had_been_driven_here(tmp_path: Path) -> None:
@@ -35,20 +35,6 @@ def test_a_host_with_another_driving_system_refuses_and_names_the_file() -> None
         elsewhere(partial(conductor, [exam], {}), exam, needed)
 
 
-def test_a_system_that_is_started_by_hand_is_not_on_a_cluster(tmp_path: Path) -> None:
-    exam = prepare(small().sections.changed("ads_test", {"ads_class": ""}), ads="external")
-    with pytest.raises(InvalidInput, match="drives on this machine only"):
-        run_exam(exam, tmp_path / "exam", ray="local")
-    assert not (tmp_path / "exam").exists()
-
-
-@pytest.mark.parametrize("more", [{"why": 1}, {"protocol": "euro-ncap"}])
-def test_what_is_not_driven_on_a_cluster_is_refused_there(tmp_path: Path, more: dict[str, Any]) -> None:
-    with pytest.raises(InvalidInput, match="--protocol and --why drive on this machine only"):
-        run_exam(small(), tmp_path / "exam", ray="local", **more)
-    assert not (tmp_path / "exam").exists()
-
-
 @pytest.mark.filterwarnings("ignore")  # Ray's own
 @pytest.mark.timeout(1500)  # kernels and a cluster that starts: a minute of CPU time, long on a busy machine
 def test_a_cluster_gives_the_report_of_one_process_and_goes_on_where_it_was_stopped(
@@ -57,11 +43,11 @@ def test_a_cluster_gives_the_report_of_one_process_and_goes_on_where_it_was_stop
     pytest.importorskip("ray", reason="needs Ray: pip install 'vpsci_ros[ray]'")
     os.environ |= {"RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}  # Ray's own choice is 15
     assert run_exam(small(EXAMPLE), tmp_path / "one", quiet=True) == []
-    monkeypatch.setattr(exam_module, "PART", 4)
+    monkeypatch.setattr(exam_module, "SIDE_BY_SIDE", 4)
     two = tmp_path / "two"
     take_folder(two, identity_of(small()))
     run_with(small().parts()[0], "walker", two, "", quiet=True)  # what was driven before
     before = (two / "runs/walker/run.json").stat().st_mtime_ns
-    assert run_exam(small(EXAMPLE), two, workers=2, ray="local", quiet=True) == []
+    assert run_exam(small(EXAMPLE), two, workers=2, crew=hosts_crew(small(EXAMPLE), "local"), quiet=True) == []
     assert report_of(two) == report_of(tmp_path / "one")
     assert (two / "runs/walker/run.json").stat().st_mtime_ns == before

@@ -16,19 +16,19 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from vpsci_ros.data.episode import Episode, Key
-from vpsci_ros.exam.conduct import domain_of, run_with
+from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.factors import FACTORS, Case, Span, case_of
+from vpsci_ros.exam.in_graph import domain_of
 from vpsci_ros.exam.measures import RunResult, episode_table, worst_first
 from vpsci_ros.exam.report import ADS
 from vpsci_ros.exam.sight import Sight
+from vpsci_ros.extras.exam_extra.factors import FACTORS, Case, Span, case_of
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.workers import Workers, computed, local_workers
 
 GRID = 4  # amounts that are tried first
 HALVINGS = 3  # after them
-FOLDER = "why"
 
 
 @dataclasses.dataclass
@@ -115,7 +115,7 @@ def explain(
     :param failures: with each pedestrian, at most: the worst of them.
     :raises VpsciError: a node has failed.
     """
-    kind = exam.config.search.failure
+    kind = exam.config.failure
     found: dict[str, Any] = {}
     searches: list[Search] = []
     drives = 0
@@ -205,7 +205,7 @@ class _Again:
         for unit, result in computed(self._pool, lambda: next(waiting, None), ahead=0):
             rows = episode_table(result, [], self._exam.config, driver=ADS, pedestrian=self._pedestrian)
             failed = dict(zip(rows.select("scenario", "episode").iter_rows(),
-                              rows[self._exam.config.search.failure], strict=True))  # fmt: skip
+                              rows[self._exam.config.failure], strict=True))  # fmt: skip
             amounts = dict(unit.amounts)
             self.drives += len(result.episodes)
             for episode in result.episodes:
@@ -223,7 +223,7 @@ def _conductor(exam: Exam, folder: Path, pedestrian: str, cases: Mapping[Key, Ca
                 changed, {key: (cases[key], amount) for key, amount in amounts.items()}
             )
         changed = dataclasses.replace(changed, whole=exam.whole or exam)
-        with domain_of(exam.config):
+        with domain_of(exam):
             return run_with(changed, pedestrian, folder / f"{unit.number}-{unit.factor or 'as_it_was'}", "", quiet=True)
 
     return conduct

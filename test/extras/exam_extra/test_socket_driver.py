@@ -15,10 +15,10 @@ import pytest
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.driver_class import Observation
-from vpsci_ros.exam.run import prepare, run_exam
-from vpsci_ros.exam.socket_driver import SocketDriver, connected
+from vpsci_ros.exam.prepare import prepare
+from vpsci_ros.exam.run import run_exam
+from vpsci_ros.extras.exam_extra.socket_driver import SocketDriver, connected, prepare_socket
 from vpsci_ros.resources import params_dir
 from vpsci_ros.wire.layout import PlanarMotion
 
@@ -40,7 +40,8 @@ def examined(folder: Path, **ads: Any) -> tuple[list[str], Path]:
     short = {"scenarios": [1, 104], "episodes": 1, "episode_time": 3.0}
     exam = {"pedestrians": ["learned"], "baseline": False}
     chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", short).changed("ads_test", exam)
-    return run_exam(prepare(chosen, **ads), folder, quiet=True), folder
+    exam = prepare(chosen, ads_class=ads["ads_class"]) if "ads_class" in ads else prepare_socket(chosen, ads["ads"], 0)
+    return run_exam(exam, folder, quiet=True), folder
 
 
 def program(folder: Path, act: str) -> str:
@@ -54,7 +55,7 @@ def test_the_client_in_cpp_has_the_report_of_the_python_class_to_the_last_bit(tm
     binary = tmp_path / "socket_ads"
     strict = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror"]
     subprocess.run([compiler, *strict, "-o", binary, SOURCE], check=True, timeout=120)
-    failures, by_socket = examined(tmp_path / "socket", ads=str(binary), port=0)
+    failures, by_socket = examined(tmp_path / "socket", ads=str(binary))
     assert failures == []
     _, by_class = examined(tmp_path / "class", ads_class=EXAMPLE)
     tables = [pl.read_parquet(folder / "episodes.parquet") for folder in (by_socket, by_class)]
@@ -68,7 +69,7 @@ def test_the_client_in_cpp_has_the_report_of_the_python_class_to_the_last_bit(tm
 
 def test_a_system_that_dies_loses_what_is_left_and_the_report_has_its_last_words(tmp_path: Path) -> None:
     act = "command = 1.0 if message['time'] < 1.0 else exit('no plan')"
-    failures, _ = examined(tmp_path / "exam", ads=program(tmp_path, act), port=0)
+    failures, _ = examined(tmp_path / "exam", ads=program(tmp_path, act))
     first = "nobody there: the ADS did not drive 1:0 and 1 more to the end: at 1.00 s the ADS ended with exit status 1"
     assert failures[0].startswith(f"{first}, having said 'no plan'")
     assert len(failures) == 1, "with a run in which nothing was driven the exam ends"
@@ -83,7 +84,7 @@ def test_a_system_that_dies_loses_what_is_left_and_the_report_has_its_last_words
     ],
 )
 def test_what_is_no_answer_to_the_tick_loses_its_episode(tmp_path: Path, act: str, said: str) -> None:
-    failures, _ = examined(tmp_path / "exam", ads=program(tmp_path, act), port=0)
+    failures, _ = examined(tmp_path / "exam", ads=program(tmp_path, act))
     assert said in failures[0]
 
 
@@ -118,12 +119,13 @@ def test_a_system_that_answers_ahead_of_the_tick_is_given_up() -> None:
 
 
 def test_who_does_not_connect_in_time_has_not_driven_and_a_port_in_use_is_said_so(tmp_path: Path) -> None:
-    config = ExamConfig(ads=f"{sys.executable} -c 'import time; time.sleep(60)'", socket=0)
-    with connected(config, tmp_path / "log", 0.05, 0.3) as make, pytest.raises(InvalidInput, match="did not connect"):
+    waits = f"{sys.executable} -c 'import time; time.sleep(60)'"
+    with connected(waits, 0, 0.05, tmp_path / "log", 0.3) as make, pytest.raises(InvalidInput, match="did not connect"):
         make().reset(_begin())
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        external = ExamConfig(ads="external", socket=taken.getsockname()[1])
-        with pytest.raises(InvalidInput, match="cannot listen there"), connected(external, tmp_path, 0.05, 0.3):
+        port = taken.getsockname()[1]
+        refused = pytest.raises(InvalidInput, match="cannot listen there")
+        with refused, connected("external", port, 0.05, tmp_path, 0.3):
             pass
 
 
@@ -136,12 +138,15 @@ def _begin() -> Any:
 
 def test_options_that_do_not_go_together_are_refused() -> None:
     found = load(params_dir() / "ads_test.yaml")
-    for given, said in (
-        ({"ads_class": EXAMPLE, "port": 0}, "--socket and --ads-class exclude each other"),
-        ({"ads": "example_ads", "port": 0}, "give a command of your own with port 0"),
-        ({"ads": "external", "port": 0}, "'external' with the port to which you connect it"),
-        ({"ads": "sh", "port": 5577}, "give a command of your own with port 0"),
-        ({"ads": "external", "port": 5577, "workers": 2}, "in one graph only"),
+    for ads, port, said in (
+        ("example_ads", 0, "give a command of your own with port 0"),
+        ("external", 0, "'external' with the port to which you connect it"),
+        ("sh", 5577, "give a command of your own with port 0"),
     ):
         with pytest.raises(InvalidInput, match=said):
-            prepare(found, **given)
+            prepare_socket(found, ads, port)
+    with pytest.raises(InvalidInput, match="in one graph only"):
+        prepare_socket(found, "external", 5577, workers=2)
+    real = found.changed("world_simulator", {"external_mode": "real_time"})
+    with pytest.raises(InvalidInput, match="external_mode = real_time"):
+        prepare_socket(real, "sh", 0)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from vpsci_ros.exam.config import ExamConfig, SearchConfig
-from vpsci_ros.exam.search.margin import LeastMargins, Watched
+from vpsci_ros.exam.config import ExamConfig
+from vpsci_ros.extras.exam_extra.search.margin import LeastMargins, Watched
 from vpsci_ros.world import ENDED, IDLE, RUNNING
 from vpsci_ros.world.state import EPISODE
 
@@ -17,7 +17,7 @@ def tick(ahead, speed=3.0, status=RUNNING, frame=1, episodes=(0,)):
 
 
 def watched(failure):
-    return Watched(ExamConfig(search=SearchConfig(failure=failure)))
+    return Watched(ExamConfig(failure=failure))
 
 
 def test_the_margin_of_a_contact_is_the_clearance_between_the_footprints():

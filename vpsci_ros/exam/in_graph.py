@@ -1,0 +1,95 @@
+"""A run of an exam through the graph of nodes: the driving system is a program that speaks ROS."""
+
+import contextlib
+import shutil
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from vpsci_ros.errors import VpsciError
+from vpsci_ros.exam.collect import counts_of
+from vpsci_ros.exam.config import EXTERNAL, title_of
+from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.process import command_of, failure, running
+from vpsci_ros.exam.recorded_people import write_motion
+from vpsci_ros.nodes.config import GraphConfig
+from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
+from vpsci_ros.nodes.status import NodeStatus
+from vpsci_ros.runs.sections import Sections
+
+_STOPPED = "stopped on request"
+DYING = 1.0  # [s] from the last command of a system that ends to its end
+
+
+def domain_of(exam: Exam) -> contextlib.AbstractContextManager[object]:
+    """Return the context in which graphs have a ROS domain of their own; none without a graph of the exam's."""
+    if exam.in_process or exam.config.ads == EXTERNAL:
+        return contextlib.nullcontext()
+    from vpsci_ros.nodes.domain import own_domain
+
+    return own_domain()
+
+
+def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> None:
+    """Run the graph with one pedestrian in the folder `run`; a system that fails is in its record.
+
+    :param log: for what the system writes.
+    :raises VpsciError: a node has failed.
+    :raises KeyboardInterrupt: stopped on request.
+    """
+    from vpsci_ros.nodes.graph import run_graph
+
+    silent = Silence(exam.config.silent_ticks)
+    patience = exam.sections.get(GraphConfig, "graph").progress_timeout
+    reasons: list[str] = []
+    begun = time.monotonic()
+    with contextlib.ExitStack() as stack:
+        ads = None
+        if exam.config.ads != EXTERNAL:
+            ads = stack.enter_context(running(command_of(exam.config.ads, exam.latency), log))
+
+        def failed(statuses: Mapping[str, NodeStatus], idle: float) -> str:
+            counts, second = counts_of(statuses), second_publishers(statuses)
+            reason = f"another graph, or the ADS, publishes beside its nodes: {', '.join(second)}" if second else ""
+            if counts is not None and not reason:
+                late = time.monotonic() - begun > patience
+                reason = flood(counts, exam.config.surplus_limit, late=late)
+                awaited = statuses["world_simulator"].awaited
+                reason = reason or (never_came(counts, idle, patience, awaited) if ads else "") or silent(counts)
+            if reason and ads and not failure(ads):
+                time.sleep(DYING)  # a system that falls silent may be about to end with other words
+            reasons.append((failure(ads) if ads else "") or reason)
+            return reasons[-1]
+
+        result = run_graph(graph_sections(exam, name, run), run, quiet=quiet, stop_when=failed)
+    counts = counts_of(result.nodes)
+    if result.error == _STOPPED:
+        raise KeyboardInterrupt
+    if result.error and not any(reasons) and not (counts and counts.tick):
+        world = result.nodes.get("world_simulator", NodeStatus())
+        asks = "; does the ADS publish /vehicle/cmd_accel or /vehicle/cmd_control?" if ADS in world.awaited else ""
+        raise VpsciError(f"the run with {title_of(name)}: {result.error}{asks}")
+
+
+def graph_sections(exam: Exam, name: str, run: Path) -> Sections:
+    """Return the parameters of the graph in which the driving system meets one pedestrian in the folder `run`."""
+    config = exam.with_pedestrian(name, "external")
+    world: dict[str, Any] = {"vehicle_driver": "external", "pedestrian_driver": config.pedestrian_driver, "batch": 1}
+    nodes = ["world_simulator", "safety_monitor", "recorder"]
+    sections = exam.sections
+    if config.pedestrian_driver == "policy":
+        nodes.insert(2, "pedestrian_policy")
+        sections = sections.changed("pedestrian_policy", {"agent": name})
+    if exam.perception:
+        nodes.insert(-1, "perception")
+        world["pedestrian_odometry"] = False
+    if config.pedestrian_driver == "replay":
+        bag = run.with_name(f"{run.name}_motion")
+        shutil.rmtree(bag, ignore_errors=True)
+        write_motion(exam.motion(name), exam.spawns(), config, bag)
+        own = sections.values.get("world_simulator", {})
+        single = {name: value for name, value in own.items() if not name.startswith("crowd.")} | {"pedestrians": 1}
+        sections = Sections({**sections.values, "world_simulator": single})
+        world["recorded_bag"] = str(bag)
+    return sections.changed("graph", {"nodes": nodes}).changed("world_simulator", world)

@@ -1,0 +1,4 @@
+"""Beside the exam: rare failures searched for, failures explained, a standard protocol, a socket, and other hosts.
+
+`commands` has the commands, each of which conducts runs by `vpsci_ros.exam.conduct`.
+"""

@@ -1,0 +1,148 @@
+"""The commands of this branch: `vpsci ads-search`, `ads-why`, `ads-protocol`, `ads-socket` and `ads-hosts`."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vpsci_ros.cli.exam import Ads, AdsClass, Episodes, ExamFolder, FailIf, Recorded, Workers, examined_sections
+from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections, stoppable, writes_folder
+from vpsci_ros.errors import InvalidInput
+
+search_app, why_app, protocol_app, socket_app, hosts_app = (typer.Typer(add_completion=False) for _ in range(5))
+
+
+@search_app.command()
+@writes_folder
+def ads_search(
+    output: ExamFolder,
+    params: Params = Path("ads_test"),
+    ads: Ads = None,
+    ads_class: AdsClass = None,
+    pedestrian: Annotated[str, typer.Option(help="Pedestrian to meet, any but recorded people.")] = "learned",
+    pool: Annotated[
+        int, typer.Option(min=100, max=10_000_000, help="Episodes to search: rehearsed in this process, not driven.")
+    ] = 20_000,
+    budget: Annotated[int, typer.Option(min=40, max=1_000_000, help="Episodes that the system drives.")] = 1000,
+    workers: Workers = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Find the episodes in which a driving system fails (ads_test.failure), and how often it does."""
+    from vpsci_ros.exam.prepare import prepare
+    from vpsci_ros.extras.exam_extra.search.run import run_search
+    from vpsci_ros.extras.exam_extra.search.seek import SearchConfig
+
+    search = SearchConfig(pedestrian, pool, budget)
+    exam = prepare(read_sections(params, settings), ads, ads_class, workers or 1)
+    with stoppable(output):
+        failures = run_search(exam, search, output, workers=workers or 1, quiet=quiet)
+    for reason in failures:
+        print(f"failed: {reason}", file=sys.stderr)
+    _end(failures)
+
+
+@why_app.command()
+def ads_why(
+    exam: Annotated[Path, typer.Argument(metavar="EXAM", help="Folder of an exam of `vpsci ads-test` that is over.")],
+    failures: Annotated[int, typer.Option("-n", min=1, help="Worst failures with each pedestrian to drive again.")] = 3,
+    workers: Workers = None,
+    quiet: Quiet = False,
+) -> None:
+    """Drive the worst failures of an exam again, one thing changed at a time, and say what would have avoided them.
+
+    Run it where the exam ran: it drives the same system. The result is in EXAM/why.
+    """
+    from vpsci_ros.extras.exam_extra.explain import explain_exam
+
+    with stoppable(exam):
+        page = explain_exam(exam, failures, workers=workers or 1, quiet=quiet)
+    print(f"report: {page}")
+
+
+@protocol_app.command()
+@writes_folder
+def ads_protocol(
+    output: ExamFolder,
+    params: Params = Path("ads_test"),
+    ads: Ads = None,
+    ads_class: AdsClass = None,
+    beside: Annotated[
+        Path | None, typer.Option("--exam", metavar="EXAM", help="Set this exam of the same system beside it.")
+    ] = None,
+    fail_below: Annotated[float, typer.Option(metavar="POINTS", help="Exit with status 1 below so many points.")] = 0.0,
+    workers: Workers = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Drive Euro NCAP's car-to-pedestrian tests, as far as a kinematic world can, and give their points."""
+    from vpsci_ros.exam.prepare import prepare
+    from vpsci_ros.extras.exam_extra.protocol import run_protocol
+
+    exam = prepare(read_sections(params, settings), ads, ads_class, workers or 1)
+    with stoppable(output):
+        failures = run_protocol(exam, output, beside, fail_below, workers=workers or 1, quiet=quiet)
+    _end(failures)
+
+
+@socket_app.command()
+@writes_folder
+def ads_socket(
+    output: ExamFolder,
+    params: Params = Path("ads_test"),
+    ads: Ads = None,
+    port: Annotated[
+        int,
+        typer.Option(min=0, max=65_535, help="Of 127.0.0.1; 0: a free one, which the system finds in VPSCI_ADS_PORT."),
+    ] = 0,
+    episodes: Episodes = None,
+    recorded: Recorded = None,
+    fail_if: FailIf = None,
+    workers: Workers = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Put a program to the exam that connects to a socket: JSON, an object a line, in any language, without ROS."""
+    from vpsci_ros.exam.run import run_exam
+    from vpsci_ros.extras.exam_extra.socket_driver import prepare_socket
+
+    exam = prepare_socket(examined_sections(params, settings, episodes, recorded), ads, port, workers or 1)
+    with stoppable(output):
+        failures = run_exam(exam, output, fail_if or [], workers=workers, quiet=quiet)
+    _end(failures)
+
+
+@hosts_app.command()
+@writes_folder
+def ads_hosts(
+    address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Of a Ray cluster: its address, auto or local.")],
+    output: ExamFolder,
+    params: Params = Path("ads_test"),
+    ads: Ads = None,
+    ads_class: AdsClass = None,
+    episodes: Episodes = None,
+    recorded: Recorded = None,
+    fail_if: FailIf = None,
+    workers: Workers = None,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Put a driving system to the exam on the hosts of a Ray cluster; all of its cores unless --workers says."""
+    from vpsci_ros.exam.prepare import prepare
+    from vpsci_ros.exam.run import run_exam
+    from vpsci_ros.extras.exam_extra.on_hosts import hosts_crew
+
+    exam = prepare(examined_sections(params, settings, episodes, recorded), ads, ads_class)
+    if exam.config.examined == "external":
+        raise InvalidInput(
+            f"ads-hosts {address}: a system that you start yourself (external) drives on this machine only"
+        )
+    with stoppable(output):
+        failures = run_exam(exam, output, fail_if or [], workers=workers, crew=hosts_crew(exam, address), quiet=quiet)
+    _end(failures)
+
+
+def _end(failures: list[str]) -> None:
+    if failures:
+        raise typer.Exit(1)
