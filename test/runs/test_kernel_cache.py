@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -26,15 +27,21 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path(os.environ["NUMBA_CACHE_DIR"])
 
 
+def cut_behind_a_byte_that_ends_pickles(data: bytes) -> bytes:
+    return data[: data.rindex(b".", 0, -1) + 1]
+
+
 @pytest.mark.parametrize("kind", ["nbi", "nbc"])
-@pytest.mark.parametrize("left", [0, 30])
+@pytest.mark.parametrize(
+    "spoil", [lambda _: b"", lambda data: data[:30], cut_behind_a_byte_that_ends_pickles, lambda data: bytes(len(data))]
+)
 def test_a_kernel_whose_kept_file_was_cut_is_compiled_again(
-    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, left: int
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, spoil: Callable[[bytes], bytes]
 ) -> None:
     (tmp_path / "kernel.py").write_text(KERNEL)
     subprocess.run([sys.executable, tmp_path / "kernel.py"], check=True)
     (kept,) = cache.rglob(f"*.{kind}")
-    os.truncate(kept, left)
+    kept.write_bytes(spoil(kept.read_bytes()))
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     kernel_cache.choose_cache_folder()
     assert not kept.exists()
@@ -43,6 +50,13 @@ def test_a_kernel_whose_kept_file_was_cut_is_compiled_again(
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     kernel_cache.choose_cache_folder()
     assert kept.exists(), "what is whole stays"
+    written, data = kept.stat().st_mtime_ns, bytearray(kept.read_bytes())
+    data[len(data) // 2] ^= 1  # a whole pickle still
+    kept.write_bytes(data)
+    os.utime(kept, ns=(written, written))
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    kernel_cache.choose_cache_folder()
+    assert not kept.exists(), "what the disk has changed goes"
 
 
 def test_only_the_user_may_write_what_is_loaded_and_anothers_folder_is_not_used(

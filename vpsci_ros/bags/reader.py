@@ -92,7 +92,8 @@ class Bag:
     def require_complete(self, written: Mapping[str, int]) -> None:
         """Refuse a folder that holds fewer messages of a topic than its recorder or metadata.yaml has counted.
 
-        One that `vpsci bag repair` has completed says so, and one file of several is not the bag.
+        One that `vpsci bag repair` has completed says so, one file of several is not the bag, and a topic that somebody
+        left out is not lost.
 
         :param written: by the recorder's own record, by topic.
         :raises InvalidInput: (unless `recover`) it does.
@@ -103,12 +104,11 @@ class Bag:
             rows = self._information["topics_with_message_count"]
             listed = {row["topic_metadata"]["name"]: int(row["message_count"]) for row in rows}
             written = {name: max(listed.get(name, 0), written.get(name, 0)) for name in listed | dict(written)}
-        for name, count in written.items():
-            held = self._named[name].messages if name in self._named else 0
-            if held < count:
+        for name, topic in (self._named | self.topics()).items():  # whether or not a prefix was put before them
+            if topic.messages < (count := written.get(name, 0)):
                 raise InvalidInput(
-                    f"{self.path}: it holds {held:,} of the {count:,} messages of {name} that were recorded: a file of "
-                    "it is lost or an older one; copy it again, or read what is here with --recover"
+                    f"{self.path}: it holds {topic.messages:,} of the {count:,} messages of {name} that were "
+                    "recorded: a file is lost or an older one; copy it again, or read what is here with --recover"
                 )
 
     def records(self) -> list[tuple[str, dict[str, str]]]:
