@@ -105,6 +105,8 @@ EXTRAS = {
     ],
     # The format commonroad, whose protobuf excludes that of osi in one environment.
     "commonroad": ["commonroad-io>=2024.3,<2025"],
+    # `projection` of described recordings in longitude and latitude.
+    "geo": ["pyproj>=3.6,<4"],
     # CARLA's client, whose version is that of the server.
     "carla": ["carla>=0.9.15,<0.10"],
     # The page in which a person drives, and a running graph in Foxglove.

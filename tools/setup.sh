@@ -71,7 +71,7 @@ if ! is_done packages constraints.txt setup.py setup.cfg pyproject.toml tools/se
 (python3-dev on Debian and Ubuntu)"
     say "installing packages, about 650 MB (minutes)"
     $pip install -c constraints.txt pip setuptools wheel
-    $pip install -c constraints.txt --no-build-isolation -e '.[learn,ros,messages,rl,realism,search,paper,formats,carla,drive,planner,sumo,highway,test,docs]'
+    $pip install -c constraints.txt --no-build-isolation -e '.[learn,ros,messages,rl,realism,search,paper,formats,geo,carla,drive,planner,sumo,highway,test,docs]'
     done_now
 fi
 

@@ -5,6 +5,7 @@ billions of values), no tags but the plain ones, no key twice (YAML keeps the la
 """
 
 import json
+import re
 import reprlib
 import stat
 from collections.abc import Hashable, Mapping
@@ -62,6 +63,9 @@ class _Loader(_LOADER):  # type: ignore[misc]
         return _bounded(super().construct_yaml_int(node))
 
 
+_Loader.add_implicit_resolver(  # 1e-9 is a number for ROS 2, as in YAML 1.2, but a text in PyYAML's YAML 1.1
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
 
 

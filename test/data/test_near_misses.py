@@ -237,3 +237,11 @@ def test_a_compact_table_is_the_same_to_a_tenth_of_a_millimetre(table: pl.DataFr
     assert paths[1].stat().st_size < 0.6 * paths[0].stat().st_size
     assert single["ped_x"].to_numpy() == pytest.approx(whole["ped_x"].to_numpy(), abs=1e-4)
     assert single["curvttc"].is_infinite().equals(whole["curvttc"].is_infinite())
+
+
+def test_a_compact_table_keeps_coordinates_of_a_map_to_a_tenth_of_a_millimetre(table, tmp_path: Path) -> None:
+    moved = table.with_columns(pl.col("veh_x", "ped_x") + 604_098.4, pl.col("veh_y", "ped_y") + 5_790_123.7)
+    write_near_misses(moved, tmp_path / "compact.parquet", compact=True)
+    for name in ("veh_x", "veh_y", "ped_x", "ped_y"):
+        found = read_near_misses(tmp_path / "compact.parquet")[name].to_numpy()
+        assert found == pytest.approx(moved[name].to_numpy(), rel=0.0, abs=1e-4)

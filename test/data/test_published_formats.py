@@ -1,12 +1,15 @@
 """Files written by the published formats become the same near misses, whatever their names, units, axes and classes."""
 
+import re
+
 import numpy as np
 import polars as pl
 import pytest
 
-from vpsci_ros.data.importers import import_trajectories
+from vpsci_ros.data.importers import IMPORTERS, import_trajectories
 from vpsci_ros.data.importers.described import UNREADABLE
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.report.recordings import check_recordings
 
 HEADING = 2.0  # [rad] of the car, 6 m/s from the origin; the walker comes from its right and is hit
 SPEED, WALK = 6.0, 1.5  # [m/s]
@@ -164,6 +167,84 @@ def test_a_car_and_a_walker_come_out_as_they_were_and_the_import_says_what_it_as
     assert table["ped_vy"].to_numpy() == pytest.approx(WALK * np.cos(HEADING), abs=0.02)
 
 
+def with_spaces(path):
+    path.write_text(path.read_text().replace(",", ", "))
+
+
+def in_utf_16(path):
+    path.write_text(path.read_text(), encoding="utf-16")
+
+
+def with_decimal_commas(path):
+    path.write_text(path.read_text().replace(",", ";").replace(".", ","))
+
+
+@pytest.mark.parametrize("spoil", [with_spaces, in_utf_16, with_decimal_commas])
+def test_a_table_is_read_as_other_programs_leave_it(spoil, tmp_path):
+    write_levelx(tmp_path)
+    plain = import_trajectories(tmp_path, "levelx").table
+    for path in tmp_path.glob("*.csv"):
+        text = path.read_text()
+        if path.name == "07_tracks.csv":  # what pandas makes of whole numbers where some are missing
+            text = "\n".join(
+                [text.splitlines()[0], *(re.sub(r"^7,(\d+),", r"7,\1.0,", row) for row in text.splitlines()[1:])]
+            )
+        path.write_text(text.replace(",pedestrian", ",Pedestrian"))
+        spoil(path)
+    assert import_trajectories(tmp_path, "levelx").table.equals(plain)
+
+
+def test_a_format_without_one_of_the_two_kinds_says_what_there_is(tmp_path):
+    write_levelx(tmp_path)
+    path = tmp_path / "07_tracksMeta.csv"
+    path.write_text(path.read_text().replace("pedestrian", "fussgaenger"))
+    with pytest.raises(
+        InvalidInput, match="no pedestrian in 1 clips; left out were .*1 road users of class fussgaenger"
+    ):
+        import_trajectories(tmp_path, "levelx")
+
+
+def test_vehicles_whose_size_is_zero_are_said_to_have_the_formats(tmp_path):
+    write_levelx(tmp_path)
+    path = tmp_path / "07_tracks.csv"
+    pl.read_csv(path).with_columns(length=pl.lit(0.0), width=pl.lit(0.0)).write_csv(path)
+    (summary,) = import_trajectories(tmp_path, "levelx").summaries
+    assert "sizes of 1 vehicles that have none are the format's" in summary.assumed
+
+
+def in_degrees(folder):
+    """Write the described scene in longitude and latitude, at 8.68 east and 50.1 north."""
+    write_described(folder)
+    north, east = 111_229.0, 71_551.0  # [m] in a degree there
+    x, y = pl.col("px") * 0.05, -pl.col("py") * 0.05
+    pl.read_csv(folder / "one.csv").with_columns(px=8.68 + x / east, py=50.1 + y / north).write_csv(folder / "one.csv")
+    text = LAYOUT.replace("metres: 0.05\ny_down: true\n", "")
+    (folder / "layout.yaml").write_text(text)
+    return text
+
+
+def test_longitude_and_latitude_are_no_metres_and_the_projection_is_named(tmp_path):
+    in_degrees(tmp_path)
+    with pytest.raises(InvalidInput, match=r"within 0\.\d+ of each other: expected positions in metres.*EPSG:32632"):
+        import_trajectories(tmp_path, "described")
+
+
+def test_longitude_and_latitude_are_projected(tmp_path):
+    pytest.importorskip("pyproj")
+    (tmp_path / "layout.yaml").write_text(in_degrees(tmp_path) + "projection: EPSG:32632\n")
+    table = import_trajectories(tmp_path, "described").table
+    assert table["veh_speed"].to_numpy() == pytest.approx(SPEED, rel=5e-3)  # and the scale of UTM
+    assert table["veh_x"][0] == pytest.approx(477_000.0, abs=1000.0)
+
+
+def test_a_check_draws_the_first_pairs_and_says_extent_speeds_and_sizes(tmp_path):
+    write_levelx(tmp_path)
+    said = check_recordings(IMPORTERS.find("levelx").read(tmp_path), tmp_path / "check.png")
+    assert (tmp_path / "check.png").stat().st_size > 10_000
+    assert "median speeds: vehicles 6.00 m/s, pedestrians 1.50 m/s" in said
+    assert "sizes of vehicles: 4.2 x 1.7 to 4.2 x 1.7 m" in said
+
+
 def test_sizes_of_the_track_decide_when_it_touches(tmp_path):
     write_levelx(tmp_path)
     found = {}
@@ -252,8 +333,8 @@ def test_a_delimiter_a_compass_and_a_speed_alone_can_be_described(tmp_path):
         ({"compass": "false", "degrees": "false"}, "; they look like degrees and they seem to be measured from y, clo"),
         ({"delimiter": '"tab"'}, "delimiter: expected one character such as ';', got 'tab'"),
         (
-            {"vehicles": "[Auto]"},
-            r"vehicles: none of Auto occurs in column kind, which has 'auto' \(1 road users\), 'bike'",
+            {"vehicles": "[lorry]"},
+            r"vehicles: none of lorry occurs in column kind, which has 'auto' \(1 road users\), 'bike'",
         ),
         ({"pedestrians": "[pedestrian]"}, r"pedestrians: none of pedestrian occurs .*, 'person' \(1 road users\)"),
     ],

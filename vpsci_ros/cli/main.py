@@ -55,11 +55,22 @@ def import_command(
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Parquet file to write.")],
     compact: Annotated[bool, typer.Option("--compact", help="Write single precision: a third as large.")] = False,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Draw the first pairs to OUTPUT.png, print extent and speeds; import nothing."),
+    ] = False,
 ) -> None:
     """Write a table of near misses from recordings: every pair whose CurvTTC falls below 5 s, at steps of 0.1 s."""
-    from vpsci_ros.data.importers import import_folders, print_import_summary
+    from vpsci_ros.data.importers import IMPORTERS, import_folders, print_import_summary
     from vpsci_ros.data.near_misses import write_near_misses
 
+    if check:
+        from vpsci_ros.report.recordings import check_recordings
+
+        picture = output.with_suffix(".png")
+        print("\n".join(check_recordings(IMPORTERS.find(formats[0]).read(folders[0]), picture)))
+        print(f"written: {picture}")
+        return
     result = import_folders(folders, formats)
     write_near_misses(result.table, output, result.metadata, compact=compact)
     print_import_summary(result)

@@ -15,6 +15,7 @@
     y_down: true                   # false
     length: 4.5                    # [m] of vehicles whose tracks do not say
     width: 1.8
+    projection: EPSG:32632         # x and y are longitude and latitude: project them to these metres (extra `geo`)
 """
 
 from collections import Counter
@@ -30,8 +31,8 @@ from vpsci_ros.data.importers.importer import Clip, Importer
 from vpsci_ros.data.importers.layout import Layout, classes_in, clip_of, read_csv
 from vpsci_ros.data.near_misses import TURN_LIMIT
 from vpsci_ros.data.parquet import read_parquet
-from vpsci_ros.documents import read_yaml, require_form, shown
-from vpsci_ros.errors import InvalidInput
+from vpsci_ros.documents import read_yaml, reason, require_form, shown
+from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.parameters import refuse_unknown
 
 FILE = "layout.yaml"
@@ -51,6 +52,7 @@ _KEYS: dict[str, Any] = {
     "y_down": False,
     "length": 4.5,
     "width": 1.8,
+    "projection": "",
 }
 
 
@@ -70,6 +72,7 @@ def described(folder: Path) -> Iterator[Clip]:
     for file in files:
         parquet = file.suffix == ".parquet"
         table = read_parquet(file, "a table of tracks") if parquet else read_csv(file, values["delimiter"])
+        table = _projected(table, values["projection"], layout, file)
         yield _without_jumps(_readable(file, table, layout)).with_size(*size)
         seen.update(classes_in(table, layout))
     for key, wanted in (("vehicles", layout.vehicles), ("pedestrians", layout.pedestrians)):
@@ -79,6 +82,30 @@ def described(folder: Path) -> Iterator[Clip]:
                 f"{path}: {key}: none of {', '.join(sorted(wanted))} occurs in column {layout.columns['class']}, which "
                 f"has {counted}"
             )
+
+
+def _projected(table: pl.DataFrame, projection: str, layout: Layout, path: Path) -> pl.DataFrame:
+    """Return a table whose longitudes and latitudes have become metres of a projection, where there is one.
+
+    :raises InvalidInput: no such projection, or not one in metres; or the package pyproj is missing.
+    """
+    names = [layout.columns["x"], layout.columns["y"]]
+    if not projection or not set(names) <= set(table.columns):
+        return table
+    require("pyproj")
+    import pyproj
+
+    try:
+        system = pyproj.CRS(projection)
+        if {axis.unit_name for axis in system.axis_info} != {"metre"}:
+            raise InvalidInput(
+                f"{path}: projection: expected one in metres such as EPSG:32632, got {shown(projection)}"
+            )
+        to_metres = pyproj.Transformer.from_crs("EPSG:4326", system, always_xy=True)
+    except pyproj.exceptions.ProjError as error:
+        raise InvalidInput(f"{path}: projection: {reason(error)}; expected one such as EPSG:32632") from None
+    degrees = [table[name].cast(pl.Float64, strict=False).to_numpy() for name in names]
+    return table.with_columns(**dict(zip(names, to_metres.transform(*degrees), strict=True)))
 
 
 def _readable(path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
@@ -142,6 +169,8 @@ def _layout(values: dict[str, Any], path: Path) -> Layout:
         raise InvalidInput(
             f"{path}: columns: expected id, x, y and others of {', '.join(_COLUMNS)}, got {shown(columns)}"
         )
+    if not isinstance(values["projection"], str):
+        raise InvalidInput(f"{path}: projection: expected a name such as EPSG:32632, got {shown(values['projection'])}")
     delimiter = values["delimiter"]
     if not isinstance(delimiter, str) or len(delimiter.encode()) != 1:
         raise InvalidInput(f"{path}: delimiter: expected one character such as ';', got {shown(delimiter)}")

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.importer import BACKWARDS, Clip
-from vpsci_ros.data.importers.tracks import LARGEST, Floats, Track, read_text, require_columns, resample, slope
+from vpsci_ros.data.importers.tracks import LARGEST, WHOLE, Floats, Track, read_text, require_columns, resample, slope
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 
@@ -33,8 +33,8 @@ class Layout:
 
     :ivar columns: of `id`, `frame` or `time`, `class`, `x`, `y`, and where there are `vx`, `vy`, `speed` (of vehicles,
         along their heading), `heading`, `length`, `width`: the name of the column.
-    :ivar vehicles, pedestrians: values of `class` that count as such; others are left out. Without a column `class`
-        every track is of the one kind for which this says anything.
+    :ivar vehicles, pedestrians: values of `class` that count as such, in small letters; others are left out. Without a
+        column `class` every track is of the one kind for which this says anything.
     :ivar frame_rate: frames a second, where there is `frame`.
     :ivar time_unit: seconds in one unit of `time`.
     :ivar metres: metres in one unit of positions, speeds (a second) and sizes.
@@ -56,6 +56,10 @@ class Layout:
     y_down: bool = False
     rates: Mapping[str, float] = field(default_factory=dict)
     speeds_agree: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("vehicles", "pedestrians"):
+            object.__setattr__(self, name, frozenset(value.lower() for value in getattr(self, name)))
 
 
 def read_csv(path: Path, delimiter: str = ",") -> pl.DataFrame:
@@ -92,6 +96,9 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
             vehicles += [_vehicle(track) for track in resample(forward, _rate(layout), angle="heading")]
             assumed += ["headings are directions of motion"] if "heading" not in cars.columns else []
             assumed += ["sizes of vehicles are the format's"] if "length" not in cars.columns else []
+            without = len({track.number for track in vehicles if track.size is None})
+            if "length" in cars.columns and without:
+                assumed.append(f"sizes of {without} vehicles that have none are the format's")
         if "vx" not in layout.columns:
             whose = "velocities of pedestrians" if "speed" in layout.columns else "velocities"
             assumed += [f"{whose} are slopes of positions over 0.4 s"]
@@ -111,7 +118,8 @@ def classes_in(table: pl.DataFrame, layout: Layout) -> Counter[str]:
 def _classes(table: pl.DataFrame, layout: Layout) -> pl.Series:
     if "class" not in layout.columns:
         return pl.Series("class", [next(iter(layout.vehicles | layout.pedestrians))]).new_from_index(0, table.height)
-    return table[layout.columns["class"]].cast(pl.String).str.strip_chars()
+    text = table[layout.columns["class"]].cast(pl.String).str.strip_chars()
+    return text.str.replace(WHOLE, "${1}").str.to_lowercase()
 
 
 def _other_classes(table: pl.DataFrame, layout: Layout) -> dict[str, int]:
@@ -249,7 +257,8 @@ def _check_heading(cars: pl.DataFrame, layout: Layout, path: Path) -> None:
     best = min(off, key=off.__getitem__)
     raise InvalidInput(
         f"{path}: column {layout.columns['heading']}: headings differ from the direction of motion by {apart:.2f} rad "
-        f"(median); expected radians counter-clockwise from x; "
+        f"(median); expected {'degrees' if layout.degrees else 'radians'} "
+        f"{'clockwise from north' if layout.compass else 'counter-clockwise from x'}; "
         f"{best if off[best] < ASKEW else 'they are measured otherwise'}"
     )
 

@@ -15,10 +15,12 @@ from vpsci_ros.data.importers.result import ImportResult, SourceSummary, least_q
 from vpsci_ros.data.importers.tracks import Floats, Track, slope
 from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS
 from vpsci_ros.data.reference import causal_curvttc, flags, trailing_slope
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.time_budget import LEAST, TimeBudget
 from vpsci_ros.safety import CRITICAL_TTC, PEDESTRIAN_RADIUS, curvature_from_yaw_rate, curvttc
 from vpsci_ros.world.observation import STEP
 
+LEAST_EXTENT = 1.0  # [m] of a clip: as far apart are the middles of a vehicle and of a pedestrian at least
 PER_STEP = 5e-3  # [s] of processor time for a step of a track: a pair takes 0.4 ms
 
 
@@ -29,13 +31,16 @@ def near_misses_of(
 
     :param length, width: of vehicles whose tracks do not say [m].
     :param critical: CurvTTC below which a pair is a near miss [s].
+    :raises InvalidInput: no vehicle at all, or no pedestrian; or see `clips`.
     """
     parts: list[pl.DataFrame] = []
-    clip_count = pairs = 0
+    clip_count = pairs = vehicles = pedestrians = 0
     left_out: Counter[str] = Counter()
     assumed: dict[str, None] = {}
     for clip in clips:
         clip_count += 1
+        _require_metres(source, clip)
+        vehicles, pedestrians = vehicles + len(clip.vehicles), pedestrians + len(clip.pedestrians)
         left_out.update(clip.left_out)
         assumed |= dict.fromkeys(clip.assumed)
         steps = sum(track.last - track.first + 1 for track in (*clip.vehicles, *clip.pedestrians))
@@ -47,6 +52,12 @@ def near_misses_of(
                 number = pl.lit(len(parts), pl.Int64)
                 table = near_miss.with_columns(interaction=number, source=pl.lit(source), clip=pl.lit(clip.name))
                 parts.append(table.select(list(NEAR_MISS_COLUMNS)))
+    if clip_count and not (vehicles and pedestrians):
+        others = ", ".join(f"{count:,} {what}" for what, count in (+left_out).items()) or "nothing"
+        what = "vehicle" if not vehicles else "pedestrian"
+        raise InvalidInput(
+            f"{source}: no {what} in {clip_count} clips; left out were {others}; name the classes as there"
+        )
     empty = pl.DataFrame(schema={name: column.dtype for name, column in NEAR_MISS_COLUMNS.items()})
     table = pl.concat(parts) if parts else empty
     summary = SourceSummary(
@@ -63,6 +74,25 @@ def near_misses_of(
         assumed=tuple(assumed),
     )
     return ImportResult(table, (summary,))
+
+
+def _require_metres(source: str, clip: Clip) -> None:
+    """Refuse a clip in which a vehicle and a pedestrian have no room beside each other.
+
+    :raises InvalidInput: names the projection where its positions may be longitudes and latitudes.
+    """
+    if not clip.vehicles or not clip.pedestrians:
+        return
+    tracks = [track.values for track in (*clip.vehicles, *clip.pedestrians)]
+    x, y = (np.concatenate([values[name] for values in tracks]) for name in ("x", "y"))
+    extent = float(np.hypot(np.ptp(x), np.ptp(y)))
+    if extent < LEAST_EXTENT:
+        zone = f"EPSG:32{'6' if y.mean() >= 0.0 else '7'}{int((x.mean() + 180.0) // 6.0) % 60 + 1:02}"
+        raise InvalidInput(
+            f"{source}, clip {clip.name}: all road users are within {extent:.2g} of each other: expected positions in "
+            "metres; describe the files (--format described) with `metres` of their unit"
+            + (f", or, for longitude and latitude, with `projection: {zone}`" * bool(np.abs((x, y)).max() <= 180.0))
+        )
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Tracks of one clip: read from CSV with every value checked, cut at gaps, and resampled to the 0.1 s grid."""
 
+import codecs
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from vpsci_ros.world.observation import STEP
 Floats = NDArray[np.float64]
 MAX_GAP = 0.25  # [s] frames further apart than this are not bridged: the track is cut there
 LARGEST = 2.0**53  # above it a float64 does not hold every whole number
+WHOLE = r"^([+-]?\d+)\.0*$"  # a whole number as pandas writes it where values are missing
 _GRID = 1e-6  # [steps] a frame this near to a grid point counts as on it
 
 
@@ -40,15 +42,28 @@ class Track:
 
 
 def read_text(path: Path, delimiter: str = ",") -> pl.DataFrame:
-    """Return a CSV file with every value as text.
+    """Return a CSV file with every value as text, without the marks that programs leave on it.
 
-    :raises InvalidInput: it cannot be read.
+    UTF-16 is known by its mark; a header without `delimiter` may have ";" or tabs, with which decimal commas are
+    allowed; spaces around names and values go, and so does the ".0" that a table program adds to whole numbers.
+
+    :raises InvalidInput: it cannot be read, or two columns have one name.
     """
     require_regular(path)
     try:
-        return pl.read_csv(path, infer_schema=False, separator=delimiter)
-    except (pl.exceptions.PolarsError, OSError, UnicodeDecodeError) as error:
+        data = path.read_bytes()
+        if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            data = data.decode("utf-16").encode()
+        header = data.partition(b"\n")[0].decode("utf-8-sig")
+        delimiter = next((each for each in (delimiter, ";", "\t") if each in header), delimiter)
+        table = pl.read_csv(data, infer_schema=False, separator=delimiter)
+        table.columns = [name.strip() for name in table.columns]
+    except (pl.exceptions.PolarsError, OSError, UnicodeError) as error:
         raise InvalidInput(f"{path}: not readable as CSV: {reason(error)}; take the file as published") from error
+    text = pl.all().str.strip_chars()
+    if delimiter != ",":
+        text = text.str.replace(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$", "${1}.${2}")
+    return table.with_columns(text.str.replace(WHOLE, "${1}"))
 
 
 def require_columns(table: pl.DataFrame, names: Iterable[str], path: Path) -> None:
