@@ -13,7 +13,7 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.episodes import open_source, read_episodes
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.encounters import generated_encounters, recorded_encounters
+from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.episodes import read_episodes
-from vpsci_ros.evaluation.encounters import generated_encounters
+from vpsci_ros.extras.paper.section_4.encounters import generated_encounters
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.record import record_episodes
 from vpsci_ros.generate.run import generate, simulators

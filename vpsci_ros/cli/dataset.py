@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +10,6 @@ import typer
 
 from vpsci_ros.cli.options import Params, Quiet, Resumable, Settings, stoppable, writes_folder
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.resources import RIGHT_TURNS
 
 if TYPE_CHECKING:
     from vpsci_ros.generate.job import Job, Unit
@@ -75,47 +73,6 @@ def generate(
         rate = kept / (simulating + writing) * 3600.0
         paper = f"the paper's CARLA, which simulates more, kept {KEPT_PER_HOUR:.0f}"
         print(f"simulated in {simulating:.1f} s, written in {writing:.1f} s: {rate:,.0f} kept an hour; {paper}")
-
-
-def report(
-    folder: Folder,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder to write into; default: DIR/report.")
-    ] = None,
-    near_misses: Annotated[
-        Path,
-        typer.Option(
-            metavar="TABLE", help="Recorded near misses to compare with: right_turns, a Parquet file, a part."
-        ),
-    ] = Path(RIGHT_TURNS),
-    beside: Annotated[Path | None, typer.Option(metavar="DIR", help="Another dataset to compare with.")] = None,
-    quiet: Quiet = False,
-) -> None:
-    """Draw a dataset's figures and statistics of the paper's section 4, as one HTML page.
-
-    Figures 7 to 9 and 11 to 13 and Table 10, beside recorded people and
-    another dataset, with intervals. Writes report.html (needs no other file),
-    report.json and the pictures. A dataset of the rule-based pair:
-
-      vpsci generate -o OUT
-        --set world_simulator.vehicle_driver=autopilot
-        --set world_simulator.pedestrian_driver=autopilot
-    """
-    from rich.console import Console
-
-    from vpsci_ros.report.page import PAGE, VIEW, sources_of_report, write_report
-    from vpsci_ros.runs.output_folder import output_folder
-    from vpsci_ros.view.page import write_view
-    from vpsci_ros.view.sources import read_source
-
-    folder_of_report = output or folder / "report"
-    with output_folder(folder_of_report), Console(stderr=True, quiet=quiet).status("reading") as status:
-        write_report(folder, folder_of_report, near_misses=near_misses, beside=beside, view=VIEW, notify=status.update)
-        status.update("gathering episodes")
-        inputs = sources_of_report(folder, near_misses, beside)
-        shown = [replace(read_source(path), key=key, title=title) for key, title, path in inputs]
-        write_view(folder_of_report / VIEW, shown, f"Episodes of {folder}")
-    print(f"written: {folder_of_report / PAGE} and {VIEW}, in which the episodes play; report.json and the pictures")
 
 
 @dataset_app.command()

@@ -10,7 +10,7 @@ import typer
 from vpsci_ros import __version__
 from vpsci_ros.cli.added import WithAddedCommands
 from vpsci_ros.cli.bag import bag_app
-from vpsci_ros.cli.dataset import dataset_app, generate, report
+from vpsci_ros.cli.dataset import dataset_app, generate
 from vpsci_ros.cli.exam import ads_test
 from vpsci_ros.cli.learning import evaluate, pretrain, refine
 from vpsci_ros.cli.options import Output, Params, Quiet, Settings, read_sections, writes_folder
@@ -27,13 +27,11 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-safety_app = typer.Typer(no_args_is_help=True, help="CurvTTC and the measures beside it.")
 world_app = typer.Typer(no_args_is_help=True, help="Scenarios of the simulated world.")
 app.add_typer(bag_app, name="bag")
-app.add_typer(safety_app, name="safety")
 app.add_typer(world_app, name="world")
 app.add_typer(dataset_app, name="dataset")
-for command in (people, pretrain, refine, evaluate, realism, generate, report, ads_test, view):
+for command in (people, pretrain, refine, evaluate, realism, generate, ads_test, view):
     app.command()(command)
 
 
@@ -129,14 +127,6 @@ def demo(
     from vpsci_ros.cli.demo import run_demo
 
     run_demo(output, data, force=force)
-
-
-@safety_app.command("compare")
-def safety_compare(near_misses: Annotated[Path, typer.Argument(help="Near-miss table (Parquet).")]) -> None:
-    """Print how often each safety measure sees the conflicts of the others, and how much earlier."""
-    from vpsci_ros.evaluation.safety_compare import compare
-
-    compare(near_misses)
 
 
 @world_app.command("show")

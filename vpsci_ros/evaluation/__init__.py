@@ -1,6 +1,5 @@
 """Models measured against recordings: two protocols of error, naive controls, and yielding.
 
 `predictors` puts models and controls under one interface, `protocols` rolls them out through the known kinematics,
-`errors` summarises with intervals, `held_out` measures a training on held-out clips. `measure_series` and
-`safety_compare` compare safety measures; `encounters` and `yields` describe the outcome of an episode.
+`errors` summarises with intervals, `held_out` measures a training on held-out clips.
 """

@@ -7,9 +7,9 @@ from synthetic import synthetic_near_misses
 
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.evaluation.errors import CONTROLS, evaluate
-from vpsci_ros.evaluation.folds import held_out_folds
 from vpsci_ros.extras.paper.studies import model_comparison, trials
 from vpsci_ros.extras.paper.studies.cross_validation import Refinement
+from vpsci_ros.extras.paper.studies.folds import held_out_folds
 from vpsci_ros.extras.paper.studies.model_comparison import compare_models
 from vpsci_ros.extras.paper.studies.model_table import Hybrid
 from vpsci_ros.extras.paper.studies.networks import train

@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.extras.paper.section_4.figures import DISTANCE, PEDESTRIAN_SPEED, surface
+from vpsci_ros.extras.paper.section_4.snapshots import HALF, moments
 from vpsci_ros.extras.paper.studies.paper import CAPTIONS
 from vpsci_ros.extras.paper.turing.page import write_result
-from vpsci_ros.report.figures import DISTANCE, PEDESTRIAN_SPEED, surface
-from vpsci_ros.report.snapshots import HALF, moments
 
 
 @pytest.fixture(scope="module")

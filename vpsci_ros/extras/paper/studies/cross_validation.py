@@ -14,9 +14,9 @@ import polars as pl
 
 from vpsci_ros.data.interactions import table_hash
 from vpsci_ros.evaluation.errors import compare
-from vpsci_ros.evaluation.folds import held_out_folds, pooled
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import Measured, measure
+from vpsci_ros.extras.paper.studies.folds import held_out_folds, pooled
 from vpsci_ros.extras.paper.studies.state import once
 from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1

@@ -15,8 +15,8 @@ import polars as pl
 
 from vpsci_ros.data.interactions import from_table, table_hash
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.folds import held_out_folds
 from vpsci_ros.extras.paper.studies.cross_validation import GUARD
+from vpsci_ros.extras.paper.studies.folds import held_out_folds
 from vpsci_ros.extras.paper.studies.model_table import COST, Hybrid, Measuring, Pooled, without_reaction
 from vpsci_ros.extras.paper.studies.networks import acting, by_reinforcement, train, whole_tracks
 from vpsci_ros.extras.paper.studies.state import once

@@ -20,13 +20,13 @@ from vpsci_ros.data.published import TABLE_3, TABLE_5, TABLE_9, TABLE_10
 from vpsci_ros.data.published_dataset import open_dataset
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.encounters import generated_encounters, recorded_encounters
+from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters
+from vpsci_ros.extras.paper.section_4.figures import SIDES, save_conflicts, save_nearness, save_yielding
+from vpsci_ros.extras.paper.section_4.snapshots import save_snapshots
 from vpsci_ros.learning import online
 from vpsci_ros.report import html
-from vpsci_ros.report.figures import SIDES, save_conflicts, save_nearness, save_yielding
 from vpsci_ros.report.learning import save_rewards
 from vpsci_ros.report.panels import typical_episodes
-from vpsci_ros.report.snapshots import save_snapshots
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.report.world_figures import save_locations
 from vpsci_ros.runs.files import write_text

@@ -10,8 +10,8 @@ from synthetic import synthetic_near_misses
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.data.reference import around_critical
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation import measure_series, safety_compare
-from vpsci_ros.evaluation.measure_series import MEASURES, first_flags
+from vpsci_ros.extras.paper.section_4 import measure_series, safety_compare
+from vpsci_ros.extras.paper.section_4.measure_series import MEASURES, first_flags
 from vpsci_ros.safety import CONFLICT_TTC
 
 

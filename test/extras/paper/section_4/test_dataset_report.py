@@ -15,9 +15,9 @@ from typer.testing import CliRunner
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.encounters import SCHEMA
-from vpsci_ros.report.figures import LEAST_IN_BIN, PEDESTRIAN_SPEED, VEHICLE_SPEED, shares
-from vpsci_ros.report.page import NUMBERS, PAGE, write_report
+from vpsci_ros.extras.paper.section_4.encounters import SCHEMA
+from vpsci_ros.extras.paper.section_4.figures import LEAST_IN_BIN, PEDESTRIAN_SPEED, VEHICLE_SPEED, shares
+from vpsci_ros.extras.paper.section_4.page import NUMBERS, PAGE, write_report
 
 Written = tuple[Path, dict[str, Any]]
 PICTURES = ("trajectories", "nearness", "conflicts", "pedestrian_yields", "vehicle_yields")

@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.padding import Padding
 
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.evaluation.measure_series import MEASURES, THRESHOLDS, first_flags
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
+from vpsci_ros.extras.paper.section_4.measure_series import MEASURES, THRESHOLDS, first_flags
 from vpsci_ros.runs.tables import text_table
 
 Floats = NDArray[np.float64]

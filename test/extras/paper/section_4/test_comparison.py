@@ -4,8 +4,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vpsci_ros.evaluation.encounters import SCHEMA
-from vpsci_ros.report.comparison import between_halves, describe, distance_between, onset_weights
+from vpsci_ros.extras.paper.section_4.comparison import between_halves, describe, distance_between, onset_weights
+from vpsci_ros.extras.paper.section_4.encounters import SCHEMA
 
 
 def encounters(least: list[float], onset: list[float] | None = None, groups: list[str] | None = None) -> pl.DataFrame:

@@ -14,10 +14,10 @@ from vpsci_ros.data.published import CRITICAL_SHARES, LEAST_CURVTTC, REAL_LEAST_
 from vpsci_ros.data.published_dataset import open_dataset
 from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.encounters import generated_encounters, recorded_encounters
+from vpsci_ros.extras.paper.section_4.comparison import SHARES, between_halves, describe, distance_between
+from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters
+from vpsci_ros.extras.paper.section_4.figures import save_conflicts, save_nearness, save_yielding
 from vpsci_ros.report import html
-from vpsci_ros.report.comparison import SHARES, between_halves, describe, distance_between
-from vpsci_ros.report.figures import save_conflicts, save_nearness, save_yielding
 from vpsci_ros.report.panels import typical_episodes
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.resources import near_misses_path
