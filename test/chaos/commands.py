@@ -27,15 +27,14 @@ _BAG = "bags/LocationA_PedCross_N-S"
 _RULES = "--set world_simulator.vehicle_driver=autopilot --set world_simulator.pedestrian_driver=autopilot"
 _ONE = "--set world_simulator.scenarios=[1] --set world_simulator.episodes=1 --set world_simulator.batch=1"
 _EXAM = "--set world_simulator.scenarios=[1] --set world_simulator.episodes=1"
-_STAGE1 = "--set learner.episodes=3 --set learner.imitation.rollouts=8 --set learner.replay.batch_size=16"
+_STAGE1 = "--set learner.episodes=3 --set learner.replay.batch_size=16"
 _STAGE2 = (
     "--set world_simulator.scenarios=[1] --set world_simulator.episodes=3 --set world_simulator.batch=8 "
-    "--set learner.replay.batch_size=16 --set learner.updates.warm_up_steps=32 --set learner.foresight.rollouts=8 "
-    "--set learner.foresight.steps=20 --set learner.rehearsal.rollouts=8"
+    "--set learner.replay.batch_size=16 "
 )
 _CLASS = "--ads-class vpsci_ros.nodes.example_driver:ExampleDriver --set ads_test.pedestrians=[walker]"
 _SEARCH = "--pedestrian walker --pool 100 --budget 40"
-_DETERMINISTIC = "--params deterministic_stage1 -o {out} -q --set learner.episodes=2 --set learner.replay.batch_size=16"
+_DETERMINISTIC = "--params stage1_pretrain -o {out} -q --set learner.episodes=2 --set learner.replay.batch_size=16"
 _FORMATS = ("openscenario", "commonroad", "osi", "scenarionet", "minari", "mp4", "carla-csv")
 COMMANDS: dict[str, str] = {
     "import": "import {tracks} --format vci-citr -o {out}.parquet",
@@ -59,7 +58,7 @@ COMMANDS: dict[str, str] = {
     "study samples": f"study samples {_DETERMINISTIC} --sizes 60",
     "study folds": f"study folds {_DETERMINISTIC} --folds 2",
     "study models": f"study models {_DETERMINISTIC} --folds 2 --models lstm",
-    "study weights": "study weights --params deterministic_stage2 -o {out} -q --weightings equal --fresh-episodes 1 "
+    "study weights": "study weights --params stage2_online -o {out} -q --weightings equal --fresh-episodes 1 "
     + _STAGE2,
     "realism": "realism -o {out} --data {few} --library {few} -q",
     "graph": f"graph --params stage3_generate -o {{out}} -q {_ONE}",

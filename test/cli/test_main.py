@@ -66,11 +66,11 @@ def test_the_command_is_a_program_with_help_and_an_exit_status() -> None:
         (["demo", "-o", "vpsci_ros"], "not empty, and not an earlier demo's"),
         (["world", "show", "9", "-o", "x.png"], "9"),
         (
-            ["study", "samples", "--params", "params/deterministic_stage1.yaml", "-o", "x", "--sizes", "5,few"],
+            ["study", "samples", "--params", "params/stage1_pretrain.yaml", "-o", "x", "--sizes", "5,few"],
             "--sizes 5,few: expected whole numbers",
         ),
         (
-            ["study", "models", "--params", "params/table9.yaml", "-o", "x", "--steps", "1,0"],
+            ["study", "models", "--params", "params/stage1_pretrain.yaml", "-o", "x", "--steps", "1,0"],
             "--steps 1,0: expected numbers from 0.01 to 100",
         ),
         (["pretrain", "--params", "params/stage2_online.yaml", "-o", "x"], "learner.stage = refine: expected pretrain"),
@@ -105,16 +105,14 @@ def test_every_parameter_file_of_the_package_is_accepted(path: Path) -> None:
 def test_pretraining_writes_weights_that_evaluation_reads(
     vpsci: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
 ) -> None:
-    small = [
-        f"learner.{name}" for name in ("episodes=2", "imitation.rollouts=4", "replay.batch_size=16", "evaluate_every=2")
-    ]
+    small = [f"learner.{name}" for name in ("episodes=2", "replay.batch_size=16", "evaluate_every=2")]
     from synthetic import synthetic_near_misses
 
     from vpsci_ros.data.near_misses import write_near_misses
 
     write_near_misses(synthetic_near_misses().table, tmp_path / "all.parquet")
     settings = [argument for text in small for argument in ("--set", text)]
-    stage = ["--params", str(PARAMS / "deterministic_stage1.yaml"), "--near-misses", str(tmp_path / "all.parquet")]
+    stage = ["--params", str(PARAMS / "stage1_pretrain.yaml"), "--near-misses", str(tmp_path / "all.parquet")]
     run = vpsci("pretrain", *stage, "-o", str(tmp_path / "run"), *settings)
     assert run.returncode == 0, run.stderr
     weights = str(tmp_path / "run" / "pretrained.safetensors")

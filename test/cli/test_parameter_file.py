@@ -41,16 +41,6 @@ def test_a_shared_parameter_that_no_node_of_the_stage_has_is_refused(tmp_path: P
     assert "/**.batch: nothing reads it in stage 1" in text
 
 
-@pytest.mark.parametrize(
-    ("stage", "name", "other"),
-    [("pretrain", "ddpg.critic_head_start", "ddpg"), ("refine", "ddpg.critic_warm_up", "ddpg")],
-)
-def test_a_parameter_of_another_objective_is_refused(tmp_path: Path, stage: str, name: str, other: str) -> None:
-    path = written(tmp_path, learner={"stage": stage, name: 5})
-    assert f"learner.{name}: nothing reads it with learner.objective closed_loop, but with {other}" in refused(path)
-    assert load(path, [f"learner.objective={other}"]).values["learner"][name] == 5
-
-
 def test_what_the_exam_sets_itself_is_refused_in_its_file(tmp_path: Path) -> None:
     text = refused(written(tmp_path, ads_test={"ads": "example_ads"}, world_simulator={"batch": 8, "seed": 3}))
     assert text.endswith("world_simulator.batch: the exam sets it itself")

@@ -10,16 +10,15 @@ from typer.testing import CliRunner
 from vpsci_ros.cli.main import app
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.models import MODELS, Model
-from vpsci_ros.policy.sst import EncoderLayer
 
 GATED = files_of("Add a network for Table 9")
-SMALL = ("episodes=2", "imitation.rollouts=2", "imitation.rollout_steps=2", "hidden=16", "heads=2", "key_dimension=8")
+SMALL = ("episodes=2", "replay.batch_size=16", "hidden=16", "heads=2", "key_dimension=8")
 
 
 def test_the_network_of_the_page_is_a_row_of_table_9(install: Install, tmp_path: Path, near_misses_file: Path) -> None:
     install(GATED)
-    params = Path(__file__).parents[2] / "params" / "deterministic_stage1.yaml"
-    words = ["study", "models", "--params", str(params), "--models", "ma_sst,ma_gru", "--folds", "2", "--quiet"]
+    params = Path(__file__).parents[2] / "params" / "stage1_pretrain.yaml"
+    words = ["study", "models", "--params", str(params), "--models", "sst,ma_gru", "--folds", "2", "--quiet"]
     for value in (f"near_misses=[{near_misses_file}]", *SMALL):
         words += ["--set", f"learner.{value}"]
     done = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "out")])
@@ -29,15 +28,15 @@ def test_the_network_of_the_page_is_a_row_of_table_9(install: Install, tmp_path:
     assert rows["ma_gru"]["closed_loop"]["ade"] > 0.0
     # A gated recurrent unit of width 16 has 3 * (2 * 16 * 16 + 2 * 16) = 1,632 parameters, its normalisation 32; an SST
     # layer of 2 heads has 5 * 16 * 16 + 2 * 16 + 2 + 32 = 1,346. Each of two agents has two layers.
-    assert rows["ma_gru"]["parameters"] - rows["ma_sst"]["parameters"] == 4 * (1632 + 32 - 1346)
+    assert rows["ma_gru"]["parameters"] - rows["sst"]["parameters"] == 4 * (1632 + 32 - 1346)
 
 
-def test_a_model_whose_layer_has_no_memory_of_fixed_shape_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="derives from BaselineLayer, got <class .*EncoderLayer"):
-        Model(EncoderLayer, together=True)
+def test_a_model_whose_layer_is_none_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="derives from EncoderLayer, got <class 'int'>"):
+        Model(int)
 
 
 def test_an_unknown_network_is_refused_with_the_names_that_there_are(install: Install) -> None:
     install(GATED)
-    with pytest.raises(InvalidInput, match=r"unknown network 'gru'; expected one of ma_sst, .*ma_gru"):
+    with pytest.raises(InvalidInput, match=r"unknown network 'gru'; expected one of ma_sst_ddpg, .*ma_gru"):
         MODELS.find("gru")

@@ -15,14 +15,14 @@ from vpsci_ros.learning.objectives import find_objective
 from vpsci_ros.policy.weights import load_weights
 
 CLONING = files_of("Add an objective of learning")
-SMALL = ("episodes=20", "replay.batch_size=64", "hidden=16", "heads=2", "key_dimension=8", "actor_hidden=[8, 8]")
+SMALL = ("episodes=20", "replay.batch_size=64", "hidden=16", "heads=2", "key_dimension=8")
 
 
 def test_the_objective_of_the_page_learns_what_it_is_for(
     install: Install, tmp_path: Path, near_misses_file: Path
 ) -> None:
     install(CLONING)
-    words = ["pretrain", "--params", "deterministic_stage1", "-o", str(tmp_path / "out")]
+    words = ["pretrain", "--params", "stage1_pretrain", "-o", str(tmp_path / "out")]
     for value in (f"near_misses=[{near_misses_file}]", "objective=cloning", *SMALL):
         words += ["--set", f"learner.{value}"]
     done = CliRunner().invoke(app, words)
@@ -41,6 +41,6 @@ def test_it_can_be_chosen_for_stage_2(install: Install) -> None:
 
 def test_an_unknown_objective_is_refused_with_the_names_that_there_are(install: Install) -> None:
     install(CLONING)
-    message = r"unknown objective 'clone'; expected one of closed_loop, .*cloning, or install what adds it"
+    message = r"unknown objective 'clone'; expected one of ddpg, .*cloning, or install what adds it"
     with pytest.raises(InvalidInput, match=message):
-        load("stage2_online", ["learner.objective=clone"]).get(RefineConfig, "learner")
+        find_objective("clone")

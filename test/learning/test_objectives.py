@@ -1,19 +1,15 @@
 import pytest
 
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig
-from vpsci_ros.learning.objectives import OBJECTIVES, Objective, find_objective
-from vpsci_ros.parameters import table
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.objectives import Objective, find_objective
 
 
-@pytest.mark.parametrize("name", OBJECTIVES)
-def test_each_objective_of_the_table_is_one_object_for_both_stages(name):
-    objective = find_objective(name)
-    assert objective is find_objective(name)
-    assert isinstance(objective, Objective)
-    assert objective.acting in ("actor", "target_actor")
+@pytest.mark.parametrize("name", ["ddpg", "single_agent_ddpg"])
+def test_each_objective_is_one_object_for_both_stages(name):
+    assert find_objective(name) is find_objective(name)
+    assert isinstance(find_objective(name), Objective)
 
 
-@pytest.mark.parametrize(("config", "field"), [(PretrainConfig, "objective"), (RefineConfig, "objective")])
-def test_parameters_offer_the_objectives_of_the_table(config, field):
-    (row,) = (row for row in table(config) if row.name == field)
-    assert all(f"{name}: {what}" in row.description for name, what in OBJECTIVES.items())
+def test_an_objective_that_nobody_knows_is_refused():
+    with pytest.raises(InvalidInput, match="unknown objective 'sac'; expected one of ddpg"):
+        find_objective("sac")

@@ -12,7 +12,7 @@ def refiner(networks, near_misses):
 
 
 def add(refiner, histories):
-    refiner.add(experience(histories, first_number=refiner.received, first_episode=refiner.episodes))
+    refiner.add(experience(histories, first_number=refiner.progress.received, first_episode=refiner.progress.episodes))
 
 
 def test_logs_grow_while_the_learner_learns_and_miss_no_episode_at_the_end(tmp_path, refiner):

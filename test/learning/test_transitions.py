@@ -17,7 +17,7 @@ def run():
     world = World(
         WorldConfig(spawn="paper"), load_scenarios([1, 2, 5, 7]), [(s, e) for e in range(4) for s in (1, 2, 5, 7)], 8, 3
     )
-    builder, made, ticks = TransitionBuilder(world.scenarios), [], []
+    builder, made, ticks = TransitionBuilder(), [], []
     loop, action = Loop(world), np.tile([-1.0, 0.2], (8, 1))
     while not world.done:
         step = loop.step(Actions(vehicle=action, pedestrian=-action))
@@ -69,7 +69,7 @@ def test_histories_in_process_are_those_that_the_transitions_make(run):
 
 
 def test_a_history_may_be_longer_than_the_memory_that_it_begins_with():
-    builder, action = TransitionBuilder(load_scenarios([1])), np.ones((1, 2))
+    builder, action = TransitionBuilder(), np.ones((1, 2))
     for step in range(STEPS + 2):
         assert not builder.observe(acting(step, int(step > 0), step, Actions(action, action))).histories
     (whole,) = builder.observe(acting(step + 1, 1, step + 1, Actions())).histories
@@ -116,7 +116,7 @@ def acting(frame, controlled, step, actions):
 
 
 def test_a_missing_answer_ends_the_history():
-    builder, action = TransitionBuilder(load_scenarios([1])), np.ones((1, 2))
+    builder, action = TransitionBuilder(), np.ones((1, 2))
 
     def observe(*which):
         return builder.observe(acting(*which)).transitions
@@ -146,7 +146,7 @@ def driven_by_the_autopilot(frame, status=RUNNING, outcome=0, goals=(0, 0)):
 )
 def test_goals_after_the_hand_back_are_those_of_the_last_transition_where_they_are_credited(credited, after, expected):
     """Expected are the frame in which the history is whole, both agents' goals, and whether nothing follows."""
-    builder, action = TransitionBuilder(load_scenarios([1]), credited), np.ones((1, 2))
+    builder, action = TransitionBuilder(credited), np.ones((1, 2))
     builder.observe(acting(0, 0, 0, Actions(action, action)))
     found = []
     for step in [driven_by_the_autopilot(2), driven_by_the_autopilot(4), *after]:
@@ -157,7 +157,7 @@ def test_goals_after_the_hand_back_are_those_of_the_last_transition_where_they_a
 
 
 def test_a_history_that_waits_for_its_outcome_ends_where_the_policies_take_over_again():
-    builder, action = TransitionBuilder(load_scenarios([1]), credit_outcome=True), np.ones((1, 2))
+    builder, action = TransitionBuilder(credit_outcome=True), np.ones((1, 2))
     again, ended = acting(6, 0, 0, Actions(action, action)), driven_by_the_autopilot(8, ENDED, GOAL, (1, 1))
     assert not builder.observe(acting(0, 0, 0, Actions(action, action))).histories
     assert not builder.observe(driven_by_the_autopilot(2)).histories
@@ -225,7 +225,6 @@ def test_every_transition_of_the_world_may_be_learned_from(run):
     [
         ("vehicle_observation", np.nan),
         ("pedestrian_action", np.inf),
-        ("lane_heading", -np.inf),
         ("next_vehicle_observation", 1e30),
         ("curvttc", np.nan),
         ("next_curvttc", -1.0),

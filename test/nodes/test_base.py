@@ -81,16 +81,16 @@ def test_a_parameter_of_another_node_is_let_pass_because_a_file_may_address_all(
 
 
 def test_a_learner_has_the_parameters_of_its_stage_and_refuses_those_of_the_other(context: Context) -> None:
-    learner = GraphNode("learner", context=context, parameter_overrides=[override("imitation.rollouts", 4)])
-    assert learner.config(PretrainConfig).imitation.rollouts == 4
+    learner = GraphNode("learner", context=context, parameter_overrides=[override("rewards.exploration", 0.25)])
+    assert learner.config(PretrainConfig).rewards.exploration == 0.25
     assert not learner.has_parameter("rewards.collision")
     learner.destroy_node()
     refine = [override("stage", "refine"), override("rewards.collision", -10.0)]
     learner = GraphNode("learner", context=context, parameter_overrides=refine)
     assert learner.config(RefineConfig).rewards.collision == -10.0
     learner.destroy_node()
-    with pytest.raises(InvalidInput, match=r"node learner: unknown parameter 'imitation.rollouts'"):
-        GraphNode("learner", context=context, parameter_overrides=[*refine, override("imitation.rollouts", 4)])
+    with pytest.raises(InvalidInput, match=r"node learner: unknown parameter 'episodes'"):
+        GraphNode("learner", context=context, parameter_overrides=[*refine, override("episodes", 4)])
 
 
 def test_nodes_started_one_by_one_take_seed_and_noise_from_the_section_for_every_node(tmp_path: Path) -> None:

@@ -262,25 +262,15 @@ def test_a_parameter_out_of_range_and_absent_weights_are_refused_before_anything
     assert not (tmp_path / "run").exists()
 
 
-def test_a_world_that_the_learner_does_not_know_is_refused(tmp_path: Path) -> None:
-    nodes = {"nodes": ["world_simulator", "learner"]}
-    graph = Sections({"graph": nodes, "world_simulator": {"pedestrian_gain": 1.0}})
-    with pytest.raises(InvalidInput, match="pedestrian_gain = 1: stage 2 .* expects 0.5"):
-        resolve(graph.changed("learner", {"stage": "refine", "objective": "closed_loop"}), tmp_path)
-    assert resolve(graph.changed("learner", {"stage": "refine", "objective": "ddpg"}), tmp_path)
-
-
-@pytest.mark.parametrize("name", ["deterministic_stage2.yaml", "paper_stage2.yaml"])
-def test_seed_and_noise_stand_once_in_a_file_and_reach_every_node_that_has_them(tmp_path: Path, name: str) -> None:
+def test_seed_and_noise_stand_once_in_a_file_and_reach_every_node_that_has_them(tmp_path: Path) -> None:
+    name = "stage2_online.yaml"
     text = (params_dir() / name).read_text()
     assert text.count("seed:") == text.count("noise:") == 1
     resolved = resolve(load(params_dir() / name), tmp_path)
     for node in ("world_simulator", "vehicle_policy", "pedestrian_policy", "learner"):
         assert resolved.values[node]["seed"] == 2
     noises = {resolved.get(PolicyConfig, f"{agent}_policy").noise for agent in AGENTS}
-    assert noises == {
-        NoiseConfig(0.1, 0.001, 0.02) if name == "deterministic_stage2.yaml" else NoiseConfig(0.06, 0.001, 0.01)
-    }
+    assert noises == {NoiseConfig(0.06, 0.001, 0.01)}
 
 
 def test_a_graph_without_a_leading_node_is_refused(tmp_path: Path) -> None:

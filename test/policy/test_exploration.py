@@ -5,7 +5,7 @@ from vpsci_ros.policy.exploration import amplitude, exploration_noise
 
 
 def test_amplitude_is_that_of_equation_16():
-    np.testing.assert_allclose(amplitude([0, 125, 10**6]), [0.35, 0.3 * np.exp(-1.0) + 0.05, 0.05])
+    np.testing.assert_allclose(amplitude([0, 125, 10**6]), [0.07, 0.06 * np.exp(-1.0) + 0.01, 0.01])
 
 
 def test_noise_is_a_function_of_seed_scenario_episode_step_and_agent():

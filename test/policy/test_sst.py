@@ -46,32 +46,13 @@ def test_a_layer_is_the_recurrence_of_equation_3_and_the_attention_of_equation_4
             values = torch.stack([states[i][part] for i in window])
             context.append(torch.softmax(logits, 0) @ values)
         expected.append(layer.norm(x[0, t] + y + layer.attended.weight @ torch.cat(context)))
-    torch.testing.assert_close(layer(x, risks)[0][0], torch.stack(expected), atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(layer(x, risks)[0], torch.stack(expected), atol=1e-5, rtol=1e-4)
 
 
-@pytest.fixture(params=[True, False], ids=["carried", "window"])
-def actor(request, networks):
-    """A vehicle's actor, with carried state and with a plain window of ten steps."""
-    return networks(NetworkConfig(**{**vars(SMALL), "carry_state": request.param})).actor["vehicle"]
-
-
-def test_stepping_equals_the_whole_history(actor):
-    observation, before, curvttc = history()
-    states = actor.empty_history()
-    steps = [actor.step(observation[:, t], before[:, t], curvttc[:, t], states) for t in range(30)]
-    torch.testing.assert_close(torch.stack(steps, 1), actor(observation, before, curvttc), atol=1e-5, rtol=1e-4)
-
-
-def test_histories_of_different_length_go_on_from_what_was_remembered(actor):
-    observation, before, curvttc = history(batch=4)
-    taken = torch.tensor([0, 1, 7, 13])
-    _, states = actor.remember(observation, before, curvttc, taken)
-    whole = actor(observation, before, curvttc)
-    rows = torch.arange(4)
-    for k in range(12):
-        at = taken + k
-        action = actor.step(observation[rows, at], before[rows, at], curvttc[rows, at], states)
-        torch.testing.assert_close(action, whole[rows, at], atol=1e-5, rtol=1e-4)
+@pytest.fixture
+def actor(networks):
+    """A vehicle's actor."""
+    return networks(SMALL).actor["vehicle"]
 
 
 def test_the_future_does_not_matter(actor):
@@ -81,16 +62,6 @@ def test_the_future_does_not_matter(actor):
     difference = (actor(observation, before, curvttc) - actor(changed, before, curvttc)).abs().amax(dim=(0, 2))
     assert difference[:20].max() == 0.0
     assert difference[20:].min() > 0.0
-
-
-@pytest.mark.parametrize(("carry_state", "remembers"), [(True, True), (False, False)])
-def test_only_carried_state_remembers_more_than_ten_steps(networks, carry_state, remembers):
-    actor = networks(NetworkConfig(**{**vars(SMALL), "carry_state": carry_state})).actor["vehicle"]
-    observation, before, curvttc = history()
-    changed = observation.clone()
-    changed[:, 0] += 1.0
-    difference = (actor(observation, before, curvttc) - actor(changed, before, curvttc)).abs().amax(dim=(0, 2))
-    assert (difference[15] > 0.0) == remembers
 
 
 def test_the_gate_turns_attention_towards_risk():
@@ -112,7 +83,7 @@ def test_the_gate_turns_attention_towards_risk():
         h = a * h + torch.sqrt(1 - a * a) * (layer.input.weight @ x[0, t])
     y = layer.readout.weight @ h + layer.skip * x[0, 7]
     expected = layer.norm(x[0, 7] + y + layer.attended.weight @ risky)
-    torch.testing.assert_close(layer(x, risks)[0][0, 7], expected, atol=1e-4, rtol=1e-3)
+    torch.testing.assert_close(layer(x, risks)[0, 7], expected, atol=1e-4, rtol=1e-3)
 
 
 def test_an_untrained_actor_keeps_its_velocity(networks):

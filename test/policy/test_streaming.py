@@ -43,30 +43,6 @@ def test_streaming_equals_the_whole_history_over_200_steps(networks, config):
     np.testing.assert_allclose(actions, whole.numpy(), atol=1e-5)
 
 
-def test_streaming_equals_the_plain_window_where_state_is_not_carried(networks):
-    config = NetworkConfig(hidden=16, heads=2, key_dimension=8, attention_window=4, carry_state=False)
-    made = networks(config)
-    observation, curvttc = episode(3, 15)
-    actions = streamed(made.weights({}, {}).actor("pedestrian"), observation, curvttc)
-    before = previous(torch.from_numpy(actions))
-    with torch.no_grad():
-        for t in range(15):
-            window = slice(max(0, t - 3), t + 1)
-            last = made.actor["pedestrian"](
-                torch.from_numpy(observation[:, window]), before[:, window], torch.from_numpy(curvttc[:, window])
-            )[:, -1]
-            np.testing.assert_allclose(actions[:, t], last.numpy(), atol=1e-5)
-
-
-def test_carried_state_differs_from_the_plain_window_after_the_window_only(networks):
-    carried = networks(SMALL)
-    plain = networks(NetworkConfig(**{**vars(SMALL), "carry_state": False}))
-    observation, curvttc = episode(2, 15)
-    first, second = (streamed(n.weights({}, {}).actor("vehicle"), observation, curvttc) for n in (carried, plain))
-    np.testing.assert_allclose(first[:, :10], second[:, :10], atol=1e-5)
-    assert np.abs(first[:, 10:] - second[:, 10:]).max() > 1e-4
-
-
 def test_a_row_keeps_its_bits_in_any_batch_at_any_place_with_any_threads(networks):
     weights = networks().weights({}, {}).actor("vehicle")
     observation, curvttc = episode(150, 12)

@@ -22,16 +22,21 @@ MARKER = ".vpsci_demo"  # in an output folder that a later demo may replace
 PATIENCE = 30.0  # [s] for an answer, on whatever machine and beside whatever else
 SMALL: dict[str, dict[str, dict[str, Any]]] = {
     "stage1_pretrain.yaml": {
-        "learner": {"episodes": 100, "evaluate_every": 50, "imitation.rollouts": 16, "replay.batch_size": 64}
+        "learner": {
+            "episodes": 100,
+            "evaluate_every": 50,
+            "hidden": 64,
+            "layers": 1,
+            "heads": 4,
+            "key_dimension": 16,
+            "updates.actor_learning_rate": 1e-3,
+            "updates.critic_learning_rate": 1e-3,
+        }
     },
     "stage2_online.yaml": {
         "world_simulator": {"episodes": 6, "batch": 16, "replay_window": 128, "action_timeout": PATIENCE},
         "learner": {
             "replay.batch_size": 64,
-            "updates.warm_up_steps": 128,
-            "updates.steps_per_update": 64,
-            "foresight.rollouts": 24,
-            "foresight.steps": 40,
             "refresh.updates": 5,
         },
     },
@@ -131,12 +136,10 @@ def _outcome(stage: int, learner: NodeStatus | None) -> str:
             f"of the last velocity repeated: {float(seen['control_closed_loop_ade']):.3f} m\n"
         )
     if stage == 2 and "updates" in seen:
-        count = {
-            name: round(float(seen[name])) for name in ("transitions", "lost", "updates", "refreshes", "rollbacks")
-        }
+        count = {name: round(float(seen[name])) for name in ("transitions", "lost", "updates", "refreshes")}
         return (
-            f"{count['transitions']} transitions ({count['lost']} lost), {count['updates']} updates; policies took up "
-            f"{count['refreshes'] - count['rollbacks']} refreshes, {count['rollbacks']} were rolled back\n"
+            f"{count['transitions']} transitions ({count['lost']} lost), {count['updates']} updates, "
+            f"{count['refreshes']} refreshes of the policies\n"
         )
     return ""
 

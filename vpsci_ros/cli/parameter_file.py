@@ -9,8 +9,6 @@ from vpsci_ros.documents import parse_yaml
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.generate.config import DatasetConfig
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig
-from vpsci_ros.learning.objectives import OBJECTIVES
 from vpsci_ros.nodes.config import LEARNER, SECTIONS, section_classes
 from vpsci_ros.parameters import EVERY_NODE, check_sections, read_parameter_file, refuse_unknown, table
 from vpsci_ros.resources import params_path
@@ -71,9 +69,7 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Sections:
     refused = [text for section, values in sections.items() for text in _unread(stage, section, values)]
     if refused:
         raise InvalidInput(f"{path}: {'; '.join(refused)}")
-    chosen = Sections(check_sections(sections, stage.sections, path))
-    _refuse_other_objective(path, chosen, sections.get("learner", {}))
-    return chosen
+    return Sections(check_sections(sections, stage.sections, path))
 
 
 def stage_of(sections: Mapping[str, Mapping[str, Any]]) -> Stage:
@@ -101,21 +97,6 @@ def _unread(stage: Stage, section: str, values: Mapping[str, Any]) -> list[str]:
         elif name not in known and readers:
             texts.append(f"{full}: nothing reads it in {stage.name}, but in {' and '.join(readers)}")
     return texts
-
-
-def _refuse_other_objective(path: str | Path, sections: Sections, given: Mapping[str, Any]) -> None:
-    """Refuse parameters of a group that only another objective than the chosen one reads."""
-    if not given:
-        return
-    kind: Any = RefineConfig if given.get("stage") == "refine" else PretrainConfig
-    chosen = sections.get(kind, "learner").objective
-    for group, objectives in kind.READ_BY.items():
-        unread = [name for name in given if name.startswith(f"{group}.")]
-        if chosen in OBJECTIVES and chosen not in objectives and unread:
-            others = " or ".join(objectives)
-            raise InvalidInput(
-                f"{path}: learner.{unread[0]}: nothing reads it with learner.objective {chosen}, but with {others}"
-            )
 
 
 def _assignment(text: str) -> tuple[str, str, Any]:

@@ -69,8 +69,8 @@ def run_refinement(sections: Sections, folder: Path, *, quiet: bool = False) -> 
     print(f"written: {folder / 'refined.safetensors'}; refine_log.csv, learning.png, run.json beside it")
     if not pl.read_csv(folder / LOG)["refreshes"][-1]:
         print(
-            "note: too few episodes for a refresh of the policies (learner.updates.warm_up_steps, "
-            "learner.updates.steps_per_update, learner.refresh.updates), so these are the weights that it began with",
+            "note: too few episodes for a refresh of the policies (learner.refresh.updates), so these acted by the "
+            "weights of stage 1 all along",
             file=sys.stderr,
         )
 

@@ -33,8 +33,7 @@ class Person(NamedTuple):
     :ivar kind: of `vpsci_ros.world.kinds.KINDS`; a driver's is that of its first pedestrian.
     :ivar speed: [m/s] with nothing near.
     :ivar reaction_delay: [s] after the hand-over before a pedestrian reacts; infinity: never.
-    :ivar latent: its latent numbers, drawn at the hand-over; empty where the policy has none.
-    :ivar recorded: number of the recorded person whose deviation from the mean acts, drawn at the hand-over; -1: none.
+    :ivar recorded: number of the recorded moment whose reaction acts, drawn at the hand-over; -1: none.
     """
 
     kind: str

@@ -7,7 +7,7 @@ import polars as pl
 
 from vpsci_ros.data.near_misses import corpus_files, load_corpus
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
+from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig, require_learnable
 from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation import SimulationConfig, simulation_of
@@ -77,7 +77,7 @@ def stage_2_parameters(sections: Sections) -> tuple[LearnerConfig, RefineConfig,
         sections.get(RefineConfig, "learner"),
         simulation_of(sections),
     )
-    config.require_known_world(simulation.world)
+    require_learnable(simulation.world)
     return learner, config, simulation
 
 

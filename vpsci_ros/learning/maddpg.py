@@ -13,6 +13,8 @@ from vpsci_ros.learning.replay import Batch
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.world.observation import AGENTS
 
+UNIT = 100.0  # rewards are divided by this before the critics learn them, so that values are of order one; ours
+GRADIENT_CLIP = 1.0  # gradients are scaled down to this norm; ours
 Tensors = dict[str, Tensor]
 
 
@@ -33,7 +35,6 @@ class UpdateResult:
     :ivar error: |delta|, mean of both agents, float64[M, T], zero past the end.
     :ivar actions: what the actors would have done before this update, float32[M, T, 2] [m/s2] by agent.
     :ivar more: other losses and norms of the objective, by name.
-    :ivar rested: whether the actors rested while the critics warm up.
     """
 
     critic_loss: dict[str, float]
@@ -42,21 +43,16 @@ class UpdateResult:
     error: NDArray[np.float64]
     actions: Tensors = field(default_factory=dict)
     more: dict[str, float] = field(default_factory=dict)
-    rested: bool = False
 
 
-def importance(error: Tensor, present: Tensor, temperature: float, limit: float) -> Tensor:
+def importance(error: Tensor, present: Tensor, temperature: float) -> Tensor:
     """Return omega of (5), exp(|delta| / tau), divided by its mean over `present`; zero elsewhere.
 
     The mean is one factor for the whole loss, to which Adam's steps are indifferent.
-
-    :param limit: upper bound of what is returned; 0: none.
     """
     exponent = error.abs() / temperature
-    exponent = exponent.clamp(max=20.0) if limit else exponent
     omega = torch.exp(exponent - exponent[present].max()) * present
-    omega = omega / (omega.sum() / present.sum())
-    return omega.clamp(max=limit) if limit else omega
+    return omega / (omega.sum() / present.sum())
 
 
 class Maddpg:
@@ -66,27 +62,14 @@ class Maddpg:
     actors, as in 'Multi-agent actor-critic for mixed cooperative-competitive environments' by Lowe et al. 2017
     (https://arxiv.org/abs/1706.02275), which Algorithm 1 abbreviates.
 
-    :param head_factor: the actors' heads take steps of `actor_learning_rate` times this.
     :ivar alone: the critics are single agents': whatever the other does, they see zero in its place.
     """
 
-    def __init__(
-        self,
-        networks: Networks,
-        config: UpdatesConfig,
-        actor_learning_rate: float,
-        head_factor: float = 1.0,
-    ) -> None:
-        self.networks, self.config, self._unit = networks, config, config.value_unit
+    def __init__(self, networks: Networks, config: UpdatesConfig) -> None:
+        self.networks, self.config = networks, config
         self.alone = False
         self.critic_optimiser = torch.optim.Adam(networks.critic.parameters(), config.critic_learning_rate)
-        heads = [p for agent in AGENTS for p in networks.actor[agent].head.parameters()]
-        encoders = [p for agent in AGENTS for p in networks.actor[agent].encoder.parameters()]
-        groups = [
-            {"params": parameters, "lr": actor_learning_rate * factor, "factor": factor}
-            for parameters, factor in ((encoders, 1.0), (heads, head_factor))
-        ]
-        self.actor_optimiser = torch.optim.Adam(groups)
+        self.actor_optimiser = torch.optim.Adam(networks.actor.parameters(), config.actor_learning_rate)
 
     def act(self, batch: Batch, gradient: bool = True) -> Tensors:
         """Return mu(H(t)), float32[M, T, 2], of both agents."""
@@ -97,13 +80,8 @@ class Maddpg:
                 actions[agent] = self.networks.actor[agent](seen, before, batch.curvttc[:, :-1])
         return actions
 
-    def update(
-        self, batch: Batch, scored: Scored, actions: Tensors | None, rehearsal: Tensor | None = None
-    ) -> UpdateResult:
-        """Take one step with the critics and, given `actions` of `act`, with the actors; then the targets follow.
-
-        :param rehearsal: scalar loss of both actors whose gradient is added to the policy gradient.
-        """
+    def update(self, batch: Batch, scored: Scored, actions: Tensors | None) -> UpdateResult:
+        """Take one step with the critics and, given `actions` of `act`, with the actors; then the targets follow."""
         count = batch.present.sum()
         targets = self._targets(batch, scored)
         encoded, critic_loss, error = {}, {}, torch.zeros_like(scored.reward["vehicle"])
@@ -114,19 +92,18 @@ class Maddpg:
             encoded[agent] = critic.encode(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
             value = critic.value(encoded[agent], scored.action[agent], self._others(scored.action[other]))
             delta = (targets[agent] - value) * batch.present
-            error_now, config = delta.detach() * self._unit, self.config
-            omega = importance(error_now, batch.present, config.importance_temperature, config.importance_limit)
+            omega = importance(delta.detach() * UNIT, batch.present, self.config.importance_temperature)
             losses.append((omega * delta**2).sum() / count)
-            critic_loss[agent] = float((delta.detach() ** 2).sum() / count) * self._unit**2
-            error += delta.detach().abs() * (self._unit / len(AGENTS))
+            critic_loss[agent] = float((delta.detach() ** 2).sum() / count) * UNIT**2
+            error += delta.detach().abs() * (UNIT / len(AGENTS))
         self.critic_optimiser.zero_grad()
         torch.stack(losses).sum().backward()
-        torch.nn.utils.clip_grad_norm_(self.networks.critic.parameters(), self.config.gradient_clip)
+        torch.nn.utils.clip_grad_norm_(self.networks.critic.parameters(), GRADIENT_CLIP)
         self.critic_optimiser.step()
         actor_loss: dict[str, float] = {}
         norm: dict[str, float] = {}
         if actions is not None:
-            actor_loss, norm = self._improve_actors(batch, actions, encoded, rehearsal)
+            actor_loss, norm = self._improve_actors(batch, actions, encoded)
         self.networks.follow(self.config.target_update_rate)
         return UpdateResult(critic_loss, actor_loss, norm, error.double().numpy())
 
@@ -147,11 +124,11 @@ class Maddpg:
             critic = networks.target_critic[agent]
             encoded = critic.encode(batch.observation[agent], before[agent], batch.curvttc)[:, 1:]
             value = critic.value(encoded, following[agent], self._others(following[other]))
-            targets[agent] = scored.reward[agent] / self._unit + self.config.discount * value * ~batch.terminal
+            targets[agent] = scored.reward[agent] / UNIT + self.config.discount * value * ~batch.terminal
         return targets
 
     def _improve_actors(
-        self, batch: Batch, actions: Tensors, encoded: Tensors, rehearsal: Tensor | None
+        self, batch: Batch, actions: Tensors, encoded: Tensors
     ) -> tuple[dict[str, float], dict[str, float]]:
         """Follow the gradient of Q(H, mu(H), mu_other(H_other)), the critics held fixed.
 
@@ -171,9 +148,7 @@ class Maddpg:
             parameters = list(self.networks.actor[agent].parameters())
             for parameter, gradient in zip(parameters, torch.autograd.grad(objective, parameters), strict=True):
                 parameter.grad = gradient
-            norm[agent] = float(torch.nn.utils.clip_grad_norm_(parameters, self.config.gradient_clip)) * self._unit
-            loss[agent] = float(objective.detach()) * self._unit
-        if rehearsal is not None:
-            rehearsal.backward()  # adds to the policy gradient
+            norm[agent] = float(torch.nn.utils.clip_grad_norm_(parameters, GRADIENT_CLIP)) * UNIT
+            loss[agent] = float(objective.detach()) * UNIT
         self.actor_optimiser.step()
         return loss, norm

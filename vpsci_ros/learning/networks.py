@@ -1,7 +1,6 @@
 """All networks of MA-SST-DDPG: an actor and a critic for each agent, with their slowly following targets."""
 
 import copy
-from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
@@ -30,14 +29,11 @@ class Networks(nn.Module):
 
     `actor`, `critic`, `target_actor` and `target_critic` map "vehicle" and "pedestrian" to networks. `speed_mean` and
     `speed_deviation` [m/s], float32[2] per agent, are the fixed statistics of rewards (14)-(15).
-
-    :ivar residuals: returns the tensors of what recorded people did beside these actors; none where nothing is added.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.config = config
-        self.residuals: Callable[[Actors], dict[str, NDArray[np.float32]]] = lambda actors: {}
         self.actor = Actors({agent: make_actor(config) for agent in AGENTS})
         self.critic = Critics({agent: Critic(config) for agent in AGENTS})
         self.target_actor, self.target_critic = copy.deepcopy(self.actor), copy.deepcopy(self.critic)
@@ -78,23 +74,21 @@ class Networks(nn.Module):
             for slow, fast in zip(target.parameters(), network.parameters(), strict=True):
                 slow.lerp_(fast, rate)
 
-    def weights(self, configuration: dict[str, Any], facts: dict[str, Any], *, actors: str = "actor") -> Weights:
-        """Return the weights to be stored; `actors` is "actor", or "target_actor" for the actors' running average."""
+    def weights(self, configuration: dict[str, Any], facts: dict[str, Any]) -> Weights:
+        """Return the weights to be stored."""
         tensors: dict[str, Tensor] = {}
         for agent in AGENTS:
-            for kind, networks in (("actor", getattr(self, actors)), ("critic", self.critic)):
+            for kind, networks in (("actor", self.actor), ("critic", self.critic)):
                 tensors |= {f"{agent}_{kind}.{k}": v for k, v in networks[agent].state_dict().items()}
             tensors[f"{agent}_speed.mean"] = self.speed_mean[agent]
             tensors[f"{agent}_speed.deviation"] = self.speed_deviation[agent]
         arrays = {name: tensor.detach().numpy().copy() for name, tensor in tensors.items()}
-        return Weights(self.config, arrays | self.residuals(getattr(self, actors)), configuration, facts)
+        return Weights(self.config, arrays, configuration, facts)
 
     @classmethod
     def from_weights(cls, weights: Weights) -> "Networks":
         """Build the networks that `weights` holds; targets start equal to them."""
         networks = cls(weights.network)
-        if (residuals := weights.residuals()) is not None:
-            networks.residuals = lambda actors: residuals.tensors()
         for agent in AGENTS:
             for kind, targets in (("actor", networks.target_actor), ("critic", networks.target_critic)):
                 state = {k: torch.from_numpy(v.copy()) for k, v in weights.part(f"{agent}_{kind}").items()}

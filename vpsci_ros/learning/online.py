@@ -9,7 +9,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import Stopped
-from vpsci_ros.learning.config import RefineConfig
+from vpsci_ros.learning.config import RefineConfig, require_learnable
 from vpsci_ros.learning.pretrain import Report, write_log
 from vpsci_ros.learning.refine import CHECKPOINT, Refiner
 from vpsci_ros.learning.transitions import TransitionBuilder
@@ -72,16 +72,16 @@ def refine(
 
     :param learner_seed: of sampling; None: the simulation's.
     :param report: called after every portion with the learner's summary and the rates of Table 5; may raise `Stopped`.
-    :raises InvalidInput: see `Refiner`, and `RefineConfig.require_known_world`.
+    :raises InvalidInput: see `Refiner` and `require_learnable`.
     """
-    config.require_known_world(simulation.world)
+    require_learnable(simulation.world)
     out_dir = Path(out_dir)
     out_dir.mkdir(parents=True, exist_ok=True)
     learner_seed = simulation.seed if learner_seed is None else learner_seed
     refiner = Refiner(config, weights, near_misses, seed=learner_seed, out_dir=out_dir)
     identity, episodes = simulation.identity(), simulation.episodes
     portion, done, rows = 4 * simulation.batch, 0, []
-    outcomes, builder = Outcomes(), TransitionBuilder(simulation.scenarios, simulation.credit_outcome)
+    outcomes, builder = Outcomes(), TransitionBuilder(simulation.credit_outcome)
     if (out_dir / CHECKPOINT).exists():
         extra = refiner.restore(out_dir / CHECKPOINT)
         require_same(out_dir / CHECKPOINT, {"simulation": extra.get("simulation")}, {"simulation": identity})
@@ -95,7 +95,7 @@ def refine(
         extra = {"done": done, "rows": rows, "simulation": identity}
         extra |= {"outcomes": outcomes.outcomes, "least_curvttc": outcomes.least_curvttc}
         write_log(out_dir / LOG, rows)
-        write_log(out_dir / EPISODES, refiner.episode_returns)
+        write_log(out_dir / EPISODES, refiner.progress.episode_returns)
         refiner.save_checkpoint(out_dir / CHECKPOINT, extra)  # last: what goes on from it does not write them again
         if report is not None:
             report({"simulated": float(done), "episodes_wanted": float(len(episodes))} | rows[-1])
@@ -121,7 +121,7 @@ def _simulate(
             refiner.update()
         if refiner.take_refresh():
             for agent in agents.values():
-                agent.load(refiner.current(), refiner.version)
+                agent.load(refiner.current(), refiner.progress.version)
 
 
 __all__ = ["Outcomes", "Stopped", "refine"]

@@ -13,7 +13,7 @@ import torch
 
 from vpsci_ros.data.interactions import from_table, table_hash
 from vpsci_ros.data.near_misses import clips_of, split_by_clip, split_by_name
-from vpsci_ros.errors import InvalidInput, Stopped
+from vpsci_ros.errors import Stopped
 from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.config import PretrainConfig
@@ -25,7 +25,6 @@ from vpsci_ros.learning.one_thread import one_thread
 from vpsci_ros.learning.replay import Batch, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import RecordedRewards
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.residuals import people_of
 from vpsci_ros.policy.weights import Weights, resolved, save_weights
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.runs.identity import require_same
@@ -118,21 +117,17 @@ class _Run:
             self.held_out = HeldOut(held_out)
             self._facts["data"]["held_out_clips"] = clips_of(held_out)
         self.rng = np.random.default_rng(seed)
-        interactions = from_table(training, find_objective(config.objective).whole_tracks)
+        interactions = from_table(training)
         histories = recorded_histories(interactions)
         kept = up_to_capacity(histories, config.replay.capacity, self.rng)
         self._histories = [histories[i] for i in kept]  # of the critics, and of actors that follow them
         self._facts["data"] |= {"interactions": len(interactions), "steps": sum(len(h) for h in histories)}
-        self._facts["data"]["people"] = list(dict.fromkeys(map(people_of, interactions.clip)))
         torch.manual_seed(seed)
         self._networks = Networks(network)
         self._networks.set_statistics(*interactions.samples(), config.rewards.least_speed_deviation)
-        self._maddpg = Maddpg(self._networks, config.updates, config.ddpg.actor_learning_rate)
+        self._maddpg = Maddpg(self._networks, config.updates)
         self._rewards, objective = RecordedRewards(config.rewards, self._networks), find_objective(config.objective)
-        self._acting = objective.acting
-        self._objective = objective.pretrain(Training(self._maddpg, self._rewards, interactions, config), config)
-        if network.residuals and not self._networks.residuals(self._networks.actor):
-            raise InvalidInput(f"learner.residuals: objective {config.objective} keeps none; take energy_score")
+        self._objective = objective.pretrain(Training(self._maddpg, self._rewards, interactions), config)
         self._optimisers = [self._maddpg.critic_optimiser, self._maddpg.actor_optimiser, *self._objective.optimisers]
         self.episode, self.whole = 0, True
         self.log: list[dict[str, float]] = []
@@ -161,9 +156,9 @@ class _Run:
         facts: dict[str, Any] = dict(self._facts)
         configuration = resolved(self._config)
         if final and self.held_out is not None:
-            errors = self.held_out.errors(self._networks.weights(configuration, facts, actors=self._acting))
+            errors = self.held_out.errors(self._networks.weights(configuration, facts))
             facts["held_out"] = {"errors": errors, "control": self.held_out.control}
-        return self._networks.weights(configuration, facts, actors=self._acting)
+        return self._networks.weights(configuration, facts)
 
     def _identity(self) -> dict[str, Any]:
         """Return what a checkpoint has to share with this run."""

@@ -3,23 +3,17 @@
 The simulation replay buffer keeps a share of real experience for good; batches are drawn by (17); steps are rewarded by
 (25)-(28), see `rewards`. What the actors follow is `objective`, see `objectives`.
 
-After every `refresh.updates` updates the held-out error is measured, and a refresh that exceeds stage 1's
-closed-loop ADE by more than `refresh.rollback_margin` is undone.
-
-What is kept in the end may lie a little on the way back to stage 1 (`refresh.stage_1_share`): networks between one and
-what was made of it by further training often do better than either (Wortsman et al. 2022, 'Robust fine-tuning of
-zero-shot models', https://arxiv.org/abs/2109.01903).
+After every `refresh.updates` updates the policies act by what is learned, and its held-out error is measured.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
-import torch
 from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import from_table, table_hash
@@ -28,7 +22,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.held_out import HeldOut, split_as_before
 from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig
+from vpsci_ros.learning.config import RefineConfig, SpeedRewardsConfig
 from vpsci_ros.learning.divergence import check_losses, require_finite_reward_weights
 from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.networks import Networks
@@ -36,7 +30,6 @@ from vpsci_ros.learning.objectives import Training, find_objective
 from vpsci_ros.learning.one_thread import one_thread
 from vpsci_ros.learning.replay import Batch, History, ReplayBuffer, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import SimulatedRewards
-from vpsci_ros.parameters import build
 from vpsci_ros.policy.weights import Weights, resolved, save_weights, weights_to_bytes
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.world.observation import AGENTS
@@ -45,15 +38,51 @@ RETURN_SMOOTHING = 0.02  # share of the newest episode in the running mean retur
 WEIGHTS, CHECKPOINT = "refined.safetensors", "refine_checkpoint.safetensors"
 
 
-def value_factor(before: PretrainConfig | RefineConfig, now: RefineConfig, speed_weight: float) -> float:
-    """Return what the values that were learned `before` have to be multiplied by, so that they mean the same return.
+def value_factor(stage_1: dict[str, Any], now: RefineConfig, speed_weight: float) -> float:
+    """Return what the values of stage 1 have to be multiplied by, so that they mean the same return in stage 2.
 
     Stage 1 knows the speed reward alone, with weight 1; in stage 2 it enters R of (27) by w_3, `speed_weight`.
+
+    :param stage_1: the values of its `PretrainConfig`.
     """
-    unit = before.updates.value_unit / now.updates.value_unit
-    if isinstance(before, RefineConfig):
-        return unit
-    return unit * speed_weight * now.rewards.speed_scaling / before.rewards.speed_scaling
+    before = stage_1.get("rewards.speed_scaling", SpeedRewardsConfig.speed_scaling)
+    return speed_weight * now.rewards.speed_scaling / float(before)
+
+
+@dataclass
+class Progress:
+    """How far stage 2 is; what a checkpoint keeps beside networks, optimisers and experience.
+
+    :ivar updates, episodes, received: updates made, histories and transitions taken in so far.
+    :ivar owed: episodes that have not been paid for by an update yet.
+    :ivar known: scenario and number of the episodes that have had, or will have, their update.
+    :ivar version: of the weights that act; `refreshes` of them so far; `refreshed`: since last asked.
+    :ivar norm: of the last policy gradient; it has been below the tolerance for `calm` episodes, the last of which had
+        seen `tested` updates.
+    :ivar drawn, drawn_real: steps in all batches, and those of real experience.
+    :ivar errors: held-out errors of the weights that act.
+    :ivar last: losses and norms of the last update, by name.
+    :ivar returns: running mean of the reward (27) of an episode, by agent.
+    :ivar episode_returns: that of every episode so far, and its number: the raw material of Figure 6.
+    """
+
+    updates: int = 0
+    episodes: int = 0
+    received: int = 0
+    owed: int = 0
+    known: list[list[int]] = field(default_factory=list)
+    version: int = 1
+    refreshes: int = 0
+    refreshed: bool = False
+    norm: float = math.inf
+    calm: int = 0
+    tested: int = 0
+    drawn: float = 0.0
+    drawn_real: float = 0.0
+    errors: dict[str, float] = field(default_factory=dict)
+    last: dict[str, float] = field(default_factory=dict)
+    returns: dict[str, float] = field(default_factory=lambda: dict.fromkeys(AGENTS, 0.0))
+    episode_returns: list[dict[str, float]] = field(default_factory=list)
 
 
 class Refiner:
@@ -64,7 +93,7 @@ class Refiner:
         these clips, `refresh.held_out_fraction` of the table is.
     :param seed: of sampling; the noise of the acting policies is theirs.
     :param out_dir: where `save` writes and a diverging batch is kept; None for a learner that writes nothing.
-    :raises InvalidInput: too few near misses or clips.
+    :raises InvalidInput: too few near misses or clips, or no objective has the configuration's name.
     """
 
     @one_thread()
@@ -83,72 +112,26 @@ class Refiner:
         training, held_out = split_as_before(near_misses, weights, config.refresh.held_out_fraction, seed)
         self._held_out = HeldOut(held_out)
         self._networks = Networks.from_weights(weights)
-        self._maddpg = Maddpg(
-            self._networks,
-            config.updates,
-            config.actors.learning_rate,
-            config.actors.head_factor,
+        self._maddpg = Maddpg(self._networks, config.updates)
+        interactions, replay = from_table(training), config.replay
+        real = recorded_histories(interactions)
+        kept = up_to_capacity(real, max(1, int(replay.real_share * replay.capacity)), self._rng)
+        self._buffer = ReplayBuffer(
+            replay.capacity, [real[i] for i in kept], replay.priority_exponent, replay.real_bonus
         )
-        self._real = from_table(training, find_objective(config.objective).whole_tracks)
-        real = recorded_histories(self._real)
-        replay = config.replay
-        room = max(1, int(replay.real_share * replay.capacity))
-        kept = [real[i] for i in up_to_capacity(real, room, self._rng)]
-        self._buffer = ReplayBuffer(replay.capacity, kept, replay.priority_exponent, replay.real_bonus)
         self.assembler = HistoryAssembler()
         self._rewards = SimulatedRewards(config.rewards, self._networks)
         self.reward_weights = self._rewards.weights
         self.stage_1_errors = self._held_out.errors(weights)
-        self.errors = dict(self.stage_1_errors)
+        self.progress = Progress(errors=dict(self.stage_1_errors))
         self._facts: dict[str, Any] = {"stage": "refined", "seed": seed, "data": {"sha256": table_hash(near_misses)}}
         self._facts["data"]["held_out_clips"] = clips_of(held_out)
-        self._facts["data"]["people"] = weights.facts.get("data", {}).get("people", [])
-        objective = find_objective(config.objective)
-        where = "the weights' configuration of stage 1"
-        stage_1 = build(PretrainConfig, weights.configuration.get("PretrainConfig", {}), where)
-        if objective.follows_critics:
-            refined = weights.configuration.get("RefineConfig")
-            before: PretrainConfig | RefineConfig = stage_1
-            if refined is not None:  # of stage 2 the unit alone is needed
-                unit = {name: value for name, value in refined.items() if name == "updates.value_unit"}
-                before = build(RefineConfig, unit, "the weights' configuration of stage 2")
-            self._networks.scale_values(value_factor(before, config, self.reward_weights.values[2]))
-        start = Training(
-            self._maddpg,
-            self._rewards,
-            self._real,
-            stage_1,
-            lambda: self.reward_weights.values,
-            lambda: self._buffer.simulated,
-        )
-        self._acting, self._objective = objective.acting, objective.refine(start, config)
-        self._accepted = self._actor_state()
-        self._credit, self._norm, self._calm, self._tested = 0.0, math.inf, 0, 0
-        self._drawn, self._drawn_real = 0.0, 0.0
-        self._known: list[list[int]] = []
-        """Scenario and number of the episodes that have paid for an update; where steps pay, none."""
-        self._refreshed = False
-        self.updates, self.version, self.refreshes, self.rollbacks, self.episodes = 0, 1, 0, 0, 0
-        self.received = 0
-        """Transitions taken in so far."""
-        self._last: dict[str, float] = {}
-        self._returns = dict.fromkeys(AGENTS, 0.0)
-        self.episode_returns: list[dict[str, float]] = []
-        """The reward (27) of every episode so far, by agent, and its number: the raw material of Figure 6."""
-
-    @property
-    def _price(self) -> int:
-        """Steps, or else episodes, that pay for one update."""
-        return max(1, self._config.updates.steps_per_update)
-
-    def _new_episodes(self, finished: Sequence[NDArray[np.void]]) -> int:
-        """Return how many episodes have histories among `finished` and had none before."""
-        before = len(self._known)
-        for history in finished:
-            key = [int(history["scenario"][0]), int(history["episode"][0])]
-            if key not in self._known:
-                self._known.append(key)
-        return len(self._known) - before
+        if "RefineConfig" not in weights.configuration:
+            stage_1 = weights.configuration.get("PretrainConfig", {})
+            self._networks.scale_values(value_factor(stage_1, config, self.reward_weights.values[2]))
+        training_of = Training(self._maddpg, self._rewards, interactions)
+        self._objective = find_objective(config.objective).refine(training_of, config)
+        self._acting = self._actors()
 
     # ---- experience in
 
@@ -162,25 +145,37 @@ class Refiner:
     @one_thread()
     def take(self, finished: Sequence[NDArray[np.void]], transitions: int) -> None:
         """Take whole histories in, TRANSITION[T] each, as so many new transitions completed them."""
-        self.received += transitions
-        self._credit += transitions if self._config.updates.steps_per_update else self._new_episodes(finished)
+        progress = self.progress
+        progress.received += transitions
+        progress.owed += self._new_episodes(finished)
         for history in self._rewards.histories(finished):
             components = self._rewards.components(history)
             self.reward_weights.episode(np.mean([components[agent] for agent in AGENTS], axis=0))
             totals = {agent: float(self.reward_weights.total(components[agent]).sum()) for agent in AGENTS}
             for agent, total in totals.items():
-                self._returns[agent] += RETURN_SMOOTHING * (total - self._returns[agent])
+                progress.returns[agent] += RETURN_SMOOTHING * (total - progress.returns[agent])
             self._buffer.append(history)
-            self.episodes += 1
-            self.episode_returns.append({"episode": self.episodes} | totals)
-            if self.updates > self._tested:  # else nothing was learned from the last episode, and the norm is old
-                self._tested = self.updates
-                self._calm = self._calm + 1 if self._norm < self._config.convergence.gradient_tolerance else 0
+            progress.episodes += 1
+            progress.episode_returns.append({"episode": progress.episodes} | totals)
+            if progress.updates > progress.tested:  # else nothing was learned from the last one, and the norm is old
+                progress.tested = progress.updates
+                small = progress.norm < self._config.convergence.gradient_tolerance
+                progress.calm = progress.calm + 1 if small else 0
+
+    def _new_episodes(self, finished: Sequence[NDArray[np.void]]) -> int:
+        """Return how many episodes have histories among `finished` and had none before."""
+        known = self.progress.known
+        before = len(known)
+        for history in finished:
+            key = [int(history["scenario"][0]), int(history["episode"][0])]
+            if key not in known:
+                known.append(key)
+        return len(known) - before
 
     @property
     def due(self) -> bool:
-        """Whether there is enough new experience for another update."""
-        return self.received >= self._config.updates.warm_up_steps and self._credit >= self._price
+        """Whether an episode is owed its update (Algorithm 1), and there is a batch to learn from."""
+        return self.progress.received >= self._config.replay.batch_size and self.progress.owed > 0
 
     @property
     def finished(self) -> bool:
@@ -188,7 +183,7 @@ class Refiner:
 
         An episode counts if there was an update since the last one that did.
         """
-        return self._calm >= self._config.convergence.episodes
+        return self.progress.calm >= self._config.convergence.episodes
 
     # ---- learning
 
@@ -198,76 +193,74 @@ class Refiner:
 
         :raises DivergedError: a loss is not a number; the batch is kept in `out_dir`.
         """
-        self._credit -= self._price
+        progress = self.progress
+        progress.owed -= 1
         histories = self._buffer.draw(self._config.replay.batch_size, self._rng)
         batch = collate(histories)
-        self._slow_down()
-        result = self._objective.update(batch, self.updates, self._rng)
+        result = self._objective.update(batch, progress.updates, self._rng)
         self._note(result, batch)
-        check_losses(self._last, batch, self.updates, self._out_dir)
+        check_losses(progress.last, batch, progress.updates, self._out_dir)
         self._buffer.reprioritise(histories, result.error)
-        self.updates += 1
-        if self.updates % self._config.refresh.updates == 0 and not result.rested:
+        progress.updates += 1
+        if progress.updates % self._config.refresh.updates == 0:
             self._refresh()
-        return dict(self._last)
+        return dict(progress.last)
 
     def take_refresh(self) -> bool:
         """Return whether `weights` has changed since the last call."""
-        refreshed, self._refreshed = self._refreshed, False
+        refreshed, self.progress.refreshed = self.progress.refreshed, False
         return refreshed
 
     def summary(self) -> dict[str, float]:
         """Return counters, losses, the share of real experience, reward weights and held-out errors, by name."""
+        progress = self.progress
         counters = {
-            "updates": self.updates,
-            "episodes": self.episodes,
-            "transitions": self.received,
+            "updates": progress.updates,
+            "episodes": progress.episodes,
+            "transitions": progress.received,
             "lost": self.assembler.lost,
             "dropped": self.assembler.dropped,
             "refused": self.assembler.refused,
-            "version": self.version,
-            "refreshes": self.refreshes,
-            "rollbacks": self.rollbacks,
+            "version": progress.version,
+            "refreshes": progress.refreshes,
             "buffer_steps": self._buffer.steps,
         }
         weights = dict(zip(("w_collision", "w_goal", "w_speed"), map(float, self.reward_weights.values), strict=True))
-        returns = {f"{agent}_return": value for agent, value in self._returns.items()}
-        errors = {f"held_out_{name}": value for name, value in self.errors.items()}
-        return counters | self._last | weights | returns | errors
+        returns = {f"{agent}_return": value for agent, value in progress.returns.items()}
+        errors = {f"held_out_{name}": value for name, value in progress.errors.items()}
+        return counters | progress.last | weights | returns | errors
 
     # ---- weights out
 
     def current(self) -> Weights:
-        """Return the accepted actors and the critics as they are."""
-        return self._described(self._accepted[self._acting], self.errors)
+        """Return the actors that act, as of the last refresh, and the critics as they are."""
+        weights = self._described()
+        return Weights(weights.network, weights.tensors | self._acting, weights.configuration, weights.facts)
 
     @one_thread()
     def final(self) -> Weights:
-        """Return `current`, its actors drawn towards those of stage 1 by `refresh.stage_1_share`, measured again.
+        """Return all networks as they are, measured again where updates came after the last refresh.
 
         :raises VpsciError: what was learned is not finite.
         """
-        share = self._config.refresh.stage_1_share
-        stage_1 = Networks.from_weights(self._start).actor.state_dict()
-        accepted = self._accepted[self._acting]
-        drawn = {name: torch.lerp(part, stage_1[name], share) for name, part in accepted.items()}
-        return self._described(drawn, self._held_out.errors(self._described(drawn, self.errors)))
+        if self.progress.updates % self._config.refresh.updates:
+            self._refresh()
+        return self._described()
 
-    def _described(self, actors: Mapping[str, torch.Tensor], errors: dict[str, float]) -> Weights:
+    def _described(self) -> Weights:
         require_finite_reward_weights(self.reward_weights.values)
-        held_out = {"errors": errors, "stage_1": self.stage_1_errors, "control": self._held_out.control}
+        progress = self.progress
+        held_out = {"errors": progress.errors, "stage_1": self.stage_1_errors, "control": self._held_out.control}
         learned = {
-            "updates": self.updates,
-            "episodes": self.episodes,
+            "updates": progress.updates,
+            "episodes": progress.episodes,
             "reward_weights": self.reward_weights.values.tolist(),
         }
         facts = self._facts | {"held_out": held_out, "learned": learned}
-        weights = self._networks.weights(self._start.configuration | resolved(self._config), facts)
-        tensors = {name.replace(".", "_actor.", 1): part.numpy().copy() for name, part in actors.items()}
-        return replace(weights, tensors=weights.tensors | tensors)
+        return self._networks.weights(self._start.configuration | resolved(self._config), facts)
 
     def weights(self) -> bytes:
-        """Return the accepted weights as the bytes of a safetensors file, for `/policy/weights`."""
+        """Return the weights that act as the bytes of a safetensors file, for `/policy/weights`."""
         return weights_to_bytes(self.current())
 
     def save(self) -> Weights:
@@ -285,7 +278,18 @@ class Refiner:
 
     def save_checkpoint(self, path: str | Path, extra: dict[str, Any] | None = None) -> None:
         """Write all that `restore` needs to go on to the same result, and `extra` with it."""
-        save_checkpoint(path, self._state() | {"extra": extra or {}})
+        state = {
+            **self._identity(),
+            "networks": dict(self._networks.state_dict()),
+            "acting": dict(self._acting),
+            "optimisers": [optimiser.state_dict() for optimiser in self._optimisers()],
+            "rng": self._rng.bit_generator.state,
+            "histories": [dict(vars(history)) for history in self._buffer.histories],
+            "highest": self._buffer.highest,
+            "reward_weights": self.reward_weights.values,
+            "progress": asdict(self.progress),
+        }
+        save_checkpoint(path, state | {"extra": extra or {}})
 
     def restore(self, path: str | Path) -> dict[str, Any]:
         """Go on from a checkpoint of a learner of the same configuration, weights, data and seed; return its `extra`.
@@ -295,16 +299,18 @@ class Refiner:
         state = load_checkpoint(path)
         require_same(path, state, self._identity())
         self._networks.load_state_dict(state["networks"])
-        self._accepted = state["accepted"]
-        self._maddpg.critic_optimiser.load_state_dict(state["optimisers"][0])
-        self._maddpg.actor_optimiser.load_state_dict(state["optimisers"][1])
+        self._acting = state["acting"]
+        for optimiser, saved in zip(self._optimisers(), state["optimisers"], strict=True):
+            optimiser.load_state_dict(saved)
         self._rng.bit_generator.state = state["rng"]
         self._buffer.restore([History(**fields) for fields in state["histories"]], state["highest"])
         self.reward_weights.values = state["reward_weights"]
-        for name, value in state["counters"].items():
-            setattr(self, name, value)
+        self.progress = Progress(**state["progress"])
         extra: dict[str, Any] = state["extra"]
         return extra
+
+    def _optimisers(self) -> list[Any]:
+        return [self._maddpg.critic_optimiser, self._maddpg.actor_optimiser, *self._objective.optimisers]
 
     def _identity(self) -> dict[str, Any]:
         """Return what a checkpoint has to share with this learner."""
@@ -315,67 +321,29 @@ class Refiner:
             "data": self._facts["data"],
         }
 
-    def _state(self) -> dict[str, Any]:
-        names = [
-            "updates",
-            "received",
-            "version",
-            "refreshes",
-            "rollbacks",
-            "episodes",
-            "errors",
-            "_credit",
-            "_norm",
-            "_calm",
-        ]
-        names += ["_last", "_returns", "_refreshed", "episode_returns", "_tested", "_drawn", "_drawn_real", "_known"]
-        return {
-            **self._identity(),
-            "networks": dict(self._networks.state_dict()),
-            "accepted": {name: dict(part) for name, part in self._accepted.items()},
-            "optimisers": [self._maddpg.critic_optimiser.state_dict(), self._maddpg.actor_optimiser.state_dict()],
-            "rng": self._rng.bit_generator.state,
-            "histories": [dict(vars(history)) for history in self._buffer.histories],
-            "highest": self._buffer.highest,
-            "reward_weights": self.reward_weights.values,
-            "counters": {name: getattr(self, name) for name in names},
-        }
-
     # ---- inside
 
-    def _slow_down(self) -> None:
-        """Give the actors the step size of this episode."""
-        share = max(0.1, (1.0 - self._config.actors.learning_rate_decay) ** self.episodes)
-        for group in self._maddpg.actor_optimiser.param_groups:
-            group["lr"] = self._config.actors.learning_rate * group["factor"] * share
-
     def _note(self, result: UpdateResult, batch: Batch) -> None:
-        self._last = {f"{agent}_critic_loss": result.critic_loss[agent] for agent in AGENTS}
+        progress = self.progress
+        last = {f"{agent}_critic_loss": result.critic_loss[agent] for agent in AGENTS}
         if result.gradient_norm:
-            self._last |= {f"{agent}_actor_loss": result.actor_loss[agent] for agent in AGENTS}
-            self._last["gradient_norm"] = math.hypot(*result.gradient_norm.values())
+            last |= {f"{agent}_actor_loss": result.actor_loss[agent] for agent in AGENTS}
+            last["gradient_norm"] = progress.norm = math.hypot(*result.gradient_norm.values())
         steps = batch.present.sum(dim=1)
         drawn, real = float(steps.sum()), float((steps * batch.real).sum())
-        self._drawn, self._drawn_real = self._drawn + drawn, self._drawn_real + real
-        self._last |= {"real_share": real / drawn, "real_share_so_far": self._drawn_real / self._drawn}
-        self._last |= result.more
-        self._norm = self._last.get("gradient_norm", self._norm)
+        progress.drawn, progress.drawn_real = progress.drawn + drawn, progress.drawn_real + real
+        last |= {"real_share": real / drawn, "real_share_so_far": progress.drawn_real / progress.drawn}
+        progress.last = last | result.more
 
     def _refresh(self) -> None:
-        """Measure the held-out error and accept the actors, or go back to the last accepted ones."""
-        self.refreshes += 1
-        errors = self._held_out.errors(self._networks.weights({}, {}, actors=self._acting))
-        limit = self.stage_1_errors["closed_loop_ade"] * (1.0 + self._config.refresh.rollback_margin)
-        if errors["closed_loop_ade"] <= limit:
-            self._accepted, self.errors = self._actor_state(), errors
-            self.version += 1
-            self._refreshed = True
-            return
-        self.rollbacks += 1
-        self._networks.actor.load_state_dict(self._accepted["actor"])
-        self._networks.target_actor.load_state_dict(self._accepted["target_actor"])
-        self._maddpg.actor_optimiser.state.clear()
+        """Have the policies act by the actors as they are, and measure these."""
+        progress = self.progress
+        progress.refreshes += 1
+        progress.version += 1
+        progress.refreshed = True
+        progress.errors = self._held_out.errors(self._networks.weights({}, {}))
+        self._acting = self._actors()
 
-    def _actor_state(self) -> dict[str, dict[str, torch.Tensor]]:
-        parts = {"actor": self._networks.actor, "target_actor": self._networks.target_actor}
-        return {name: {k: v.detach().clone() for k, v in part.state_dict().items()} for name, part in parts.items()}
+    def _actors(self) -> dict[str, NDArray[np.float32]]:
+        """Return the tensors of both actors, named as in a weights file."""
+        return {name: part for name, part in self._networks.weights({}, {}).tensors.items() if "_actor." in name}

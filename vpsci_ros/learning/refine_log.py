@@ -23,11 +23,11 @@ class RefineLog:
         """Write the logs if it is time to, or if this is the `last` time; without an episode there is nothing."""
         summary = self._refiner.summary()
         known = self._rows[-1] if self._rows else {"episodes": 0.0, "updates": 0.0}
-        more = self._refiner.episodes - known["episodes"]
+        more = self._refiner.progress.episodes - known["episodes"]
         unsaid = more or (self._rows and summary["updates"] > known["updates"])
         if not (unsaid if last else more >= EPISODES_A_ROW):
             return
         self._rows.append(summary)
         self._folder.mkdir(parents=True, exist_ok=True)
         write_log(self._folder / LOG, self._rows)
-        write_log(self._folder / EPISODES, self._refiner.episode_returns)
+        write_log(self._folder / EPISODES, self._refiner.progress.episode_returns)

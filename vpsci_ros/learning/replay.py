@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vpsci_ros.data.interactions import Interactions
-from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, LANE_NODES, OBSERVATION_SIZE
+from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE
 
 Floats = NDArray[np.float32]
 
@@ -34,7 +34,6 @@ class History:
     events: dict[str, Floats]  # [T, 2] collision and goal, unweighted rewards (25)-(26)
     terminal: bool  # the episode ended with the last step
     real: bool  # recorded, not simulated
-    lane: Floats = field(default_factory=lambda: np.zeros((0, LANE_NODES), np.float32))  # [T, 21] [rad] ahead; or empty
     priority: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # [T] |delta|
 
     def __len__(self) -> int:
@@ -143,11 +142,6 @@ class ReplayBuffer:
             if oldest is None or self.histories[oldest] is history:
                 break
             self.steps -= len(self.histories.pop(oldest))
-
-    @property
-    def simulated(self) -> list[History]:
-        """The simulated histories."""
-        return [history for history in self.histories if not history.real]
 
     def restore(self, histories: list[History], highest: float) -> None:
         """Hold `histories`, with their priorities, instead."""

@@ -2,10 +2,6 @@
 
 Speeds are those of the next step, expressed in the vehicle's heading frame of the step at which the action was taken.
 In its own frame the vehicle never moves sideways, so a deviation taken there would be zero and (14) undefined.
-
-Collision and goal have no gradient, so those who follow one through the known kinematics get a smooth stand-in each,
-`collision_loss` for (25) and `vehicle_pace_loss` and `pedestrian_pace_loss` for (26). The speed reward has a gradient
-as it is.
 """
 
 import copy
@@ -17,18 +13,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vpsci_ros.kinematics.scene import Scene, to_heading_frame
 from vpsci_ros.learning.config import RewardsConfig, SpeedRewardsConfig
 from vpsci_ros.learning.maddpg import Scored
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.replay import Batch, History, collate
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.policy.actor import previous
-from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world.observation import AGENTS, STEP
-
-AHEAD = (0.7, 1.4, 2.1)  # [s] from now at which anticipated clearance is taken; a car is as long as it drives between
-_WALKING = 0.3  # [m/s] below this a pedestrian has no direction
 
 
 def predicted_velocity(velocity: Tensor, action: Tensor) -> Tensor:
@@ -160,7 +151,6 @@ class SimulatedRewards:
                 {a: self._events(rows["collision"], rows[f"{a}_goal"]) for a in AGENTS},
                 terminal=bool(rows["terminal"][-1]),
                 real=False,
-                lane=rows["lane_heading"].copy(),
             )
             for i, rows in enumerate(finished)
         ]
@@ -197,56 +187,3 @@ def explored(actions: Tensor, deviation: float, rng: np.random.Generator) -> Ten
     """Return `actions` with normal noise of this deviation [m/s2], without their gradient."""
     noise = rng.normal(0.0, deviation, tuple(actions.shape)).astype(np.float32)
     return actions.detach() + torch.from_numpy(noise)
-
-
-# ---- smooth stand-ins for (25) and (26)
-
-
-def collision_loss(scene: Scene, speed: Tensor, margin: float, anticipation: float) -> Tensor:
-    """Return how far the clearance of the footprints falls short of `margin` [m], as a share of it, squared; [B].
-
-    To that of now comes `anticipation` times the mean of those that the speeds and the curvature of the moment lead to
-    after `AHEAD`. This is CurvTTC made smooth: policies that keep clearance alone pass the other at a hand's
-    breadth, and people do not.
-
-    :param speed: of the vehicle [B] [m/s].
-    """
-    near = _nearness(scene.vehicle, scene.heading, scene.pedestrian, margin)
-    for time in AHEAD if anticipation > 0.0 else ():
-        turn = scene.curvature * speed * time
-        chord = scene.heading + 0.5 * turn
-        there = scene.vehicle + (speed * time)[:, None] * torch.stack([torch.cos(chord), torch.sin(chord)], dim=1)
-        walked = scene.pedestrian + scene.pedestrian_velocity * time
-        near = near + anticipation / len(AHEAD) * _nearness(there, scene.heading + turn, walked, margin)
-    return near
-
-
-def vehicle_pace_loss(speed: Tensor, cruise: Tensor) -> Tensor:
-    """Return how far `speed` is from `cruise`, [B] [m/s] each, as a share of it, squared."""
-    return (1.0 - speed / cruise) ** 2
-
-
-def pedestrian_pace_loss(walking: Tensor, course: Tensor) -> Tensor:
-    """Return how far the velocity `walking` is from `course`, [B, 2] [m/s] each, as `vehicle_pace_loss`; [B].
-
-    Sideways counts as well: otherwise the car pushes the pedestrian along, metres away from where it wanted to cross.
-    It is zero where the course is that of a pedestrian who stands.
-    """
-    pace = course.norm(dim=1)
-    moving, pace = pace > _WALKING, pace.clamp(min=_WALKING)
-    return (walking - course).square().sum(dim=1) / pace**2 * moving
-
-
-def clearance(vehicle: Tensor, heading: Tensor, pedestrian: Tensor) -> Tensor:
-    """Return the distance [B] [m] between the footprints, negative where they overlap; differentiable.
-
-    :param vehicle, pedestrian: centres, [B, 2] [m]; heading [B] [rad].
-    """
-    forward, left = to_heading_frame(pedestrian - vehicle, heading).unbind(dim=1)
-    along, across = forward.abs() - 0.5 * VEHICLE_LENGTH, left.abs() - 0.5 * VEHICLE_WIDTH
-    outside = torch.sqrt(along.clamp(min=0.0) ** 2 + across.clamp(min=0.0) ** 2 + 1e-8)
-    return outside + torch.maximum(along, across).clamp(max=0.0) - PEDESTRIAN_RADIUS
-
-
-def _nearness(vehicle: Tensor, heading: Tensor, pedestrian: Tensor, margin: float) -> Tensor:
-    return (1.0 - clearance(vehicle, heading, pedestrian) / margin).clamp(min=0.0) ** 2

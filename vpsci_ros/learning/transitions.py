@@ -1,13 +1,11 @@
 """Experience for the learner: one record per policy step, made from successive states of a world."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.world import Scenario
-from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, LANE_GRID, LANE_NODES, OBSERVATION_SIZE, observe
+from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE, observe
 from vpsci_ros.world.state import COLLISION, ENDED, GOAL, PARKED_COLLISION
 from vpsci_ros.world.tick import Step
 
@@ -27,7 +25,6 @@ TRANSITION = np.dtype(
         ("next_curvttc", "f4"),
         ("next_vehicle_observation", "f4", OBSERVATION_SIZE),
         ("next_pedestrian_observation", "f4", OBSERVATION_SIZE),
-        ("lane_heading", "f4", LANE_NODES),
         ("collision", "u1"),
         ("vehicle_goal", "u1"),
         ("pedestrian_goal", "u1"),
@@ -80,7 +77,6 @@ class TransitionBuilder:
     Call `observe` at every tick, in order. Steps without an answer of both policies make no transition and end the
     history: what the rule-based pair does in their place is not the policies' experience.
 
-    :param scenarios: of the world: where its lanes go is part of a transition.
     :param credit_outcome: where control was given back, the last transition is complete only when the policies take
         over again or the episode ends, and says which goals were reached by then, and how it ended: what the rule-based
         pair finishes, the policies have brought about. False: it is complete at once, and goals reached later are
@@ -88,9 +84,8 @@ class TransitionBuilder:
     :ivar count: transitions completed so far.
     """
 
-    def __init__(self, scenarios: Sequence[Scenario], credit_outcome: bool = False) -> None:
+    def __init__(self, credit_outcome: bool = False) -> None:
         self._credit_outcome = credit_outcome
-        self._lanes = {scenario.number: _lane_headings(scenario) for scenario in scenarios}
         self.count = 0
         self._resize(0)
 
@@ -139,7 +134,6 @@ class TransitionBuilder:
             rows[name] = state[name]
         rows["step"] = np.where(state["controlled"] == 0, 0, state["step"])
         rows["curvttc"] = curvttc
-        rows["lane_heading"] = self._lanes_ahead(state)
         return rows
 
     def _store(self, slots: NDArray[np.int64], rows: NDArray[np.void]) -> None:
@@ -191,20 +185,3 @@ class TransitionBuilder:
         histories = [self._steps[slot, : self._begun[slot]].copy() for slot in whole]
         self._begun[slots[last]] = 0
         return Completed(rows, histories)
-
-    def _lanes_ahead(self, state: NDArray[np.void]) -> NDArray[np.float64]:
-        """Return the lane's direction from the vehicle on, float64[n, LANE_NODES] [rad], relative to its heading."""
-        ahead = np.zeros((len(state), LANE_NODES))
-        for row, episode in zip(ahead, state, strict=True):
-            s, heading = self._lanes[int(episode["scenario"])]
-            row[:] = np.interp(episode["route_s"] + LANE_GRID * np.arange(LANE_NODES), s, heading)
-        ahead -= state["vehicle_heading"][:, None]
-        turns = np.round(ahead[:, :1] / (2.0 * np.pi))  # headings of the two may be whole turns apart
-        return ahead - 2.0 * np.pi * turns
-
-
-def _lane_headings(scenario: Scenario) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return arc lengths [m] along a scenario's lane and its direction there [rad], without jumps."""
-    path = scenario.vehicle.path
-    s = np.arange(0.0, path.length, path.step)
-    return s, np.unwrap([path.heading(at) for at in s])

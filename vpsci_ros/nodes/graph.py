@@ -20,7 +20,7 @@ from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.data.near_misses import corpus_files
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
-from vpsci_ros.learning.config import LearnerConfig, RefineConfig
+from vpsci_ros.learning.config import LearnerConfig, require_learnable
 from vpsci_ros.nodes import failures
 from vpsci_ros.nodes.config import GraphConfig, section_classes
 from vpsci_ros.nodes.domain import only_graph, require_security
@@ -177,7 +177,7 @@ def resolve(sections: Sections, folder: Path) -> Sections:
         resolved[node] = values_of(*(pick(kind, values, node) for kind in kinds))
     chosen = Sections(resolved)
     if "world_simulator" in resolved and resolved.get("learner", {}).get("stage") == "refine":
-        chosen.get(RefineConfig, "learner").require_known_world(chosen.get(WorldConfig, "world_simulator"))
+        require_learnable(chosen.get(WorldConfig, "world_simulator"))
     return chosen
 
 

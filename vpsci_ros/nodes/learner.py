@@ -139,7 +139,7 @@ class Learner(GraphNode):
         self._log.note()
 
     def _publish_weights(self, refiner: Refiner) -> None:
-        message = PolicyWeights(version=refiner.version)
+        message = PolicyWeights(version=refiner.progress.version)
         message.header.stamp = self.simulated_time
         message.safetensors.frombytes(refiner.weights())
         self._weights.publish(message)

@@ -9,7 +9,7 @@ from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.sections import Sections
 
-SHOWN = ("updates", "refreshes", "rollbacks", "closed_loop_ade", "held_out_closed_loop_ade")
+SHOWN = ("updates", "refreshes", "closed_loop_ade", "held_out_closed_loop_ade")
 
 
 class Watch:

@@ -36,10 +36,7 @@ def actor_shapes(config: NetworkConfig) -> Shapes:
     if config.encoder != SST:
         return _built(config)[0]
     shapes = {f"encoder.{name}": shape for name, shape in encoder_shapes(config).items()}
-    if config.latent == 0:
-        return shapes | _dense("head", [config.hidden, *config.actor_hidden, ACTION_SIZE])
-    shapes |= {"persistence_logit": (1,), "stillness": (ACTION_SIZE,)}
-    return shapes | _dense("head", [config.hidden + config.latent, *config.actor_hidden, 2 * ACTION_SIZE])
+    return shapes | _dense("head", [config.hidden, *config.actor_hidden, ACTION_SIZE])
 
 
 def critic_shapes(config: NetworkConfig) -> Shapes:

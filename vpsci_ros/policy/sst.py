@@ -13,19 +13,18 @@ One layer, for the width d and the heads of Table 8:
   to look at, and what to do about a danger depends on how near it is.
 - The layer returns LayerNorm(x_t + y_t + W_o attention_t).
 
-With `carry_state` the state and the attention's memory run through the whole history, so one more step costs O(1);
-without it every output comes from its own window of `attention_window` inputs and nothing before.
+State and attention's memory run through the whole history: one more step costs O(1) (`vpsci_ros.policy.streaming`).
 """
 
 import math
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.sst_step import StepWeights, recurrence, sst_step
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
 
@@ -40,73 +39,17 @@ def risk(curvttc: Tensor) -> Tensor:
 ABSENT = -1e9  # logit of a step before the history began
 
 
-class Window(NamedTuple):
-    """The last inputs of B histories for a network whose state starts again in every window, oldest first."""
-
-    inputs: Tensor  # [B, W, hidden], filled from the front
-    risks: Tensor  # [B, W], likewise
-    held: Tensor  # int64[B] how many are there
-
-    def appended(self, x: Tensor, risks: Tensor) -> "Window":
-        """Return the window one step later; where it is full, the oldest input makes room."""
-        size = self.inputs.shape[1]
-        full = self.held == size
-        inputs = torch.where(full[:, None, None], self.inputs.roll(-1, dims=1), self.inputs)
-        past = torch.where(full[:, None], self.risks.roll(-1, dims=1), self.risks)
-        here = torch.arange(size) == self.held.clamp(max=size - 1)[:, None]
-        inputs = torch.where(here[..., None], x[:, None], inputs)
-        return Window(inputs, torch.where(here, risks[:, None], past), (self.held + 1).clamp(max=size))
-
-
-class StepState:
-    """What a layer remembers of its history: h, and keys, values and gates of the last steps (lists, oldest first).
-
-    Without carried state the first layer's holds the encoder's `window` instead.
-    """
-
-    def __init__(self) -> None:
-        self.window: Window | None = None
-        self.weights: StepWeights | None = None  # of the layer as it was at the first step
-        self.h: Tensor | None = None
-        self.keys: list[Tensor] = []
-        self.values: list[Tensor] = []
-        self.gates: list[Tensor] = []  # [B, heads], added to the logits
-
-    def keep(self, rows: int) -> None:
-        """Forget all but the first `rows` rows."""
-        if self.window is not None:
-            self.window = Window(*(part[:rows] for part in self.window))
-        if self.h is not None and len(self.h) > rows:
-            self.h = self.h[:rows]
-            self.keys, self.values, self.gates = (
-                [x[:rows] for x in part] for part in (self.keys, self.values, self.gates)
-            )
-
-    def repeated(self, times: int) -> "StepState":
-        """Return the same with each row `times` times."""
-
-        def again(part: Tensor) -> Tensor:
-            return part.repeat_interleave(times, dim=0)
-
-        out = StepState()
-        out.window = None if self.window is None else Window(*map(again, self.window))
-        out.h = None if self.h is None else again(self.h)
-        out.keys, out.values, out.gates = (list(map(again, part)) for part in (self.keys, self.values, self.gates))
-        return out
-
-
 class EncoderLayer(nn.Module):
-    """A layer of an encoder, over whole histories in training and step by step to the same result."""
+    """A layer of an encoder over whole histories; another network's layer derives from it (docs/extending.md)."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
 
-    def forward(self, x: Tensor, risks: Tensor, taken: Tensor | None = None) -> tuple[Tensor, StepState | None]:
-        """See `SSTLayer.forward`."""
-        raise NotImplementedError
+    def forward(self, x: Tensor, risks: Tensor) -> Tensor:
+        """Return float32[B, T, hidden] for inputs float32[B, T, hidden] and risks float32[B, T].
 
-    def step(self, x: Tensor, risks: Tensor, state: StepState) -> Tensor:
-        """See `SSTLayer.step`."""
+        Entry t knows steps 0 to t only.
+        """
         raise NotImplementedError
 
 
@@ -133,54 +76,11 @@ class SSTLayer(EncoderLayer):
         """Return a, the diagonal of A in (3), float32[hidden]."""
         return torch.sigmoid(self.decay_logit)
 
-    def forward(self, x: Tensor, risks: Tensor, taken: Tensor | None = None) -> tuple[Tensor, StepState | None]:
-        """Return float32[B, T, hidden] for inputs float32[B, T, hidden] and risks float32[B, T] of whole histories.
-
-        With `taken`, int64[B], also return what the layer remembers after the first `taken` steps of each row.
-        """
+    def forward(self, x: Tensor, risks: Tensor) -> Tensor:
+        """See `EncoderLayer.forward`."""
         a = self.decay()
         h = recurrence(self.input(x) * torch.sqrt(1.0 - a * a), a)
-        keys = self.key(h)
-        context = self._attend(self.query(h), keys, h, risks)
-        state = None if taken is None else self._remembered(h, keys, risks, taken)
-        return self._output(x, h, context), state
-
-    def step(self, x: Tensor, risks: Tensor, state: StepState) -> Tensor:
-        """Return float32[B, hidden] for one more input float32[B, hidden] and risk float32[B]; `state` moves on."""
-        if state.weights is None:
-            state.weights = self._step_weights()
-        state.gates = [*state.gates, self.risk_gain * risks[:, None]][-self.window :]
-        keys, values = ([*part][len(part) + 1 - len(state.gates) :] for part in (state.keys, state.values))
-        before = torch.zeros_like(x) if state.h is None else state.h
-        out, state.h, key = sst_step(state.weights, x, before, torch.stack(state.gates, dim=1), [*keys, *values])
-        state.keys, state.values = [*keys, key], [*values, state.h]
-        return out
-
-    def _step_weights(self) -> StepWeights:
-        a, key_dimension = self.decay(), self.query.weight.shape[0] // self.heads
-        query = self.query.weight / math.sqrt(key_dimension)
-        return StepWeights(
-            decay=a,
-            driving=self.input.weight * torch.sqrt(1.0 - a * a)[:, None],
-            spread=torch.cat([query, self.key.weight, self.readout.weight]),
-            attended=self.attended.weight,
-            passed=1.0 + self.skip,
-            gain=self.norm.weight,
-            bias=self.norm.bias,
-        )
-
-    def _remembered(self, h: Tensor, keys: Tensor, risks: Tensor, taken: Tensor) -> StepState:
-        state, rows = StepState(), torch.arange(len(h))
-        state.h = h[rows, (taken - 1).clamp(min=0)] * (taken > 0)[:, None]
-        for age in range(min(self.window - 1, int(taken.max())), 0, -1):
-            at = (taken - age).clamp(min=0)
-            gate = self.risk_gain * risks[rows, at][:, None]
-            state.keys.append(keys[rows, at])
-            state.values.append(h[rows, at])
-            state.gates.append(torch.where((taken >= age)[:, None], gate, ABSENT))
-        return state
-
-    def _output(self, x: Tensor, h: Tensor, context: Tensor) -> Tensor:
+        context = self._attend(self.query(h), self.key(h), h, risks)
         out: Tensor = self.norm(x + self.readout(h) + self.skip * x + self.attended(context))
         return out
 
@@ -242,65 +142,34 @@ class SSTEncoder(nn.Module):
         """
         risks = risk(curvttc)
         x = self.embed(observation, action_before, risks)
-        if self.config.carry_state:
-            return self._through(x, risks)
-        window, (batch, steps, width) = self.config.attention_window, x.shape
-        if steps <= window:
-            return self._through(x, risks)
-        head = self._through(x[:, : window - 1], risks[:, : window - 1])
-        windows = x.unfold(1, window, 1).transpose(2, 3).reshape(-1, window, width)
-        tail = self._through(windows, risks.unfold(1, window, 1).reshape(-1, window))[:, -1]
-        return torch.cat([head, tail.view(batch, -1, width)], dim=1)
-
-    def remember(
-        self, observation: Tensor, action_before: Tensor, curvttc: Tensor, taken: Tensor
-    ) -> tuple[Tensor, list[StepState]]:
-        """Encode as `forward` does, and return the layers' states after `taken` steps of each row.
-
-        :param taken: int64[B], 0 for an empty history.
-        """
-        risks, states = risk(curvttc), []
-        x = self.embed(observation, action_before, risks)
-        if not self.config.carry_state:
-            states = [StepState() for _ in self.layers]
-            states[0].window = self._last_inputs(x, risks, taken)
-            return self.forward(observation, action_before, curvttc), states
         for layer in self.layers:
-            x, state = layer(x, risks, taken)
-            states.append(state)
-        return x, states
-
-    def step(self, observation: Tensor, action_before: Tensor, curvttc: Tensor, states: list[StepState]) -> Tensor:
-        """Encode one more step: observation [B, 6], action_before [B, 2], curvttc [B] -> [B, hidden].
-
-        `states` holds one `StepState` a layer, new ones for an empty history. With `carry_state` a step costs O(1),
-        without it as much as the window is long.
-        """
-        risks = risk(curvttc)
-        x = self.embed(observation, action_before, risks)
-        if not self.config.carry_state:
-            window = states[0].window
-            if window is None:
-                none = torch.zeros(len(x), dtype=torch.long)
-                window = self._last_inputs(x[:, None], risks[:, None], none)
-            states[0].window = window = window.appended(x, risks)
-            # Filled from the front, and no step sees a later one: what lies behind the newest does not matter.
-            return self._through(window.inputs, window.risks)[torch.arange(len(x)), window.held - 1]
-        for layer, state in zip(self.layers, states, strict=True):
-            assert isinstance(layer, EncoderLayer)
-            x = layer.step(x, risks, state)
+            x = layer(x, risks)
         return x
 
-    def _last_inputs(self, x: Tensor, risks: Tensor, taken: Tensor) -> Window:
-        """Return the inputs that the first `taken` steps of each row leave in the window."""
-        size = self.config.attention_window
-        count = taken.clamp(max=size)
-        at = (taken - count)[:, None] + torch.arange(size)
-        filled = torch.arange(size) < count[:, None]
-        rows, at = torch.arange(len(x))[:, None], at.clamp(max=x.shape[1] - 1)
-        return Window(x[rows, at] * filled[..., None], risks[rows, at] * filled, count)
 
-    def _through(self, x: Tensor, risks: Tensor) -> Tensor:
-        for layer in self.layers:
-            x, _ = layer(x, risks)
-        return x
+def recurrence(driven: Tensor, decay: Tensor) -> Tensor:
+    """Return h_t = a h_{t-1} + driven_t of (3) with h_{-1} = 0, for float32[B, T, d] and a, float32[d]."""
+    h: Tensor = _Recurrence.apply(driven, decay)  # type: ignore[no-untyped-call]
+    return h
+
+
+class _Recurrence(torch.autograd.Function):
+    """See `recurrence`. A step after the other in place, which for whole histories is faster than any tree of sums."""
+
+    @staticmethod
+    def forward(ctx: Any, driven: Tensor, decay: Tensor) -> Tensor:
+        h = driven.clone()
+        steps = h.unbind(dim=1)
+        for before, now in pairwise(steps):
+            now.addcmul_(before, decay)
+        ctx.save_for_backward(h, decay)
+        return h
+
+    @staticmethod
+    def backward(ctx: Any, d_h: Tensor) -> tuple[Tensor, Tensor]:
+        h, decay = ctx.saved_tensors
+        d_driven = d_h.clone()
+        steps = d_driven.unbind(dim=1)
+        for after, now in pairwise(steps[::-1]):
+            now.addcmul_(after, decay)
+        return d_driven, (d_driven[:, 1:] * h[:, :-1]).sum(dim=(0, 1))

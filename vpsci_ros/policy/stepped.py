@@ -1,22 +1,20 @@
-"""An actor at work, for networks other than the SST: by torch, step by step, for many parallel histories.
+"""An actor at work, for networks other than the SST: by torch over the whole history again at each step.
 
 What `streaming.StreamingActor` is for the SST. Rows agree with the whole history to 1e-5; unlike there, their last
-bits may depend on how many rows are worked together.
+bits may depend on how many rows are worked together, and a step costs as much as the history is long.
 """
 
-from typing import TYPE_CHECKING, Union
+from typing import Union
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.config import SST
-from vpsci_ros.policy.streaming import Draws, StreamingActor
+from vpsci_ros.policy.streaming import StreamingActor
 from vpsci_ros.policy.weights import ActorWeights
-from vpsci_ros.world.observation import ACTION_SIZE
+from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
 
-if TYPE_CHECKING:
-    from torch import Tensor
+STEPS = 128  # of a history, before its memory doubles
 
 
 def actor_at_work(weights: ActorWeights, capacity: int) -> Union[StreamingActor, "SteppedActor"]:
@@ -35,7 +33,8 @@ class SteppedActor:
         from vpsci_ros.policy.models import make_actor
 
         self.capacity, self._actor = capacity, make_actor(weights.network)
-        self._memories = self._actor.memory(capacity)
+        self._seen = np.zeros((capacity, STEPS, OBSERVATION_SIZE + ACTION_SIZE + 1), np.float32)  # CurvTTC at the end
+        self._taken = np.zeros(capacity, np.int64)  # steps of each history
         self._before = np.zeros((capacity, ACTION_SIZE), np.float32)
         self.load(weights)
 
@@ -51,48 +50,26 @@ class SteppedActor:
         curvttc: NDArray[np.float64],
         reset: NDArray[np.bool_],
         active: NDArray[np.bool_],
-        draws: Draws | None = None,
-        residual: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
-        """See `StreamingActor.step`.
-
-        :raises InvalidInput: residuals are given, which the SST alone takes.
-        """
-        if residual is not None:
-            raise InvalidInput("these weights hold residuals of people, which an SST alone acts with; learn without")
+        """See `StreamingActor.step`."""
         import torch
-
-        from vpsci_ros.policy.layers import LayerMemory
 
         actions, rows = np.zeros((self.capacity, ACTION_SIZE), np.float32), np.flatnonzero(active)
         if rows.size == 0:
             return actions
-        begun = torch.from_numpy(reset & active)
-        for memory in self._memories:
-            memory.clear(begun)
-        self._before[reset & active] = 0.0
-        at = torch.from_numpy(rows)
-        own = [LayerMemory(*(part[at] for part in memory.parts)) for memory in self._memories]
-        latent, noise = _drawn(draws, rows)
+        self._taken[reset & active], self._before[reset & active] = 0, 0.0
+        if self._taken[rows].max() == self._seen.shape[1]:
+            self._seen = np.concatenate([self._seen, np.zeros_like(self._seen)], axis=1)
+        new = observation[rows], self._before[rows], np.asarray(curvttc, np.float32)[rows, None]
+        self._seen[rows, self._taken[rows]] = np.concatenate(new, axis=1)
+        self._taken[rows] += 1
+        last = self._taken[rows] - 1
+        past = torch.from_numpy(self._seen[rows, : last.max() + 1])
         with torch.no_grad():
-            seen, before, risks = (torch.from_numpy(np.asarray(x)[rows]) for x in (observation, self._before, curvttc))
-            actions[rows] = self._actor.draw(seen, before, risks, list(own), latent, noise).numpy()
-        for memory, now in zip(self._memories, own, strict=True):
-            for whole, part in zip(memory.parts, now.parts, strict=True):
-                whole[at] = part
-        self._before[rows] = actions[rows]
+            said = self._actor(past[..., :OBSERVATION_SIZE], past[..., OBSERVATION_SIZE:-1], past[..., -1])
+        actions[rows] = self._before[rows] = said.numpy()[np.arange(rows.size), last]
         return actions
 
     def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:
         """See `StreamingActor.executed`."""
         self._before[active] = np.asarray(action, np.float32)[active]
-
-
-def _drawn(draws: Draws | None, rows: NDArray[np.int64]) -> tuple["Tensor | None", "Tensor | None"]:
-    """Return latent numbers and noise of the rows; nothing at a temperature of 0."""
-    import torch
-
-    if draws is None or draws.temperature == 0.0:
-        return None, None
-    latent, innovation = (torch.from_numpy(part[rows] * draws.temperature) for part in draws[:2])
-    return latent, innovation

@@ -1,37 +1,24 @@
 """An actor at work: one new step for many parallel histories at O(1) cost, with carried state and without torch.
 
-The same function as `vpsci_ros.policy.actor.Actor` over a whole history, to 1e-5. Numba was chosen by measurement
-(benchmarks/bench_policy.py): torch has no matrix product whose rows keep their bits when the batch changes, short
-of padding every batch to one fixed shape, which costs more at every batch size and imports torch into each node.
+The same function as `vpsci_ros.policy.actor.Actor` over a whole history, to 1e-5. Numba was chosen by measurement:
+torch has no matrix product whose rows keep their bits when the batch changes, short of padding every batch to one fixed
+shape, which costs more at every batch size and imports torch into each node.
 """
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.streaming_kernels import STEPS, step_slots, take_draws, take_in
+from vpsci_ros.policy.streaming_kernels import STEPS, step_slots, take_in
 from vpsci_ros.policy.vectors import LANES
 from vpsci_ros.policy.weights import ActorWeights
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
 
 ROWS = 64  # rows worked together, layer by layer, so that a layer's weights are read from memory once for all of them
-
-
-class Draws(NamedTuple):
-    """What a stochastic actor draws for a step of its B slots; only active rows are read.
-
-    :ivar latent: float32[B, latent], standard normal numbers that stay the same all episode.
-    :ivar innovation: float32[B, 2], standard normal numbers that are new at every step.
-    :ivar temperature: factor on both; 1: as learned, 0: the deterministic middle.
-    """
-
-    latent: NDArray[np.float32]
-    innovation: NDArray[np.float32]
-    temperature: np.float32
 
 
 class StreamingActor:
@@ -59,13 +46,7 @@ class StreamingActor:
         self._risks = np.zeros((capacity, self._window), np.float32)
         self._counts = np.zeros(capacity, np.int64)
         self._action = np.zeros((capacity, ACTION_SIZE), np.float32)
-        self._latent, self._no_latent = (np.zeros((capacity, network.latent), np.float32) for _ in range(2))
-        self._noise, self._burst, self._no_burst = (np.zeros((capacity, ACTION_SIZE), np.float32) for _ in range(3))
-        # The inputs of the last steps, for networks whose state starts again in every window.
-        memory = 0 if network.carry_state else self._window
-        self._inputs = np.zeros((memory, capacity, OBSERVATION_SIZE + ACTION_SIZE + network.risk_input), np.float32)
-        self._past_risks = np.zeros((memory, capacity), np.float32)
-        self._taken = np.full(capacity, -1)  # steps before the last one, for the same
+        self._inputs = OBSERVATION_SIZE + ACTION_SIZE + network.risk_input
         self._threads = threads
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
         self._work = [np.empty((6, ROWS, width), np.float32) for _ in range(threads)]
@@ -80,11 +61,6 @@ class StreamingActor:
             raise InvalidInput(f"weights: expected networks of {self._network}, got {weights.network}")
         names = "encoder.observation_mean", "encoder.observation_scale"
         self._scaling = tuple(weights.tensors[name].copy() for name in names)
-        if self._network.latent:
-            kept = 1.0 / (1.0 + np.exp(-weights.tensors["persistence_logit"].astype(np.float64)))
-            still = weights.tensors["stillness"]
-            self._stillness = np.maximum(still * still, np.float32(1e-12))
-            self._persistence, self._renewal = np.float32(kept[0]), np.float32(np.sqrt(1.0 - kept[0] ** 2))
         self._parameters = _kernel_parameters(weights)
 
     def step(
@@ -93,8 +69,6 @@ class StreamingActor:
         curvttc: NDArray[np.float64],
         reset: NDArray[np.bool_],
         active: NDArray[np.bool_],
-        draws: Draws | None = None,
-        residual: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
         """Return the actions [m/s2], float32[B, 2], clipped to the action limit; zero where not active.
 
@@ -102,8 +76,6 @@ class StreamingActor:
         :param curvttc: float64[B] [s]; infinity for none.
         :param reset: bool[B]: the history begins with this step; read where active.
         :param active: bool[B]: rows that take a step; all others keep their history untouched.
-        :param draws: of a network with latent numbers; None: the deterministic middle.
-        :param residual: float32[B, 2] [m/s2], added to the actions of a network without latent numbers.
         :raises InvalidInput: wrong shapes, or an active observation or CurvTTC that is not a number.
         """
         for name, value, *more in (
@@ -114,7 +86,7 @@ class StreamingActor:
                 raise InvalidInput(f"StreamingActor.step: {name}: expected shape {shape}, got {np.shape(value)}")
         actions = np.zeros((self.capacity, ACTION_SIZE), np.float32)
         rows: NDArray[np.int64] = np.flatnonzero(active)
-        inputs = np.empty((rows.size, self._inputs.shape[2]), np.float32)
+        inputs = np.empty((rows.size, self._inputs), np.float32)
         risks = np.empty(rows.size, np.float32)
         seen, ttc = np.ascontiguousarray(observation, np.float32), np.ascontiguousarray(curvttc, np.float64)
         bad = take_in(rows, seen, ttc, reset, self._scaling, self._action, self._states, self._counts, inputs, risks)
@@ -123,15 +95,7 @@ class StreamingActor:
                 f"StreamingActor.step: row {bad}: expected numbers, got observation {observation[bad]} "
                 f"and CurvTTC {curvttc[bad]}"
             )
-        if draws is not None and self._network.latent:
-            self._take_draws(draws, rows, reset)
-            drawn = self._latent, self._burst
-        else:
-            drawn = self._no_latent, self._no_burst if residual is None else np.ascontiguousarray(residual, np.float32)
-        if self._network.carry_state:
-            self._advance(rows, inputs, risks, drawn, actions)
-        else:
-            self._windowed(rows, inputs, risks, reset, drawn, actions)
+        self._advance(rows, inputs, risks, actions)
         return actions
 
     def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:
@@ -141,36 +105,11 @@ class StreamingActor:
         """
         np.copyto(self._action, action, where=active[:, None])
 
-    def _take_draws(self, draws: Draws, rows: NDArray[np.int64], reset: NDArray[np.bool_]) -> None:
-        """Take in the latent numbers of `rows` and carry their noise on."""
-        kept = self._persistence, self._renewal, self._stillness
-        take_draws(rows, reset, *draws, *kept, self._latent, self._noise, self._burst)
-
-    def _windowed(
-        self,
-        rows: NDArray[np.int64],
-        inputs: NDArray[np.float32],
-        risks: NDArray[np.float32],
-        reset: NDArray[np.bool_],
-        drawn: tuple[NDArray[np.float32], NDArray[np.float32]],
-        out: NDArray[np.float32],
-    ) -> None:
-        """Replay the last inputs of each row into an empty state, rows of equally long windows together."""
-        self._taken[rows] = np.where(reset[rows], 0, self._taken[rows] + 1)
-        place = self._taken[rows] % self._window
-        self._inputs[place, rows], self._past_risks[place, rows] = inputs, risks
-        self._counts[rows], self._states[rows] = 0, 0.0
-        for age in range(self._window - 1, -1, -1):
-            slot = rows[self._taken[rows] >= age]
-            at = (self._taken[slot] - age) % self._window
-            self._advance(slot, self._inputs[at, slot], self._past_risks[at, slot], drawn, out)
-
     def _advance(
         self,
         rows: NDArray[np.int64],
         inputs: NDArray[np.float32],
         risks: NDArray[np.float32],
-        drawn: tuple[NDArray[np.float32], NDArray[np.float32]],
         out: NDArray[np.float32],
     ) -> None:
         """Take the histories of `rows` one step further; `out` float32[B, 2] gets their actions."""
@@ -179,7 +118,7 @@ class StreamingActor:
 
         def work(thread: int, part: slice) -> None:
             own = rows[part], inputs[part], risks[part]
-            step_slots(*own, drawn, *self._parameters, limit, *memory, self._work[thread], self._action, out)
+            step_slots(*own, *self._parameters, limit, *memory, self._work[thread], self._action, out)
 
         if self._pool is None or rows.size <= ROWS:
             work(0, slice(0, rows.size))
@@ -215,8 +154,7 @@ def _kernel_parameters(weights: ActorWeights) -> tuple[Any, ...]:
         stacked_dense("input") * drive[:, None, :],
         *(stacked_dense(name) for name in ("query", "key", "attended", "readout")),
     )
-    first = dense("head.0")
-    head = [first[: network.hidden].copy(), first[network.hidden :].copy(), tensors["head.0.bias"].copy()]
+    head = [dense("head.0"), tensors["head.0.bias"].copy()]
     head += [dense("head.2"), tensors["head.2.bias"].copy()]
     last, bias = dense("head.4"), tensors["head.4.bias"]
     more = -bias.size % LANES

@@ -13,7 +13,6 @@ import math
 
 import numpy as np
 
-from vpsci_ros.policy.config import LOG_SCALE
 from vpsci_ros.policy.vectors import LANES, fma, fma_all, load, power_of_two, product, spread, store
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.safety.compiled import kernel
@@ -23,8 +22,6 @@ NORM_EPSILON = np.float32(1e-5)
 NORMALISED_LIMIT = np.float32(6.0)  # as in `vpsci_ros.policy.sst`
 _ONE, _CRITICAL_TTC = np.float32(1.0), np.float32(CRITICAL_TTC)
 _FAR = np.float32(-80.0)
-_LEAST, _GREATEST = (np.float32(bound) for bound in LOG_SCALE)
-_GREATEST_SCALE = np.float32(math.exp(LOG_SCALE[1]))
 _LOG2_E, _LN2_HIGH, _LN2_LOW = np.float32(1.4426950408889634), np.float32(0.693359375), np.float32(-2.12194440e-4)
 
 
@@ -199,7 +196,6 @@ def step_slots(  # type: ignore[no-untyped-def]
     slots,
     inputs,
     risks,
-    drawn,
     entry,
     layers,
     head,
@@ -218,12 +214,8 @@ def step_slots(  # type: ignore[no-untyped-def]
 
     :param slots: int64[n], which histories; inputs: float32[n, I], normalised observation, action before and, where
         the network has it, risk; risks: float32[n].
-    :param drawn: (latent numbers float32[slot, latent]; noise float32[slot, 2]); both zero for the deterministic
-        middle. A network with latent numbers scales the noise, to the action of one without it is added as it is
-        [m/s2].
     :param entry: (w [I, hidden], b [hidden]); layers: (decay, skip, gain, norm weight, norm bias: [L, ...], then the
-        dense input, query, key, attended, readout: [L, hidden, hidden], inputs first); head: w, its
-        rows for the latent numbers, and b of the first layer, then two (w, b).
+        dense input, query, key, attended, readout: [L, hidden, hidden], inputs first); head: three (w, b).
     :param states: float32[slot, L, hidden]; keys: float32[slot, L, hidden, S], S the window up to a multiple of
         `STEPS`; values: float32[slot, L, window, hidden]; seen: float32[slot, window], risks; counts: int64[slot],
         steps taken; all move on by one step.
@@ -236,8 +228,7 @@ def step_slots(  # type: ignore[no-untyped-def]
     shares = np.zeros((size, heads, keys.shape[3]), np.float32)
     means, factors, lanes = np.empty(size, np.float32), np.empty(size, np.float32), np.empty((size, LANES), np.float32)
     scale = np.float32(1.0) / np.sqrt(np.float32(width // heads))
-    noise, latent = drawn[1], np.empty((size, drawn[0].shape[1]), np.float32)
-    w1, w_latent, b1, w2, b2, w3, b3 = head
+    w1, b1, w2, b2, w3, b3 = head
     first, second = np.empty((size, b1.size), np.float32), np.empty((size, b2.size), np.float32)
     answer = np.empty((size, b3.size), np.float32)
     for begin in range(0, slots.size, size):
@@ -284,11 +275,8 @@ def step_slots(  # type: ignore[no-untyped-def]
             _copy(b1, first[i])
             _copy(b2, second[i])
             _copy(b3, answer[i])
-            _copy(drawn[0][own[i]], latent[i])
             counts[own[i]] += 1
         accumulate(x, w1, first, n)
-        if latent.shape[1] > 0:
-            accumulate(latent, w_latent, first, n)
         _rectify(first[:n])
         accumulate(first, w2, second, n)
         _rectify(second[:n])
@@ -296,17 +284,7 @@ def step_slots(  # type: ignore[no-untyped-def]
         for i in range(n):
             slot = own[i]
             for j in range(out.shape[1]):
-                if latent.shape[1] > 0:
-                    wanted = fma(_scale(answer[i, out.shape[1] + j]), noise[slot, j], answer[i, j])
-                else:
-                    wanted = answer[i, j] + noise[slot, j]
-                action[slot, j] = out[slot, j] = min(max(wanted, -limit), limit)
-
-
-@kernel
-def _scale(logarithm):  # type: ignore[no-untyped-def]
-    """Return exp of a logarithm clipped to `LOG_SCALE`; `exponential` takes numbers up to 0."""
-    return exponential(min(max(logarithm, _LEAST), _GREATEST) - _GREATEST) * _GREATEST_SCALE
+                action[slot, j] = out[slot, j] = min(max(answer[i, j], -limit), limit)
 
 
 @kernel
@@ -314,17 +292,3 @@ def _rectify(x):  # type: ignore[no-untyped-def]
     for i in range(x.shape[0]):
         for j in range(x.shape[1]):
             x[i, j] = max(x[i, j], np.float32(0.0))
-
-
-@kernel
-def take_draws(  # type: ignore[no-untyped-def]
-    rows, reset, latents, innovation, temperature, persistence, renewal, stillness, latent, noise, burst
-):
-    """Fill `latent`, `noise` and `burst` of `rows` from what they draw: see `vpsci_ros.policy.actor.Actor.burst`."""
-    for i in rows:
-        for k in range(latent.shape[1]):
-            latent[i, k] = temperature * latents[i, k]
-        for k in range(noise.shape[1]):
-            e = innovation[i, k] if reset[i] else persistence * noise[i, k] + renewal * innovation[i, k]
-            square = e * e
-            noise[i, k], burst[i, k] = e, temperature * (e * square / (square + stillness[k]))

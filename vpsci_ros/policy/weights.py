@@ -1,7 +1,7 @@
 """Weights of all networks in one safetensors file, checked tensor by tensor against the configuration it carries.
 
 A file holds both actors and both critics in float32, the normalisation of observations, the speed statistics of rewards
-(14)-(15) and, of policies that have them, the residuals of recorded people. Target networks are not stored: training on
+(14)-(15). Target networks are not stored: training on
 from a weights file starts them equal to the networks, as Algorithm 1 does. Its metadata are text: `format`,
 `tensors_sha256` (`Weights.digest`, against damage), `stage`, `configuration` (JSON of every resolved parameter),
 `software`, `data` and `held_out` (JSON). Nothing here needs torch, and no pickle is ever read.
@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import build, values_of
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.residuals import Residuals, residuals_of
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.tensor_file import Tensors, digest_of, read_bytes, read_tensors, tensors_to_bytes
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.world.observation import AGENTS
 
 FORMAT = "vpsci-ma-sst-ddpg 1"
+RETIRED = {"carry_state": True, "latent": 0, "residuals": False}  # parameters of networks in earlier files, always so
 
 
 @dataclass(frozen=True)
@@ -65,20 +65,6 @@ class Weights:
             raise InvalidInput(f"agent: expected one of {', '.join(AGENTS)}, got {agent!r}")
         return ActorWeights(self.network, self.part(f"{agent}_actor"))
 
-    def residuals(self) -> Residuals | None:
-        """Return what recorded people did beside the networks; None where the networks act without that."""
-        return residuals_of(self.tensors, "weights") if self.network.residuals else None
-
-    def people(self, name: str) -> int:
-        """Return the number of those whose residuals act, see `residuals.people_of`; of the empty name 0, the first.
-
-        :raises InvalidInput: the residuals are other people's.
-        """
-        known = self.facts.get("data", {}).get("people", [])
-        if name and name not in known:
-            raise InvalidInput(f"people: expected one of {', '.join(known) or 'no one'}, got {name!r}")
-        return known.index(name) if name else 0
-
     def digest(self) -> str:
         """Return the SHA-256 of names and values of all tensors, as hexadecimal digits; facts do not enter."""
         return digest_of(self.tensors)
@@ -103,7 +89,8 @@ def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
     configuration = facts.pop("configuration", None)
     if not isinstance(configuration, dict) or not isinstance(configuration.get("NetworkConfig"), dict):
         raise InvalidInput(f"{where}: damaged weights file: no configuration in the metadata; copy or train it again")
-    network = build(NetworkConfig, configuration["NetworkConfig"], f"{where}, configuration")
+    values = {name: value for name, value in configuration["NetworkConfig"].items() if RETIRED.get(name, ...) != value}
+    network = build(NetworkConfig, values, f"{where}, configuration")
     _check(tensors, network, where)
     return Weights(network, tensors, configuration, facts)
 
@@ -143,8 +130,6 @@ def _check(tensors: Mapping[str, NDArray[Any]], network: NetworkConfig, where: s
             )
         if not np.isfinite(tensor).all():
             raise InvalidInput(f"{where}: tensor {name} holds values that are not finite; train again")
-    if network.residuals:
-        expected |= dict.fromkeys(residuals_of(tensors, where).tensors(), ())
     for name in tensors:
         if name not in expected:
             raise InvalidInput(f"{where}: unknown tensor {name}; the configuration in the metadata does not have it")

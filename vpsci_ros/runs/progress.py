@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemaining
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
 
 LINE_EVERY = 10.0  # [s] between lines where there is no terminal
-_WORTH = ("closed_loop_ade", "held_out_closed_loop_ade", "collision_rate", "goal_rate", "rollbacks")
+_WORTH = ("closed_loop_ade", "held_out_closed_loop_ade", "collision_rate", "goal_rate")
 _STAGE_1, _STAGE_2 = ("episode", "episodes"), ("simulated", "episodes_wanted")  # names of done and total
 
 

@@ -25,7 +25,6 @@ AGENTS = ("vehicle", "pedestrian")
 OBSERVATION_SIZE = 6
 ACTION_SIZE = 2
 STEP = 0.1  # [s] of the policies, and of recordings
-LANE_GRID, LANE_NODES = 2.0, 21  # [m] between the nodes of the lane ahead of a vehicle, and how many of them
 
 
 @kernel

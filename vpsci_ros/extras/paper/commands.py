@@ -50,8 +50,7 @@ def samples(
     that is stopped (Ctrl-C) goes on when the same command is given again;
     finished sizes are not trained again.
 
-    In full, with params/deterministic_stage1.yaml: about 25 minutes on one free
-    core. A trial of a minute: --sizes 50,100 --set learner.episodes=20
+    In full, with params/stage1_pretrain.yaml: hours on one core. A trial of a minute: --sizes 50,100 --set learner.episodes=20
     """
     from vpsci_ros.extras.paper.studies.run import run_sample_study
 
@@ -79,13 +78,13 @@ def folds(
 
     Trains once a fold, on the clips of the others, and measures each
     interaction by the policies that have not learned from its clip: Table
-    9's columns, by two protocols. With --refine params/deterministic_stage2.yaml
+    9's columns, by two protocols. With --refine params/stage2_online.yaml
     each fold goes on in simulation, too. Leaves cross_validation.json, run.json and
     a folder for each fold. A study that is stopped (Ctrl-C) goes on when the
     same command is given again; finished folds are not trained again.
 
-    In full, with params/deterministic_stage1.yaml: about 11 minutes on one free
-    core, and with stage 2 110. A trial of a minute, without it: --folds 2
+    In full, with params/stage1_pretrain.yaml: hours on one core. A trial
+    of a minute: --folds 2
     --set learner.episodes=20
     """
     from vpsci_ros.extras.paper.studies.run import run_fold_study
@@ -109,10 +108,9 @@ def models(
         int, typer.Option("--folds", min=2, metavar="N", help="Parts of the clips, each held out once.")
     ] = 5,
     seeds: Annotated[int, typer.Option(min=1, metavar="N", help="Trainings of each model in each fold.")] = 1,
-    reinforcement: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Stage 1 of the models that learn by reinforcement.")
+    refine: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Hybrid setting: stage 2 of the models by reinforcement.")
     ] = None,
-    refine: Annotated[Path | None, typer.Option(metavar="FILE", help="Hybrid setting: their stage 2.")] = None,
     simulated: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Hybrid setting: simulated near misses for the others.")
     ] = None,
@@ -126,15 +124,12 @@ def models(
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
-    """Table 9: its eleven models and five of this package's, in both settings.
+    """Table 9: its models by supervision and by reinforcement, in both settings.
 
     All see the same and learn from the same near misses in the same number
-    of updates. ma_sst, ma_transformer, ma_lstm, ma_feedforward: both agents
-    imitate on their own predictions, through the kinematics; sst,
-    transformer, lstm, feedforward: the next velocity alone; ..._ddpg and
-    ddpg: by reinforcement, with --reinforcement params/table9_ddpg.yaml;
-    densetnt, multipath, social_lstm: each by its own loss. With --refine
-    params/table9_refine.yaml and --simulated TABLE each goes on in
+    of updates. sst, transformer, lstm, feedforward: the next velocity;
+    ..._ddpg and ddpg: by reinforcement. With --refine
+    params/stage2_online.yaml and --simulated TABLE each goes on in
     simulation and is measured there, too (..._refined). Leaves models.json,
     models.md, models.png, run.json and a folder for each fold, with weights
     that act by --weights. With --steps 0.3,1,3 each learns by the step sizes,
@@ -143,14 +138,14 @@ def models(
     command is given again; finished trainings are kept.
 
     Budgets and their cost: docs/results.md. A trial of a
-    minute: --models ma_sst,lstm --folds 2 --set learner.episodes=20
+    minute: --models sst,lstm --folds 2 --set learner.episodes=20
     """
     from vpsci_ros.extras.paper.studies.run import ModelStudy, run_model_study
 
     factors = _factors(steps)
     with stoppable(output):
-        others = [None if file is None else read_sections(file, None, near_misses) for file in (reinforcement, refine)]
-        study = ModelStudy(_parts(chosen), count, seeds, others[0], others[1], simulated, fresh_episodes, factors)
+        stage_2 = None if refine is None else read_sections(refine, None, near_misses)
+        study = ModelStudy(_parts(chosen), count, seeds, stage_2, simulated, fresh_episodes, factors)
         run_model_study(read_sections(params, settings, near_misses), output, study, quiet=quiet)
 
 
@@ -180,9 +175,8 @@ def weights(
     study that is stopped (Ctrl-C) goes on when the same command is given
     again; what is finished is not trained again.
 
-    In full, with params/deterministic_stage2.yaml: about 80 minutes on one free
-    core. A trial of a minute: --weightings equal,adaptive --fresh-episodes 5
-    --set world_simulator.episodes=4 --set learner.updates.warm_up_steps=100
+    In full, with params/stage2_online.yaml: hours on one core. A trial of a minute: --weightings equal,adaptive --fresh-episodes 5
+    --set world_simulator.episodes=4
     --set learner.refresh.updates=5
     """
     from vpsci_ros.extras.paper.studies.run import run_weight_study

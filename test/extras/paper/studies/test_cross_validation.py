@@ -10,14 +10,10 @@ from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.evaluation.errors import CONTROLS, evaluate
 from vpsci_ros.extras.paper.studies.cross_validation import Refinement, cross_validate
 from vpsci_ros.learning.config import (
-    ImitationConfig,
-    OnlineDdpgConfig,
     OnlineReplayConfig,
-    OnlineUpdatesConfig,
     PretrainConfig,
     RefineConfig,
     RefreshConfig,
-    RehearsalConfig,
     ReplayConfig,
 )
 from vpsci_ros.policy.config import NetworkConfig
@@ -28,9 +24,7 @@ from vpsci_ros.world import WorldConfig, load_scenarios
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
-CONFIG = PretrainConfig(
-    episodes=3, replay=ReplayConfig(batch_size=10), imitation=ImitationConfig(rollouts=2, rollout_steps=2)
-)
+CONFIG = PretrainConfig(episodes=3, replay=ReplayConfig(batch_size=10))
 
 
 @pytest.fixture(scope="module")
@@ -78,14 +72,7 @@ def test_pooled_errors_are_the_folds_own_and_controls_those_of_the_whole_data(tm
 
 def test_with_a_refinement_every_fold_goes_on_in_simulation_from_its_own_weights_and_clips(tmp_path):
     table = synthetic_near_misses(interactions=60, seed=3).table
-    config = RefineConfig(
-        objective="ddpg",
-        replay=OnlineReplayConfig(batch_size=40),
-        updates=OnlineUpdatesConfig(warm_up_steps=20, steps_per_update=40),
-        ddpg=OnlineDdpgConfig(critic_warm_up=1),
-        rehearsal=RehearsalConfig(rollouts=2),
-        refresh=RefreshConfig(updates=2),
-    )
+    config = RefineConfig(replay=OnlineReplayConfig(batch_size=20), refresh=RefreshConfig(updates=2))
     simulation = SimulationConfig(
         load_scenarios([1]), [(1, e) for e in range(6)], batch=4, seed=3, world=WorldConfig(pedestrian_gain=0.5)
     )

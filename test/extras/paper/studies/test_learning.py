@@ -6,13 +6,9 @@ import pytest
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.extras.paper.studies.learning import WEIGHTINGS, FreshEpisodes, reward_weight_study, sample_size_study
 from vpsci_ros.learning.config import (
-    ImitationConfig,
-    OnlineDdpgConfig,
     OnlineReplayConfig,
-    OnlineUpdatesConfig,
     PretrainConfig,
     RefineConfig,
-    RehearsalConfig,
     ReplayConfig,
 )
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
@@ -26,15 +22,9 @@ STAGE_1 = PretrainConfig(
     episodes=3,
     held_out_fraction=0.3,
     replay=ReplayConfig(batch_size=10),
-    imitation=ImitationConfig(rollouts=2, rollout_steps=2),
 )
 EXPLORING = dict.fromkeys(AGENTS, PolicyConfig(explore=True, seed=4))
-STAGE_2 = RefineConfig(
-    replay=OnlineReplayConfig(batch_size=40),
-    updates=OnlineUpdatesConfig(warm_up_steps=20, steps_per_update=40),
-    ddpg=OnlineDdpgConfig(critic_warm_up=1),
-    rehearsal=RehearsalConfig(rollouts=2),
-)
+STAGE_2 = RefineConfig(replay=OnlineReplayConfig(batch_size=40))
 TWO = {name: WEIGHTINGS[name] for name in ("safety", "adaptive")}
 
 

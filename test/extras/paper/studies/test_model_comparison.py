@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -16,14 +17,9 @@ from vpsci_ros.extras.paper.studies.networks import train
 from vpsci_ros.extras.paper.studies.table_9 import table_9_page
 from vpsci_ros.extras.paper.studies.tables import print_table_9, save_table_9
 from vpsci_ros.learning.config import (
-    DdpgConfig,
-    ImitationConfig,
-    OnlineDdpgConfig,
     OnlineReplayConfig,
-    OnlineUpdatesConfig,
     PretrainConfig,
     RefineConfig,
-    RehearsalConfig,
     ReplayConfig,
 )
 from vpsci_ros.policy.config import NetworkConfig
@@ -34,10 +30,9 @@ from vpsci_ros.world import WorldConfig, load_scenarios
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
-CONFIG = PretrainConfig(episodes=2, imitation=ImitationConfig(rollouts=2, rollout_steps=2))
-BY_CRITICS = PretrainConfig(objective="ddpg", replay=ReplayConfig(batch_size=32), ddpg=DdpgConfig(critic_head_start=0))
-RECORDED = ["ma_sst", "lstm", "sst", "ddpg", "multipath"]
-SIMULATED = ["ma_sst_ddpg", "social_lstm"]  # also in the hybrid setting
+CONFIG = PretrainConfig(episodes=2, replay=ReplayConfig(batch_size=32))
+RECORDED = ["sst", "lstm", "ddpg"]
+SIMULATED = ["ma_sst_ddpg", "transformer"]  # also in the hybrid setting
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +42,7 @@ def table():
 
 @pytest.fixture(scope="module")
 def options(table):
-    return {"models": ["ma_sst", "lstm"], "folds": 2, "seed": 1, "reinforcement": BY_CRITICS}
+    return {"models": ["sst", "lstm"], "folds": 2, "seed": 1}
 
 
 @pytest.fixture(scope="module")
@@ -60,13 +55,7 @@ def whole(table, options, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def hybrid(table, options, tmp_path_factory):
-    learner = RefineConfig(
-        objective="ddpg",
-        replay=OnlineReplayConfig(batch_size=32),
-        updates=OnlineUpdatesConfig(steps_per_update=0, warm_up_steps=1),
-        ddpg=OnlineDdpgConfig(critic_warm_up=0),
-        rehearsal=RehearsalConfig(weight=0.0),
-    )
+    learner = RefineConfig(replay=OnlineReplayConfig(batch_size=32))
     world = WorldConfig(spawn="paper", episode_time=6.0)
     simulation = SimulationConfig(load_scenarios([1]), [(1, e) for e in range(6)], 6, 2, world)
     seen = Hybrid(
@@ -92,7 +81,7 @@ def test_a_training_that_was_killed_before_its_cost_was_written_ends_with_it(net
     hybrid = SimpleNamespace(
         identity=lambda: {"simulated": "1f"}, refinement=SimpleNamespace(config=RefineConfig(), simulation=None)
     )
-    run = model_comparison._Run("ma_sst_ddpg", None, BY_CRITICS, SMALL, 0, tmp_path, {})
+    run = model_comparison._Run("ma_sst_ddpg", None, CONFIG, SMALL, 0, tmp_path, {})
     with pytest.raises(KeyboardInterrupt):
         run.hybrid(hybrid)
     assert run.hybrid(hybrid) == run.hybrid(hybrid) == folder / "refined.safetensors"
@@ -124,12 +113,11 @@ def test_both_settings_of_a_model_stand_in_the_table_with_outcomes_and_what_peop
         assert value == pytest.approx(rows[name]["closed_loop"]["ade"] / rows["ma_sst_ddpg"]["closed_loop"]["ade"])
     assert rows["ma_sst_ddpg"]["people"]["share_of_ma_sst_ddpg"] == (1.0, [1.0, 1.0])
     assert rows["ma_sst_ddpg"]["people"]["roll_outs"] == 1
-    assert rows["social_lstm"]["people"]["roll_outs"] > 1
     control = rows["constant_velocity"]["world"]  # of the two episodes once, a model's of 2 folds and 2 seeds each
     assert {len(rows[name]["world"]["collision_by_training"]) for name in SIMULATED} == {4}
     assert all(rows[name]["world"]["critical_episodes"] == 4 * control["critical_episodes"] for name in SIMULATED)
     first, second = (
-        load_weights(folder / "fold_1" / name / "weights.safetensors") for name in ("social_lstm", "social_lstm_1")
+        load_weights(folder / "fold_1" / name / "weights.safetensors") for name in ("transformer", "transformer_1")
     )
     assert first.digest() != second.digest()
 
@@ -145,7 +133,7 @@ def test_a_stopped_comparison_goes_on_and_keeps_what_was_trained(tmp_path, table
     seen = []
     result = compare_models(table, CONFIG, SMALL, **options, report=lambda fold, v: seen.append((fold, v["episode"])))
     assert seen == [("2", 3), ("2", 4)]
-    for name in ("ma_sst", "lstm"):
+    for name in ("sst", "lstm"):
         for protocol in ("reconstruction", "closed_loop"):
             assert result["models"][name][protocol] == whole["models"][name][protocol]
     with pytest.raises(InvalidInput, match="a run with seed = 1, and this one has 2"):
@@ -165,8 +153,8 @@ def test_each_model_learns_by_the_steps_that_did_best_on_clips_of_its_own_traini
     again = compare_models(table, CONFIG, SMALL, **options, out_dir=tmp_path / "tuned", factors=(0.01, 100.0))
     assert again["models"]["ddpg"]["trials"] == tuned["models"]["ddpg"]["trials"]
     assert len(seen) == 2 * 2 * 2, "two models, folds and factors, and none a second time"
-    steps = {(c.imitation.learning_rate, c.updates.critic_learning_rate, c.ddpg.actor_learning_rate) for c, _ in seen}
-    assert steps == {(f * 1.5e-4, f * 2e-4, f * 1e-4) for f in (0.01, 100.0)}
+    steps = {(c.updates.critic_learning_rate, c.updates.actor_learning_rate) for c, _ in seen}
+    assert steps == {(f * 2e-4, f * 1e-4) for f in (0.01, 100.0)}
     parts, _ = held_out_folds(table, 2, 1)
     for number, (_, held_out) in enumerate(parts):
         tried = seen[4 * number : 4 * number + 4]
@@ -181,11 +169,9 @@ def test_each_model_learns_by_the_steps_that_did_best_on_clips_of_its_own_traini
 
 
 def test_an_objective_that_the_study_would_ignore_is_refused(tmp_path, table, options):
-    with pytest.raises(InvalidInput, match=r"learner.objective = ddpg: each model of this study has an objective"):
-        compare_models(table, BY_CRITICS, SMALL, **options, out_dir=tmp_path)
-    with pytest.raises(InvalidInput, match="ma_ddpg learns by reinforcement: expected --reinforcement FILE"):
-        alone = options | {"models": ["lstm", "ma_ddpg"], "reinforcement": None}
-        compare_models(table, CONFIG, SMALL, **alone, out_dir=tmp_path)
+    other = replace(CONFIG, objective="single_agent_ddpg")
+    with pytest.raises(InvalidInput, match=r"learner.objective = single_agent_ddpg: each model of this study has its"):
+        compare_models(table, other, SMALL, **options, out_dir=tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -202,14 +188,14 @@ def test_the_page_has_every_row_with_its_intervals_and_says_what_was_not_measure
     assert {len(row) for row in rows} == {10, 12}
     errors = {row[0]: row for row in rows if len(row) == 10}
     people = {row[0]: row for row in rows if len(row) == 12}
-    names = ["MA-SST-DDPG", "Social-LSTM", "MA-SST-DDPG +", "Social-LSTM +"]
+    names = ["MA-SST-DDPG", "Transformer", "MA-SST-DDPG +", "Transformer +"]
     assert list(errors)[1:] == [*names, "last velocity repeated", "constant velocity, tracked"]
     assert list(people)[1:] == [*names, "no reaction (velocities kept)"]
-    of = result["models"]["social_lstm_refined"]
+    of = result["models"]["transformer_refined"]
     ade, (low, high) = of["closed_loop"]["ade"], of["closed_loop"]["ade_interval"]
-    assert errors["Social-LSTM +"][6:8] == ["0.651", f"{ade:.3f} [{low:.3f}, {high:.3f}]"]
+    assert errors["Transformer +"][6:8] == ["0.651", f"{ade:.3f} [{low:.3f}, {high:.3f}]"]
     single = [round(100.0 * rate) for rate in of["world"]["collision_by_training"]]
-    assert people["Social-LSTM +"][7] == f"{min(single)} to {max(single)}%"
+    assert people["Transformer +"][7] == f"{min(single)} to {max(single)}%"
     assert people["no reaction (velocities kept)"][1:6] == [""] * 5
     assert people["no reaction (velocities kept)"][6].endswith("]")
     tried = {"ade": {"0.3": 0.5, "1": 0.25}, "factor": 1.0}

@@ -130,7 +130,7 @@ def reward_weight_study(
 
     The last rows are controls: the weights that all start from, and no acceleration at all. Columns: `weights`; the
     rates of `rates_with_intervals`; ADE and FDE [m] of both protocols on the held-out clips; where there was learning,
-    the final `w_collision`, `w_goal`, `w_speed`, and `updates`, `refreshes`, `rollbacks`.
+    the final `w_collision`, `w_goal`, `w_speed`, and `updates`, `refreshes`.
 
     :param weightings: name -> w_1 to w_3 of (27), or nothing for the adaptive scheme (28).
     :param simulation, learner_seed: as for `refine`.
@@ -159,7 +159,7 @@ def reward_weight_study(
             )
         refined = load_weights(folder / WEIGHTS)
         last = pl.read_csv(folder / online.LOG).row(-1, named=True)
-        learned = {k: v for k, v in last.items() if k.startswith("w_") or k in ("updates", "refreshes", "rollbacks")}
+        learned = {k: v for k, v in last.items() if k.startswith("w_") or k in ("updates", "refreshes")}
         return measured(refined) | refined.facts["held_out"]["errors"] | learned
 
     rows = []

@@ -26,7 +26,6 @@ from vpsci_ros.learning import refine as stage_2
 from vpsci_ros.learning.config import PretrainConfig
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.models import MODELS
-from vpsci_ros.policy.residuals import people_of
 from vpsci_ros.policy.weights import Weights, load_weights, resolved, save_weights
 from vpsci_ros.runs.files import write_json
 
@@ -45,7 +44,6 @@ def compare_models(
     seed: int,
     out_dir: str | Path,
     seeds: int = 1,
-    reinforcement: PretrainConfig | None = None,
     hybrid: Hybrid | None = None,
     factors: Sequence[float] = (),
     report: Report | None = None,
@@ -63,24 +61,16 @@ def compare_models(
 
     :param models: of `vpsci_ros.policy.models.MODELS`.
     :param seeds: trainings a fold, by seeds `seed`, `seed` + 1, ...; the folds are those of `seed`.
-    :param reinforcement: of the models by reinforcement; its `episodes` are those of `config`.
     :param hybrid: None: data-driven learning alone.
     :param factors: of the step sizes of stage 1, tried for each model and fold (`trials.try_steps`); none: no trial.
     :param report: called with the fold's name ("1", ...) and what `train` reports, updates counted over all its models.
     :raises InvalidInput: as `held_out_folds`; an objective is chosen, which this study would ignore; a model by
         reinforcement without `reinforcement`; `network.carry_state` is false, or `out_dir` holds another study.
     """
-    if config.objective != PretrainConfig().objective:
+    if config.objective != PretrainConfig.objective:
         raise InvalidInput(
-            f"learner.objective = {config.objective}: each model of this study has an objective of its own; expected "
-            "none, leave it out (models by reinforcement take theirs from the file of --reinforcement)"
+            f"learner.objective = {config.objective}: each model of this study has its own; leave it out"
         )
-    for name in models:
-        if by_reinforcement(name) and reinforcement is None:
-            raise InvalidInput(
-                f"{name} learns by reinforcement: expected --reinforcement FILE, a parameter file of stage 1 with "
-                "objective ddpg, such as params/table9_ddpg.yaml"
-            )
     parts, together = held_out_folds(near_misses, folds, seed)
     measuring, out_dir = Measuring(together, near_misses, seed), Path(out_dir)
     config = replace(config, held_out_clips=[], held_out_fraction=0.0)
@@ -92,9 +82,6 @@ def compare_models(
     for number, (training, held_out) in enumerate(parts, 1):
         for place, (name, s) in enumerate(trainings):
             own = config
-            if by_reinforcement(name):
-                assert reinforcement is not None
-                own = replace(reinforcement, episodes=config.episodes, held_out_clips=[], held_out_fraction=0.0)
             folder = out_dir / f"fold_{number}" / (name if s == 0 else f"{name}_{s}")
             report_model = None if report is None else partial(_pass_on, report, f"{number}", place, len(trainings))
             if factors and s == 0:
@@ -158,8 +145,7 @@ class _Run:
         folder, start = self._folder / "refined", load_weights(self._folder / WEIGHTS)
         once(folder, hybrid.identity() | {"weights": start.digest()}, dict)
         if not by_reinforcement(self._name):
-            smaller = replace(self._config.imitation, learning_rate=0.3 * self._config.imitation.learning_rate)
-            config = replace(self._config, imitation=smaller, episodes=max(1, self._config.episodes // 2))
+            config = replace(with_steps(self._config, 0.3), episodes=max(1, self._config.episodes // 2))
             most = self._training["interaction"].max() + 1  # type: ignore[operator]
             both = [self._training, hybrid.simulated.with_columns(pl.col("interaction") + most)]
             return self._trained(folder / WEIGHTS, pl.concat(both), config, None, start)
@@ -188,12 +174,10 @@ class _Run:
     ) -> Path:
         if path.exists():
             return path
-        interactions, began = from_table(table, whole_tracks(self._name)), time.process_time()
+        interactions, began = from_table(table), time.process_time()
         networks = train(self._name, interactions, config, self._network, self._seed, report, start)
         write_json(path.with_name(COST), {"training_seconds": time.process_time() - began})
         facts: dict[str, Any] = {"stage": "pretrained" if start is None else "refined", "seed": self._seed}
-        facts |= {
-            "data": {"sha256": table_hash(table), "people": list(dict.fromkeys(map(people_of, interactions.clip)))}
-        }
-        save_weights(path, networks.weights(resolved(config), facts, actors=acting(self._name)))
+        facts["data"] = {"sha256": table_hash(table)}
+        save_weights(path, networks.weights(resolved(config), facts))
         return path

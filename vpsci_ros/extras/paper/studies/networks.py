@@ -1,13 +1,10 @@
 """How each network of `vpsci_ros.policy.models` learns for `vpsci study models`.
 
-All learn from the same near misses in the same number of updates. By imitation: agents rolled out together on their own
-predictions through the kinematics, or the next velocity alone from recorded histories (the paper's supervised rows). By
-reinforcement: the paper's multi-agent and single-agent rows, as `vpsci pretrain` trains them. By prediction: the three
-predictors of trajectories, each by its own loss.
+All learn from the same near misses in the same number of updates: by supervision the next velocity of recorded steps
+(the paper's supervised rows), or by reinforcement, multi-agent and single-agent, as `vpsci pretrain` trains.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -15,38 +12,27 @@ import torch
 
 from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.learning.config import PretrainConfig
-from vpsci_ros.learning.imitation import TrajectoryImitation
 from vpsci_ros.learning.maddpg import Maddpg
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
 from vpsci_ros.learning.one_thread import one_thread
-from vpsci_ros.learning.prediction import Prediction
-from vpsci_ros.learning.replay import collate, recorded_histories, up_to_capacity
+from vpsci_ros.learning.replay import Batch, History, collate, recorded_histories, up_to_capacity
 from vpsci_ros.learning.rewards import RecordedRewards
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.models import MODELS, network_of
 from vpsci_ros.policy.weights import Weights
+from vpsci_ros.world.observation import AGENTS, STEP
 
 Report = Callable[[dict[str, float]], None]
 
 
 class _Learning(Protocol):
-    def update(self, rng: np.random.Generator, iteration: int) -> dict[str, float]: ...
+    def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> dict[str, float]: ...
 
 
 def by_reinforcement(name: str) -> bool:
     """Return whether the model of this name learns by the policy gradient of critics."""
     return MODELS.find(name).learning.endswith("ddpg")
-
-
-def acting(name: str) -> str:
-    """Return which actors of a trained model act, of `Networks.weights`: targets, or by reinforcement the actors."""
-    return "actor" if by_reinforcement(name) else "target_actor"
-
-
-def whole_tracks(name: str) -> bool:
-    """Return whether the model of this name learns from whole joint tracks: predictors need 3 s after a step."""
-    return MODELS.find(name).learning == "prediction"
 
 
 def untrained(name: str, network: NetworkConfig, seed: int) -> Networks:
@@ -68,9 +54,8 @@ def train(
     report: Report | None = None,
     start: Weights | None = None,
 ) -> Networks:
-    """Train the model of this name; what predicts is the running average of its actors (targets).
+    """Train the model of this name.
 
-    :param config: by reinforcement its `rewards`, `updates`, `replay` and `ddpg`, else its `imitation`.
     :param report: called after every update with `episode`, `episodes` and the losses by name.
     :param start: what it goes on from, normalisation and statistics included; None: from nothing.
     """
@@ -78,49 +63,53 @@ def train(
     if start is None:
         networks.set_statistics(*interactions.samples(), config.rewards.least_speed_deviation)
     torch.manual_seed(seed)
-    model, rng = MODELS.find(name), np.random.default_rng(seed)
+    rng, recorded = np.random.default_rng(seed), recorded_histories(interactions)
+    histories = [recorded[i] for i in up_to_capacity(recorded, config.replay.capacity, rng)]
     learning: _Learning
     if by_reinforcement(name):
-        learning = _Reinforcement(model.learning, networks, interactions, config, rng)
-    elif model.learning == "prediction":
-        learning = Prediction(networks, interactions, config)
+        learning = _Reinforcement(MODELS.find(name).learning, networks, interactions, config)
     else:
-        steps = config.imitation.rollout_steps if model.together else 0
-        config = replace(config, imitation=replace(config.imitation, rollout_steps=steps))
-        learning = TrajectoryImitation(networks, interactions, config)
+        learning = _Supervision(networks, config)
     for episode in range(config.episodes):
-        losses = learning.update(rng, episode)
-        if not by_reinforcement(name):  # there the targets have followed already
-            networks.follow(config.updates.target_update_rate)
+        losses = learning.update(_drawn(histories, config.replay.batch_size, rng), episode, rng)
         if report is not None:
             report({"episode": episode + 1, "episodes": config.episodes} | losses)
     return networks
 
 
+def _drawn(histories: list[History], steps: int, rng: np.random.Generator) -> Batch:
+    picked: list[History] = []
+    while sum(map(len, picked)) < steps:
+        picked.append(histories[int(rng.integers(len(histories)))])
+    return collate(picked)
+
+
+class _Supervision:
+    """The next velocity of recorded steps: mean absolute error of each component."""
+
+    def __init__(self, networks: Networks, config: PretrainConfig) -> None:
+        self._maddpg = Maddpg(networks, config.updates)
+
+    def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> dict[str, float]:
+        """Take one step, and return the loss [m/s] by name."""
+        said, count = self._maddpg.act(batch), 2.0 * len(AGENTS) * batch.present.sum()
+        errors = [((said[a] - batch.action[a]).abs().sum(dim=2) * batch.present).sum() for a in AGENTS]
+        loss = STEP * torch.stack(errors).sum() / count
+        self._maddpg.actor_optimiser.zero_grad()
+        loss.backward()
+        self._maddpg.actor_optimiser.step()
+        return {"velocity_error": float(loss.detach())}
+
+
 class _Reinforcement:
     """Stage 1 by critics: what `learning.pretrain` does in an iteration."""
 
-    def __init__(
-        self,
-        objective: str,
-        networks: Networks,
-        interactions: Interactions,
-        config: PretrainConfig,
-        rng: np.random.Generator,
-    ) -> None:
-        histories = recorded_histories(interactions)
-        self._histories = [histories[i] for i in up_to_capacity(histories, config.replay.capacity, rng)]
-        self._steps = config.replay.batch_size
-        maddpg = Maddpg(networks, config.updates, config.ddpg.actor_learning_rate)
-        training = Training(maddpg, RecordedRewards(config.rewards, networks), interactions, config)
-        self._objective = find_objective(objective).pretrain(training, config)
+    def __init__(self, name: str, networks: Networks, interactions: Interactions, config: PretrainConfig) -> None:
+        training = Training(Maddpg(networks, config.updates), RecordedRewards(config.rewards, networks), interactions)
+        self._objective = find_objective(name).pretrain(training, config)
 
-    def update(self, rng: np.random.Generator, iteration: int) -> dict[str, float]:
+    def update(self, batch: Batch, iteration: int, rng: np.random.Generator) -> dict[str, float]:
         """Take one step of critics and actors, and return the losses by name."""
-        picked, held = [], 0
-        while held < self._steps:
-            picked.append(self._histories[int(rng.integers(len(self._histories)))])
-            held += len(picked[-1])
-        result = self._objective.update(collate(picked), iteration, rng)
+        result = self._objective.update(batch, iteration, rng)
         critics = {f"{agent}_critic_loss": loss for agent, loss in result.critic_loss.items()}
         return critics | {f"{agent}_actor_loss": loss for agent, loss in result.actor_loss.items()}

@@ -21,7 +21,6 @@ from vpsci_ros.extras.paper.studies.learning import (
 from vpsci_ros.extras.paper.studies.model_comparison import RESULT as MODELS_RESULT
 from vpsci_ros.extras.paper.studies.model_comparison import compare_models
 from vpsci_ros.extras.paper.studies.model_table import Hybrid
-from vpsci_ros.extras.paper.studies.networks import by_reinforcement
 from vpsci_ros.extras.paper.studies.table_9 import PAGE, table_9_page
 from vpsci_ros.extras.paper.studies.tables import (
     print_table_3,
@@ -110,9 +109,8 @@ class ModelStudy:
 
     :ivar models: names of `vpsci_ros.policy.models.MODELS`; none: this package's.
     :ivar folds, seeds: trainings of each model: `folds` times `seeds`.
-    :ivar reinforcement: sections of stage 1 for models by reinforcement; None: none of them is compared.
-    :ivar refine, simulated: sections of stage 2 for these, and a near-miss table of simulated interactions for the
-        others; None: data-driven learning alone.
+    :ivar refine, simulated: sections of stage 2 for models by reinforcement, and a near-miss table of simulated
+        interactions for the others; None: data-driven learning alone.
     :ivar fresh_episodes: in each scenario, by `fresh_seed`, in which every model is measured.
     :ivar factors: of the step sizes, tried for each model in each fold; none: no trial.
     """
@@ -120,7 +118,6 @@ class ModelStudy:
     models: Sequence[str] = ()
     folds: int = 5
     seeds: int = 1
-    reinforcement: Sections | None = None
     refine: Sections | None = None
     simulated: Path | None = None
     fresh_episodes: int = 40
@@ -135,11 +132,10 @@ def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quie
         `refine` and `simulated` is missing, or `folder` holds another study.
     :raises Stopped: a signal stopped it; what is done is in `folder`.
     """
-    models = list(study.models) or [n for n in MODELS.built_in if study.reinforcement or not by_reinforcement(n)]
+    models = list(study.models) or list(MODELS.built_in)
     for name in models:
         MODELS.find(name)
     learner, config, network, corpus, resolved = stage_1_inputs(sections)
-    reinforcement = None if study.reinforcement is None else stage_1_inputs(study.reinforcement).config
     hybrid, files = _hybrid(study), corpus_files(learner.near_misses)
     facts: dict[str, Any] = {
         "models": models,
@@ -147,8 +143,6 @@ def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quie
         "seeds": study.seeds,
         "factors": list(study.factors),
     }
-    if reinforcement is not None:
-        facts["reinforcement"] = values_of(reinforcement)
     if hybrid is not None:
         assert study.simulated is not None
         facts |= {"hybrid": hybrid.identity(), "fresh_episodes": study.fresh_episodes, "fresh_seed": study.fresh_seed}
@@ -169,7 +163,6 @@ def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quie
                 seed=learner.seed,
                 out_dir=folder,
                 seeds=study.seeds,
-                reinforcement=reinforcement,
                 hybrid=hybrid,
                 factors=study.factors,
                 report=report,

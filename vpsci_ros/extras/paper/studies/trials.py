@@ -11,7 +11,7 @@ from vpsci_ros.data.interactions import from_table
 from vpsci_ros.data.near_misses import folds_by_clip
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import eligible, measure
-from vpsci_ros.extras.paper.studies.networks import acting, train, whole_tracks
+from vpsci_ros.extras.paper.studies.networks import train
 from vpsci_ros.learning.config import PretrainConfig
 from vpsci_ros.policy.config import NetworkConfig
 
@@ -20,12 +20,9 @@ PARTS, SHARE = 4, 3  # one of so many parts of the training clips is held back, 
 
 def with_steps(config: PretrainConfig, factor: float) -> PretrainConfig:
     """Return what has each optimiser's step sizes times `factor`."""
-    return replace(
-        config,
-        imitation=replace(config.imitation, learning_rate=factor * config.imitation.learning_rate),
-        updates=replace(config.updates, critic_learning_rate=factor * config.updates.critic_learning_rate),
-        ddpg=replace(config.ddpg, actor_learning_rate=factor * config.ddpg.actor_learning_rate),
-    )
+    updates = config.updates
+    actors, critics = factor * updates.actor_learning_rate, factor * updates.critic_learning_rate
+    return replace(config, updates=replace(updates, actor_learning_rate=actors, critic_learning_rate=critics))
 
 
 def try_steps(
@@ -49,11 +46,11 @@ def try_steps(
     learned, kept = folds_by_clip(training, PARTS, seed)[0]
     held_out = eligible(from_table(kept))
     config = replace(config, episodes=max(1, config.episodes // SHARE))
-    interactions = from_table(learned, whole_tracks(name))
+    interactions = from_table(learned)
     errors: list[float] = []
     for factor in factors:
         networks = train(name, interactions, with_steps(config, factor), network, seed, lambda _: check())
-        weights = networks.weights({}, {}, actors=acting(name))
+        weights = networks.weights({}, {})
         errors.append(float(measure(PolicyPredictor(weights), held_out)["closed_loop"].ade.mean()))
     best = int(np.nanargmin(errors))
     return {"factor": factors[best], "ade": {f"{f:g}": error for f, error in zip(factors, errors, strict=True)}}
