@@ -33,13 +33,13 @@ def test_importance_stays_finite_whatever_the_error():
 
 def scored(batch, reward):
     action = {agent: batch.action[agent] for agent in AGENTS}
-    return Scored(action, {agent: torch.full(batch.present.shape, reward) * batch.present for agent in AGENTS})
+    return Scored(action, {agent: torch.full(batch.present.shape, reward) * batch.present for agent in AGENTS}, batch)
 
 
 def test_targets_are_the_bellman_equation_with_nothing_after_the_end(networks, batch):
     made = networks()
     maddpg = Maddpg(made, UpdatesConfig(discount=0.9))
-    targets = maddpg._targets(batch, scored(batch, 200.0))["vehicle"]
+    targets = maddpg._targets(scored(batch, 200.0))["vehicle"]
     recorded = {a: batch.observation[a][:1] for a in AGENTS}
     before = {a: torch.cat([torch.zeros(1, 1, 2), batch.action[a][:1]], dim=1) for a in AGENTS}
     curvttc = batch.curvttc[:1]
@@ -120,7 +120,7 @@ def made_up(steps, terminal, seed):
 
     curvttc = rng.uniform(0.0, 8.0, steps + 1).astype(np.float32)
     rest = (normal(steps, 2) for _ in range(3))
-    return History(normal(steps + 1, 6), curvttc, *rest, terminal=terminal, real=False)
+    return History(normal(steps + 1, 6), curvttc, *rest, np.ones(steps, bool), terminal=terminal, real=False)
 
 
 TEMPERATURE = 0.5 * UNIT  # of (5), low enough for weights that differ
@@ -157,7 +157,8 @@ def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equatio
     made.target_critic.load_state_dict(slow.critic.state_dict())
     histories = [made_up(3, False, seed=0), made_up(6, True, seed=1)]
     torch.manual_seed(2)
-    scored = Scored({a: torch.randn(2, 6, 2) for a in AGENTS}, {a: UNIT * torch.randn(2, 6) for a in AGENTS})
+    batch = collate(histories)
+    scored = Scored({a: torch.randn(2, 6, 2) for a in AGENTS}, {a: UNIT * torch.randn(2, 6) for a in AGENTS}, batch)
     # steps of zero: gradients stay to be seen
     monkeypatch.setattr("vpsci_ros.learning.maddpg.GRADIENT_CLIP", 1e9)
     config = UpdatesConfig(0.0, 0.0, discount=0.9, importance_temperature=TEMPERATURE)
@@ -170,10 +171,28 @@ def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equatio
             network = getattr(made, name)[agent]
             expected[name, agent] = torch.autograd.grad(of, list(network.parameters()))
             assert max(float(gradient.abs().max()) for gradient in expected[name, agent]) > 1e-3
-    maddpg, batch = Maddpg(made, config), collate(histories)
+    maddpg = Maddpg(made, config)
     result = maddpg.update(batch, scored, maddpg.act(batch))
     for agent in AGENTS:
         assert (result.critic_loss[agent], result.actor_loss[agent]) == pytest.approx(known[agent], rel=1e-4)
     for (name, agent), gradients in expected.items():
         for parameter, gradient in zip(getattr(made, name)[agent].parameters(), gradients, strict=True):
             torch.testing.assert_close(parameter.grad, gradient, atol=1e-5, rtol=1e-3)
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_values_reach_over_a_hand_back_to_the_next_hand_over_discounted_by_the_time_until_then(networks, again):
+    """The policies act at steps 0, 1 and, or not, 4; a goal is reached at step 2, while the rule-based pair drives."""
+    made, history = networks(gain=20.0), made_up(5, terminal=False, seed=3)
+    history.acting[:] = [True, True, False, False, again]
+    batch = collate([history])
+    reward = {a: UNIT * torch.tensor([[1.0, 2.0, 8.0, 0.0, 4.0]]) for a in AGENTS}
+    targets = Maddpg(made, UpdatesConfig(discount=0.5))._targets(Scored(batch.action, reward, batch))["vehicle"][0]
+    before = {a: torch.cat([torch.zeros(1, 1, 2), batch.action[a]], dim=1) for a in AGENTS}
+    seen = {a: (batch.observation[a], before[a], batch.curvttc) for a in AGENTS}
+    critic, actions = made.target_critic["vehicle"], [made.target_actor[a](*seen[a]) for a in AGENTS]
+    value = critic.value(critic.encode(*seen["vehicle"]), *actions)[0]
+    after = value[4] if again else torch.tensor(4.0)  # else the episode goes on to its end without them
+    torch.testing.assert_close(targets[0], 1.0 + 0.5 * value[1])
+    torch.testing.assert_close(targets[1], 2.0 + 0.5 * 8.0 + 0.125 * after)
+    assert not batch.present[0, 2:4].any()

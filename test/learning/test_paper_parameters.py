@@ -12,11 +12,9 @@ from vpsci_ros.policy.exploration import amplitude
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.world import WorldConfig
-from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.observation import AGENTS
 
 TABLE_8 = {
-    "replay.capacity": 10000,
     "replay.batch_size": 256,
     "updates.critic_learning_rate": 2e-4,
     "updates.discount": 0.99,
@@ -37,6 +35,7 @@ NETWORK = {
 }
 STAGE_1 = {"objective": "ddpg", "episodes": 3000, "updates.actor_learning_rate": 1e-4}
 SECTION_3_2 = {
+    "replay.capacity": 10000,
     "objective": "ddpg",
     "updates.actor_learning_rate": 5e-5,
     "replay.real_bonus": 0.2,
@@ -50,7 +49,7 @@ WORLD = {
     "tick": 0.05,
     "episode_time": 10.0,
     "spawn": "paper",
-    "release_time": 0.0,
+    "release_time": 0.5,  # ours
     "lane_following": False,
     "pedestrian_gain": 0.5,
 }
@@ -63,7 +62,6 @@ WORLD = {
         ("stage1_pretrain.yaml", NetworkConfig, "learner", NETWORK),
         ("stage2_online.yaml", RefineConfig, "learner", TABLE_8 | SECTION_3_2),
         ("stage2_online.yaml", WorldConfig, "world_simulator", WORLD),
-        ("stage2_online.yaml", LockStepConfig, "world_simulator", {"credit_outcome": True}),
     ],
 )
 def test_the_papers_files_have_the_papers_values(name, kind, section, expected):

@@ -37,7 +37,7 @@ def experience(histories=6, steps=10, seed=0, first_number=0, first_episode=0):
     rows = np.zeros(histories * steps, TRANSITION)
     rows["number"] = first_number + np.arange(len(rows))
     rows["scenario"], rows["episode"] = 1, first_episode + np.repeat(np.arange(histories), steps)
-    rows["step"] = np.tile(np.arange(steps), histories)
+    rows["step"], rows["acting"] = np.tile(np.arange(steps), histories), 1
     for name in ("vehicle_observation", "pedestrian_observation", "vehicle_action", "pedestrian_action"):
         rows[name] = rng.normal(size=rows[name].shape)
     rows["curvttc"] = rows["next_curvttc"] = rng.uniform(0.0, 6.0, len(rows))
@@ -65,8 +65,8 @@ def test_a_transition_that_is_not_a_number_is_counted_and_leaves_weights_and_ret
 
 def test_weights_are_not_written_where_what_was_learned_is_not_finite(tmp_path, networks, near_misses):
     refiner = Refiner(QUICK, networks(gain=1.0).weights({}, {}), near_misses, seed=4, out_dir=tmp_path)
-    refiner.reward_weights.values = np.array([np.nan, 0.5, 0.5])
-    with pytest.raises(VpsciError, match=r"expected finite weights of rewards .* got \[nan, 0.5, 0.5\].*refine again"):
+    refiner.reward_weights.values = np.array([[np.nan, 0.5, 0.5]] * 2)
+    with pytest.raises(VpsciError, match=r"expected finite weights of rewards .* got \[\[nan, 0.5, .*refine again"):
         refiner.save()
     assert not list(tmp_path.iterdir())
 
@@ -76,13 +76,13 @@ def test_one_update_is_due_for_every_episode_once_there_is_a_batch(refiner):
     refiner.add(rows[:39])
     assert not refiner.due
     refiner.add(rows[39:-1])  # the last one is not whole
-    refiner.add(experience(histories=3, first_number=59, first_episode=4))  # another one of number 4, and 5 and 6
+    refiner.add(experience(histories=2, first_number=59, first_episode=6))
     shares = []
     while refiner.due:
         shares.append(refiner.update()["real_share"])
     assert len(shares) == 7
     assert 0.0 < sum(shares) < 7.0
-    assert refiner.progress.received == 89
+    assert refiner.progress.received == 79
     assert refiner.assembler.lost == 0
 
 

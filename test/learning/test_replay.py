@@ -1,7 +1,16 @@
 import numpy as np
 import pytest
 
-from vpsci_ros.learning.replay import History, ReplayBuffer, collate, up_to_capacity
+from vpsci_ros.data.interactions import from_table
+from vpsci_ros.learning.replay import (
+    WINDOW,
+    History,
+    ReplayBuffer,
+    collate,
+    draw_recorded,
+    recorded_steps,
+    up_to_capacity,
+)
 from vpsci_ros.world.observation import AGENTS
 
 
@@ -15,6 +24,7 @@ def made(steps, real=False, mark=0.0):
         filled(steps, 2),
         filled(steps, 2),
         filled(steps, 2),
+        np.ones(steps, bool),
         True,
         real,
     )
@@ -72,5 +82,42 @@ def test_the_practical_buffer_holds_whole_histories_up_to_its_capacity():
 def test_padding_is_marked_as_absent():
     batch = collate([made(3), made(5)])
     assert batch.present.sum(dim=1).tolist() == [3, 5]
-    assert batch.terminal.nonzero().tolist() == [[0, 2], [1, 4]]
+    assert batch.terminal.tolist() == [True, True]
+    assert batch.length.tolist() == [3, 5]
     assert batch.curvttc[0, 4:].isinf().all()
+
+
+def test_steps_in_which_the_rule_based_pair_drove_are_neither_counted_nor_drawn():
+    history = made(6)
+    history.acting[[1, 2, 3]] = False
+    history.priority = np.array([1.0, 1e9, 1e9, 1e9, 1.0, 1.0])
+    buffer = ReplayBuffer(100, [made(3, real=True)], exponent=1.0, real_bonus=0.0)
+    buffer.append(history)
+    assert buffer.steps == 6
+    first = [buffer.draw(1, np.random.default_rng(seed))[0].real for seed in range(200)]
+    assert 0.3 < np.mean(first) < 0.7, "three steps of weight 1 each"
+    assert collate([history]).present[0].tolist() == history.acting.tolist()
+
+
+def test_recorded_steps_are_drawn_evenly_from_all_and_each_has_its_own_history(near_misses):
+    """476 interactions of the right turns hold 13,000 steps; the buffer of 10,000 once left out a fifth of them."""
+    interactions = from_table(near_misses)
+    batch = draw_recorded(interactions, 4000, np.random.default_rng(0))
+    assert batch.present.sum(dim=1).tolist() == [1] * 4000, "one step is learned from in each row"
+    drawn = np.unique(batch.observation["vehicle"][np.arange(4000), batch.length - 1].numpy(), axis=0)
+    assert len(drawn) > 0.95 * interactions.acted.sum()
+
+
+def test_a_recorded_step_has_the_last_steps_before_it_and_the_one_after(near_misses):
+    interactions = from_table(near_misses)
+    row = int(np.argmax(interactions.length))
+    at = np.array([3, int(interactions.length[row]) - 2])
+    batch = recorded_steps(interactions, np.array([row, row]), at)
+    assert batch.length.tolist() == [4, WINDOW]
+    assert batch.terminal.tolist() == [False, True]
+    for i, begin in enumerate((0, at[1] - WINDOW + 1)):
+        n = int(batch.length[i])
+        for agent in AGENTS:
+            known = interactions.observation[agent][row, begin : begin + n + 1]
+            assert np.array_equal(batch.observation[agent][i, : n + 1], known)
+            assert np.array_equal(batch.action[agent][i, :n], interactions.action[agent][row, begin : begin + n])

@@ -2,10 +2,19 @@ import numpy as np
 import pytest
 import torch
 
+from vpsci_ros.data.interactions import from_table
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import RewardsConfig
-from vpsci_ros.learning.rewards import RewardWeights, SimulatedRewards, predicted_velocity, speed_reward
+from vpsci_ros.learning.config import RewardsConfig, SpeedRewardsConfig
+from vpsci_ros.learning.replay import collate, draw_recorded, recorded_histories
+from vpsci_ros.learning.rewards import (
+    RecordedRewards,
+    RewardWeights,
+    SimulatedRewards,
+    predicted_velocity,
+    speed_reward,
+)
 from vpsci_ros.learning.transitions import TRANSITION
+from vpsci_ros.world.observation import AGENTS, STEP
 
 STEPS = 10
 
@@ -23,28 +32,27 @@ def test_speed_reward_is_zero_where_the_prediction_is_right():
     assert speed_reward(predicted, predicted, torch.ones(2)).item() == 0.0
 
 
-def test_weights_adapt_as_equation_28_says():
+def test_weights_adapt_as_equation_28_says_each_agents_by_its_own_rewards():
     weights = RewardWeights(RewardsConfig(weight_temperature=0.1))
-    components = np.array([[0.0, 100.0, -1.0], [0.0, 0.0, -3.0]])  # means 0, 50 and -2
-    weights.episode(components)
-    grown = np.exp(0.1 * np.array([0.0, 50.0, 2.0]))
-    np.testing.assert_allclose(weights.values, grown / grown.sum())
+    weights.episode(np.array([[0.0, 50.0, -2.0], [-20.0, 0.0, -2.0]]))
+    for own, means in zip(weights.values, ([0.0, 50.0, 2.0], [20.0, 0.0, 2.0]), strict=True):
+        grown = np.exp(0.1 * np.array(means))
+        np.testing.assert_allclose(own, grown / grown.sum())
 
 
 def test_weights_stay_a_share_of_one_whatever_the_rewards():
     weights = RewardWeights(RewardsConfig(weight_temperature=10.0))
     for _ in range(50):
-        weights.episode(np.array([[-200.0, 100.0, -1e4]]))
-    assert weights.values.sum() == pytest.approx(1.0)
+        weights.episode(np.array([[-200.0, 100.0, -1e4]] * 2))
+    assert weights.values.sum(axis=1) == pytest.approx([1.0, 1.0])
     assert np.isfinite(weights.values).all()
     assert (weights.values >= 0.0).all()
 
 
 def test_fixed_weights_do_not_adapt():
     weights = RewardWeights(RewardsConfig(weights=[0.6, 0.2, 0.2]))
-    weights.episode(np.array([[-200.0, 100.0, -1e4]]))
-    np.testing.assert_allclose(weights.values, [0.6, 0.2, 0.2])
-    assert weights.total(np.array([-200.0, 0.0, -1.0])) == pytest.approx(-120.2)
+    weights.episode(np.array([[-200.0, 100.0, -1e4]] * 2))
+    np.testing.assert_allclose(weights.values, [[0.6, 0.2, 0.2]] * 2)
 
 
 def test_weights_that_do_not_add_up_are_refused():
@@ -62,7 +70,7 @@ def experienced(pedestrian_goal_at=None):
     rng = np.random.default_rng(0)
     rows = np.zeros(STEPS, TRANSITION)
     rows["number"] = rows["step"] = np.arange(STEPS)
-    rows["scenario"] = 1
+    rows["scenario"], rows["acting"] = 1, 1
     for name in ("vehicle_observation", "pedestrian_observation", "vehicle_action", "pedestrian_action"):
         rows[name] = rng.normal(size=rows[name].shape)
     rows["collision"][-1] = rows["terminal"][-1] = rows["last"][-1] = 1
@@ -73,19 +81,19 @@ def experienced(pedestrian_goal_at=None):
 
 def test_the_speed_reward_is_zero_where_the_policy_acts_as_stage_1_did(rewards):
     (history,) = rewards.histories([experienced()])
-    assert all(np.all(c[:, 2] < 0.0) for c in rewards.components(history).values())
-    for agent in ("vehicle", "pedestrian"):
+    assert (rewards.components(history)[:, :, 2] < 0.0).all()
+    for index, agent in enumerate(AGENTS):
         velocity = history.observation[agent][:-1, :2]
         history.action[agent] = (history.next_velocity[agent] - velocity) / np.float32(0.1)
-        np.testing.assert_allclose(rewards.components(history)[agent][:, 2], 0.0, atol=1e-6)
+        np.testing.assert_allclose(rewards.components(history)[index, :, 2], 0.0, atol=1e-6)
 
 
 def test_collisions_and_goals_are_rewarded_as_equations_25_and_26_say(rewards):
     (history,) = rewards.histories([experienced(pedestrian_goal_at=4)])
-    components = rewards.components(history)
-    assert components["vehicle"][:, 0].tolist() == [0.0] * 9 + [-200.0]
-    assert components["vehicle"][:, 1].sum() == 0.0
-    assert components["pedestrian"][4, 1] == 100.0
+    vehicle, pedestrian = rewards.components(history)
+    assert vehicle[:, 0].tolist() == [0.0] * 9 + [-200.0]
+    assert vehicle[:, 1].sum() == 0.0
+    assert pedestrian[4, 1] == 100.0
     assert history.terminal
 
 
@@ -98,3 +106,34 @@ def test_histories_of_several_lengths_are_those_that_each_would_be_alone(rewards
         assert history.observation["vehicle"][-1].tolist() == rows["next_vehicle_observation"][-1].tolist()
         for agent in ("vehicle", "pedestrian"):
             np.testing.assert_allclose(history.next_velocity[agent], alone.next_velocity[agent], atol=1e-6)
+
+
+def test_what_the_rule_based_pair_does_has_no_speed_reward_and_what_comes_of_it_has(rewards):
+    rows = experienced(pedestrian_goal_at=6)
+    rows["acting"][5:] = 0
+    (history,) = rewards.histories([rows])
+    vehicle, pedestrian = rewards.components(history)
+    assert (vehicle[:5, 2] < 0.0).all()
+    assert not vehicle[5:, 2].any()
+    assert (vehicle[-1, 0], pedestrian[6, 1]) == (-200.0, 100.0)
+
+
+def test_the_successor_of_an_explored_action_is_what_it_leads_to_by_the_kinematics(networks, near_misses):
+    """An agent that brakes by 1 m/s2 more than the recorded one is 0.1 m/s slower at the next step."""
+    interactions = from_table(near_misses)
+    batch = draw_recorded(interactions, 64, np.random.default_rng(0))
+    rewards, rows, last = RecordedRewards(SpeedRewardsConfig(), networks()), torch.arange(64), batch.length - 1
+    scored = rewards.score(batch, {a: torch.zeros(64, 10, 2) for a in AGENTS}, np.random.default_rng(1))
+    assert (scored.batch.observation["vehicle"] != batch.observation["vehicle"]).any(dim=2).sum() == 64
+    tried, walked = scored.action["pedestrian"][rows, last], batch.observation["pedestrian"][rows, last, :2]
+    after, turned = scored.batch.observation["pedestrian"][rows, last + 1, :2], walked + STEP * tried
+    torch.testing.assert_close(after.norm(dim=1), turned.norm(dim=1), atol=1e-4, rtol=1e-4)  # its frame has turned
+    assert torch.equal(scored.batch.action["pedestrian"][rows, last], tried), "and its history has that action"
+
+
+def test_real_experience_is_scored_as_recorded(networks, near_misses):
+    batch = collate(recorded_histories(from_table(near_misses))[:3])
+    scored = SimulatedRewards(RewardsConfig(), networks()).score(batch, {}, np.random.default_rng(0))
+    for agent in AGENTS:
+        assert torch.equal(scored.action[agent], batch.action[agent])
+        assert scored.reward[agent].abs().max() < 1e-3

@@ -1,5 +1,3 @@
-import itertools
-
 import numpy as np
 import pytest
 
@@ -8,6 +6,7 @@ from vpsci_ros.learning.transitions import STEPS, TRANSITION, TransitionBuilder,
 from vpsci_ros.world import COLLISION, ENDED, EPISODE, GOAL, RUNNING, World, WorldConfig, load_scenarios
 from vpsci_ros.world.events import NO_EVENTS
 from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.observation import STEP
 from vpsci_ros.world.tick import Actions, Step, Tick
 
 
@@ -15,7 +14,11 @@ from vpsci_ros.world.tick import Actions, Step, Tick
 def run():
     """Sixteen episodes under constant braking: all transitions, every tick's state, and what made them."""
     world = World(
-        WorldConfig(spawn="paper"), load_scenarios([1, 2, 5, 7]), [(s, e) for e in range(4) for s in (1, 2, 5, 7)], 8, 3
+        WorldConfig(spawn="paper", release_time=0.0),
+        load_scenarios([1, 2, 5, 7]),
+        [(s, e) for e in range(4) for s in (1, 2, 5, 7)],
+        8,
+        3,
     )
     builder, made, ticks = TransitionBuilder(), [], []
     loop, action = Loop(world), np.tile([-1.0, 0.2], (8, 1))
@@ -31,25 +34,6 @@ def test_transitions_are_numbered_without_gaps(run):
     assert len(rows) > 100
     assert np.array_equal(rows["number"], np.arange(len(rows)))
     assert builder.count == len(rows)
-
-
-def test_there_is_one_transition_for_every_step_that_the_policies_took(run):
-    rows, ticks, *_ = run
-    taken = sum(int(step.assessment.acting.sum()) for step in ticks)
-    assert len(rows) == taken
-
-
-def test_histories_begin_at_zero_and_follow_on_without_a_gap(run):
-    rows, *_ = run
-    for key in {(int(r["scenario"]), int(r["episode"])) for r in rows}:
-        mine = rows[(rows["scenario"] == key[0]) & (rows["episode"] == key[1])]
-        assert mine["step"][0] == 0
-        assert mine["last"][-1] == 1
-        for before, after in itertools.pairwise(mine):
-            if before["last"]:
-                assert after["step"] == 0
-            else:
-                assert after["step"] == before["step"] + 1
 
 
 def test_only_the_last_transition_of_a_history_says_what_the_step_after_sees(run):
@@ -68,103 +52,117 @@ def test_histories_in_process_are_those_that_the_transitions_make(run):
     assert all(np.array_equal(mine, theirs) for mine, theirs in zip(histories, again, strict=True))
 
 
-def test_a_history_may_be_longer_than_the_memory_that_it_begins_with():
-    builder, action = TransitionBuilder(), np.ones((1, 2))
-    for step in range(STEPS + 2):
-        assert not builder.observe(acting(step, int(step > 0), step, Actions(action, action))).histories
-    (whole,) = builder.observe(acting(step + 1, 1, step + 1, Actions())).histories
-    assert whole["step"].tolist() == list(range(STEPS + 2))
-
-
-def test_the_vehicle_brakes_as_requested_in_the_frame_of_the_step(run):
-    """-1 m/s2 for 0.1 s by (20): the next speed is 0.1 m/s lower, along the lane."""
-    *_, histories = run
-    for speed in (whole["vehicle_observation"][:, 0] for whole in histories):
-        before, after = speed[:-1], speed[1:]
-        np.testing.assert_allclose(after[before > 1.0], before[before > 1.0] - 0.1, atol=2e-3)
-
-
-def test_each_ended_episode_under_control_has_one_last_transition_with_its_outcome(run):
-    rows, ticks, *_ = run
-    ended = {}
-    for state in (step.tick.state for step in ticks):
-        for record in state[(state["status"] == ENDED) & (state["controlled"] != 0)]:
-            ended[int(record["scenario"]), int(record["episode"])] = int(record["outcome"])
-    collisions = {(int(r["scenario"]), int(r["episode"])) for r in rows[rows["collision"] == 1]}
-    assert collisions == {key for key, outcome in ended.items() if outcome == COLLISION}
-    terminal = {(int(r["scenario"]), int(r["episode"])) for r in rows[rows["terminal"] == 1]}
-    assert terminal == {key for key, outcome in ended.items() if outcome in (COLLISION, GOAL)}
-
-
 def test_versions_of_the_policies_are_stamped(run):
     rows, *_ = run
     assert (rows["vehicle_policy_version"] == 3).all()
     assert (rows["pedestrian_policy_version"] == 4).all()
 
 
-def one_slot(frame, controlled, step):
+def one_slot(frame):
     state = np.zeros(1, EPISODE)
     state["status"], state["frame"], state["scenario"], state["episode"] = RUNNING, frame, 1, 9
-    state["controlled"], state["step"], state["vehicle_speed"] = controlled, step, 4.0
+    state["vehicle_speed"] = 4.0
     return state
 
 
-def acting(frame, controlled, step, actions):
+def acting(frame, actions):
     yes = np.ones(1, bool)
-    tick = Tick(number=frame, state=one_slot(frame, controlled, step), policy_frame=yes)
+    tick = Tick(number=frame, state=one_slot(frame), policy_frame=yes)
     return Step(tick, tick.assessed(np.ones(1), np.ones(1), yes), actions, NO_EVENTS)
 
 
-def test_a_missing_answer_ends_the_history():
-    builder, action = TransitionBuilder(), np.ones((1, 2))
-
-    def observe(*which):
-        return builder.observe(acting(*which)).transitions
-
-    assert len(observe(0, 0, 0, Actions(action, action))) == 0
-    rows = observe(2, 1, 1, Actions(pedestrian=action))
-    assert rows["last"].tolist() == [1]
-    assert rows["terminal"].tolist() == [0]
-    assert len(observe(4, 1, 2, Actions(action, action))) == 0
-
-
 def driven_by_the_autopilot(frame, status=RUNNING, outcome=0, goals=(0, 0)):
-    state = one_slot(frame, 0, 0)
+    state = one_slot(frame)
     state["status"], state["outcome"] = status, outcome
     state["vehicle_goal"], state["pedestrian_goal"] = goals
-    tick = Tick(number=frame, state=state, policy_frame=np.ones(1, bool))
+    tick = Tick(number=frame, state=state, policy_frame=state["status"] == RUNNING)
     return Step(tick, tick.assessed(np.full(1, np.inf), np.zeros(1), np.zeros(1, bool)), Actions(), NO_EVENTS)
 
 
-@pytest.mark.parametrize(
-    ("credited", "after", "expected"),
-    [
-        (False, [driven_by_the_autopilot(8, ENDED, GOAL, (1, 1))], (2, 0, 0, 0)),
-        (True, [driven_by_the_autopilot(8, ENDED, GOAL, (1, 1))], (8, 1, 1, 1)),
-        (True, [driven_by_the_autopilot(6, goals=(0, 1)), driven_by_the_autopilot(8, ENDED, 0, (0, 1))], (8, 0, 1, 0)),
-    ],
-)
-def test_goals_after_the_hand_back_are_those_of_the_last_transition_where_they_are_credited(credited, after, expected):
-    """Expected are the frame in which the history is whole, both agents' goals, and whether nothing follows."""
-    builder, action = TransitionBuilder(credited), np.ones((1, 2))
-    builder.observe(acting(0, 0, 0, Actions(action, action)))
-    found = []
-    for step in [driven_by_the_autopilot(2), driven_by_the_autopilot(4), *after]:
-        found += [(step.tick.number, whole[-1]) for whole in builder.observe(step).histories]
-    ((frame, last),) = found
-    assert (frame, last["vehicle_goal"], last["pedestrian_goal"], last["terminal"]) == expected
-    assert (last["last"], last["next_curvttc"]) == (1, np.inf)
+def test_a_history_is_an_episode_from_its_first_hand_over_to_its_end_with_every_policy_frame(run):
+    rows, ticks, _, histories = run
+    acted, begun, frames, ended = {}, set(), {}, {}
+    for step in ticks:
+        for i, record in enumerate(step.tick.state):
+            key = int(record["scenario"]), int(record["episode"])
+            if step.assessment.acting[i]:
+                begun.add(key)
+                acted[key] = acted.get(key, 0) + 1
+            if key in begun and step.tick.policy_frame[i]:
+                frames[key] = frames.get(key, 0) + 1
+            if key in begun and record["status"] == ENDED:
+                ended[key] = int(record["outcome"])
+    made = {(int(h["scenario"][0]), int(h["episode"][0])): h for h in histories}
+    assert set(made) == set(ended)
+    assert len(histories) == len(made) > 10, "one history an episode"
+    for key, whole in made.items():
+        assert whole["step"].tolist() == list(range(frames[key]))
+        assert whole["acting"].sum() == acted[key]
+        assert whole["last"].tolist() == [0] * (len(whole) - 1) + [1]
+        assert whole["collision"][-1] == (ended[key] == COLLISION)
+        assert whole["terminal"][-1] == (ended[key] in (COLLISION, GOAL))
+    assert any(0 < h["acting"].sum() < len(h) for h in histories), "the rule-based pair drives in between"
+    assert len(rows) >= sum(map(len, histories))
 
 
-def test_a_history_that_waits_for_its_outcome_ends_where_the_policies_take_over_again():
-    builder, action = TransitionBuilder(credit_outcome=True), np.ones((1, 2))
-    again, ended = acting(6, 0, 0, Actions(action, action)), driven_by_the_autopilot(8, ENDED, GOAL, (1, 1))
-    assert not builder.observe(acting(0, 0, 0, Actions(action, action))).histories
-    assert not builder.observe(driven_by_the_autopilot(2)).histories
-    (first,) = builder.observe(again).histories
-    (second,) = builder.observe(ended).histories
-    assert [(h["vehicle_goal"].tolist(), h["terminal"].tolist()) for h in (first, second)] == [([0], [0]), ([1], [1])]
-    assert [h["number"].tolist() for h in (first, second)] == [[0], [1]]
+def test_a_history_may_be_longer_than_the_memory_that_it_begins_with():
+    builder, action = TransitionBuilder(), np.ones((1, 2))
+    for step in range(STEPS + 2):
+        assert not builder.observe(acting(step, Actions(action, action))).histories
+    (whole,) = builder.observe(driven_by_the_autopilot(step + 1, ENDED, GOAL)).histories
+    assert whole["step"].tolist() == list(range(STEPS + 2))
+
+
+def test_the_vehicle_brakes_as_requested_in_the_frame_of_the_step(run):
+    """-1 m/s2 for 0.1 s by (20): the next speed is 0.1 m/s lower, along the lane."""
+    *_, histories = run
+    for whole in histories:
+        speed, policies = whole["vehicle_observation"][:, 0], whole["acting"][:-1] != 0
+        before, after = speed[:-1][policies], speed[1:][policies]
+        np.testing.assert_allclose(after[before > 1.0], before[before > 1.0] - 0.1, atol=2e-3)
+
+
+def test_what_the_rule_based_pair_did_is_the_acceleration_that_its_motion_shows(run):
+    *_, histories = run
+    seen = 0
+    for whole in histories:
+        speed, driven = whole["vehicle_observation"][:, 0].astype(float), whole["acting"][:-1] == 0
+        straight = driven & (np.abs(whole["vehicle_action"][:-1, 1]) < 1e-3)
+        gained = np.diff(speed)[straight] / STEP
+        np.testing.assert_allclose(whole["vehicle_action"][:-1, 0][straight], gained, atol=1e-3)
+        seen += int(straight.sum())
+    assert seen > 20
+
+
+def test_where_an_answer_is_missing_the_history_goes_on_and_says_that_the_policies_did_not_act():
+    builder, action = TransitionBuilder(), np.ones((1, 2))
+    builder.observe(acting(0, Actions(action, action)))
+    builder.observe(acting(2, Actions(pedestrian=action)))
+    builder.observe(acting(4, Actions(action, action)))
+    (whole,) = builder.observe(driven_by_the_autopilot(6, ENDED, COLLISION)).histories
+    assert whole["acting"].tolist() == [1, 0, 1]
+    assert whole["vehicle_action"][1].tolist() == [0.0, 0.0], "it kept its speed"
+
+
+def test_goals_that_the_rule_based_pair_reaches_come_at_the_step_in_which_it_does():
+    builder, action = TransitionBuilder(), np.ones((1, 2))
+    builder.observe(acting(0, Actions(action, action)))
+    for step in (driven_by_the_autopilot(2), driven_by_the_autopilot(4, goals=(0, 1))):
+        assert not builder.observe(step).histories
+    (whole,) = builder.observe(driven_by_the_autopilot(6, ENDED, GOAL, (1, 1))).histories
+    assert whole["acting"].tolist() == [1, 0, 0]
+    assert (whole["vehicle_goal"].tolist(), whole["pedestrian_goal"].tolist()) == ([0, 0, 1], [0, 1, 0])
+    assert (whole["last"].tolist(), whole["terminal"].tolist()) == ([0, 0, 1], [0, 0, 1])
+
+
+def test_the_next_episode_of_a_slot_has_a_history_of_its_own():
+    builder, action = TransitionBuilder(), np.ones((1, 2))
+    builder.observe(acting(6, Actions(action, action)))
+    builder.observe(driven_by_the_autopilot(8, ENDED, COLLISION))
+    other = driven_by_the_autopilot(0)
+    other.tick.state["episode"] = 10
+    assert not len(builder.observe(other).transitions)
+    assert not builder._open.any(), "its first hand-over is to come"
 
 
 def history(episode, steps, first_number=0):

@@ -36,10 +36,9 @@ class StartConfig:
 
 @dataclass(frozen=True)
 class ReplayConfig:
-    """The replay buffer of stage 1."""
+    """The replay buffer of stage 1: all recorded steps."""
 
-    batch_size: int = parameter(256, "steps of experience in one update, drawn as whole histories", low=1, high=65536)
-    capacity: int = parameter(10000, "steps that the replay buffer holds", low=1, high=10_000_000)
+    batch_size: int = parameter(256, "steps of experience in one update", low=1, high=65536)
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class UpdatesConfig:
     discount: float = parameter(0.99, "discount factor", low=0.0, high=1.0)
     target_update_rate: float = parameter(0.01, "soft update rate of the target networks", low=0.0, high=1.0)
     importance_temperature: float = parameter(
-        1000.0, "tau of (5), in units of the reward; the paper gives none", low=1e-3, high=1e9
+        100.0, "tau of (5), in units of the reward; the paper gives none", low=1e-3, high=1e9
     )
 
 
@@ -106,6 +105,9 @@ class PretrainConfig:
 class OnlineReplayConfig(ReplayConfig):
     """The replay buffer of stage 2."""
 
+    capacity: int = parameter(
+        10000, "steps at which the policies acted that the replay buffer holds", low=1, high=10_000_000
+    )
     priority_exponent: float = parameter(0.6, "alpha of the sampling probabilities (17)", low=0.0, high=2.0)
     real_bonus: float = parameter(0.2, "beta of (17): extra priority of real experience", low=0.0, high=100.0)
     real_share: float = parameter(0.3, "share of the buffer that real experience keeps", low=0.0, high=0.9)
@@ -125,18 +127,11 @@ class RewardsConfig:
     collision: float = parameter(-200.0, "C_collision of (25)", low=-1e6, high=0.0)
     goal: float = parameter(100.0, "C_goal of (26)", low=0.0, high=1e6)
     speed_scaling: float = parameter(100.0, "factor on the speed reward", low=0.0, high=1e6)
-    exploration: float = parameter(
-        0.5,
-        "deviation of the actions that are scored around the actors' on real experience",
-        unit="m/s2",
-        low=0.0,
-        high=5.0,
-    )
     weights: list[float] = parameter(
         [], "fixed w_1 (collision), w_2 (goal), w_3 (speed) of (27); empty: adaptive by (28)", low=0.0, high=1.0
     )
     weight_temperature: float = parameter(
-        1e-5, "lambda of the adaptive weights (28); the paper gives none", low=0.0, high=10.0
+        1e-4, "lambda of the adaptive weights (28); the paper gives none", low=0.0, high=10.0
     )
 
     def __post_init__(self) -> None:

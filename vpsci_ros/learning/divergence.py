@@ -40,7 +40,7 @@ def check_losses(losses: Mapping[str, float], batch: Batch, iteration: int, out_
 
 
 def require_finite_reward_weights(values: NDArray[np.float64]) -> None:
-    """Let finite weights of rewards pass, float64[3] as (collision, goal, speed).
+    """Let finite weights of rewards pass, float64[2, 3], (collision, goal, speed) of each agent.
 
     :raises DivergedError: one is not finite, so what the actors followed is not known.
     """

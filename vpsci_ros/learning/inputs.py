@@ -59,8 +59,7 @@ def stage_2_inputs(sections: Sections) -> Stage2Inputs:
     start = weights_path(sections.get(StartConfig, "learner").weights)
     resolved = {
         "learner": _without_output(learner, sections.get(StartConfig, "learner"), config),
-        "world_simulator": values_of(sections.get(RunConfig, "world_simulator"), simulation.world)
-        | {"credit_outcome": simulation.credit_outcome},
+        "world_simulator": values_of(sections.get(RunConfig, "world_simulator"), simulation.world),
         "safety_monitor": values_of(simulation.monitor),
     } | {f"{agent}_policy": values_of(policy) for agent, policy in simulation.policies.items()}
     files: list[str | Path] = [*corpus_files(learner.near_misses), start]

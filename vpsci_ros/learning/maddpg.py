@@ -20,10 +20,14 @@ Tensors = dict[str, Tensor]
 
 @dataclass(frozen=True)
 class Scored:
-    """Actions that are evaluated, float32[M, T, 2] [m/s2] per agent, and their rewards, float32[M, T]."""
+    """Actions that are evaluated, float32[M, T, 2] [m/s2] per agent, their rewards, float32[M, T], and what followed.
+
+    :ivar batch: the batch with the observations that these actions have led to.
+    """
 
     action: Tensors
     reward: Tensors
+    batch: Batch
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ class Maddpg:
     def update(self, batch: Batch, scored: Scored, actions: Tensors | None) -> UpdateResult:
         """Take one step with the critics and, given `actions` of `act`, with the actors; then the targets follow."""
         count = batch.present.sum()
-        targets = self._targets(batch, scored)
+        targets = self._targets(scored)
         encoded, critic_loss, error = {}, {}, torch.zeros_like(scored.reward["vehicle"])
         losses = []
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
@@ -112,19 +116,30 @@ class Maddpg:
         return torch.zeros_like(action) if self.alone else action
 
     @torch.no_grad()
-    def _targets(self, batch: Batch, scored: Scored) -> Tensors:
-        """Return y(t) = R(t) + gamma Q'(H(t + 1), mu'(H(t + 1)), mu'_other(H(t + 1)))."""
-        networks, following = self.networks, {}
+    def _targets(self, scored: Scored) -> Tensors:
+        """Return y(t) = R(t) + gamma Q'(H(t + 1), mu'(H(t + 1)), mu'_other(H(t + 1))).
+
+        Where the rule-based pair drives at t + 1, the return goes on, reward by reward, to the next step at which the
+        policies act, and is discounted by the time until then; without such a step it ends with the episode.
+        """
+        networks, batch, following = self.networks, scored.batch, {}
         before = {a: torch.cat([torch.zeros_like(x[:, :1]), x], dim=1) for a, x in batch.action.items()}
         for agent in AGENTS:
             actor = networks.target_actor[agent]
-            following[agent] = actor(batch.observation[agent], before[agent], batch.curvttc)[:, 1:]
-        targets = {}
+            following[agent] = actor(batch.observation[agent], before[agent], batch.curvttc)
+        rows, targets = torch.arange(len(batch.length)), {}
+        goes_on = ~batch.terminal & batch.present[rows, batch.length - 1]
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
             critic = networks.target_critic[agent]
-            encoded = critic.encode(batch.observation[agent], before[agent], batch.curvttc)[:, 1:]
+            encoded = critic.encode(batch.observation[agent], before[agent], batch.curvttc)
             value = critic.value(encoded, following[agent], self._others(following[other]))
-            targets[agent] = scored.reward[agent] / UNIT + self.config.discount * value * ~batch.terminal
+            last, reward = value[rows, batch.length] * goes_on, scored.reward[agent] / UNIT
+            found, after = torch.zeros_like(reward), last
+            for step in range(reward.shape[1] - 1, -1, -1):
+                after = torch.where(batch.length == step + 1, last, after)
+                found[:, step] = reward[:, step] + self.config.discount * after
+                after = torch.where(batch.present[:, step], value[:, step], found[:, step])
+            targets[agent] = found
         return targets
 
     def _improve_actors(

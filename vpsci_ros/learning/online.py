@@ -81,7 +81,7 @@ def refine(
     refiner = Refiner(config, weights, near_misses, seed=learner_seed, out_dir=out_dir)
     identity, episodes = simulation.identity(), simulation.episodes
     portion, done, rows = 4 * simulation.batch, 0, []
-    outcomes, builder = Outcomes(), TransitionBuilder(simulation.credit_outcome)
+    outcomes, builder = Outcomes(), TransitionBuilder()
     if (out_dir / CHECKPOINT).exists():
         extra = refiner.restore(out_dir / CHECKPOINT)
         require_same(out_dir / CHECKPOINT, {"simulation": extra.get("simulation")}, {"simulation": identity})

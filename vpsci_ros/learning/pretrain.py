@@ -22,7 +22,7 @@ from vpsci_ros.learning.maddpg import Maddpg, Tensors
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
 from vpsci_ros.learning.one_thread import one_thread
-from vpsci_ros.learning.replay import Batch, collate, recorded_histories, up_to_capacity
+from vpsci_ros.learning.replay import Batch, draw_recorded
 from vpsci_ros.learning.rewards import RecordedRewards
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import Weights, resolved, save_weights
@@ -118,10 +118,8 @@ class _Run:
             self._facts["data"]["held_out_clips"] = clips_of(held_out)
         self.rng = np.random.default_rng(seed)
         interactions = from_table(training)
-        histories = recorded_histories(interactions)
-        kept = up_to_capacity(histories, config.replay.capacity, self.rng)
-        self._histories = [histories[i] for i in kept]  # of the critics, and of actors that follow them
-        self._facts["data"] |= {"interactions": len(interactions), "steps": sum(len(h) for h in histories)}
+        self._interactions = interactions
+        self._facts["data"] |= {"interactions": len(interactions), "steps": int(interactions.acted.sum())}
         torch.manual_seed(seed)
         self._networks = Networks(network)
         self._networks.set_statistics(*interactions.samples(), config.rewards.least_speed_deviation)
@@ -139,7 +137,7 @@ class _Run:
 
     def iterate(self, out_dir: Path) -> tuple[dict[str, float], dict[str, float]]:
         """Run one training iteration; return losses and rewards by name."""
-        batch = self._draw()
+        batch = draw_recorded(self._interactions, self._config.replay.batch_size, self.rng)
         result = self._objective.update(batch, self.episode, self.rng)
         losses = dict(result.more)
         for agent in AGENTS:
@@ -188,18 +186,10 @@ class _Run:
         self.rng.bit_generator.state = state["rng"]
         self.episode, self.log = state["episode"], state["log"]
 
-    def _draw(self) -> Batch:
-        picked, held = [], 0
-        while held < self._config.replay.batch_size:
-            history = self._histories[int(self.rng.integers(len(self._histories)))]
-            picked.append(history)
-            held += len(history)
-        return collate(picked)
-
     def _episode_rewards(self, batch: Batch, actions: Tensors) -> dict[str, float]:
         rewards = {agent: self._rewards.speed(batch, actions[agent].detach(), agent) for agent in AGENTS}
-        sums = {agent: (reward * batch.present).sum(dim=1) for agent, reward in rewards.items()}
-        return {f"{agent}_reward": float(total.mean()) for agent, total in sums.items()}
+        each = self._facts["data"]["steps"] / self._facts["data"]["interactions"]
+        return {f"{agent}_reward": each * float(reward[batch.present].mean()) for agent, reward in rewards.items()}
 
 
 def write_log(path: Path, rows: list[dict[str, float]]) -> None:

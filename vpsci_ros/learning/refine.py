@@ -53,9 +53,8 @@ def value_factor(stage_1: dict[str, Any], now: RefineConfig, speed_weight: float
 class Progress:
     """How far stage 2 is; what a checkpoint keeps beside networks, optimisers and experience.
 
-    :ivar updates, episodes, received: updates made, histories and transitions taken in so far.
+    :ivar updates, episodes, received: updates made, episodes and transitions taken in so far.
     :ivar owed: episodes that have not been paid for by an update yet.
-    :ivar known: scenario and number of the episodes that have had, or will have, their update.
     :ivar version: of the weights that act; `refreshes` of them so far; `refreshed`: since last asked.
     :ivar norm: of the last policy gradient; it has been below the tolerance for `calm` episodes, the last of which had
         seen `tested` updates.
@@ -70,7 +69,6 @@ class Progress:
     episodes: int = 0
     received: int = 0
     owed: int = 0
-    known: list[list[int]] = field(default_factory=list)
     version: int = 1
     refreshes: int = 0
     refreshed: bool = False
@@ -128,7 +126,7 @@ class Refiner:
         self._facts["data"]["held_out_clips"] = clips_of(held_out)
         if "RefineConfig" not in weights.configuration:
             stage_1 = weights.configuration.get("PretrainConfig", {})
-            self._networks.scale_values(value_factor(stage_1, config, self.reward_weights.values[2]))
+            self._networks.scale_values(value_factor(stage_1, config, self.reward_weights.values[0, 2]))
         training_of = Training(self._maddpg, self._rewards, interactions)
         self._objective = find_objective(config.objective).refine(training_of, config)
         self._acting = self._actors()
@@ -147,11 +145,11 @@ class Refiner:
         """Take whole histories in, TRANSITION[T] each, as so many new transitions completed them."""
         progress = self.progress
         progress.received += transitions
-        progress.owed += self._new_episodes(finished)
+        progress.owed += len(finished)
         for history in self._rewards.histories(finished):
-            components = self._rewards.components(history)
-            self.reward_weights.episode(np.mean([components[agent] for agent in AGENTS], axis=0))
-            totals = {agent: float(self.reward_weights.total(components[agent]).sum()) for agent in AGENTS}
+            sums = self._rewards.components(history).sum(axis=1)
+            self.reward_weights.episode(sums / history.steps)
+            totals = dict(zip(AGENTS, map(float, (sums * self.reward_weights.values).sum(axis=1)), strict=True))
             for agent, total in totals.items():
                 progress.returns[agent] += RETURN_SMOOTHING * (total - progress.returns[agent])
             self._buffer.append(history)
@@ -161,16 +159,6 @@ class Refiner:
                 progress.tested = progress.updates
                 small = progress.norm < self._config.convergence.gradient_tolerance
                 progress.calm = progress.calm + 1 if small else 0
-
-    def _new_episodes(self, finished: Sequence[NDArray[np.void]]) -> int:
-        """Return how many episodes have histories among `finished` and had none before."""
-        known = self.progress.known
-        before = len(known)
-        for history in finished:
-            key = [int(history["scenario"][0]), int(history["episode"][0])]
-            if key not in known:
-                known.append(key)
-        return len(known) - before
 
     @property
     def due(self) -> bool:
@@ -225,7 +213,11 @@ class Refiner:
             "refreshes": progress.refreshes,
             "buffer_steps": self._buffer.steps,
         }
-        weights = dict(zip(("w_collision", "w_goal", "w_speed"), map(float, self.reward_weights.values), strict=True))
+        weights = {
+            f"{agent}_w_{name}": float(value)
+            for agent, own in zip(AGENTS, self.reward_weights.values, strict=True)
+            for name, value in zip(("collision", "goal", "speed"), own, strict=True)
+        }
         returns = {f"{agent}_return": value for agent, value in progress.returns.items()}
         errors = {f"held_out_{name}": value for name, value in progress.errors.items()}
         return counters | progress.last | weights | returns | errors

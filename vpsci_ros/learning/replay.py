@@ -1,12 +1,14 @@
-"""Replay buffers: histories as they happened, and mini-batches of whole histories drawn from them.
+"""Replay buffers, and the mini-batches drawn from them.
 
-Algorithm 1 draws samples k and sums their losses over t. A sample here is a history, since an SST network at step t
-needs all that came before; histories are drawn until they hold `batch_size` steps, the "samples per training
-iteration" of Table 8, so that an update costs the same whatever the length of the episodes.
+Stage 1 draws single recorded steps, each with its history of `WINDOW` steps (Table 8's input sequence length). Stage 2
+draws steps by (17), and each brings the whole history of its episode, since an SST network at step t needs all that
+came before; episodes are drawn until they hold `batch_size` steps at which the policies acted, so that an update costs
+about the same whatever the length of the episodes.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,14 +16,16 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vpsci_ros.data.interactions import Interactions
+from vpsci_ros.kinematics.scene import Scene, scene_at
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE
 
+WINDOW = 10  # steps of the history of a recorded step, this one included (Table 8)
 Floats = NDArray[np.float32]
 
 
 @dataclass
 class History:
-    """T steps of both agents from the first step of a history on, by agent where the two differ.
+    """T steps of both agents, by agent where the two differ: an episode from the first hand-over on, or a recording.
 
     `observation` and `curvttc` include what followed the last action. `next_velocity` are the next speeds that rewards
     (14)-(15) compare with: recorded ones in real experience, the frozen stage-1 actor's in simulated.
@@ -32,35 +36,44 @@ class History:
     action: dict[str, Floats]  # [T, 2] [m/s2] as executed
     next_velocity: dict[str, Floats]  # [T, 2] [m/s]
     events: dict[str, Floats]  # [T, 2] collision and goal, unweighted rewards (25)-(26)
+    acting: NDArray[np.bool_]  # [T] the policies acted, not the rule-based pair
     terminal: bool  # the episode ended with the last step
     real: bool  # recorded, not simulated
     priority: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # [T] |delta|
 
     def __len__(self) -> int:
-        return len(self.curvttc) - 1
+        return len(self.acting)
+
+    @property
+    def steps(self) -> int:
+        """At how many steps the policies acted."""
+        return int(np.count_nonzero(self.acting))
 
 
 @dataclass(frozen=True)
 class Batch:
-    """M histories as padded tensors; fields as in `History` with leading M, and present bool[M, T]."""
+    """M histories as padded tensors; fields as in `History` with leading M.
+
+    :ivar present: bool[M, T], steps that are learned from.
+    :ivar length: int64[M], steps of each history.
+    :ivar scene: of recorded steps, M scenes in which the last action is taken; None: histories are whole.
+    """
 
     observation: dict[str, Tensor]
     curvttc: Tensor
     action: dict[str, Tensor]
     next_velocity: dict[str, Tensor]
     events: dict[str, Tensor]
-    terminal: Tensor  # bool[M, T]: nothing follows this step
+    terminal: Tensor  # bool[M]
     real: Tensor  # bool[M]
     present: Tensor
+    length: Tensor
+    scene: Scene | None = None
 
 
 def collate(histories: Sequence[History]) -> Batch:
     """Pad histories to the longest of them."""
     steps = max(len(h) for h in histories)
-    lengths = np.array([len(h) for h in histories])
-    present = np.arange(steps) < lengths[:, None]
-    terminal = np.zeros_like(present)
-    terminal[np.arange(len(histories)), lengths - 1] = [h.terminal for h in histories]
 
     def stacked(name: str, agent: str, width: int, extra: int) -> Tensor:
         out = np.zeros((len(histories), steps + extra, width), np.float32)
@@ -70,25 +83,62 @@ def collate(histories: Sequence[History]) -> Batch:
         return torch.from_numpy(out)
 
     curvttc = np.full((len(histories), steps + 1), np.inf, np.float32)
-    for row, history in zip(curvttc, histories, strict=True):
-        row[: len(history) + 1] = history.curvttc
+    present = np.zeros((len(histories), steps), np.bool_)
+    for i, history in enumerate(histories):
+        curvttc[i, : len(history) + 1] = history.curvttc
+        present[i, : len(history)] = history.acting
     return Batch(
         observation={agent: stacked("observation", agent, OBSERVATION_SIZE, 1) for agent in AGENTS},
         curvttc=torch.from_numpy(curvttc),
         action={agent: stacked("action", agent, ACTION_SIZE, 0) for agent in AGENTS},
         next_velocity={agent: stacked("next_velocity", agent, ACTION_SIZE, 0) for agent in AGENTS},
         events={agent: stacked("events", agent, ACTION_SIZE, 0) for agent in AGENTS},
-        terminal=torch.from_numpy(terminal),
+        terminal=torch.tensor([h.terminal for h in histories]),
         real=torch.tensor([h.real for h in histories]),
         present=torch.from_numpy(present),
+        length=torch.tensor([len(h) for h in histories]),
     )
 
 
-def recorded_histories(interactions: Interactions) -> list[History]:
-    """Return the real experience that interactions hold: the last recorded step is what followed the last action.
+def recorded_steps(interactions: Interactions, row: NDArray[np.int64], at: NDArray[np.int64]) -> Batch:
+    """Return M recorded steps, `at` of interactions `row`, int64[M] each, with the last `WINDOW` steps before.
 
-    The record's end ends the episode for the learner, so returns are sums over what was recorded.
+    What follows the last step is as recorded. The record's end ends the episode, so returns are sums over it.
     """
+    begin = np.maximum(at - WINDOW + 1, 0)
+    length, rows, index = at - begin + 1, row[:, None], begin[:, None] + np.arange(WINDOW + 1)
+    known = index <= at[:, None] + 1
+    index = np.minimum(index, interactions.motion.shape[1] - 1)
+
+    def cut(values: NDArray[Any], steps: int, least: float = 0.0) -> Tensor:
+        own = values[rows, index[:, :steps]].astype(np.float32)
+        inside = known[:, :steps].reshape(*known[:, :steps].shape, *[1] * (own.ndim - 2))
+        return torch.from_numpy(np.where(inside, own, np.float32(least)))
+
+    present = np.arange(WINDOW) == length[:, None] - 1
+    return Batch(
+        observation={agent: cut(interactions.observation[agent], WINDOW + 1) for agent in AGENTS},
+        curvttc=cut(interactions.curvttc, WINDOW + 1, np.inf),
+        action={agent: cut(interactions.action[agent], WINDOW) for agent in AGENTS},
+        next_velocity={agent: cut(interactions.next_velocity[agent], WINDOW) for agent in AGENTS},
+        events={agent: torch.zeros(len(row), WINDOW, 2) for agent in AGENTS},
+        terminal=torch.from_numpy(at + 2 == interactions.length[row]),
+        real=torch.ones(len(row), dtype=torch.bool),
+        present=torch.from_numpy(present),
+        length=torch.from_numpy(length),
+        scene=scene_at(torch.from_numpy(interactions.motion[row]), torch.from_numpy(at)),
+    )
+
+
+def draw_recorded(interactions: Interactions, steps: int, rng: np.random.Generator) -> Batch:
+    """Return so many recorded steps, drawn evenly and independently from all at which both agents acted."""
+    row, at = np.nonzero(interactions.acted)
+    picked = rng.integers(len(row), size=steps)
+    return recorded_steps(interactions, row[picked], at[picked])
+
+
+def recorded_histories(interactions: Interactions) -> list[History]:
+    """Return the real experience that interactions hold: the last recorded step is what followed the last action."""
     histories = []
     for i, length in enumerate(interactions.length):
         steps = int(length) - 1
@@ -99,6 +149,7 @@ def recorded_histories(interactions: Interactions) -> list[History]:
                 action={a: interactions.action[a][i, :steps] for a in AGENTS},
                 next_velocity={a: interactions.next_velocity[a][i, :steps] for a in AGENTS},
                 events={a: np.zeros((steps, 2), np.float32) for a in AGENTS},
+                acting=np.ones(steps, np.bool_),
                 terminal=True,
                 real=True,
             )
@@ -109,14 +160,14 @@ def recorded_histories(interactions: Interactions) -> list[History]:
 def up_to_capacity(histories: list[History], capacity: int, rng: np.random.Generator) -> list[int]:
     """Return the indices of as many histories, in random order, as `capacity` steps hold; at least one."""
     order = rng.permutation(len(histories))
-    filled = np.cumsum([len(histories[i]) for i in order])
+    filled = np.cumsum([histories[i].steps for i in order])
     return [int(i) for i in order[: max(1, int(np.searchsorted(filled, capacity, side="right")))]]
 
 
 class ReplayBuffer:
     """The simulation replay buffer B_s: simulated histories, and a share of real ones that is never overwritten.
 
-    Steps are drawn with the probabilities of (17) and each brings the whole history that it belongs to.
+    Steps at which the policies acted count, and are drawn with the probabilities of (17).
 
     :param capacity: steps held; the oldest simulated histories make room.
     :param real: real experience, kept for good; its steps count.
@@ -136,25 +187,26 @@ class ReplayBuffer:
         if len(history.priority) == 0:
             history.priority = np.full(len(history), self.highest)
         self.histories.append(history)
-        self.steps += len(history)
+        self.steps += history.steps
         while self.steps > self._capacity:
             oldest = next((i for i, h in enumerate(self.histories) if not h.real), None)
             if oldest is None or self.histories[oldest] is history:
                 break
-            self.steps -= len(self.histories.pop(oldest))
+            self.steps -= self.histories.pop(oldest).steps
 
     def restore(self, histories: list[History], highest: float) -> None:
         """Hold `histories`, with their priorities, instead."""
-        self.histories, self.highest, self.steps = histories, highest, sum(map(len, histories))
+        self.histories, self.highest = histories, highest
+        self.steps = sum(history.steps for history in histories)
 
     def draw(self, steps: int, rng: np.random.Generator) -> list[History]:
         """Draw distinct histories by (17) until they hold `steps` steps, in four times as many tries at most.
 
         Fewer come out where few histories hold nearly all of the weight.
         """
-        owner = np.repeat(np.arange(len(self.histories)), [len(h) for h in self.histories])
-        delta = np.concatenate([h.priority for h in self.histories])
-        real = np.repeat([h.real for h in self.histories], [len(h) for h in self.histories])
+        owner = np.repeat(np.arange(len(self.histories)), [h.steps for h in self.histories])
+        delta = np.concatenate([h.priority[h.acting] for h in self.histories])
+        real = np.repeat([h.real for h in self.histories], [h.steps for h in self.histories])
         weight = delta**self._exponent + self._bonus * real
         total = weight.sum()
         p = weight / total if total > 0 else np.full(len(weight), 1.0 / len(weight))
@@ -167,7 +219,7 @@ class ReplayBuffer:
             if i not in taken:
                 taken.add(int(i))
                 picked.append(self.histories[i])
-                held += len(self.histories[i])
+                held += self.histories[i].steps
         return picked
 
     def reprioritise(self, histories: list[History], errors: NDArray[np.float64]) -> None:

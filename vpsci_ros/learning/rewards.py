@@ -6,6 +6,7 @@ In its own frame the vehicle never moves sideways, so a deviation taken there wo
 
 import copy
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -13,6 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from vpsci_ros.kinematics.scene import advance, observe, time_to_collision
 from vpsci_ros.learning.config import RewardsConfig, SpeedRewardsConfig
 from vpsci_ros.learning.maddpg import Scored
 from vpsci_ros.learning.networks import Networks
@@ -40,31 +42,27 @@ def speed_reward(predicted: Tensor, observed: Tensor, deviation: Tensor) -> Tens
 
 
 class RewardWeights:
-    """w_1 (collision), w_2 (goal), w_3 (speed) of (27): fixed, or adapted after every episode by (28).
+    """w_1 (collision), w_2 (goal), w_3 (speed) of (27), of each agent: fixed, or adapted after every episode by (28).
 
     (28) multiplies each weight by exp(lambda |mean reward|) and normalises, so a component that is larger on average
     takes over in the end, whatever lambda; lambda only sets how many episodes that takes.
+
+    :ivar values: float64[2, 3], of vehicle and pedestrian.
     """
 
     def __init__(self, config: RewardsConfig) -> None:
         self.adaptive = not config.weights
         self._temperature = config.weight_temperature
-        self.values: NDArray[np.float64] = np.full(3, 1.0 / 3.0)
+        own = np.array(config.weights or [1.0, 1.0, 1.0])
+        self.values: NDArray[np.float64] = np.tile(own / own.sum(), (len(AGENTS), 1))
+
+    def episode(self, means: NDArray[np.float64]) -> None:
+        """Take the mean rewards of an episode into account, float64[2, 3], (collision, goal, speed) of each agent."""
         if not self.adaptive:
-            self.values = np.array(config.weights) / sum(config.weights)
-
-    def episode(self, components: NDArray[np.float64]) -> None:
-        """Take the rewards of one episode, float64[steps, 3] as (collision, goal, speed), into account."""
-        if not self.adaptive or len(components) == 0:
             return
-        exponent = self._temperature * np.abs(components.mean(axis=0))
-        grown = self.values * np.exp(exponent - exponent.max())
-        self.values = grown / grown.sum()
-
-    def total(self, components: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return R of (27), float64[...], of components float64[..., 3]."""
-        total: NDArray[np.float64] = components @ self.values
-        return total
+        exponent = self._temperature * np.abs(means)
+        grown = self.values * np.exp(exponent - exponent.max(axis=1, keepdims=True))
+        self.values = grown / grown.sum(axis=1, keepdims=True)
 
 
 class SpeedReward:
@@ -100,9 +98,24 @@ class RecordedRewards:
         self._exploration, self.speed = config.exploration, SpeedReward(networks, config.speed_scaling)
 
     def score(self, batch: Batch, actions: Mapping[str, Tensor], rng: np.random.Generator) -> Scored:
-        """See `Rewards.score`."""
+        """See `Rewards.score`: the explored action of each recorded step, and what it leads to by the kinematics."""
         scored = {agent: explored(actions[agent], self._exploration, rng) for agent in AGENTS}
-        return Scored(scored, {agent: self.speed(batch, scored[agent], agent) * batch.present for agent in AGENTS})
+        rewards = {agent: self.speed(batch, scored[agent], agent) * batch.present for agent in AGENTS}
+        return Scored(scored, rewards, _followed(batch, scored))
+
+
+def _followed(batch: Batch, done: Mapping[str, Tensor]) -> Batch:
+    """Return recorded steps with what follows where `done` is done, [M, T, 2] [m/s2], as (8)-(9) have it."""
+    assert batch.scene is not None
+    rows, last = torch.arange(len(batch.length)), batch.length - 1
+    scene = advance(batch.scene, {agent: done[agent][rows, last].double() for agent in AGENTS})
+    curvttc, observation, action = batch.curvttc.clone(), {}, {}
+    curvttc[rows, last + 1] = time_to_collision(scene).float()
+    for agent, seen in zip(AGENTS, observe(scene), strict=True):
+        observation[agent], action[agent] = batch.observation[agent].clone(), batch.action[agent].clone()
+        observation[agent][rows, last + 1] = seen.float()
+        action[agent][rows, last] = done[agent][rows, last]
+    return replace(batch, observation=observation, curvttc=curvttc, action=action)
 
 
 class SimulatedRewards:
@@ -113,14 +126,13 @@ class SimulatedRewards:
     misses taught it. Speeds are compared as (8)-(9) give them, so neither the pedestrian's halved accelerations
     (21)-(24) nor lane keeping count as a deviation.
 
-    Real experience has no observed collision or goal. As in stage 1 it scores the acting policy's action, with
-    exploration around it, against the recorded next speed, by the speed reward alone.
+    Real experience is scored as recorded: its actions have led to the recorded speeds, so that their reward is 0.
 
     :param networks: as stage 1 left them: their actors, as they are now, are the reference of the speed reward.
     """
 
     def __init__(self, config: RewardsConfig, networks: Networks) -> None:
-        self._exploration, self.speed = config.exploration, SpeedReward(networks, config.speed_scaling)
+        self.speed = SpeedReward(networks, config.speed_scaling)
         self._frozen = copy.deepcopy(networks.actor).requires_grad_(False)
         self._collision, self._goal = config.collision, config.goal
         self.weights = RewardWeights(config)
@@ -149,6 +161,7 @@ class SimulatedRewards:
                 {a: rows[f"{a}_action"].copy() for a in AGENTS},  # a view of one record has odd strides
                 {a: chosen[a][i, : len(rows)].numpy().copy() for a in AGENTS},
                 {a: self._events(rows["collision"], rows[f"{a}_goal"]) for a in AGENTS},
+                acting=rows["acting"] != 0,
                 terminal=bool(rows["terminal"][-1]),
                 real=False,
             )
@@ -162,25 +175,21 @@ class SimulatedRewards:
         """
         return np.stack([self._collision * collision, self._goal * goal], axis=1).astype(np.float32)
 
-    def components(self, history: History) -> dict[str, NDArray[np.float64]]:
-        """Return (collision, goal, speed) rewards of every step by agent, float64[T, 3], before their weights."""
-        batch, components = collate([history]), {}
+    def components(self, history: History) -> NDArray[np.float64]:
+        """Return each agent's (collision, goal, speed) rewards of every step, float64[2, T, 3], unweighted."""
+        batch, components = collate([history]), []
         for agent in AGENTS:
-            speed = self.speed(batch, batch.action[agent], agent)[0].numpy()
-            components[agent] = np.column_stack([history.events[agent], speed]).astype(np.float64)
-        return components
+            speed = (self.speed(batch, batch.action[agent], agent) * batch.present)[0].numpy()
+            components.append(np.column_stack([history.events[agent], speed]).astype(np.float64))
+        return np.stack(components)
 
     def score(self, batch: Batch, actions: Mapping[str, Tensor], rng: np.random.Generator) -> Scored:
-        """See `Rewards.score`: of simulated steps the executed actions, of real ones `actions` explored; by (27)."""
-        scored, rewards = {}, {}
-        real = batch.real[:, None, None]
-        weights = torch.from_numpy(self.weights.values.astype(np.float32))
-        for agent in AGENTS:
-            tried = explored(actions[agent], self._exploration, rng)
-            scored[agent] = torch.where(real, tried, batch.action[agent])
-            speed = self.speed(batch, scored[agent], agent)
-            rewards[agent] = ((batch.events[agent] * weights[:2]).sum(dim=2) + weights[2] * speed) * batch.present
-        return Scored(scored, rewards)
+        """See `Rewards.score`: the executed and the recorded actions; by (27)."""
+        rewards = {}
+        for agent, weights in zip(AGENTS, torch.from_numpy(self.weights.values.astype(np.float32)), strict=True):
+            speed = self.speed(batch, batch.action[agent], agent) * batch.present
+            rewards[agent] = (batch.events[agent] * weights[:2]).sum(dim=2) + weights[2] * speed
+        return Scored(batch.action, rewards, batch)
 
 
 def explored(actions: Tensor, deviation: float, rng: np.random.Generator) -> Tensor:

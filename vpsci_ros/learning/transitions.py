@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.policy.histories import Histories
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE, observe
 from vpsci_ros.world.state import COLLISION, ENDED, GOAL, PARKED_COLLISION
 from vpsci_ros.world.tick import Step
@@ -22,6 +23,7 @@ TRANSITION = np.dtype(
         ("pedestrian_observation", "f4", OBSERVATION_SIZE),
         ("vehicle_action", "f4", ACTION_SIZE),
         ("pedestrian_action", "f4", ACTION_SIZE),
+        ("acting", "u1"),
         ("next_curvttc", "f4"),
         ("next_vehicle_observation", "f4", OBSERVATION_SIZE),
         ("next_pedestrian_observation", "f4", OBSERVATION_SIZE),
@@ -38,7 +40,7 @@ TRANSITION = np.dtype(
 
 STEPS = 128  # of a history, before its memory doubles
 MOST = 1e6  # no position [m], speed [m/s], acceleration [m/s2] or angle [rad] of a transition is beyond
-_FLAGS = ("collision", "vehicle_goal", "pedestrian_goal", "last", "terminal")
+_FLAGS = ("acting", "collision", "vehicle_goal", "pedestrian_goal", "last", "terminal")
 _TIMES = ("curvttc", "next_curvttc")
 _NUMBERS = [name for name in TRANSITION.names or () if TRANSITION[name].base == np.float32 and name not in _TIMES]
 
@@ -74,18 +76,14 @@ class Completed(NamedTuple):
 class TransitionBuilder:
     """Pairs the state of each policy frame with the state one policy period, or the end of the episode, later.
 
-    Call `observe` at every tick, in order. Steps without an answer of both policies make no transition and end the
-    history: what the rule-based pair does in their place is not the policies' experience.
+    A history begins with the first hand-over of an episode and ends with the episode, see `policy.histories`. Where the
+    rule-based pair drives, also in place of a missing answer, transitions say what the motion shows, and are not
+    `acting`. Call `observe` at every tick, in order.
 
-    :param credit_outcome: where control was given back, the last transition is complete only when the policies take
-        over again or the episode ends, and says which goals were reached by then, and how it ended: what the rule-based
-        pair finishes, the policies have brought about. False: it is complete at once, and goals reached later are
-        nobody's.
     :ivar count: transitions completed so far.
     """
 
-    def __init__(self, credit_outcome: bool = False) -> None:
-        self._credit_outcome = credit_outcome
+    def __init__(self) -> None:
         self.count = 0
         self._resize(0)
 
@@ -93,11 +91,11 @@ class TransitionBuilder:
         self._steps = np.zeros((slots, STEPS), TRANSITION)  # of the history under way in each slot
         self._begun = np.zeros(slots, np.int64)  # how many of them have begun
         self._open = np.zeros(slots, np.bool_)  # the last of them has no next state yet
-        self._waiting = np.zeros(slots, np.bool_)  # control was given back, and the outcome is to come
+        self._histories = Histories(slots)
 
     def clear(self) -> None:
         """Forget what was begun: other episodes begin. Numbers go on."""
-        self._open[:], self._waiting[:], self._begun[:] = False, False, 0
+        self._resize(len(self._open))
 
     def observe(self, step: Step, vehicle_version: int = 0, pedestrian_version: int = 0) -> Completed:
         """Take one tick in and return what it completes.
@@ -108,80 +106,62 @@ class TransitionBuilder:
         (_, state, policy_frame, _), assessment, actions = step.tick, step.assessment, step.actions
         if len(self._open) != len(state):
             self._resize(len(state))
-        both = actions.vehicle is not None and actions.pedestrian is not None
-        acts = assessment.acting & both
-        ended = state["status"] == ENDED
-        due = self._open & (policy_frame | ended)
-        known = self._waiting & (ended | acts)
-        if not (due.any() or acts.any() or known.any()):
+        answered = actions.vehicle is not None and actions.pedestrian is not None
+        acts = assessment.acting & answered
+        _, steps = self._histories.take(state, policy_frame, acts)
+        due = self._open & (policy_frame | (state["status"] == ENDED))
+        if not (due.any() or steps.any()):
             return Completed(np.zeros(0, TRANSITION), [])
         seen = dict(zip(AGENTS, observe(state), strict=True))
-        self._close(state, assessment.curvttc, seen, due, acts)
-        completed = self._complete(state, known | due & ~self._waiting)
-        if acts.any():
-            slots = np.flatnonzero(acts)
-            rows = self._begin(state[slots], assessment.curvttc[slots])
+        completed = self._complete(np.flatnonzero(due), state, assessment.curvttc, seen)
+        if steps.any():
+            slots = np.flatnonzero(steps)
+            rows = np.zeros(len(slots), TRANSITION)
+            for name in ("scenario", "episode", "vehicle_goal", "pedestrian_goal"):
+                rows[name] = state[name][slots]
+            rows["step"], rows["curvttc"] = self._histories.step[slots], assessment.curvttc[slots]
+            rows["acting"] = acts[slots]
             rows["vehicle_policy_version"], rows["pedestrian_policy_version"] = vehicle_version, pedestrian_version
             for agent, action in zip(AGENTS, (actions.vehicle, actions.pedestrian), strict=True):
-                rows[f"{agent}_observation"], rows[f"{agent}_action"] = seen[agent][slots], np.asarray(action)[slots]
+                rows[f"{agent}_observation"] = seen[agent][slots]
+                if action is not None:
+                    rows[f"{agent}_action"] = np.asarray(action)[slots]
             self._store(slots, rows)
         return completed
 
-    def _begin(self, state: NDArray[np.void], curvttc: NDArray[np.float64]) -> NDArray[np.void]:
-        """Return transitions that begin in states EPISODE[n], all but what the agents see and do."""
-        rows = np.zeros(len(state), TRANSITION)
-        for name in ("scenario", "episode", "vehicle_goal", "pedestrian_goal"):
-            rows[name] = state[name]
-        rows["step"] = np.where(state["controlled"] == 0, 0, state["step"])
-        rows["curvttc"] = curvttc
-        return rows
-
     def _store(self, slots: NDArray[np.int64], rows: NDArray[np.void]) -> None:
         """Append begun transitions to the histories of their slots."""
-        place = np.where(rows["step"] == 0, 0, self._begun[slots])
-        if place.max() == self._steps.shape[1]:
+        place = rows["step"].astype(np.int64)
+        if place.max() >= self._steps.shape[1]:
             self._steps = np.concatenate([self._steps, np.zeros_like(self._steps)], axis=1)
         self._steps[slots, place] = rows
         self._begun[slots], self._open[slots] = place + 1, True
 
-    def _close(
+    def _complete(
         self,
+        slots: NDArray[np.int64],
         state: NDArray[np.void],
         curvttc: NDArray[np.float64],
         seen: dict[str, NDArray[np.float32]],
-        due: NDArray[np.bool_],
-        acts: NDArray[np.bool_],
-    ) -> None:
-        """Give the open transitions of the slots `due`, bool[B], their next state; some then wait for the outcome.
+    ) -> Completed:
+        """Complete the open transitions of `slots` by what is the case now.
 
         :param state, curvttc, seen: EPISODE[B], float64[B] [s] and agent -> float32[B, 6], as they are now.
-        :param acts: bool[B]: where the policies go on.
         """
-        slots = np.flatnonzero(due)
         rows, now = self._steps[slots, self._begun[slots] - 1], state[slots]
         self._open[slots] = False
-        going_on = acts[slots] & (now["status"] != ENDED)
-        rows["last"] = last = ~going_on | (now["controlled"] == 0)
-        rows["next_curvttc"] = np.where(last, curvttc[slots], 0.0)
-        for agent in AGENTS:
-            rows[f"next_{agent}_observation"] = np.where(last[:, None], seen[agent][slots], 0.0)
-        self._steps[slots, self._begun[slots] - 1] = rows
-        self._waiting[slots] = self._credit_outcome & ~acts[slots] & (now["status"] != ENDED)
-
-    def _complete(self, state: NDArray[np.void], known: NDArray[np.bool_]) -> Completed:
-        """Complete the closed transitions of the slots `known`, bool[B], by what is the case now, EPISODE[B]."""
-        slots = np.flatnonzero(known)
-        rows, now = self._steps[slots, self._begun[slots] - 1], state[slots]
-        self._waiting[slots] = False
         rows["number"] = self.count + np.arange(len(rows), dtype=np.uint64)
         self.count += len(rows)
-        ended, last = now["status"] == ENDED, rows["last"] == 1
+        rows["last"] = ended = now["status"] == ENDED
+        rows["next_curvttc"] = np.where(ended, curvttc[slots], 0.0)
         rows["collision"] = ended & (now["outcome"] == COLLISION)
         rows["terminal"] = ended & np.isin(now["outcome"], (COLLISION, GOAL, PARKED_COLLISION))
-        for agent in AGENTS:
+        for index, agent in enumerate(AGENTS):
+            rows[f"next_{agent}_observation"] = np.where(ended[:, None], seen[agent][slots], 0.0)
             rows[f"{agent}_goal"] = (now[f"{agent}_goal"] != 0) & (rows[f"{agent}_goal"] == 0)
+            driven = rows["acting"][:, None] == 0
+            rows[f"{agent}_action"] = np.where(driven, self._histories.done[index, slots], rows[f"{agent}_action"])
         self._steps[slots, self._begun[slots] - 1] = rows
-        whole = slots[last & (self._steps["step"][slots, 0] == 0)]
-        histories = [self._steps[slot, : self._begun[slot]].copy() for slot in whole]
-        self._begun[slots[last]] = 0
+        histories = [self._steps[slot, : self._begun[slot]].copy() for slot in slots[ended]]
+        self._begun[slots[ended]] = 0
         return Completed(rows, histories)

@@ -80,7 +80,7 @@ class WorldSimulator(GraphNode):
                 f"{self._config.pedestrians}"
             )
         self._lock_step = LockStep(config, self._config, self.counts, external)
-        self._builder = TransitionBuilder(config.credit_outcome) if config.publish_transitions else None
+        self._builder = TransitionBuilder() if config.publish_transitions else None
         self._begun_at = self._tick_started = self._reported_at = time.monotonic()
         self._repeated_at = 0.0  # [s] of the wall clock, when the first tick was published once more
         self._log_at = 0.0  # [s] of the wall clock, when an episode's end is worth a line again

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
 from vpsci_ros.policy.exploration import exploration_noise
+from vpsci_ros.policy.histories import Histories
 from vpsci_ros.policy.people import PeopleAtWork
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.stepped import actor_at_work
@@ -75,18 +76,20 @@ class PolicyAgent:
         self._seed = seeds
 
     def act(self, tick: Tick, assessment: Assessment) -> NDArray[np.float32]:
-        """Return accelerations [m/s2], float32[B, 2] as (longitudinal, lateral); 0 where the policy does not act."""
+        """Return accelerations [m/s2], float32[B, 2] as (longitudinal, lateral); 0 where the policy does not act.
+
+        Call it at every policy frame, also where nobody acts: histories go on.
+        """
         assert self._policy is not None, "act() before load()"
         state, active = tick.state, assessment.acting
         if self._work is None or self._rows != len(state):
             self._work, self._rows = self._at_work(self._policy, len(state)), len(state)
-        if not np.count_nonzero(active):
-            return np.zeros((len(state), 2), np.float32)
-        explore = self._noise if self._explore else None
-        if isinstance(self._work, PeopleAtWork):
+        if isinstance(self._work, NetworkAtWork):
+            action = self._work.act(tick, assessment, self._seed, self._noise if self._explore else None)
+        elif np.count_nonzero(active):
             action = self._work.act(tick, assessment, self._seed)
         else:
-            action = self._work.act(tick, assessment, self._seed, explore)
+            return np.zeros((len(state), 2), np.float32)
         if self._index == 0 and np.count_nonzero(state["pedestrian"]):
             leaders = leading_rows(state, active, assessment.curvttc)
             action = np.where(active[:, None], action[leaders], np.float32(0))
@@ -115,7 +118,7 @@ class PolicyAgent:
 
 
 class NetworkAtWork:
-    """The actor of one agent over B slots, each with its own history since the hand-over.
+    """The actor of one agent over B slots, each with its own history, see `vpsci_ros.policy.histories`.
 
     :param agent: index in `AGENTS`.
     """
@@ -123,7 +126,7 @@ class NetworkAtWork:
     def __init__(self, weights: ActorWeights, agent: int, capacity: int) -> None:
         self._agent, self._limit = agent, weights.network.action_limit
         self._actor = actor_at_work(weights, capacity)
-        self._step = np.zeros(capacity, np.int64)
+        self._histories = Histories(capacity)
 
     def load(self, weights: ActorWeights) -> None:
         """Act by other weights of the same shape from the next step on."""
@@ -137,17 +140,18 @@ class NetworkAtWork:
         :param explore: the noise of (16); None: none.
         """
         state, active = tick.state, assessment.acting
-        reset = active & (state["controlled"] == 0)
-        self._step += active
-        self._step[reset] = 0
-        seen = observation.observe(state, active)[self._agent]
-        action = self._actor.step(seen, assessment.curvttc, reset, active)
+        begins, steps = self._histories.take(state, tick.policy_frame, active)
+        if not np.count_nonzero(steps):
+            return np.zeros((len(state), 2), np.float32)
+        self._actor.executed(self._histories.done[self._agent], self._histories.driven)
+        seen = observation.observe(state, steps)[self._agent]
+        action = self._actor.step(seen, assessment.curvttc, begins, steps)
         if explore is not None:
-            which = state["scenario"], state["episode"], self._step
+            which = state["scenario"], state["episode"], self._histories.step
             noise = exploration_noise(seed, *which, self._agent, explore, self._limit)
             action = np.clip(action + noise, -self._limit, self._limit)
-            action = np.where(active[:, None], action, 0).astype(np.float32)
-            self._actor.executed(action, active)
+        action = np.where(active[:, None], action, 0).astype(np.float32)
+        self._actor.executed(action, active)
         return action
 
     def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:

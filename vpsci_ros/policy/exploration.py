@@ -2,8 +2,7 @@
 
 The paper gives N(t) = N_0 exp(-beta t) + N_min and no unit, no t and no distribution. Here:
 
-- N is a share of the largest acceleration, so that N_0 = 0.3 begins at 1.75 m/s2: the critics must see the effect
-  of braking before they can value it.
+- N is a share of the largest acceleration, 5 m/s2. The shipped file reads 0.3 and 0.05 as m/s2: 0.06 and 0.01 of it.
 - t counts training episodes. Eight scenarios run in turn, so it is eight times the number of the episode, and the
   noise has faded after the 3,000 episodes of Table 8. Noise is a function of the episode alone, so it does not know
   how many scenarios a run has: with n of them, give `noise.decay` times n / 8.
@@ -42,7 +41,7 @@ def exploration_noise(
     """Return noise to add to an action, float32[B, 2] [m/s2]: normal, with deviation `limit * amplitude(episode)`.
 
     :param seed: whole number, one for all or [B].
-    :param scenario, episode, step: whole numbers [B]; step counts policy steps since the hand-over.
+    :param scenario, episode, step: whole numbers [B]; step counts policy frames since the episode's first hand-over.
     :param agent: index in `vpsci_ros.world.observation.AGENTS`; the two agents' noises are independent.
     :param limit: the largest acceleration, `NetworkConfig.action_limit` [m/s2].
     """

@@ -11,7 +11,6 @@ from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
 from vpsci_ros.world.engines import EngineConfig
-from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.observation import AGENTS
 
@@ -24,7 +23,6 @@ class SimulationConfig:
     :ivar batch: episodes side by side.
     :ivar seed: of the world.
     :ivar policies: agent -> how it explores and draws, see `vpsci_ros.policy.agent.policies`.
-    :ivar credit_outcome: see `vpsci_ros.learning.transitions.TransitionBuilder`.
     """
 
     scenarios: Sequence[Scenario]
@@ -34,7 +32,6 @@ class SimulationConfig:
     world: WorldConfig = field(default_factory=WorldConfig)
     monitor: MonitorConfig = field(default_factory=MonitorConfig)
     policies: Mapping[str, PolicyConfig] = field(default_factory=dict)
-    credit_outcome: bool = False
 
     def make_world(self, episodes: Sequence[tuple[int, int]] | None = None) -> World:
         """Return a world with these episodes in its queue, all of them unless some are given."""
@@ -52,7 +49,6 @@ class SimulationConfig:
             "world": values_of(self.world),
             "monitor": values_of(self.monitor),
             "policies": {agent: values_of(config) for agent, config in self.policies.items()},
-            "credit_outcome": self.credit_outcome,
         }
 
 
@@ -71,5 +67,4 @@ def simulation_of(sections: Sections) -> SimulationConfig:
         sections.get(WorldConfig, "world_simulator"),
         sections.get(MonitorConfig, "safety_monitor"),
         {agent: sections.get(PolicyConfig, f"{agent}_policy") for agent in AGENTS},
-        sections.get(LockStepConfig, "world_simulator").credit_outcome,
     )

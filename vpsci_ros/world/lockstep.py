@@ -43,11 +43,6 @@ class LockStepConfig:
         True, "publish /pedestrian/odometry; false: a driving system has /perception/objects alone"
     )
     publish_transitions: bool = parameter(False, "publish /replay for a learner")
-    credit_outcome: bool = parameter(
-        False,
-        "the last transition before control is given back waits for the episode's outcome, and is rewarded for it; "
-        "false: goals that the rule-based pair reaches afterwards are nobody's",
-    )
     replay_window: int = parameter(
         4096,
         "wait when the learner is this many transitions behind; 0: never wait",

@@ -101,8 +101,8 @@ def weight_study(near_misses, networks):
 def test_weightings_and_controls_are_measured_on_the_same_fresh_episodes(tmp_path, weight_study):
     table = weight_study(tmp_path)
     assert table["weights"].to_list() == ["safety", "adaptive", "pretrained", "constant_velocity"]
-    assert table["w_collision"][0] == pytest.approx(0.6)
-    assert table["w_collision"][1:].to_list() == [pytest.approx(1 / 3, abs=0.01), None, None]
+    assert table["vehicle_w_collision"][0] == pytest.approx(0.6)
+    assert table["vehicle_w_collision"][1:].to_list() == [pytest.approx(1 / 3, abs=0.01), None, None]
     assert table["critical_episodes"].n_unique() == 1, "who is handed over is decided before any policy acts"
     assert 0 < table["critical_episodes"][0] <= 6
     for name in ("collision", "goal"):

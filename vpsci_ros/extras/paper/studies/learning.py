@@ -57,7 +57,7 @@ def sample_size_study(
 
     The same whole clips are held out for all sizes (`config.held_out_fraction`), and a subset of n holds the first n
     interactions of one random order, so smaller ones are parts of larger ones. The order ends with the held-out
-    interactions: a size that needs them has no held-out errors. The replay buffer is made to hold every subset.
+    interactions: a size that needs them has no held-out errors.
 
     Columns: `interactions`; of the last tenth of the run, means of `vehicle_reward` and `pedestrian_reward` (of the
     actors' own actions, summed over an interaction) and of each `..._critic_loss`; on the held-out clips, ADE and FDE
@@ -76,8 +76,7 @@ def sample_size_study(
     for size in sizes:
         if not 2 <= size <= len(order):
             raise InvalidInput(f"sizes: expected 2 to {len(order)} interactions, as the near misses hold, got {size}")
-    replay = replace(config.replay, capacity=max(config.replay.capacity, near_misses.height))
-    config = replace(config, held_out_clips=[], held_out_fraction=0.0, replay=replay)
+    config = replace(config, held_out_clips=[], held_out_fraction=0.0)
     deviation = _deviation(from_table(near_misses), config.rewards.least_speed_deviation)
     held_out = HeldOut(kept_out) if kept_out.height else None
     out_dir = Path(out_dir)
@@ -130,7 +129,7 @@ def reward_weight_study(
 
     The last rows are controls: the weights that all start from, and no acceleration at all. Columns: `weights`; the
     rates of `rates_with_intervals`; ADE and FDE [m] of both protocols on the held-out clips; where there was learning,
-    the final `w_collision`, `w_goal`, `w_speed`, and `updates`, `refreshes`.
+    the final weights by agent (`vehicle_w_collision`, ...), and `updates`, `refreshes`.
 
     :param weightings: name -> w_1 to w_3 of (27), or nothing for the adaptive scheme (28).
     :param simulation, learner_seed: as for `refine`.
@@ -159,7 +158,7 @@ def reward_weight_study(
             )
         refined = load_weights(folder / WEIGHTS)
         last = pl.read_csv(folder / online.LOG).row(-1, named=True)
-        learned = {k: v for k, v in last.items() if k.startswith("w_") or k in ("updates", "refreshes")}
+        learned = {k: v for k, v in last.items() if "_w_" in k or k in ("updates", "refreshes")}
         return measured(refined) | refined.facts["held_out"]["errors"] | learned
 
     rows = []

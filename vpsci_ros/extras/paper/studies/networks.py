@@ -16,7 +16,7 @@ from vpsci_ros.learning.maddpg import Maddpg
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
 from vpsci_ros.learning.one_thread import one_thread
-from vpsci_ros.learning.replay import Batch, History, collate, recorded_histories, up_to_capacity
+from vpsci_ros.learning.replay import Batch, draw_recorded
 from vpsci_ros.learning.rewards import RecordedRewards
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.models import MODELS, network_of
@@ -63,25 +63,17 @@ def train(
     if start is None:
         networks.set_statistics(*interactions.samples(), config.rewards.least_speed_deviation)
     torch.manual_seed(seed)
-    rng, recorded = np.random.default_rng(seed), recorded_histories(interactions)
-    histories = [recorded[i] for i in up_to_capacity(recorded, config.replay.capacity, rng)]
+    rng = np.random.default_rng(seed)
     learning: _Learning
     if by_reinforcement(name):
         learning = _Reinforcement(MODELS.find(name).learning, networks, interactions, config)
     else:
         learning = _Supervision(networks, config)
     for episode in range(config.episodes):
-        losses = learning.update(_drawn(histories, config.replay.batch_size, rng), episode, rng)
+        losses = learning.update(draw_recorded(interactions, config.replay.batch_size, rng), episode, rng)
         if report is not None:
             report({"episode": episode + 1, "episodes": config.episodes} | losses)
     return networks
-
-
-def _drawn(histories: list[History], steps: int, rng: np.random.Generator) -> Batch:
-    picked: list[History] = []
-    while sum(map(len, picked)) < steps:
-        picked.append(histories[int(rng.integers(len(histories)))])
-    return collate(picked)
 
 
 class _Supervision:

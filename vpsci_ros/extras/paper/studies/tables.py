@@ -96,8 +96,8 @@ def print_table_9(result: dict[str, Any], console: Console) -> None:
     heads = ["model", "recon-\nstruction", "paper's", "closed\nloop", "its share of\nthe control's"]
     console.print(text_table(title, heads, rows))
     console.print(
-        "+: hybrid learning. ma_sst, ma_transformer, ma_lstm, ma_feedforward: both agents imitate on their own "
-        "predictions; ..ddpg: by reinforcement. The control is repeat_velocity; constant_velocity_tracked starts its "
+        "+: hybrid learning. ..ddpg: by reinforcement, "
+        "the others by supervision. The control is repeat_velocity; constant_velocity_tracked starts its "
         "closed loop as the models do. Intervals: 95%, clips resampled, "
         f"{result.get('seeds', 1)} training(s) a fold. The paper's ADE is of its own data. "
         "The other columns: models.md.",
