@@ -17,8 +17,10 @@ from rclpy.qos import ReliabilityPolicy
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.config import SECTIONS
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.topics import LOCK_STEP
+from vpsci_ros.parameters import read_parameter_file
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.config import RunConfig
@@ -232,3 +234,39 @@ def test_a_quality_of_service_is_overridden_as_ros_2_does_it(context: Context) -
     assert LOCK_STEP.depth == 1000, "other nodes of this process keep theirs"
     assert LOCK_STEP.reliability == ReliabilityPolicy.RELIABLE
     monitor.destroy_node()
+
+
+FILES = sorted(params_dir().glob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_every_parameter_file_of_the_package_loads_into_every_node_that_it_names(path: Path) -> None:
+    """As `ros2 run vpsci_ros NODE --ros-args --params-file FILE` has it: `[]` comes without a value."""
+    sections = read_parameter_file(path)
+    named = sorted(({*SECTIONS, "learner"} - {"graph"}) & set(sections))
+    assert named
+    context = Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(path)], context=context)
+    try:
+        for name in named:
+            node = GraphNode(name, context=context)
+            for key, value in sections[name].items():
+                held = node.get_parameter(key).value
+                assert (list(held) if isinstance(value, list) else held) == value, f"{name}.{key}"
+            node.destroy_node()
+    finally:
+        context.try_shutdown()
+
+
+def test_an_empty_list_in_a_file_is_an_empty_list(tmp_path: Path) -> None:
+    path = tmp_path / "params.yaml"
+    learner = {"stage": "refine", "near_misses": [], "rewards": {"weights": []}}
+    path.write_text(yaml.safe_dump({"/**/learner": {"ros__parameters": learner}}))
+    context = Context()
+    rclpy.init(args=["--ros-args", "--params-file", str(path)], context=context)
+    try:
+        node = GraphNode("learner", context=context)
+        assert (node.config(LearnerConfig).near_misses, node.config(RefineConfig).rewards.weights) == ([], [])
+        node.destroy_node()
+    finally:
+        context.try_shutdown()

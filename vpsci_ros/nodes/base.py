@@ -4,7 +4,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_origin
 
 import rclpy
 from builtin_interfaces.msg import Time
@@ -253,6 +253,8 @@ class GraphNode(Node, metaclass=_Destroying):
         chosen = {}
         for name, row in rows.items():
             given = own.get(name, row.default)
+            if given is None and get_origin(row.type) is list:
+                given = []  # rcl reads an empty list of a parameter file as no value
             chosen[name] = row.check(list(given) if _is_sequence(given) else given, f"node {self._section}")
             self.declare_parameter(name, chosen[name], _descriptor(row), ignore_override=True)
         return chosen

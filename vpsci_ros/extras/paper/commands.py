@@ -50,7 +50,8 @@ def samples(
     that is stopped (Ctrl-C) goes on when the same command is given again;
     finished sizes are not trained again.
 
-    In full, with params/stage1_pretrain.yaml: hours on one core. A trial of a minute: --sizes 50,100 --set learner.episodes=20
+    In full, with params/stage1_pretrain.yaml: hours on one core.
+    A trial of a minute: --sizes 50,100 --set learner.episodes=20
     """
     from vpsci_ros.extras.paper.studies.run import run_sample_study
 
@@ -175,9 +176,9 @@ def weights(
     study that is stopped (Ctrl-C) goes on when the same command is given
     again; what is finished is not trained again.
 
-    In full, with params/stage2_online.yaml: hours on one core. A trial of a minute: --weightings equal,adaptive --fresh-episodes 5
-    --set world_simulator.episodes=4
-    --set learner.refresh.updates=5
+    In full, with params/stage2_online.yaml: hours on one core. A trial of
+    a minute: --weightings equal,adaptive --fresh-episodes 5
+    --set world_simulator.episodes=4 --set learner.refresh.updates=5
     """
     from vpsci_ros.extras.paper.studies.run import run_weight_study
 
