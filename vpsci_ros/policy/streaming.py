@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.streaming_kernels import STEPS, step_slots, take_in
-from vpsci_ros.policy.vectors import LANES
+from vpsci_ros.policy.streaming_kernels import step_slots, take_in
 from vpsci_ros.policy.weights import ActorWeights
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
 
@@ -40,8 +39,7 @@ class StreamingActor:
         self._network = network
         self._window, width = network.attention_window, network.hidden
         self._states = np.zeros((capacity, network.layers, width), np.float32)
-        steps = self._window + -self._window % STEPS
-        self._keys = np.zeros((capacity, network.layers, width, steps), np.float32)
+        self._keys = np.zeros((capacity, network.layers, width, self._window), np.float32)
         self._values = np.zeros((capacity, network.layers, self._window, width), np.float32)
         self._risks = np.zeros((capacity, self._window), np.float32)
         self._counts = np.zeros(capacity, np.int64)
@@ -129,7 +127,7 @@ class StreamingActor:
 
 
 def _kernel_parameters(weights: ActorWeights) -> tuple[Any, ...]:
-    """Return `entry, layers, head` of `step_slots`: transposed, stacked, an answer as wide as a vector."""
+    """Return `entry, layers, head` of `step_slots`: transposed and stacked."""
     network, tensors = weights.network, weights.tensors
     inputs = ["observation", "action", *(["risk"] if network.risk_input else [])]
 
@@ -156,7 +154,5 @@ def _kernel_parameters(weights: ActorWeights) -> tuple[Any, ...]:
     )
     head = [dense("head.0"), tensors["head.0.bias"].copy()]
     head += [dense("head.2"), tensors["head.2.bias"].copy()]
-    last, bias = dense("head.4"), tensors["head.4.bias"]
-    more = -bias.size % LANES
-    head += [np.pad(last, ((0, 0), (0, more))), np.pad(bias, (0, more))]
+    head += [dense("head.4"), tensors["head.4.bias"].copy()]
     return entry, layers, tuple(head)

@@ -1,10 +1,9 @@
 """One streamed step of an SST actor in numba, written so that a row's bits depend on nothing but that row.
 
 Every output of a matrix product has one accumulator, and adds its products in the order of k by fused multiply-add
-(IEEE 754: one rounding). Rows are worked in eights, so that a weight once loaded serves eight rows, and outputs lie
-along vectors (`vpsci_ros.policy.vectors`); neither changes what is added to what. Sums along a row run in sixteen
-fixed lanes. The exponential is a polynomial in the same fused operations. So the result is the same for every batch
-size, row position and thread, and on every processor that follows IEEE 754.
+(IEEE 754: one rounding). Sums along a row run in sixteen fixed lanes. The exponential is a polynomial in the same fused
+operations. So the result is the same for every batch size, row position and thread, and on every processor that follows
+IEEE 754.
 
 Library matrix products do not have this property: they choose kernels, and so the order of additions, by shape.
 """
@@ -12,12 +11,14 @@ Library matrix products do not have this property: they choose kernels, and so t
 import math
 
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 
-from vpsci_ros.policy.vectors import LANES, fma, fma_all, load, power_of_two, product, spread, store
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.safety.compiled import kernel
 
-STEPS = 4  # remembered ones that are compared at once
+LANES = 16  # in which sums along a row run
 NORM_EPSILON = np.float32(1e-5)
 NORMALISED_LIMIT = np.float32(6.0)  # as in `vpsci_ros.policy.sst`
 _ONE, _CRITICAL_TTC = np.float32(1.0), np.float32(CRITICAL_TTC)
@@ -25,32 +26,41 @@ _FAR = np.float32(-80.0)
 _LOG2_E, _LN2_HIGH, _LN2_LOW = np.float32(1.4426950408889634), np.float32(0.693359375), np.float32(-2.12194440e-4)
 
 
-_eight_rows_wide, _eight_rows, _row_wide, _row = product(8, 2), product(8, 1), product(1, 4), product(1, 1)
-_four_steps = product(1, 1, STEPS)
+@intrinsic
+def fma(typing_context, a, b, c):  # type: ignore[no-untyped-def]
+    """Return a * b + c with one rounding, float32."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.fma(*arguments)
+
+    return types.float32(types.float32, types.float32, types.float32), generate
+
+
+@intrinsic
+def _power_of_two(typing_context, n):  # type: ignore[no-untyped-def]
+    """Return 2**n as float32, for whole n from -126 to 127."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        exponent = builder.add(builder.trunc(arguments[0], ir.IntType(32)), ir.Constant(ir.IntType(32), 127))
+        return builder.bitcast(builder.shl(exponent, ir.Constant(ir.IntType(32), 23)), ir.FloatType())
+
+    return types.float32(types.int64), generate
 
 
 @kernel
 def accumulate(x, w, out, rows):  # type: ignore[no-untyped-def]
     """Add x[:rows] @ w to out[:rows]: x float32[R, K], w float32[K, N], out float32[R, N]."""
-    depth, width = w.shape
-    eights, whole = rows - rows % 8, width - width % LANES
-    pairs, fours = width - width % (2 * LANES), width - width % (4 * LANES)
-    for i in range(0, eights, 8):
-        for j in range(0, pairs, 2 * LANES):
-            _eight_rows_wide(x, (i, 0), w, (0, j), out, (i, j), depth)
-        for j in range(pairs, whole, LANES):
-            _eight_rows(x, (i, 0), w, (0, j), out, (i, j), depth)
-    for i in range(eights, rows):
-        for j in range(0, fours, 4 * LANES):
-            _row_wide(x, (i, 0), w, (0, j), out, (i, j), depth)
-        for j in range(fours, whole, LANES):
-            _row(x, (i, 0), w, (0, j), out, (i, j), depth)
-    for i in range(rows if whole < width else 0):
-        for j in range(whole, width):
-            total = out[i, j]
-            for k in range(depth):
-                total = fma(x[i, k], w[k, j], total)
-            out[i, j] = total
+    depth = w.shape[0]
+    whole = depth - depth % 4
+    for i in range(rows):
+        row = out[i]
+        for k in range(0, whole, 4):  # four products at a time, one after the other in each accumulator
+            a, b, c, d = x[i, k], x[i, k + 1], x[i, k + 2], x[i, k + 3]
+            for j in range(w.shape[1]):
+                row[j] = fma(d, w[k + 3, j], fma(c, w[k + 2, j], fma(b, w[k + 1, j], fma(a, w[k, j], row[j]))))
+        for k in range(whole, depth):
+            for j in range(w.shape[1]):
+                row[j] = fma(x[i, k], w[k, j], row[j])
 
 
 @kernel
@@ -71,57 +81,52 @@ def exponential(x):  # type: ignore[no-untyped-def]
     p = fma(p, r, np.float32(4.1665795894e-2))
     p = fma(p, r, np.float32(1.6666665459e-1))
     p = fma(p, r, np.float32(5.0000001201e-1))
-    scale = power_of_two(int(n))
+    scale = _power_of_two(int(n))
     return fma(fma(p, r * r, r), scale, scale) if x >= _FAR else np.float32(0.0)
 
 
 @kernel
-def _normalise(x, rows, gain, offset, means, factors, lanes):  # type: ignore[no-untyped-def]
-    """Apply LayerNorm to x[:rows], float32[R, width], in place; `means` and `factors` float32[R], `lanes` [R, 16]."""
-    width = np.float32(x.shape[1])
-    means[:] = np.float32(0.0)
-    _lane_sums(x, rows, means, False, lanes, factors)
+def _normalise(x, rows, gain, offset):  # type: ignore[no-untyped-def]
+    """Apply LayerNorm to x[:rows], float32[R, width], in place."""
+    width, lanes = np.float32(x.shape[1]), np.empty(LANES, np.float32)
     for i in range(rows):
-        means[i] = factors[i] / width
-    _lane_sums(x, rows, means, True, lanes, factors)
-    for i in range(rows):
-        inverse = np.float32(1.0) / np.sqrt(factors[i] / width + NORM_EPSILON)
+        mean = _lane_sum(x[i], np.float32(0.0), False, lanes) / width
+        inverse = _ONE / np.sqrt(_lane_sum(x[i], mean, True, lanes) / width + NORM_EPSILON)
         for j in range(x.shape[1]):
-            x[i, j] = fma((x[i, j] - means[i]) * inverse, gain[j], offset[j])
+            x[i, j] = fma((x[i, j] - mean) * inverse, gain[j], offset[j])
 
 
 @kernel
-def _lane_sums(x, rows, means, squared, lanes, totals):  # type: ignore[no-untyped-def]
-    """Fill in the sums of what rows are beyond their means, or of its square; of all rows, so that none waits."""
-    whole = x.shape[1] - x.shape[1] % LANES
-    for i in range(rows):
-        sums, less = spread(np.float32(0.0)), spread(-means[i])
-        for start in range(0, whole, LANES):
-            d = fma_all(np.float32(1.0), load(x, (i, start)), less)
-            sums = fma_all(d, d, sums) if squared else fma_all(np.float32(1.0), d, sums)
-        store(lanes, (i, 0), sums)
-        for j in range(whole, x.shape[1]):
-            d0 = x[i, j] - means[i]
-            lanes[i, 0] = fma(d0, d0, lanes[i, 0]) if squared else lanes[i, 0] + d0
-    for i in range(rows):
-        total = np.float32(0.0)
-        for j in range(LANES):
-            total += lanes[i, j]
-        totals[i] = total
+def _lane_sum(row, mean, squared, lanes):  # type: ignore[no-untyped-def]
+    """Return the sum of a row beyond its mean, or of the squares, in sixteen lanes that are added in the end."""
+    whole = row.size - row.size % LANES
+    lanes[:] = np.float32(0.0)
+    for start in range(0, whole, LANES):
+        for lane in range(LANES):
+            d = row[start + lane] - mean
+            lanes[lane] = fma(d, d, lanes[lane]) if squared else lanes[lane] + d
+    for j in range(whole, row.size):
+        d = row[j] - mean
+        lanes[0] = fma(d, d, lanes[0]) if squared else lanes[0] + d
+    total = np.float32(0.0)
+    for lane in range(LANES):
+        total += lanes[lane]
+    return total
 
 
 @kernel
 def _compare(queries, i, keys, slot, layer, risks, gain, scale, filled, logits):  # type: ignore[no-untyped-def]
     """Compare row `i` of queries, float32[R, hidden], with `filled` remembered steps, head by head; see `step_slots`.
 
-    :param keys: float32[slot, L, hidden, S], S the window up to a multiple of `STEPS`; risks: float32[slot, window].
-    :param gain: float32[L, heads]; logits: float32[R, heads, S], zeros; gets them less the greatest of the head.
+    :param keys: float32[slot, L, hidden, window]; risks: float32[slot, window].
+    :param gain: float32[L, heads]; logits: float32[R, heads, window], zeros; gets them less the greatest of the head.
     """
     heads, steps = logits.shape[1], logits.shape[2]
     depth = queries.shape[1] // heads
     for h in range(heads):
-        for s in range(0, steps, STEPS):
-            _four_steps(queries, (i, h * depth), keys, (slot, layer, h * depth, s), logits, (i, h, s), depth)
+        for d in range(h * depth, (h + 1) * depth):
+            for s in range(steps):
+                logits[i, h, s] = fma(queries[i, d], keys[slot, layer, d, s], logits[i, h, s])
     for h in range(heads):
         top = np.float32(-np.inf)
         for s in range(filled):
@@ -135,11 +140,10 @@ def _compare(queries, i, keys, slot, layer, risks, gain, scale, filled, logits):
 def _recall(shares, values, i, slot, layer, filled, context):  # type: ignore[no-untyped-def]
     """Fill in what row `i` recalls of `filled` steps, context float32[R, hidden], by shares, unscaled.
 
-    :param shares: float32[R, heads, S]; values: float32[slot, L, window, hidden].
+    :param shares: float32[R, heads, window]; values: float32[slot, L, window, hidden].
     """
     heads = shares.shape[1]
     depth = context.shape[1] // heads
-    whole = depth - depth % LANES
     for j in range(context.shape[1]):
         context[i, j] = np.float32(0.0)
     for h in range(heads):
@@ -148,10 +152,8 @@ def _recall(shares, values, i, slot, layer, filled, context):  # type: ignore[no
             total += shares[i, h, s]
         for s in range(filled):
             shares[i, h, s] /= total
-        for d in range(h * depth, h * depth + whole, LANES):
-            _row(shares, (i, h, 0), values, (slot, layer, 0, d), context, (i, d), filled)
-        for d in range(h * depth + whole, (h + 1) * depth):
-            for s in range(filled):
+        for s in range(filled):
+            for d in range(h * depth, (h + 1) * depth):
                 context[i, d] = fma(shares[i, h, s], values[slot, layer, s, d], context[i, d])
 
 
@@ -216,9 +218,8 @@ def step_slots(  # type: ignore[no-untyped-def]
         the network has it, risk; risks: float32[n].
     :param entry: (w [I, hidden], b [hidden]); layers: (decay, skip, gain, norm weight, norm bias: [L, ...], then the
         dense input, query, key, attended, readout: [L, hidden, hidden], inputs first); head: three (w, b).
-    :param states: float32[slot, L, hidden]; keys: float32[slot, L, hidden, S], S the window up to a multiple of
-        `STEPS`; values: float32[slot, L, window, hidden]; seen: float32[slot, window], risks; counts: int64[slot],
-        steps taken; all move on by one step.
+    :param states: float32[slot, L, hidden]; keys: float32[slot, L, hidden, window]; values: float32[slot, L, window,
+        hidden]; seen: float32[slot, window], risks; counts: int64[slot], steps taken; all move on by one step.
     :param work: float32[6, R, hidden] scratch; action, out: float32[slot, 2], both get the clipped actions [m/s2].
     """
     size, width = work.shape[1], states.shape[2]
@@ -226,7 +227,6 @@ def step_slots(  # type: ignore[no-untyped-def]
     x, h, q, k, context, mixed = work[0], work[1], work[2], work[3], work[4], work[5]
     heads = gain.shape[1]
     shares = np.zeros((size, heads, keys.shape[3]), np.float32)
-    means, factors, lanes = np.empty(size, np.float32), np.empty(size, np.float32), np.empty((size, LANES), np.float32)
     scale = np.float32(1.0) / np.sqrt(np.float32(width // heads))
     w1, b1, w2, b2, w3, b3 = head
     first, second = np.empty((size, b1.size), np.float32), np.empty((size, b2.size), np.float32)
@@ -268,7 +268,7 @@ def step_slots(  # type: ignore[no-untyped-def]
                     mixed[i, j] = fma(skip[layer, j], x[i, j], x[i, j])
             accumulate(h, w_readout[layer], mixed, n)
             accumulate(context, w_attended[layer], mixed, n)
-            _normalise(mixed, n, norm_w[layer], norm_b[layer], means, factors, lanes)
+            _normalise(mixed, n, norm_w[layer], norm_b[layer])
             for i in range(n):
                 _copy(mixed[i], x[i])
         for i in range(n):
