@@ -160,6 +160,14 @@ BRANCHES = {
         "study = vpsci_ros.extras.paper.commands:study_app",
         "turing = vpsci_ros.extras.paper.commands:turing_app",
     ],
+    "vpsci_ros.networks": [
+        f"{name} = vpsci_ros.extras.paper.models:{name.upper()}"
+        for name in (
+            *("ma_sst_ddpg", "ma_transformer_ddpg", "ma_ddpg", "transformer_ddpg", "ddpg"),
+            *("transformer", "lstm", "feedforward"),
+        )
+    ],
+    "vpsci_ros.objectives": ["single_agent_ddpg = vpsci_ros.extras.paper.models:SINGLE_AGENT_DDPG"],
     "vpsci_ros.engines": ["carla = vpsci_ros.extras.carla.world:CARLA"],
     "vpsci_ros.importers": [
         "argoverse2 = vpsci_ros.extras.formats.track_tables:ARGOVERSE2",

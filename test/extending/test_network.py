@@ -38,5 +38,5 @@ def test_a_model_whose_layer_is_none_is_refused() -> None:
 
 def test_an_unknown_network_is_refused_with_the_names_that_there_are(install: Install) -> None:
     install(GATED)
-    with pytest.raises(InvalidInput, match=r"unknown network 'gru'; expected one of ma_sst_ddpg, .*ma_gru"):
+    with pytest.raises(InvalidInput, match=r"unknown network 'gru'; expected one of sst, .*ma_gru"):
         MODELS.find("gru")

@@ -80,18 +80,9 @@ def _by_critics(training: Training, config: PretrainConfig | RefineConfig) -> Po
     return PolicyGradient(training)
 
 
-def _alone(training: Training, config: PretrainConfig | RefineConfig) -> PolicyGradient:
-    training.maddpg.alone = True
-    return PolicyGradient(training)
-
-
 DDPG = Objective(pretrain=_by_critics, refine=_by_critics)
-SINGLE_AGENT_DDPG = Objective(pretrain=_alone, refine=_alone)
-"""Each critic sees its own agent's action alone (Lillicrap et al. 2016, https://arxiv.org/abs/1509.02971)."""
 
-_ALL = PluginGroup(
-    "vpsci_ros.objectives", "objective", Objective, {"ddpg": DDPG, "single_agent_ddpg": SINGLE_AGENT_DDPG}
-)
+_ALL = PluginGroup("vpsci_ros.objectives", "objective", Objective, {"ddpg": DDPG})
 
 
 def find_objective(name: str) -> Objective:

@@ -75,9 +75,7 @@ class PolicyConfig:
         "", "bank of people or weights: a safetensors file, or people, ma_sst_ddpg; empty: wait for /policy/weights"
     )
     explore: bool = parameter(False, "add the exploration noise of equation (16)", read_only=False)
-    seed: int = parameter(
-        1, "seed of the exploration noise, and of which recorded people act", low=0, high=2**63 - 1
-    )
+    seed: int = parameter(1, "seed of the exploration noise, and of which recorded people act", low=0, high=2**63 - 1)
     people: str = parameter(
         "",
         "of a bank: whose reactions act, a source of its near misses up to a hyphen, such as cqut; empty: the first",

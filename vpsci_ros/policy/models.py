@@ -8,15 +8,8 @@ from dataclasses import dataclass, replace
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.actor import Actor
 from vpsci_ros.policy.config import SST, NetworkConfig
-from vpsci_ros.policy.layers import FeedForwardLayer, LSTMLayer, TransformerLayer
 from vpsci_ros.policy.sst import EncoderLayer, SSTEncoder, SSTLayer
 from vpsci_ros.runs.plugins import PluginGroup
-
-LEARNING = {
-    "supervised": "the next velocity of recorded near misses",
-    "ddpg": "the policy gradient of critics that see both agents' actions",
-    "single_agent_ddpg": "the policy gradient of critics that see their own agent's action alone",
-}
 
 
 @dataclass(frozen=True)
@@ -24,7 +17,7 @@ class Model:
     """A network that may act, and how `vpsci study models` has it learn.
 
     :ivar layer: class of the encoder's layers, the critics' too.
-    :ivar learning: of `LEARNING`.
+    :ivar learning: "supervised": the next velocity of recorded near misses; or the name of an objective.
     """
 
     layer: type[EncoderLayer]
@@ -33,26 +26,9 @@ class Model:
     def __post_init__(self) -> None:
         if not (isinstance(self.layer, type) and issubclass(self.layer, EncoderLayer)):
             raise InvalidInput(f"layer: expected a class that derives from EncoderLayer, got {self.layer!r}")
-        if self.learning not in LEARNING:
-            raise InvalidInput(f"learning: expected one of {', '.join(LEARNING)}, got {self.learning!r}")
 
 
-MODELS = PluginGroup(
-    "vpsci_ros.networks",
-    "network",
-    Model,
-    {
-        "ma_sst_ddpg": Model(SSTLayer, "ddpg"),
-        "ma_transformer_ddpg": Model(TransformerLayer, "ddpg"),
-        "ma_ddpg": Model(FeedForwardLayer, "ddpg"),
-        "transformer_ddpg": Model(TransformerLayer, "single_agent_ddpg"),
-        "ddpg": Model(FeedForwardLayer, "single_agent_ddpg"),
-        SST: Model(SSTLayer),
-        "transformer": Model(TransformerLayer),
-        "lstm": Model(LSTMLayer),
-        "feedforward": Model(FeedForwardLayer),
-    },
-)
+MODELS = PluginGroup("vpsci_ros.networks", "network", Model, {SST: Model(SSTLayer)})
 
 
 def network_of(name: str, network: NetworkConfig) -> NetworkConfig:

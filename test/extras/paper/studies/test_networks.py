@@ -5,6 +5,7 @@ from synthetic import synthetic_near_misses
 from vpsci_ros.data.interactions import from_table
 from vpsci_ros.evaluation.predictors import PolicyPredictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import eligible, reconstruct
+from vpsci_ros.extras.paper.models import ROWS
 from vpsci_ros.extras.paper.studies.networks import train, untrained
 from vpsci_ros.learning.config import PretrainConfig, ReplayConfig, SpeedRewardsConfig, UpdatesConfig
 from vpsci_ros.learning.replay import collate, recorded_histories
@@ -15,7 +16,7 @@ from vpsci_ros.world.observation import AGENTS
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 CONFIG = PretrainConfig(episodes=3, replay=ReplayConfig(batch_size=32))
-SUPERVISED = [name for name, model in MODELS.built_in.items() if model.learning == "supervised"]
+SUPERVISED = [name for name in ROWS if MODELS.find(name).learning == "supervised"]
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from rich.console import Console
 from vpsci_ros.data.near_misses import corpus_files, read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.error_table import print_errors
+from vpsci_ros.extras.paper.models import ROWS
 from vpsci_ros.extras.paper.studies.cross_validation import RESULT, Refinement, cross_validate
 from vpsci_ros.extras.paper.studies.learning import (
     SAMPLE_SIZES,
@@ -31,7 +32,6 @@ from vpsci_ros.extras.paper.studies.tables import (
     save_table_9,
 )
 from vpsci_ros.learning.inputs import stage_1_inputs, stage_2_inputs, stage_2_parameters
-from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.models import MODELS
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.folder import RunFolder
@@ -132,7 +132,7 @@ def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quie
         `refine` and `simulated` is missing, or `folder` holds another study.
     :raises Stopped: a signal stopped it; what is done is in `folder`.
     """
-    models = list(study.models) or list(MODELS.built_in)
+    models = list(study.models) or list(ROWS)
     for name in models:
         MODELS.find(name)
     learner, config, network, corpus, resolved = stage_1_inputs(sections)

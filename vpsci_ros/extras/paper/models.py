@@ -1,4 +1,4 @@
-"""Layers in place of the SST's: a Transformer's, a long short-term memory's and a feed-forward one's.
+"""The networks and objectives of Table 9's other rows, found by entry points: layers in place of the SST's.
 
 Each is a residual layer that ends in a layer normalisation, like `SSTLayer`, so that a network differs from the SST in
 how it takes up the history and in nothing else. None has the gate of (4).
@@ -8,8 +8,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from vpsci_ros.learning.objectives import Objective, PolicyGradient, Training
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.sst import EncoderLayer
+from vpsci_ros.policy.models import Model
+from vpsci_ros.policy.sst import EncoderLayer, SSTLayer
 
 
 class FeedForwardLayer(EncoderLayer):
@@ -76,3 +78,23 @@ class TransformerLayer(EncoderLayer):
         x = self.norm(x + self.attended(context.transpose(1, 2).flatten(2)))
         out: Tensor = self.norm_bent(x + self.bend(x))
         return out
+
+
+def _alone(training: Training, config: object) -> PolicyGradient:
+    training.maddpg.alone = True
+    return PolicyGradient(training)
+
+
+SINGLE_AGENT_DDPG = Objective(pretrain=_alone, refine=_alone)
+"""Each critic sees its own agent's action alone (Lillicrap et al. 2016, https://arxiv.org/abs/1509.02971)."""
+
+MA_SST_DDPG = Model(SSTLayer, "ddpg")
+MA_TRANSFORMER_DDPG, MA_DDPG = Model(TransformerLayer, "ddpg"), Model(FeedForwardLayer, "ddpg")
+TRANSFORMER_DDPG, DDPG = Model(TransformerLayer, "single_agent_ddpg"), Model(FeedForwardLayer, "single_agent_ddpg")
+TRANSFORMER, LSTM, FEEDFORWARD = Model(TransformerLayer), Model(LSTMLayer), Model(FeedForwardLayer)
+
+ROWS = (
+    *("ma_sst_ddpg", "ma_transformer_ddpg", "ma_ddpg", "transformer_ddpg", "ddpg"),
+    *("sst", "transformer", "lstm", "feedforward"),
+)
+"""The models of the study, in the order of its table; `sst` is the package's own."""
