@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import VpsciError
+from vpsci_ros.kinematics.scene import Scene
 from vpsci_ros.learning.replay import Batch
 from vpsci_ros.runs.files import written_whole
 
@@ -54,6 +55,8 @@ def require_finite_reward_weights(values: NDArray[np.float64]) -> None:
 def _arrays(batch: Batch) -> dict[str, Any]:
     arrays: dict[str, Any] = {}
     for name, value in vars(batch).items():
+        value = value._asdict() if isinstance(value, Scene) else value  # noqa: PLW2901
         parts = {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {name: value}
+        parts = {k: v for k, v in parts.items() if v is not None}
         arrays |= {k: v.detach().numpy() for k, v in parts.items()}
     return arrays

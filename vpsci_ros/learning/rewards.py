@@ -110,7 +110,7 @@ def _followed(batch: Batch, done: Mapping[str, Tensor]) -> Batch:
     rows, last = torch.arange(len(batch.length)), batch.length - 1
     scene = advance(batch.scene, {agent: done[agent][rows, last].double() for agent in AGENTS})
     curvttc, observation, action = batch.curvttc.clone(), {}, {}
-    curvttc[rows, last + 1] = time_to_collision(scene).float()
+    curvttc[rows, last + 1] = time_to_collision(scene).float() if scene.finite else torch.nan  # the loss says so
     for agent, seen in zip(AGENTS, observe(scene), strict=True):
         observation[agent], action[agent] = batch.observation[agent].clone(), batch.action[agent].clone()
         observation[agent][rows, last + 1] = seen.float()

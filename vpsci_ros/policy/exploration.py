@@ -52,5 +52,5 @@ def exploration_noise(
     keys = (np.asarray(scenario)[..., None], np.asarray(episode)[..., None])
     draws = normals(np.asarray(seed)[..., None], *keys, stream, ACTION_SIZE * len(AGENTS))
     own = draws[..., ACTION_SIZE * agent : ACTION_SIZE * (agent + 1)] * real[..., None]
-    unit = own.sum(axis=-2) / np.sqrt(real.sum(axis=-1))[..., None]
+    unit = own.sum(axis=-2) / np.sqrt(np.maximum(real.sum(axis=-1), 1))[..., None]  # step -1: no history
     return (limit * amplitude(episode, config)[..., None] * unit).astype(np.float32)
