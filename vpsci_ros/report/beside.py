@@ -32,7 +32,7 @@ def save_beside(recorded: pl.DataFrame, generated: pl.DataFrame, path: str | Pat
     for part, (name, table) in zip(halves, (("recorded", recorded), ("generated", generated)), strict=True):
         part.suptitle(f"{name}, {EACH} at random", fontsize=12)
         axes = part.subplots(rows, COLUMNS, squeeze=False)
-        episodes = _drawn(table, name, np.random.default_rng([seed, len(name)]))
+        episodes = draw_at_random(table, name, seed)
         for axis, one in zip(axes.flat, episodes, strict=False):
             draw_episode(axis, f"least CurvTTC {one.least_curvttc:.1f} s", one)
             axis.set_xlim(-HALF, HALF)
@@ -44,13 +44,19 @@ def save_beside(recorded: pl.DataFrame, generated: pl.DataFrame, path: str | Pat
     save_png(figure, path, 100)
 
 
-def _drawn(table: pl.DataFrame, name: str, rng: np.random.Generator) -> list[Episode]:
+def draw_at_random(table: pl.DataFrame, name: str, seed: int, count: int = EACH) -> list[Episode]:
+    """Return up to `count` interactions, drawn at random, each around its onset, at which the vehicle heads up.
+
+    :param name: of the table, for the error and the draw.
+    :raises InvalidInput: the table has no interaction with an onset.
+    """
     parts = table.filter((pl.col("curvttc_causal") < CRITICAL_TTC).any().over("interaction")).partition_by(
         "interaction", maintain_order=True
     )
     if not parts:
         raise InvalidInput(f"{name}: expected an interaction with CurvTTC below {CRITICAL_TTC:g} s, got none")
-    return [_turned_up(parts[i]) for i in rng.permutation(len(parts))[:EACH]]
+    chosen = np.random.default_rng([seed, len(name)]).permutation(len(parts))[:count]
+    return [_turned_up(parts[i]) for i in chosen]
 
 
 def _turned_up(whole: pl.DataFrame) -> Episode:
