@@ -70,12 +70,3 @@ def test_only_the_user_may_write_what_is_loaded_and_anothers_folder_is_not_used(
         assert ("NUMBA_CACHE_DIR" in os.environ) == used
         monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
         assert (tmp_path / "vpsci_ros").stat().st_mode & 0o777 == 0o700
-
-
-def test_a_home_that_is_full_is_named(
-    cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
-    monkeypatch.setattr(kernel_cache, "ROOM", 2**60)
-    kernel_cache.choose_cache_folder()
-    assert str(cache) in capsys.readouterr().err

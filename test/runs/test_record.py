@@ -3,7 +3,7 @@
 import json
 import time
 
-from vpsci_ros.runs.record import RECORD, ROOM, keep_room, read_record, write_record
+from vpsci_ros.runs.record import read_record, write_record
 
 
 def test_a_record_is_read_as_it_was_written(tmp_path) -> None:
@@ -27,12 +27,3 @@ def test_what_is_not_a_record_is_none(tmp_path) -> None:
     for text in ("{", "[]", json.dumps({"error": ""})):
         path.write_text(text)
         assert read_record(path) is None
-
-
-def test_room_for_the_record_is_kept_while_a_run_may_fill_the_disk_and_given_back_for_it(tmp_path) -> None:
-    keep_room(tmp_path)
-    (kept,) = tmp_path.iterdir()
-    assert kept.stat().st_blocks * 512 >= ROOM
-    write_record(tmp_path / RECORD, begun=0.0, results={}, inputs={})
-    assert [path.name for path in tmp_path.iterdir()] == [RECORD]
-    assert (tmp_path / RECORD).stat().st_size < ROOM

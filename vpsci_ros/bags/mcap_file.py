@@ -24,7 +24,6 @@ from zstandard import ZstdError, frame_content_size
 
 from vpsci_ros.bags.topic_info import DAY, TopicInfo, by_name
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.time_budget import TimeBudget
 from vpsci_ros.wire.decoder import RawMessage
 
 MAGIC = b"\x89MCAP0\r\n"  # at both ends
@@ -69,7 +68,7 @@ class McapFile:
         """
         with self._indexed() as reader:
             if reader is not None:
-                return list(by_name(TimeBudget.of_file(self.path).spent_on(_indexed_topics(reader))).values())
+                return list(by_name(_indexed_topics(reader)).values())
             single = (_topic(channel, schema, 1, m.log_time, m.log_time) for schema, channel, m in self.messages())
             return list(by_name(single).values())
 
@@ -98,7 +97,7 @@ class McapFile:
         with self._indexed() as reader:
             if reader is not None:
                 chosen = reader.iter_messages(topics, starting_at=start, ending_at=stop, log_time_order=ordered)
-                yield from TimeBudget.of_file(self.path).spent_on(_raw(*entry) for entry in chosen)
+                yield from (_raw(*entry) for entry in chosen)
                 return
             for schema, channel, message in self.messages():
                 if start <= message.log_time <= stop and (topics is None or channel.topic in topics):
@@ -133,7 +132,7 @@ class McapFile:
         """
         with self.path.open("rb") as file:
             self._check(file)
-        return TimeBudget.of_file(self.path).spent_on(self._in_order())
+        return self._in_order()
 
     def _in_order(self) -> Iterator[McapMessage]:
         self.records.clear()

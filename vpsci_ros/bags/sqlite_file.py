@@ -14,7 +14,6 @@ from urllib.parse import quote
 from vpsci_ros.bags.topic_info import DAY, TopicInfo, by_name
 from vpsci_ros.documents import printable
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.time_budget import TimeBudget
 from vpsci_ros.wire.decoder import RawMessage
 
 _WHOLE = """typeof(timestamp) = 'integer' AND typeof(data) = 'blob' AND COALESCE(topic_id IN
@@ -27,7 +26,6 @@ _TOPICS = f"""SELECT t.name, t.type, COUNT(m.id), COALESCE(MIN(m.timestamp), 0),
 _VIEWS = """SELECT name FROM sqlite_master WHERE name IN ('topics', 'messages', 'message_definitions')
     AND (type <> 'table' OR sql LIKE 'CREATE VIRTUAL%' OR sql LIKE '%GENERATED%')"""  # what may take for ever to read
 LARGEST = 2**28  # [bytes] of a message
-_STEPS = 100_000  # of sqlite's machine, after which it looks at the time
 _MESSAGES = f"""SELECT topic_id, timestamp, data FROM messages {{}}
     WHERE timestamp BETWEEN ? AND ? AND {_WHOLE} ORDER BY {{}}"""
 
@@ -103,24 +101,16 @@ class SqliteFile:
             self.damage += [f"{count} of its messages have no listed topic, time or data"] * bool(count)
 
     def _rows(self, query: str, values: tuple[int, ...] = (), *, quiet: bool = False) -> Iterator[tuple[Any, ...]]:
-        budget = TimeBudget.of_file(self.path)
         with contextlib.closing(sqlite3.connect(f"file:{quote(str(self.path))}?mode=ro", uri=True)) as connection:
             try:
                 connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST)
-                connection.set_progress_handler(lambda: budget.exceeded, _STEPS)
                 for (name,) in connection.execute(_VIEWS):
                     raise InvalidInput(
                         f"{self.path}: {printable(name)} is no table; expected a bag as recorders write it"
                     )
-                yield from budget.spent_on(_executed(connection, query, values))
+                yield from connection.execute(query, values)
             except sqlite3.Error as error:
-                budget.require()
                 text = f"{self.path}: not a whole sqlite3 bag file ({error})"
                 if quiet or self.strict or "no such table" in str(error) or "not a database" in str(error):
                     raise InvalidInput(f"{text}; copy it again, or read what is whole with --recover") from None
                 self.damage.append(f"it is damaged ({error})")
-
-
-def _executed(connection: sqlite3.Connection, query: str, values: tuple[int, ...]) -> Iterator[tuple[Any, ...]]:
-    """Yield the rows of a query, of which the first may be most of the work."""
-    yield from connection.execute(query, values)

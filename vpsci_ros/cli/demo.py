@@ -12,7 +12,7 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError, require
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.resources import TO_LEARN_FROM, near_misses_path, params_dir
-from vpsci_ros.runs.files import ROOM_FILE, is_empty_folder
+from vpsci_ros.runs.files import is_empty_folder
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import Shown, Source, read_source, shown
@@ -153,7 +153,7 @@ def _make_room(folder: Path, force: bool) -> None:
         for inside in folder.iterdir():
             if inside.is_dir() and not inside.is_symlink():
                 shutil.rmtree(inside)
-            elif inside.name != ROOM_FILE:
+            else:
                 inside.unlink()
     folder.mkdir(parents=True, exist_ok=True)
     (folder / MARKER).write_text("made by 'vpsci demo', which may replace this folder\n", encoding="utf-8")

@@ -34,7 +34,7 @@ from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import require_empty_folder, sha256
 from vpsci_ros.runs.output_folder import Claim
 from vpsci_ros.runs.processes import ChildProcess, stop
-from vpsci_ros.runs.record import RECORD, keep_room, write_record
+from vpsci_ros.runs.record import RECORD, write_record
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 from vpsci_ros.world import WorldConfig
@@ -93,7 +93,6 @@ def run_graph(
         folder = require_empty_folder(folder)
         result = GraphResult(folder)
         requested = stack.enter_context(stop_requested_by_signals())  # nothing cuts the record short
-        keep_room(folder)
         with _collecting_errors(result):
             parameters = folder / "params.yaml"
             layout = as_ros_parameters(resolved.values, any_namespace=bool(chosen.namespace))

@@ -17,7 +17,6 @@ from vpsci_ros.errors import InvalidInput, VpsciError
 CLAIMED: dict[tuple[int, int], Path] = {}
 """Device and inode of each folder that this process has claimed -> the path by which it writes there."""
 FAILURE = "failed.json"  # why a command left a folder unfinished
-ROOM_FILE = ".run.json.room"  # which keeps room for a record
 
 
 def sha256(path: str | Path) -> str:
@@ -131,8 +130,8 @@ def write_json(path: str | Path, values: Any) -> None:
 
 
 def is_empty_folder(path: Path) -> bool:
-    """Return whether a folder holds nothing but what is kept of a command that runs, or has failed at once."""
-    return all(inside.name in (FAILURE, ROOM_FILE) for inside in path.iterdir())
+    """Return whether a folder holds nothing but the mark of a command that failed at once."""
+    return all(inside.name == FAILURE for inside in path.iterdir())
 
 
 def require_empty_folder(path: str | Path) -> Path:

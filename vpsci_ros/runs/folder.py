@@ -14,7 +14,7 @@ from typing import Any
 from vpsci_ros.documents import dump_yaml, parse_yaml, read_yaml, reason
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import as_ros_parameters, flat
-from vpsci_ros.runs.files import FAILURE, ROOM_FILE, changed_files, require_empty_folder, sha256, write_text
+from vpsci_ros.runs.files import FAILURE, changed_files, require_empty_folder, sha256, write_text
 from vpsci_ros.runs.identity import require_same
 from vpsci_ros.runs.record import RECORD, read_record, write_record
 from vpsci_ros.runs.sections import Sections
@@ -81,11 +81,7 @@ class RunFolder:
 
     def _outputs(self) -> Iterable[Path]:
         for path in self._folder.rglob("*"):
-            if (
-                path.is_file()
-                and path.name not in (RECORD, ROOM_FILE, FAILURE)
-                and not path.name.endswith((_GOES_ON, ".part"))
-            ):
+            if path.is_file() and path.name not in (RECORD, FAILURE) and not path.name.endswith((_GOES_ON, ".part")):
                 yield path
 
 

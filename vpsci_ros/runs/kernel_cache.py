@@ -25,7 +25,6 @@ from vpsci_ros.runs.files import written_whole
 _PACKAGE = Path(__file__).resolve().parents[1]
 _ROOMS = ("policy", "safety", "world")
 CHECKSUMS = "checksums.json"  # path of a file of numba's -> when it was written [ns], and its checksum
-ROOM = 2**25  # [bytes] that compiled code may take
 
 
 def choose_cache_folder() -> None:
@@ -41,9 +40,6 @@ def choose_cache_folder() -> None:
             return  # somebody else's, who could have this process run anything
         root.chmod(0o700)
         _remove_damaged_files(folder)
-        free = shutil.disk_usage(folder).free
-        if free < ROOM:
-            print(f"note: {folder}: {free / 1e6:.0f} MB are free for compiled code; free some space", file=sys.stderr)
         for other in installation.iterdir():
             if other != folder:
                 shutil.rmtree(other, ignore_errors=True)

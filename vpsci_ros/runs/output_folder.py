@@ -18,7 +18,7 @@ from vpsci_ros.runs.files import (
     require_claimed,
     require_empty_folder,
 )
-from vpsci_ros.runs.record import RECORD, keep_room, read_record, release_room, write_record
+from vpsci_ros.runs.record import RECORD, read_record, write_record
 
 
 class Claim:
@@ -78,9 +78,9 @@ def _release(handle: int, identity: tuple[int, int] | None) -> None:
 def output_folder(path: Path) -> Iterator[Claim]:
     """Claim the folder that a command writes, and mark what it leaves there where it fails.
 
-    Room is kept on the disk for the mark, `FAILURE` with the reason, and for a record. It is written where no record
-    describes the failure, and removed when the same command succeeds, with what an earlier one left half written when
-    it was killed. A folder that stays empty is removed again.
+    The mark, `FAILURE` with the reason, is written where no record describes the failure, and removed when the same
+    command succeeds, with what an earlier one left half written when it was killed. A folder that stays empty is
+    removed again.
 
     :raises InvalidInput: see `Claim`.
     :raises VpsciError: the folder was taken away meanwhile.
@@ -88,23 +88,19 @@ def output_folder(path: Path) -> Iterator[Claim]:
     begun, claim = time.monotonic(), Claim(path)
     try:
         empty = is_empty_folder(path)
-        keep_room(path)
         yield claim
         claim.require_there()
         (path / FAILURE).unlink(missing_ok=True)
         remove_parts(path)
     except BaseException as error:
         claim.require_there()
-        release_room(path)
         refused = isinstance(error, InvalidInput) and not empty
         if not (refused or is_empty_folder(path)):
             _mark(path, begun, in_words(error) or str(error) or "stopped on request")
         raise
     finally:
-        if claim.there:
-            release_room(path)
-            if claim.made and not any(path.iterdir()):
-                path.rmdir()
+        if claim.there and claim.made and not any(path.iterdir()):
+            path.rmdir()
         claim.close()
 
 

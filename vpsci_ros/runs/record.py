@@ -1,6 +1,5 @@
 """The record that every run leaves beside its results: how it ended, from what, by what, and what it came to."""
 
-import os
 import sys
 import time
 from collections.abc import Mapping
@@ -8,31 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.documents import read_json
-from vpsci_ros.errors import InvalidInput, VpsciError, in_words
-from vpsci_ros.runs.files import ROOM_FILE, write_json
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.runs.files import write_json
 from vpsci_ros.runs.provenance import cpu_name, software_versions
 
 RECORD = "run.json"
-ROOM = 256 * 1024  # [bytes]
-
-
-def keep_room(folder: Path) -> None:
-    """Keep room on the disk for the record: a run that fills the disk still leaves one.
-
-    :raises VpsciError: there is not so much.
-    """
-    kept = folder / ROOM_FILE
-    try:
-        with open(kept, "wb") as file:
-            os.posix_fallocate(file.fileno(), 0, ROOM)
-    except OSError as error:
-        kept.unlink(missing_ok=True)
-        raise VpsciError(f"{folder}: no room for {ROOM // 1024} KiB, nothing was begun: {in_words(error)}") from error
-
-
-def release_room(folder: Path) -> None:
-    """Give the room back, for the record or because there is none to come."""
-    (folder / ROOM_FILE).unlink(missing_ok=True)
 
 
 def write_record(
@@ -45,7 +24,7 @@ def write_record(
     outputs: Mapping[str, str] | None = None,
     facts: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a record as `path`, in the room that is kept for it, if any.
+    """Write a record as `path`.
 
     :param begun: `time.monotonic()` at the beginning of the run.
     :param error: why the run did not reach its end; empty: it did.
@@ -64,7 +43,6 @@ def write_record(
         "cpu": cpu_name(),
         "torch_threads": torch.get_num_threads() if torch else None,  # sums, and so last bits, depend on their number
     }
-    release_room(path.parent)
     write_json(path, record | dict(facts or {}))
 
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from vpsci_ros.documents import reason, require_form, require_regular, shown
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.time_budget import TimeBudget
 
 Floats: TypeAlias = NDArray[np.float64]
 LARGEST, LONGEST_ROAD = 1e9, 1e5  # of a number in a map, which is in metres or radians; [m]
@@ -79,8 +78,8 @@ class OpenDriveMap:
             raise InvalidInput(f"{self.path}: expected at least one [road, lane], got none")
         pieces: list[Floats] = []
         length = 0.0
-        centres = TimeBudget.of_file(self.path).spent_on(self.lane_centre(road, lane, step) for road, lane in lanes)
-        for (road, lane), piece in zip(lanes, centres, strict=True):
+        for road, lane in lanes:
+            piece = self.lane_centre(road, lane, step)
             length += step * len(piece)
             if length > 2.0 * LONGEST_ROAD:
                 raise InvalidInput(f"{self.path}: the lanes of a route are longer than {LONGEST_ROAD:g} m; name fewer")

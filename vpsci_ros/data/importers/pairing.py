@@ -16,12 +16,10 @@ from vpsci_ros.data.importers.tracks import Floats, Track, slope
 from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS
 from vpsci_ros.data.reference import causal_curvttc, flags, trailing_slope
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.time_budget import LEAST, TimeBudget
 from vpsci_ros.safety import CRITICAL_TTC, PEDESTRIAN_RADIUS, curvature_from_yaw_rate, curvttc
 from vpsci_ros.world.observation import STEP
 
 LEAST_EXTENT = 1.0  # [m] of a clip: as far apart are the middles of a vehicle and of a pedestrian at least
-PER_STEP = 5e-3  # [s] of processor time for a step of a track: a pair takes 0.4 ms
 
 
 def near_misses_of(
@@ -43,10 +41,8 @@ def near_misses_of(
         vehicles, pedestrians = vehicles + len(clip.vehicles), pedestrians + len(clip.pedestrians)
         left_out.update(clip.left_out)
         assumed |= dict.fromkeys(clip.assumed)
-        steps = sum(track.last - track.first + 1 for track in (*clip.vehicles, *clip.pedestrians))
-        budget = TimeBudget(f"{source}, clip {clip.name}: pairing its tracks", LEAST + PER_STEP * steps)
-        sized = ((joint, *(joint.vehicle.size or (length, width))) for joint in _joint_tracks(clip))
-        for near_miss in budget.spent_on(_near_miss(*each, critical) for each in sized):
+        for joint in _joint_tracks(clip):
+            near_miss = _near_miss(joint, *(joint.vehicle.size or (length, width)), critical)
             pairs += 1
             if near_miss is not None:
                 number = pl.lit(len(parts), pl.Int64)
