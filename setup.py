@@ -155,6 +155,7 @@ BRANCHES = {
         "ads-why = vpsci_ros.extras.exam_extra.commands:why_app",
         "drive = vpsci_ros.extras.drive.commands:drive_app",
         "export = vpsci_ros.extras.formats.commands:export_app",
+        "published = vpsci_ros.extras.paper.commands:published_app",
         "report = vpsci_ros.extras.paper.section_4.commands:report_app",
         "safety = vpsci_ros.extras.paper.section_4.commands:safety_app",
         "study = vpsci_ros.extras.paper.commands:study_app",

@@ -18,11 +18,11 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.data.gathered import group_of
 from vpsci_ros.data.kept import KEPT, read_kept
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.data.published_dataset import open_dataset, published_files
 from vpsci_ros.data.recorded import recorded_episodes, recorded_list
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import near_misses_part
@@ -103,8 +103,8 @@ def open_source(path: str | Path, *, recover: bool = False) -> EpisodeSource:
     path, part = near_misses_part(path)
     if not path.exists():
         raise InvalidInput(f"{path}: no such file or folder; {EXPECTED}")
-    if (path / DESCRIPTION).is_file() or published_files(path):
-        dataset = open_dataset(path)
+    if (path / DESCRIPTION).is_file():
+        dataset = Dataset(path)
         return EpisodeSource(path, "generated", dataset.period, dataset.listed(), dataset.own_scenarios, dataset.read)
     if (path / EXAM).is_file():
         return _exam(path, recover)

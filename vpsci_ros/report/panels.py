@@ -8,7 +8,6 @@ import numpy as np
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, yields
-from vpsci_ros.data.published_dataset import open_dataset
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import Yielded
 
@@ -30,7 +29,7 @@ def typical_episodes(dataset: Dataset | str | Path) -> list[tuple[str, Episode]]
 
     :raises InvalidInput: the folder is no dataset, or not a single episode was kept.
     """
-    data = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
+    data = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     kept = (list(itertools.islice(data.read(scenario=name), MOST)) for name in data.scenarios)
     found = [_typical(episodes) for episodes in kept if episodes]
     if not found:

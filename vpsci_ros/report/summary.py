@@ -10,7 +10,6 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import yields
 from vpsci_ros.data.filters import REASONS
 from vpsci_ros.data.published import LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
-from vpsci_ros.data.published_dataset import open_dataset
 from vpsci_ros.runs.tables import quartiles_text, short_name, text_table
 from vpsci_ros.safety.yielding import Yielded
 
@@ -29,7 +28,7 @@ def summarise(folder: str | Path) -> pl.DataFrame:
 
     :raises InvalidInput: the folder is no dataset, or a file of it is missing or damaged.
     """
-    data = open_dataset(folder)
+    data = Dataset(folder)
     kept = data.index().filter(pl.col("reason") == "kept")
     rows = []
     for name, counts in data.scenarios.items():
@@ -74,7 +73,7 @@ def print_summary(summary: pl.DataFrame, console: Console) -> None:
 
 def print_rejections(folder: str | Path, console: Console) -> None:
     """Print how many episodes each condition of section 3.3 rejected, and how many of those were collisions."""
-    data = open_dataset(folder)
+    data = Dataset(folder)
     counts = list(data.scenarios.values())
     rows = []
     for reason in REASONS[1:]:
@@ -92,7 +91,7 @@ def print_info(folder: str | Path, console: Console) -> None:
 
     :raises InvalidInput: no dataset.
     """
-    data = open_dataset(folder)
+    data = Dataset(folder)
     _print_table_10(data, console)
     print_rejections(folder, console)
     total, kept = data.description["all"], sum(row["kept"] for row in data.scenarios.values())

@@ -9,12 +9,12 @@ from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.importers import import_trajectories
-from vpsci_ros.data.published_dataset import open_dataset
 from vpsci_ros.episodes import open_source, read_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.carla_csv import write
 from vpsci_ros.extras.formats.run import Options
 from vpsci_ros.extras.paper.authors import SCALE
+from vpsci_ros.extras.paper.published_dataset import canonical, convert
 
 RATE, METRES = 25.0, 0.05  # of the HDI file
 
@@ -43,9 +43,10 @@ def changed(published, tmp_path):
     return write
 
 
-def test_published_files_hold_the_episodes_that_they_were_written_from(published):
+def test_published_files_hold_the_episodes_that_they_were_written_from(published, tmp_path):
     made = {episode.name: episode for bag in BAGS for episode in read_episodes(bag)}
-    source = open_source(published)
+    convert(published, tmp_path / "out")
+    source = open_source(tmp_path / "out")
     assert source.period == 0.05
     assert source.kind == "generated"
     read = list(source.read())
@@ -65,8 +66,8 @@ def test_y_is_taken_from_the_right_turns_and_not_assumed(published, changed):
     north = changed(
         **{name: -pl.col(name) for name in ("position_y_av", "velocity_y_av", "position_y_ped", "velocity_y_ped")}
     )
-    down, up = open_dataset(published), open_dataset(north)
-    assert up.rows("LocationA_PedCross_S-N").equals(down.rows("LocationA_PedCross_S-N"))
+    name = "LocationA_PedCross_S-N.csv"
+    assert canonical(north / name).equals(canonical(published / name))
 
 
 def test_frames_may_count_from_anywhere_and_missing_ones_were_not_seen(changed):
@@ -74,7 +75,7 @@ def test_frames_may_count_from_anywhere_and_missing_ones_were_not_seen(changed):
     path = folder / "LocationA_PedCross_S-N.csv"
     table = pl.read_csv(path)
     table.filter(pl.col("frame") != 41_003).write_csv(path)
-    rows = open_dataset(folder).rows("LocationA_PedCross_S-N")
+    rows = canonical(path)
     first = rows.filter(pl.col("count") == rows["count"][0])
     assert first["frame"].to_list() == list(range(first.height))
     assert np.isnan(first["position_x_av"][3])
@@ -96,21 +97,23 @@ def test_frames_may_count_from_anywhere_and_missing_ones_were_not_seen(changed):
 )  # fmt: skip
 def test_a_file_that_contradicts_the_layout_is_refused(changed, change, said):
     with pytest.raises(InvalidInput, match=said):
-        open_dataset(changed(**change))
+        canonical(changed(**change) / "LocationA_PedCross_S-N.csv")
 
 
 def test_a_missing_column_is_named(changed):
     path = changed() / "LocationA_PedCross_S-N.csv"
     pl.read_csv(path).drop("velocity_x_ped").write_csv(path)
     with pytest.raises(InvalidInput, match="velocity_x_ped is missing, the file has count, frame"):
-        open_source(path)
+        canonical(path)
 
 
-def test_report_view_info_and_import_take_the_files_as_they_are(published, near_misses_file, tmp_path):
+def test_report_view_info_and_import_take_what_the_files_become(published, near_misses_file, tmp_path):
+    data = str(tmp_path / "data")
     for command in (
-        ["view", str(published / "LocationA_PedCross_S-N.csv"), "-o", str(tmp_path / "view.html")],
-        ["report", str(published), "--near-misses", str(near_misses_file), "-o", str(tmp_path / "report")],
-        ["dataset", "info", str(published)],
+        ["published", str(published), "-o", data],
+        ["view", data, "-o", str(tmp_path / "view.html")],
+        ["report", data, "--near-misses", str(near_misses_file), "-o", str(tmp_path / "report")],
+        ["dataset", "info", data],
         ["import", str(published), "--format", "vpsci", "-o", str(tmp_path / "near.parquet")],
     ):
         result = CliRunner().invoke(app, command)
@@ -120,7 +123,7 @@ def test_report_view_info_and_import_take_the_files_as_they_are(published, near_
     near = pl.read_parquet(tmp_path / "near.parquet")
     assert set(near["clip"]) == {"LocationA_PedCross_S-N/86", "LocationB_PedCross_N-S/29"}
     own = near.filter(clip="LocationA_PedCross_S-N/86")
-    (episode,) = read_episodes(published, ["1:86"])
+    (episode,) = read_episodes(data, ["1:86"])
     assert own["veh_x"].to_numpy() == pytest.approx(episode.x[::2], abs=1e-4)
     assert own["veh_heading"].to_numpy() == pytest.approx(episode.heading[::2], abs=1e-3)
     assert own["curvttc"].min() == pytest.approx(episode.least_curvttc, abs=0.3)  # at every second frame

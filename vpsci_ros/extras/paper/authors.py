@@ -1,6 +1,6 @@
 """What the paper's authors publish: their dataset (`vpsci`, simulated) and the recordings behind it (`hdi`).
 
-Source: github.com/Qpu523, VPSCI-Dataset (see `vpsci_ros.data.published_dataset`) and HDI-Dataset. A file of HDI has a
+Source: github.com/Qpu523, VPSCI-Dataset (see `published_dataset`) and HDI-Dataset. A file of HDI has a
 row a frame and road user: Frame Num, ID, Type, the box Xmin, Ymin, Xmax, Ymax, Speed (km/h) and more. Its readme says
 neither the unit of the boxes nor the frame rate; in its sample they are pixels of a picture, y down. Both are constants
 of a flight, so they stand in `hdi.yaml` beside the files, and have to agree with the column of speeds.
@@ -10,17 +10,19 @@ import re
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import polars as pl
 
+from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.importers.importer import Clip, Importer
 from vpsci_ros.data.importers.layout import Layout, check_rate, clip_of, read_csv
 from vpsci_ros.data.importers.tracks import Floats, Track, require_columns
-from vpsci_ros.data.published_dataset import PublishedDataset, published_files
 from vpsci_ros.documents import read_yaml, shown
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.paper.published_dataset import convert
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world.observation import STEP
 
@@ -33,12 +35,12 @@ _VEHICLES, _WALKERS = frozenset({"car", "van", "bus", "truck"}), frozenset({"ped
 def vpsci(folder: Path) -> Iterator[Clip]:
     """Yield a clip for each episode of the authors' dataset, in the order of scenario and number.
 
-    CurvTTC is computed again from the motion, as for every import; that of the file is what `vpsci report` shows.
+    CurvTTC is computed again from the motion, as for every import; that of the file is what `vpsci published` keeps.
     """
-    if not published_files(folder):
-        raise InvalidInput(f"{folder}: expected CSV files with the columns of Table 7, found none")
-    data = PublishedDataset(folder)
-    return (_clip(episode) for episode in chain(data.read(), data.read(rejected=True)))
+    with TemporaryDirectory() as place:
+        convert(folder, Path(place) / "dataset")
+        data = Dataset(Path(place) / "dataset")
+        yield from (_clip(episode) for episode in chain(data.read(), data.read(rejected=True)))
 
 
 def _clip(episode: Episode) -> Clip:

@@ -1,4 +1,4 @@
-"""The commands of this branch: `vpsci study` and `vpsci turing`."""
+"""The commands of this branch: `vpsci study`, `vpsci turing` and `vpsci published`."""
 
 import math
 from pathlib import Path
@@ -27,6 +27,20 @@ study_app = typer.Typer(
 turing_app = typer.Typer(
     add_completion=False, no_args_is_help=True, help="The Turing test of section 4.4: recorded or generated?"
 )
+published_app = typer.Typer(add_completion=False)
+
+
+@published_app.command()
+@writes_folder
+def published(
+    source: Annotated[Path, typer.Argument(metavar="DIR", help="The authors' CSV files: a folder, or one file.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write the dataset into; new or empty.")],
+) -> None:
+    """Write the authors' published files as a dataset, for report, view, dataset info and study paper."""
+    from vpsci_ros.extras.paper.published_dataset import convert
+
+    convert(source, output)
+    print(f"written: {output}")
 
 
 @study_app.command()
@@ -196,7 +210,7 @@ def weights(
 @study_app.command()
 @writes_folder
 def paper(
-    dataset: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a dataset, or of the authors' files.")],
+    dataset: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a dataset.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write into.")],
     near_misses: Annotated[
         Path, typer.Option(metavar="TABLE", help="Recorded people: right_turns, a Parquet file, a part of one.")

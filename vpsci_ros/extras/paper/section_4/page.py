@@ -11,7 +11,6 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.data.published import CRITICAL_SHARES, LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
-from vpsci_ros.data.published_dataset import open_dataset
 from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.paper.section_4.comparison import SHARES, between_halves, describe, distance_between
@@ -45,7 +44,7 @@ def write_report(
 ) -> dict[str, Any]:
     """Write the report of a dataset into `output` and return its numbers, those of `report.json`.
 
-    :param folder: of `vpsci generate`, or of the authors' files, see `open_dataset`.
+    :param folder: of `vpsci generate`.
     :param near_misses: recorded people to compare with, see `read_near_misses`.
     :param beside: another dataset to compare with, say of the rule-based pair.
     :param view: the page beside it in which the episodes play; empty: there is none, and so no link.
@@ -53,8 +52,8 @@ def write_report(
     :raises InvalidInput: an input cannot be read or holds nothing.
     """
     notify("reading")
-    data, titles = open_dataset(folder), dict(TITLES)
-    other = None if beside is None else open_dataset(beside)
+    data, titles = Dataset(folder), dict(TITLES)
+    other = None if beside is None else Dataset(beside)
     sources = {GENERATED: generated_encounters(data)}
     if other is not None:
         sources[BESIDE] = generated_encounters(other)

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import Interactions, from_table, table_hash
 from vpsci_ros.data.near_misses import split_by_clip
-from vpsci_ros.data.published import TABLE_3, TABLE_5
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import reconstruct
+from vpsci_ros.extras.paper.published import TABLE_3, TABLE_5
 from vpsci_ros.extras.paper.studies.state import once
 from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1

@@ -15,11 +15,12 @@ from typing import Any
 import polars as pl
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS
+from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.data.published import TABLE_3, TABLE_5, TABLE_9, TABLE_10
-from vpsci_ros.data.published_dataset import open_dataset
+from vpsci_ros.data.published import TABLE_10
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.paper.published import TABLE_3, TABLE_5, TABLE_9
 from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters
 from vpsci_ros.extras.paper.section_4.figures import SIDES, save_conflicts, save_nearness, save_yielding
 from vpsci_ros.extras.paper.section_4.snapshots import save_snapshots
@@ -66,7 +67,7 @@ def write_paper(
 ) -> dict[str, Any]:
     """Write paper.html, paper.json and figure_N.png into `output`, and return what is missing: name -> what makes it.
 
-    :param dataset: of `vpsci generate`, or the authors'.
+    :param dataset: of `vpsci generate` or `vpsci published`.
     :param near_misses: recorded people, see `read_near_misses`.
     :param rules: a dataset of the rule-based pair.
     :param runs: folders of finished runs of the commands in `RUNS`.
@@ -75,10 +76,10 @@ def write_paper(
     output.mkdir(parents=True, exist_ok=True)
     found = _of_runs(runs)
     notify("reading")
-    data = open_dataset(dataset)
+    data = Dataset(dataset)
     generated = {"generated": generated_encounters(data)}
     recorded = {} if near_misses is None else {"recorded people": recorded_encounters(read_near_misses(near_misses))}
-    rule_based = {} if rules is None else {"rule-based pair": generated_encounters(open_dataset(rules))}
+    rule_based = {} if rules is None else {"rule-based pair": generated_encounters(Dataset(rules))}
     for name, table in (generated | recorded | rule_based).items():
         if not table.height:
             raise InvalidInput(f"{name}: no interaction with CurvTTC of 5 s or less; nothing to draw")

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from vpsci_ros.data.published import TABLE_9
+from vpsci_ros.extras.paper.published import TABLE_9
 
 PAGE = "models.md"
 _CONTROLS = {

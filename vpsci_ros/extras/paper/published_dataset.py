@@ -7,19 +7,15 @@ with y to the north; positions, times and velocities must agree, and `distance` 
 may count from any number; a missing one is a frame that nobody saw, as is an empty cell. Outcomes are not in the files.
 """
 
-from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import polars as pl
 
+from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, NEXT_PEDESTRIAN
-from vpsci_ros.data.dataset_index import DESCRIPTION, description_of, file_entry, index_table
-from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode_frames import NOT_OPEN, QUANTITIES, EpisodeBatch
-from vpsci_ros.data.filters import RECORD, FilterConfig, apply_filters
 from vpsci_ros.documents import reason, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import Scenario
@@ -38,13 +34,34 @@ _SIDEWAYS = [name for name in QUANTITIES if "_y_" in name]
 _PAIR = ["count", "walker"]
 
 
-def open_dataset(path: str | Path) -> Dataset:
-    """Return the dataset of a folder: one of `vpsci generate`, or the authors' files; a single file of theirs, too.
+def convert(source: Path, output: Path) -> None:
+    """Write the authors' files as a dataset of this package, rejected episodes beside the kept ones.
 
-    :raises InvalidInput: neither is there, or the files contradict what Table 7 says of them.
+    Every episode goes through the filters of section 3.3 once more. A file whose tracks lie on another road than that
+    of its name gets "_elsewhere" after it, so that nothing is drawn on a road that is not its own.
+
+    :param source: folder of their CSV files, or one of them.
+    :param output: new or empty folder.
+    :raises InvalidInput: no such file, or see `canonical`.
     """
-    path = Path(path)
-    return PublishedDataset(path) if not (path / DESCRIPTION).is_file() and published_files(path) else Dataset(path)
+    known = {scenario.name: scenario for scenario in shipped_scenarios()}
+    others = iter(range(256 - len(known), 256))
+    parts: dict[int, tuple[str, pl.DataFrame]] = {}
+    for path in published_files(source):
+        rows, scenario = canonical(path), known.get(path.stem)
+        if scenario is not None and _off_the_lane(rows, scenario) <= ON_THE_ROAD:
+            parts[scenario.number] = path.stem, rows
+        else:
+            parts[next(others)] = f"{path.stem}_elsewhere" if scenario else path.stem, rows
+    if not parts:
+        raise InvalidInput(f"{source}: expected CSV files with the columns of Table 7, found none")
+    names = {number: name for number, (name, _) in parts.items()}
+    with DatasetWriter(output, names, {"period": PERIOD}, formats=["parquet"], keep_rejected=True) as writer:
+        for number, (_, rows) in sorted(parts.items()):
+            episodes = rows.partition_by("count", maintain_order=True)
+            for begin in range(0, len(episodes), _BATCH):
+                writer.add(_batch(episodes[begin : begin + _BATCH], number))
+        writer.close()
 
 
 def published_files(path: Path) -> list[Path]:
@@ -57,50 +74,6 @@ def _header(path: Path) -> list[str]:
     require_regular(path)
     with path.open("rb") as file:
         return [name.strip(" \"'\r\n") for name in file.readline(1 << 16).decode("utf-8-sig", "replace").split(",")]
-
-
-class PublishedDataset(Dataset):
-    """The authors' files; every episode goes through the filters of section 3.3 once more.
-
-    :raises InvalidInput: see `canonical`, or episodes whose vehicles do not turn.
-    """
-
-    def _describe(self) -> dict[str, Any]:
-        paths = published_files(self.folder)
-        known = {scenario.name: scenario.number for scenario in shipped_scenarios()}
-        others = iter(range(max(known.values()) + 1, 256))
-        self._csv = {path.stem: path for path in sorted(paths, key=lambda path: (known.get(path.stem, 256), path.stem))}
-        self._elsewhere: set[str] = set()
-        records: dict[str, tuple[int, Any]] = {}
-        files = {}
-        for name, path in self._csv.items():
-            rows, number = canonical(path), known.get(name) or next(others)
-            records[name] = number, _records(rows, number)
-            files[path.name] = file_entry(path, rows.height)
-            if number in known.values() and _off_the_lane(rows, shipped_scenarios()[number - 1]) > ON_THE_ROAD:
-                self._elsewhere.add(name)
-        self._index = index_table(np.concatenate([own for _, own in records.values()]))
-        return description_of({"period": PERIOD}, FilterConfig(), 0, records, files)
-
-    @property
-    def inputs(self) -> dict[str, Path]:
-        """The files."""
-        return {path.name: path for path in self._csv.values()}
-
-    def index(self) -> pl.DataFrame:
-        """Return a row an episode, as of other datasets; the outcome is "none"."""
-        return self._index
-
-    @property
-    def _roads(self) -> dict[str, Scenario]:
-        return {each.name: each for each in shipped_scenarios() if each.name not in self._elsewhere}
-
-    def _parts(self, name: str, *, rejected: bool = False) -> Iterator[tuple[Path, pl.DataFrame]]:
-        yield self._csv[name], canonical(self._csv[name])
-
-    def holds_rejected(self, name: str) -> bool:
-        """Rejected episodes stand beside the kept ones."""
-        return True
 
 
 def canonical(path: Path) -> pl.DataFrame:
@@ -226,15 +199,6 @@ def _off_the_lane(rows: pl.DataFrame, scenario: Scenario) -> float:
     some = rows.drop_nans("position_x_av").gather_every(max(1, rows.height // 500)).select(QUANTITIES[:2]).to_numpy()
     path = scenario.vehicle.path
     return float(np.median([abs(path.locate(x, y)[1]) for x, y in some.tolist()]))
-
-
-def _records(rows: pl.DataFrame, scenario: int) -> np.ndarray[Any, np.dtype[np.void]]:
-    """Return RECORD[n] of canonical rows."""
-    episodes = rows.partition_by("count", maintain_order=True)
-    batches = (episodes[begin : begin + _BATCH] for begin in range(0, len(episodes), _BATCH))
-    return np.concatenate(
-        [np.zeros(0, RECORD), *(apply_filters(_batch(batch, scenario), FilterConfig()) for batch in batches)]
-    )
 
 
 def _batch(episodes: list[pl.DataFrame], scenario: int) -> EpisodeBatch:

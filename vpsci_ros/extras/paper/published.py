@@ -1,0 +1,75 @@
+"""What the paper says of its studies: Tables 3, 5 and 9."""
+
+from typing import NamedTuple
+
+
+class PublishedSample(NamedTuple):
+    """A row of Table 3."""
+
+    vehicle_reward: float
+    pedestrian_reward: float
+    critic_loss: float
+
+
+class PublishedWeighting(NamedTuple):
+    """A row of Table 5: w_1 to w_3 (none where they adapt), rates as shares of 1, errors [m]."""
+
+    weights: tuple[float, ...]
+    collision_rate: float
+    goal_rate: float
+    ade: float
+    fde: float
+
+
+TABLE_3 = {  # interactions -> row
+    50: PublishedSample(-6.83, -7.21, 0.4812),
+    100: PublishedSample(-5.47, -6.03, 0.3654),
+    150: PublishedSample(-4.12, -4.89, 0.2431),
+    200: PublishedSample(-2.14, -3.67, 0.1124),
+    250: PublishedSample(-2.09, -3.61, 0.1098),
+    336: PublishedSample(-1.94, -3.52, 0.1073),
+}
+TABLE_5 = {
+    "equal": PublishedWeighting((0.33, 0.33, 0.33), 0.184, 0.712, 0.214, 0.423),
+    "safety": PublishedWeighting((0.60, 0.20, 0.20), 0.121, 0.743, 0.187, 0.371),
+    "goal": PublishedWeighting((0.20, 0.60, 0.20), 0.217, 0.786, 0.231, 0.458),
+    "speed": PublishedWeighting((0.20, 0.20, 0.60), 0.153, 0.728, 0.196, 0.389),
+    "safety_goal": PublishedWeighting((0.45, 0.45, 0.10), 0.138, 0.764, 0.179, 0.354),
+    "safety_speed": PublishedWeighting((0.45, 0.10, 0.45), 0.112, 0.731, 0.163, 0.321),
+    "goal_speed": PublishedWeighting((0.10, 0.45, 0.45), 0.235, 0.779, 0.248, 0.491),
+    "adaptive": PublishedWeighting((), 0.083, 0.812, 0.072, 0.142),
+}
+
+
+class PublishedModel(NamedTuple):
+    """A row of Table 9: the paper's name, errors [m] on its own data."""
+
+    name: str
+    ade: float
+    fde: float
+
+
+TABLE_9 = {  # names of vpsci_ros.policy.models, "_refined" for hybrid learning -> row
+    "ma_sst_ddpg_refined": PublishedModel("Refined MA-SST-DDPG", 0.072, 0.142),
+    "ma_transformer_ddpg_refined": PublishedModel("Refined MA-Transformer-DDPG", 0.094, 0.194),
+    "ma_ddpg_refined": PublishedModel("Refined MA-DDPG", 0.157, 0.305),
+    "ma_sst_ddpg": PublishedModel("MA-SST-DDPG", 0.078, 0.156),
+    "ma_transformer_ddpg": PublishedModel("MA-Transformer-DDPG", 0.098, 0.196),
+    "ma_ddpg": PublishedModel("MA-DDPG", 0.164, 0.328),
+    "transformer_ddpg_refined": PublishedModel("Refined Transformer-DDPG", 0.257, 0.505),
+    "ddpg_refined": PublishedModel("Refined DDPG", 0.623, 1.273),
+    "transformer_ddpg": PublishedModel("Transformer-DDPG", 0.271, 0.542),
+    "ddpg": PublishedModel("DDPG", 0.679, 1.357),
+    "densetnt_refined": PublishedModel("Refined DenseTNT", 0.404, 0.805),
+    "multipath_refined": PublishedModel("Refined MultiPath++", 0.424, 0.871),
+    "social_lstm_refined": PublishedModel("Refined Social-LSTM", 0.651, 1.330),
+    "densetnt": PublishedModel("DenseTNT", 0.422, 0.852),
+    "multipath": PublishedModel("MultiPath++", 0.453, 0.923),
+    "social_lstm": PublishedModel("Social-LSTM", 0.654, 1.353),
+    "transformer_refined": PublishedModel("Refined Transformer", 1.203, 2.205),
+    "lstm_refined": PublishedModel("Refined LSTM", 1.771, 2.551),
+    "feedforward_refined": PublishedModel("Refined NN", 2.586, 3.989),
+    "transformer": PublishedModel("Transformer", 1.199, 2.398),
+    "lstm": PublishedModel("LSTM", 1.783, 2.566),
+    "feedforward": PublishedModel("NN", 2.677, 3.955),
+}
