@@ -230,7 +230,7 @@ setup(
     package_data={
         NAME: [
             *("models/*", "recordings/*", "*/templates/*"),
-            *("extras/*/README.md", "extras/*/templates/*", "extras/*/*/templates/*"),
+            *("extras/*/README.md", "extras/*/layouts/*", "extras/*/templates/*", "extras/*/*/templates/*"),
         ]
     },
     data_files=data_files(),

@@ -57,13 +57,14 @@ class WorldSimulator(GraphNode):
         self._recorded = recorded_from_bag(config.recorded_bag) if config.recorded_bag else None
         engine = self.config(EngineConfig)
         changed = self.config(InterventionConfig)
-        self._engine = None if engine.engine == "vpsci" else ENGINES.find(engine.engine)
+        name, _, address = engine.engine.partition("://")
+        self._engine = None if name == "vpsci" else ENGINES.find(name)
         if self._engine and changed != InterventionConfig():
             raise InvalidInput(
                 f"engine = {engine.engine}: held_until and interventions change the car by our kinematics; "
                 "leave them out"
             )
-        self._server = server or (self._engine.connect(engine, self._config.tick) if self._engine else None)
+        self._server = server or (self._engine.connect(address, self._config.tick) if self._engine else None)
         changes = Interventions(changed, scenarios, lane_following=self._config.lane_following)
         self._loop = Loop(self._new_world(), interventions=changes)
         self.counts = WorldCounts()

@@ -14,10 +14,9 @@ from vpsci_ros.world.world import World
 class EngineConfig:
     """The engine that moves the agents."""
 
-    engine: str = parameter("vpsci", "vpsci: our kinematics; carla: a CARLA server (docs/carla.md)")
-    carla_host: str = parameter("127.0.0.1", "host of the CARLA server")
-    carla_port: int = parameter(2000, "TCP port of the CARLA server", low=1, high=65_534)
-    carla_map: str = parameter("", "map that the server loads, such as Town10HD_Opt; empty: the one that it has")
+    engine: str = parameter(
+        "vpsci", "vpsci: our kinematics; carla or carla://HOST:PORT/MAP: a CARLA server (docs/carla.md)"
+    )
 
     def require_own(self, what: str) -> None:
         """Refuse another engine where `what` simulates in its own process.
@@ -35,11 +34,12 @@ class EngineConfig:
 class Engine:
     """Another engine.
 
-    :ivar connect: of parameters and the period of a tick [s]: the server that moves the agents, with a method `close`.
+    :ivar connect: of what stands after "://" in `engine`, and of the period of a tick [s]: the server that moves the
+        agents, with a method `close`.
     :ivar world: makes a `World` of that server and of the arguments of `World`.
     """
 
-    connect: Callable[[EngineConfig, float], Any]
+    connect: Callable[[str, float], Any]
     world: Callable[..., World]
 
 

@@ -31,7 +31,6 @@ from vpsci_ros.nodes.recorder import Recorder  # noqa: E402
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor  # noqa: E402
 from vpsci_ros.resources import params_dir  # noqa: E402
 from vpsci_ros.world import load_scenario  # noqa: E402
-from vpsci_ros.world.engines import EngineConfig  # noqa: E402
 
 BARE = {"pedestrians": ["learned"], "baseline": False}
 PEERS = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
@@ -42,7 +41,7 @@ def test_policies_monitor_and_recorder_work_on_the_car_of_a_server_and_the_bag_h
 ) -> None:
     write_map(load_scenario(1), tmp_path / "road.xodr")
     stand_in = StandInServer((tmp_path / "road.xodr").read_text())
-    server = LiveServer(EngineConfig(), 0.05, connect=lambda host, port: stand_in)
+    server = LiveServer("", 0.05, connect=lambda host, port: stand_in)
     run = {"scenarios": [1], "episodes": 2, "batch": 1, "episode_time": 3.0, "spawn": "paper"}
 
     def given(**values: Any) -> dict[str, Any]:
@@ -108,7 +107,7 @@ def test_what_changes_commands_and_drives_again_is_refused_on_a_server(context: 
     exam = prepare(load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", BARE))
     with pytest.raises(InvalidInput, match="engine = carla"):
         exam.engine.require_own("tests change commands and speeds by our kinematics")
-    server = LiveServer(EngineConfig(), 0.05, connect=lambda host, port: StandInServer())
+    server = LiveServer("", 0.05, connect=lambda host, port: StandInServer())
     for change in ({"interventions": [1.0, 0.0, 5.0, 1.0, 0.0, 0.0]}, {"held_until": 3.0}):
         parameters = overrides(peers=PEERS, scenarios=[1], batch=1, spawn="paper", **change)
         with pytest.raises(InvalidInput, match="engine = carla: .*interventions.* our kinematics"):

@@ -21,7 +21,6 @@ from vpsci_ros.generate.job import job_from  # noqa: E402
 from vpsci_ros.policy.simulation import simulation_of  # noqa: E402
 from vpsci_ros.resources import params_dir  # noqa: E402
 from vpsci_ros.world import ENDED, RUNNING, Recorded, World, WorldConfig, load_scenario  # noqa: E402
-from vpsci_ros.world.engines import EngineConfig  # noqa: E402
 from vpsci_ros.world.loop import Loop  # noqa: E402
 
 AUTOPILOT = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", spawn="paper")
@@ -37,12 +36,12 @@ def stand_in(tmp_path):
     return StandInServer((tmp_path / "road.xodr").read_text())
 
 
-def live(stand_in, **config):
-    return LiveServer(EngineConfig(engine="carla", **config), 0.05, connect=lambda host, port: stand_in)
+def live(stand_in, address=""):
+    return LiveServer(address, 0.05, connect=lambda host, port: stand_in)
 
 
 def test_a_server_is_synchronous_while_it_is_used_and_left_as_it_was_found(stand_in):
-    server = live(stand_in, carla_map="Town10HD_Opt")
+    server = live(stand_in, "elsewhere:2002/Town10HD_Opt")
     assert stand_in.loaded == "Town10HD_Opt"
     assert (stand_in.settings.synchronous_mode, stand_in.settings.fixed_delta_seconds) == (True, 0.05)
     server.place(CAR, WALKER)
@@ -73,8 +72,10 @@ def test_what_the_server_refuses_is_said_with_what_to_do(stand_in):
     def refused(host, port):
         raise RuntimeError(f"time-out while waiting for the simulator at {host}:{port}")
 
-    with pytest.raises(VpsciError, match=r"carla_host = 127\.0\.0\.1, carla_port = 2000: time-out .* is the server on"):
-        LiveServer(EngineConfig(), 0.05, connect=refused)
+    with pytest.raises(VpsciError, match=r"CARLA at 127\.0\.0\.1:2000: time-out .* is the server on"):
+        LiveServer("", 0.05, connect=refused)
+    with pytest.raises(InvalidInput, match="expected carla://HOST:PORT/MAP"):
+        live(stand_in, "localhost:here")
     with pytest.raises(VpsciError, match="no road within 5 m of .* the eight scenarios lie in Town10HD"):
         live(stand_in).place(CAR._replace(x=500.0), WALKER)
     stand_in.try_spawn_actor = lambda kind, transform: None

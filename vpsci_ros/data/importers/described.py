@@ -2,7 +2,9 @@
 
 `layout.yaml` in the folder of recordings:
 
-    files: "*.csv"                 # CSV or Parquet, a clip each
+    files: "*.csv"                 # CSV or Parquet, a clip each; "**/*.csv" with those of folders in the folder
+    beside: {cars: people}         # in a file's name: cars_1.csv and, where there is one, people_1.csv are one clip
+    clip: run                      # column by which a file is cut into clips
     delimiter: ";"                 # of CSV; ,
     columns: {id: track, frame: frame, class: kind, x: x, y: y, vx: vx, vy: vy, heading: yaw}  # length, width, time
     # instead of vx and vy: speed, of vehicles, along their heading
@@ -40,6 +42,8 @@ UNREADABLE = "road users that cannot be read"  # a count of `Clip.left_out`
 _COLUMNS = ("id", "frame", "time", "class", "x", "y", "vx", "vy", "speed", "heading", "length", "width")
 _KEYS: dict[str, Any] = {
     "files": "*.csv",
+    "beside": {},
+    "clip": "",
     "delimiter": ",",
     "columns": {},
     "vehicles": [],
@@ -56,25 +60,26 @@ _KEYS: dict[str, Any] = {
 }
 
 
-def described(folder: Path) -> Iterator[Clip]:
-    """Yield a clip for each file that the layout in the folder names.
+def described(folder: Path, description: Path | None = None) -> Iterator[Clip]:
+    """Yield a clip for each file that the layout names.
+
+    :param description: the layout's file; None: `layout.yaml` in the folder.
 
     :raises InvalidInput: no layout, or one with a key that is missing, unknown or wrong, or whose classes do not occur;
         or see `_readable`.
     """
-    path = folder / FILE
+    path = description or folder / FILE
     values = _values(path)
     layout = _layout(values, path)
     files = sorted(folder.glob(values["files"]))
     if not files:
-        raise InvalidInput(f"{path}: files: {values['files']!r} names none in {folder}")
+        raise InvalidInput(f"{folder}: expected files {values['files']}, as {path.name} says; found none")
     size, seen = (float(values["length"]), float(values["width"])), Counter[str]()
     for file in files:
-        parquet = file.suffix == ".parquet"
-        table = read_parquet(file, "a table of tracks") if parquet else read_csv(file, values["delimiter"])
-        table = _projected(table, values["projection"], layout, file)
-        yield _without_jumps(_readable(file, table, layout)).with_size(*size)
-        seen.update(classes_in(table, layout))
+        name = file.relative_to(folder).with_suffix("").as_posix()
+        for part, table in _clips(file, values, layout):
+            yield _without_jumps(_readable(f"{name}{part}", file, table, layout)).with_size(*size)
+            seen.update(classes_in(table, layout))
     for key, wanted in (("vehicles", layout.vehicles), ("pedestrians", layout.pedestrians)):
         if not wanted & seen.keys():
             counted = ", ".join(f"{name!r} ({count} road users)" for name, count in sorted(seen.items()))
@@ -108,7 +113,31 @@ def _projected(table: pl.DataFrame, projection: str, layout: Layout, path: Path)
     return table.with_columns(**dict(zip(names, to_metres.transform(*degrees), strict=True)))
 
 
-def _readable(path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
+def _clips(file: Path, values: dict[str, Any], layout: Layout) -> Iterator[tuple[str, pl.DataFrame]]:
+    """Yield what follows the file's name in a clip's, and the clip's table."""
+    table = _table(file, values["delimiter"])
+    for own, theirs in values["beside"].items():
+        if (other := file.with_name(file.name.replace(str(own), str(theirs)))).is_file() and other != file:
+            table = pl.concat([table, _table(other, values["delimiter"])], how="diagonal_relaxed")
+    table = _projected(table, values["projection"], layout, file)
+    column = values["clip"]
+    if column not in table.columns:
+        yield "", table
+        return
+    for (part,), rows in sorted(table.partition_by(column, as_dict=True, maintain_order=True).items()):
+        yield f"/{part}", rows
+
+
+def _table(file: Path, delimiter: str) -> pl.DataFrame:
+    if file.suffix != ".parquet":
+        return read_csv(file, delimiter)
+    try:
+        return read_parquet(file, "a table of tracks")
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise InvalidInput(f"{file}: not readable as Parquet: {error}; take the file as published") from error
+
+
+def _readable(name: str, path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
     """Return the clip of a table without the road users that cannot be read.
 
     They have to be fewer than half, and neither all vehicles nor all pedestrians.
@@ -116,7 +145,7 @@ def _readable(path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
     :raises InvalidInput: see `clip_of`.
     """
     try:
-        return clip_of(path.stem, {path: (table, layout)})
+        return clip_of(name, {path: (table, layout)})
     except InvalidInput as refused:
         column = layout.columns["id"]
         if column not in table.columns:
@@ -126,7 +155,7 @@ def _readable(path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
         clips, bad, classes = [], 0, set[str]()
         for track in numbered.partition_by(column, maintain_order=True):
             try:
-                clips.append(clip_of(path.stem, {path: (track, layout)}))
+                clips.append(clip_of(name, {path: (track, layout)}))
             except InvalidInput:
                 bad += 1
                 classes |= classes_in(track, layout).keys()
@@ -138,7 +167,7 @@ def _readable(path: Path, table: pl.DataFrame, layout: Layout) -> Clip:
         for clip in clips:
             left_out.update(clip.left_out)
         return Clip(
-            path.stem,
+            name,
             [track for clip in clips for track in clip.vehicles],
             [track for clip in clips for track in clip.pedestrians],
             left_out,
@@ -171,6 +200,8 @@ def _layout(values: dict[str, Any], path: Path) -> Layout:
         )
     if not isinstance(values["projection"], str):
         raise InvalidInput(f"{path}: projection: expected a name such as EPSG:32632, got {shown(values['projection'])}")
+    if not isinstance(values["beside"], dict) or not isinstance(values["clip"], str):
+        raise InvalidInput(f"{path}: expected beside: {{cars: people}} and clip: COLUMN, say")
     delimiter = values["delimiter"]
     if not isinstance(delimiter, str) or len(delimiter.encode()) != 1:
         raise InvalidInput(f"{path}: delimiter: expected one character such as ';', got {shown(delimiter)}")

@@ -10,11 +10,12 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from vpsci_ros.cosim import Vehicle, Walker
-from vpsci_ros.errors import VpsciError
+from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.extras.carla.actors import vehicle_control, vehicle_of, vehicle_transform, walker_control, walker_of
-from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.kinematics import MAX_STEERING_ANGLE
 
+HOST, PORT = "127.0.0.1", 2000  # where a CARLA server listens unless it is told otherwise
+EXAMPLE = "carla://127.0.0.1:2000/Town10HD_Opt"
 PATIENCE = 20.0  # [s] for an answer of the server; loading a map takes the longest
 LIFT = 0.3  # [m] above the road at which a vehicle is put, so that its wheels do not touch it
 WAIST = 1.0  # [m] above the ground, of the middle of a walker's capsule
@@ -48,12 +49,13 @@ class Server(Protocol):
 class LiveServer:
     """A CARLA server, in synchronous mode while this is open.
 
+    :param address: HOST:PORT/MAP, each of which may be left out; MAP is loaded, else the server keeps the one it has.
     :param period: of a tick [s].
     :param connect: what makes a client of host and port; None: `carla.Client`.
     :raises VpsciError: the client is not installed, or no server answers.
     """
 
-    def __init__(self, config: EngineConfig, period: float, connect: Callable[[str, int], Any] | None = None) -> None:
+    def __init__(self, address: str, period: float, connect: Callable[[str, int], Any] | None = None) -> None:
         try:
             import carla
         except ModuleNotFoundError:
@@ -61,13 +63,17 @@ class LiveServer:
                 "engine = carla needs CARLA's client in the server's version: pip install 'vpsci_ros[carla]'"
             ) from None
         self._carla, self._actors = carla, list[Any]()
-        where = config.carla_host, config.carla_port
+        host, _, loaded = address.partition("/")
+        name, _, port = host.partition(":")
+        if port and not port.isdecimal():
+            raise InvalidInput(f"engine = carla://{address}: expected carla://HOST:PORT/MAP, such as {EXAMPLE}")
+        where = name or HOST, int(port or PORT)
         try:
             client = (connect or carla.Client)(*where)
             client.set_timeout(PATIENCE)
-            self._world = client.load_world(config.carla_map) if config.carla_map else client.get_world()
+            self._world = client.load_world(loaded) if loaded else client.get_world()
         except RuntimeError as error:
-            raise VpsciError(f"carla_host = {where[0]}, carla_port = {where[1]}: {error}; is the server on?") from None
+            raise VpsciError(f"CARLA at {where[0]}:{where[1]}: {error}; is the server on?") from None
         self._found = self._world.get_settings()
         settings = self._world.get_settings()
         settings.synchronous_mode, settings.fixed_delta_seconds = True, period
@@ -144,6 +150,6 @@ class LiveServer:
         if location is None or math.hypot(location.x - x, location.y + y) > 5.0:
             raise VpsciError(
                 f"{self._map.name}: no road within 5 m of ({x:.1f}, {y:.1f}) (CARLA's y is {-y:.1f}); the eight "
-                "scenarios lie in Town10HD: set carla_map"
+                f"scenarios lie in Town10HD: set engine to {EXAMPLE}"
             )
         return float(location.z)
