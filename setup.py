@@ -162,11 +162,14 @@ BRANCHES = {
         "turing = vpsci_ros.extras.paper.commands:turing_app",
     ],
     "vpsci_ros.networks": [
-        f"{name} = vpsci_ros.extras.paper.models:{name.upper()}"
-        for name in (
-            *("ma_sst_ddpg", "ma_transformer_ddpg", "ma_ddpg", "transformer_ddpg", "ddpg"),
-            *("transformer", "lstm", "feedforward"),
-        )
+        "ddpg = vpsci_ros.extras.paper.models:DDPG",
+        "feedforward = vpsci_ros.extras.paper.models:FEEDFORWARD",
+        "lstm = vpsci_ros.extras.paper.models:LSTM",
+        "ma_ddpg = vpsci_ros.extras.paper.models:MA_DDPG",
+        "ma_sst_ddpg = vpsci_ros.extras.paper.models:MA_SST_DDPG",
+        "ma_transformer_ddpg = vpsci_ros.extras.paper.models:MA_TRANSFORMER_DDPG",
+        "transformer = vpsci_ros.extras.paper.models:TRANSFORMER",
+        "transformer_ddpg = vpsci_ros.extras.paper.models:TRANSFORMER_DDPG",
     ],
     "vpsci_ros.objectives": ["single_agent_ddpg = vpsci_ros.extras.paper.models:SINGLE_AGENT_DDPG"],
     "vpsci_ros.engines": ["carla = vpsci_ros.extras.carla.world:CARLA"],
