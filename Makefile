@@ -1,32 +1,43 @@
-# The two commands are `make demo` and `make test`. Both do all of their own set-up in .venv, once (tools/setup.sh).
+# The two commands are `make demo` and `make test`. Each installs what it needs in .venv, once (tools/setup.sh).
 
 VENV := .venv
 BIN := $(VENV)/bin
 # Three processes, which take tests from each other in the end: a third of the time is spent waiting for graphs. JOBS=0: one.
 JOBS ?= 3
 PYTEST_ARGS ?=
+# Whether `make test` ends with the tests of engines; ENGINES= or chosen tests go without, which saves their install.
+ENGINES ?= $(if $(PYTEST_ARGS),,yes)
+ENGINE_TESTS := $(addprefix test/,cosim/test_engines.py examples/test_motion_planner.py extras/carla \
+	extras/formats/test_carla_map.py)
 # CommonRoad's packages need another protobuf than osi's, so their tests run apart (tools/commonroad.txt).
-COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(BIN)/python -m pytest -q -rs -k commonroad test/extras/formats/test_commonroad.py test/cosim
+COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(BIN)/python -m pytest -q -rs -k commonroad test/extras/formats/test_commonroad.py test/cosim/test_engines.py
 # Recordings (vci_dut/, vci_citr/) for the demo to learn from besides the right turns that the package holds.
 VPSCI_DATA ?= $(wildcard ../shared/data)
 
 # Nodes talk to nodes on this machine only, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: help setup demo test check docs dist chaos clean
+.PHONY: help setup demo test test-engines check docs dist chaos clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
-	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 20
 
-setup:  ## make .venv: ROS 2 and Python packages, vpsci_msgs, this package for development
-	@tools/setup.sh $(VENV)
+setup:  ## make .venv with everything: for the demo, the tests and the engines
+	@tools/setup.sh $(VENV) engines
 
-demo: setup  ## run all three stages, small; leaves bags, tables and a page that plays them in out/demo
+demo:  ## run all three stages, small; leaves bags, tables and a page that plays them in out/demo
+	@tools/setup.sh $(VENV) demo
 	@$(BIN)/vpsci demo --force $(if $(VPSCI_DATA),--data $(VPSCI_DATA))
 
-test: setup  ## run the tests
-	@$(BIN)/python -m pytest -q -rs --durations 20 -n $(JOBS) --dist worksteal $(PYTEST_ARGS)
+test:  ## run the tests, last those of engines (ENGINES= leaves these out)
+	@tools/setup.sh $(VENV) test
+	@$(BIN)/python -m pytest -q -rs --durations 20 -n $(JOBS) --dist worksteal $(addprefix --ignore ,$(ENGINE_TESTS)) $(PYTEST_ARGS)
+	@$(if $(ENGINES),$(MAKE) --no-print-directory test-engines)
+
+test-engines:  ## run the tests with SUMO, highway-env, CARLA's client, CommonRoad and a planner
+	@tools/setup.sh $(VENV) engines
+	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal $(ENGINE_TESTS)
 	@$(COMMONROAD)
 
 check: setup  ## what a change has to pass: ruff, mypy, tests, each once
@@ -49,6 +60,7 @@ chaos: setup  ## damage thousands of files, hundreds of commands and graphs, and
 	@for name in files bags folders again processes; do \
 		$(BIN)/python test/chaos/campaign.py $$name -o out/chaos/$$name || exit 1; done
 
-clean:  ## remove .venv and whatever was built, keep out/
-	rm -rf $(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find vpsci_ros benchmarks test -name __pycache__ -type d -prune -exec rm -rf {} +
+clean:  ## remove .venv and whatever was built, keep out/; says how much that frees
+	@built="$(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis"; \
+		echo "frees $$(du -shc $$built 2>/dev/null | tail -1 | cut -f 1)"; rm -rf $$built
+	@find vpsci_ros benchmarks test -name __pycache__ -type d -prune -exec rm -rf {} +

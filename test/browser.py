@@ -1,4 +1,4 @@
-"""A real browser for tests of pages: Debian's Chromium, or whichever CHROMIUM names, driven by Playwright."""
+"""A real browser for tests of pages: the system's, Playwright's own or the one that CHROMIUM names."""
 
 import os
 import shutil
@@ -11,14 +11,18 @@ from typing import Any
 import pytest
 
 
+NO_BROWSER = "no Chromium on the PATH; CHROMIUM names one elsewhere"
+
+
 def start() -> Iterator[Any]:
     """Yield a running browser; skips the test where there is none."""
     playwright = pytest.importorskip("playwright.sync_api", reason="no Playwright; pip install -e '.[test]'")
-    found = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
-    found = found or shutil.which("google-chrome")
-    if not found:
-        pytest.skip("no Chromium; apt-get install chromium, or set CHROMIUM to one")
+    names = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+    found = os.environ.get("CHROMIUM") or next(filter(None, map(shutil.which, names)), None)
     with playwright.sync_playwright() as driver:
+        found = found or driver.chromium.executable_path
+        if not Path(found).exists():
+            pytest.skip(NO_BROWSER)
         browser = driver.chromium.launch(executable_path=found, args=["--no-sandbox", "--disable-gpu"])
         yield browser
         browser.close()

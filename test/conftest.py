@@ -47,6 +47,18 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.name not in LONGEST)
 
 
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_terminal_summary(terminalreporter: Any) -> Iterator[None]:
+    """Say in the last line how many tests of pages lacked a browser, and which command brings one."""
+    yield
+    lacking = [one for one in terminalreporter.stats.get("skipped", []) if real.NO_BROWSER in str(one.longrepr)]
+    if lacking:
+        how = "`sudo apt-get install chromium`, or `.venv/bin/playwright install chromium`"
+        terminalreporter.write_line(
+            f"not tested: {len(lacking)} tests of pages, which need a browser; {how} brings one"
+        )
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtestloop(session: pytest.Session) -> None:
     """Have what nodes run compiled before the first test, if any starts nodes: no time limit of a test allows for it.

@@ -1,7 +1,10 @@
 #!/bin/sh
-# Make a virtual environment in which everything of this repository runs, step by step; steps that are done are skipped.
+# Make a virtual environment for a purpose, step by step; steps that are done are skipped.
 #
-#   tools/setup.sh VENV
+#   tools/setup.sh VENV [demo|test|engines]
+#
+# demo: the core, learning, ROS 2 and the messages. test (the default): demo, and what tests need. engines: test, and the
+# engines and planners that the pedestrian meets (SUMO, highway-env, CARLA's client, CommonRoad, fiss-planner).
 #
 # A step is done when VENV/.done/STEP holds the hash of all files that the step depends on, so a second run takes a
 # fraction of a second, a changed .msg file rebuilds the messages alone, and an interrupted step is done again.
@@ -12,11 +15,13 @@
 set -eu
 cd "$(dirname "$0")/.."
 venv=$1
+purpose=${2:-test}
 
 fail() {
     echo "$1" >&2
     exit 1
 }
+case $purpose in demo | test | engines) ;; *) fail "unknown purpose $purpose: expected demo, test or engines" ;; esac
 
 supported='import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 12))'
 if [ -x "$venv/bin/python" ]; then
@@ -64,24 +69,24 @@ fi
 mkdir -p "$venv/.done"
 pip="$venv/bin/python -m pip -qq --disable-pip-version-check"
 
-if ! is_done packages constraints.txt setup.py setup.cfg pyproject.toml tools/setup.sh; then
-    headers=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
-    [ -f "$headers/Python.h" ] ||
-        fail "vpsci_ros needs Python's headers to build its messages, and $headers/Python.h is not there: install them \
-(python3-dev on Debian and Ubuntu)"
-    say "installing packages, about 650 MB (minutes)"
-    $pip install -c constraints.txt pip setuptools wheel
-    $pip install -c constraints.txt --no-build-isolation -e '.[learn,ros,messages,rl,realism,search,paper,formats,geo,carla,drive,planner,sumo,highway,test,docs]'
+# add STEP EXTRAS WHAT: install the extras as one step, and say in one line what and how much.
+# Modules are compiled when they are first imported (--no-compile): most of torch never is.
+add() {
+    is_done "$1" constraints.txt setup.py setup.cfg pyproject.toml tools/setup.sh && return
+    say "installing $3"
+    $pip install --no-compile -c constraints.txt --no-build-isolation -e ".[$2]"
     done_now
-fi
+}
 
-# Not all of CommonRoad's packages are on PyPI for Python 3.10 and 3.12: there its tests are skipped, and say so.
-if "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' && ! is_done commonroad tools/commonroad.txt; then
-    say "installing what tests CommonRoad, about 50 MB"
-    rm -rf "$venv/commonroad"
-    $pip install --no-deps --target "$venv/commonroad" -r tools/commonroad.txt
+headers=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
+[ -f "$headers/Python.h" ] ||
+    fail "vpsci_ros needs Python's headers to build its messages, and $headers/Python.h is not there: install them \
+(python3-dev on Debian and Ubuntu)"
+if ! is_done pip constraints.txt; then
+    $pip install -c constraints.txt pip setuptools wheel
     done_now
 fi
+add core learn,ros,messages "the core, learning and ROS 2: 0.5 GB to download, 2 GB on disk"
 
 if ! is_done messages constraints.txt tools/build_messages.sh msg_defs/*.* msg_defs/msg/* \
     tools/tf2_msgs/*.* tools/tf2_msgs/msg/*; then
@@ -92,5 +97,18 @@ fi
 
 if ! is_done data setup.py package.xml resource/* $(find launch params rviz urdf -name '*.py' -o -name '*.yaml' -o -name '*.rviz' -o -name '*.urdf' -o -name '*.xml' | sort); then
     "$venv/bin/python" -W ignore setup.py --quiet install_data --install-dir="$venv"
+    done_now
+fi
+
+[ "$purpose" = demo ] && exit
+add test rl,realism,exam_extra,paper,formats,geo,drive,test,docs "what tests need: another 0.8 GB on disk"
+
+[ "$purpose" = test ] && exit
+add engines carla,highway,planner,sumo "SUMO, highway-env, CARLA's client and a planner: another 0.7 GB on disk"
+# Not all of CommonRoad's packages are on PyPI for Python 3.10 and 3.12: there its tests are skipped, and say so.
+if "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' && ! is_done commonroad tools/commonroad.txt; then
+    say "installing CommonRoad, about 50 MB"
+    rm -rf "$venv/commonroad"
+    $pip install --no-deps --target "$venv/commonroad" -r tools/commonroad.txt
     done_now
 fi
