@@ -49,6 +49,7 @@ OPTIONAL = {
 OPTIONAL |= {
     "av",
     "carla",
+    "pyproj",
     "commonroad",
     "google",
     "osi3",

@@ -11,13 +11,14 @@ Library matrix products do not have this property: they choose kernels, and so t
 import math
 
 import numpy as np
-from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.safety.compiled import kernel
 
+ir = cgutils.ir  # of llvmlite, which numba brings
 LANES = 16  # in which sums along a row run
 NORM_EPSILON = np.float32(1e-5)
 NORMALISED_LIMIT = np.float32(6.0)  # as in `vpsci_ros.policy.sst`
