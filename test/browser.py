@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-
 NO_BROWSER = "no Chromium on the PATH; CHROMIUM names one elsewhere"
 
 
