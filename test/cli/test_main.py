@@ -5,12 +5,14 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 import pyarrow as pa
 import pytest
+import typer
 
-from vpsci_ros.cli.main import main
+from vpsci_ros.cli.main import app, main
 
 ROOT = Path(__file__).resolve().parents[2]
 PARAMS = ROOT / "params"
@@ -45,6 +47,16 @@ def test_the_command_is_a_program_with_help_and_an_exit_status() -> None:
         result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, cwd=ROOT)
         assert result.returncode == status
         assert said in result.stdout + result.stderr
+
+
+def test_help_has_every_command_in_a_group_by_purpose_with_one_line() -> None:
+    group: Any = typer.main.get_command(app)
+    context = group.make_context("vpsci", [], resilient_parsing=True)
+    commands = {name: group.get_command(context, name) for name in group.list_commands(context)}
+    assert {"demo", "doctor", "ads-test", "study"} <= set(commands)
+    for name, command in commands.items():
+        assert isinstance(command.rich_help_panel, str), name
+        assert len(command.short_help or "") <= 58, name  # of 80 columns, beside the longest name
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,9 @@ class WithAddedCommands(TyperGroup):
         own = super().get_command(ctx, cmd_name)
         if own is not None or cmd_name not in COMMANDS.names():
             return own
-        command = typer.main.get_command(COMMANDS.find(cmd_name))
+        added = COMMANDS.find(cmd_name)
+        command: Any = typer.main.get_command(added)
         command.name = cmd_name
+        panels = (command.rich_help_panel, added.rich_help_panel)  # typer leaves a group's own out
+        command.rich_help_panel = next((panel for panel in panels if isinstance(panel, str)), "Added")
         return command

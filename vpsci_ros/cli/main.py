@@ -11,6 +11,7 @@ from vpsci_ros import __version__
 from vpsci_ros.cli.added import WithAddedCommands
 from vpsci_ros.cli.bag import bag_app
 from vpsci_ros.cli.dataset import dataset_app, generate
+from vpsci_ros.cli.doctor import doctor
 from vpsci_ros.cli.exam import ads_test
 from vpsci_ros.cli.learning import evaluate, pretrain, refine
 from vpsci_ros.cli.options import Output, Params, Quiet, Settings, read_sections, writes_folder
@@ -28,11 +29,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 world_app = typer.Typer(no_args_is_help=True, help="Scenarios of the simulated world.")
-app.add_typer(bag_app, name="bag")
-app.add_typer(world_app, name="world")
-app.add_typer(dataset_app, name="dataset")
-for command in (people, pretrain, refine, evaluate, realism, generate, ads_test, view):
-    app.command()(command)
 
 
 @app.callback(invoke_without_command=True)
@@ -42,7 +38,6 @@ def _root(version: Annotated[bool, typer.Option("--version", help="Print the ver
         raise typer.Exit
 
 
-@app.command("import")
 def import_command(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Folders of recordings as published.")],
     formats: Annotated[
@@ -75,7 +70,6 @@ def import_command(
     print(f"written: {output}")
 
 
-@app.command()
 @writes_folder
 def graph(
     params: Params,
@@ -99,7 +93,6 @@ def graph(
     print(f"done in {result.wall_time:.1f} s; written: {output}")
 
 
-@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def node(
     context: typer.Context, name: Annotated[str, typer.Argument(help="Executable, as for `ros2 run vpsci_ros`.")]
 ) -> None:
@@ -113,7 +106,6 @@ def node(
     raise typer.Exit(start(name, [name, *context.args]))
 
 
-@app.command()
 @writes_folder
 def demo(
     output: Output = Path("out/demo"),
@@ -143,6 +135,35 @@ def world_show(
 
     save_scenario(load_scenario(int(scenario) if scenario.isdigit() else scenario), output, seed)
     print(f"written: {output}")
+
+
+START, EXAMINE, MAKE, NODES, LEARN, MEASURE = (
+    "Start here", "Examine a driving system", "Generate and look", "Run nodes", "Learn from recordings", "Measure",
+)  # fmt: skip
+"""Groups of `vpsci --help`; the branches name theirs in words, too."""
+for _panel, _name, _command, _line in (
+    (START, "demo", demo, "Learn a little, generate, and leave a page that plays it."),
+    (START, "doctor", doctor, "Say what is installed and whether ROS 2 works here."),
+    (EXAMINE, "ads-test", ads_test, "Drive a system through episodes and report on it."),
+    (MAKE, "generate", generate, "Generate a dataset of episodes."),
+    (MAKE, "view", view, "Write a page that plays episodes."),
+    (NODES, "graph", graph, "Run a graph of nodes from start to end."),
+    (NODES, "node", node, "Run one node, as `ros2 run` does."),
+    (LEARN, "import", import_command, "Make near misses from recordings."),
+    (LEARN, "people", people, "Make a bank of recorded reactions: agents."),
+    (LEARN, "pretrain", pretrain, "Train MA-SST-DDPG on near misses (stage 1)."),
+    (LEARN, "refine", refine, "Train it further in simulation (stage 2)."),
+    (MEASURE, "evaluate", evaluate, "Print the agents' errors on near misses (Table 9)."),
+    (MEASURE, "realism", realism, "Print how like people the agents are."),
+):
+    _settings = {"allow_extra_args": True, "ignore_unknown_options": True} if _command is node else None
+    app.command(_name, rich_help_panel=_panel, short_help=_line, context_settings=_settings)(_command)
+for _panel, _name, _group, _line in (
+    (MAKE, "dataset", dataset_app, "Inspect and verify datasets, or write one as a bag."),
+    (MAKE, "world", world_app, "Draw a scenario."),
+    (NODES, "bag", bag_app, "Inspect, export, verify and repair bags."),
+):
+    app.add_typer(_group, name=_name, rich_help_panel=_panel, short_help=_line)
 
 
 def main() -> None:

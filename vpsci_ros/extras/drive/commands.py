@@ -14,7 +14,9 @@ from vpsci_ros.errors import InvalidInput, require
 drive_app = typer.Typer(add_completion=False)
 
 
-@drive_app.command()
+@drive_app.command(
+    rich_help_panel="Examine a driving system", short_help="Drive the car yourself, by keys in a browser."
+)
 @writes_folder
 def drive(
     output: Annotated[

@@ -10,10 +10,11 @@ from vpsci_ros.cli.exam import Ads, AdsClass, Episodes, ExamFolder, FailIf, Reco
 from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections, stoppable, writes_folder
 from vpsci_ros.errors import InvalidInput
 
+PANEL = "Examine a driving system"  # of `vpsci --help`
 search_app, why_app, protocol_app, socket_app, hosts_app = (typer.Typer(add_completion=False) for _ in range(5))
 
 
-@search_app.command()
+@search_app.command(rich_help_panel=PANEL, short_help="Find the episodes in which a system fails.")
 @writes_folder
 def ads_search(
     output: ExamFolder,
@@ -43,7 +44,7 @@ def ads_search(
     _end(failures)
 
 
-@why_app.command()
+@why_app.command(rich_help_panel=PANEL, short_help="Say what would have avoided an exam's failures.")
 def ads_why(
     exam: Annotated[Path, typer.Argument(metavar="EXAM", help="Folder of an exam of `vpsci ads-test` that is over.")],
     failures: Annotated[int, typer.Option("-n", min=1, help="Worst failures with each pedestrian to drive again.")] = 3,
@@ -61,7 +62,7 @@ def ads_why(
     print(f"report: {page}")
 
 
-@protocol_app.command()
+@protocol_app.command(rich_help_panel=PANEL, short_help="Drive Euro NCAP's car-to-pedestrian tests.")
 @writes_folder
 def ads_protocol(
     output: ExamFolder,
@@ -86,7 +87,7 @@ def ads_protocol(
     _end(failures)
 
 
-@socket_app.command()
+@socket_app.command(rich_help_panel=PANEL, short_help="Examine a program behind a socket: any language.")
 @writes_folder
 def ads_socket(
     output: ExamFolder,
@@ -113,7 +114,7 @@ def ads_socket(
     _end(failures)
 
 
-@hosts_app.command()
+@hosts_app.command(rich_help_panel=PANEL, short_help="Examine a system on the hosts of a Ray cluster.")
 @writes_folder
 def ads_hosts(
     address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Of a Ray cluster: its address, auto or local.")],

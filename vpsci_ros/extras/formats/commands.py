@@ -10,7 +10,7 @@ from vpsci_ros.cli.options import writes_folder
 export_app = typer.Typer(add_completion=False)
 
 
-@export_app.command()
+@export_app.command(rich_help_panel="Generate and look", short_help="Write episodes in other people's formats.")
 @writes_folder
 def export(
     source: Annotated[

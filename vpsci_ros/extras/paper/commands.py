@@ -23,14 +23,22 @@ study_app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     help="The paper's Tables 3, 5 and 9, cross-validation, and all its figures and tables.",
+    short_help="Repeat the paper's studies, tables and figures.",
+    rich_help_panel="Measure",
 )
 turing_app = typer.Typer(
-    add_completion=False, no_args_is_help=True, help="The Turing test of section 4.4: recorded or generated?"
+    add_completion=False,
+    no_args_is_help=True,
+    help="The Turing test of section 4.4: recorded or generated?",
+    short_help="Ask people: recorded or generated?",
+    rich_help_panel="Measure",
 )
 published_app = typer.Typer(add_completion=False)
 
 
-@published_app.command()
+@published_app.command(
+    rich_help_panel="Generate and look", short_help="Write the authors' published files as a dataset."
+)
 @writes_folder
 def published(
     source: Annotated[Path, typer.Argument(metavar="DIR", help="The authors' CSV files: a folder, or one file.")],

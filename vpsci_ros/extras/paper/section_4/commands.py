@@ -11,10 +11,16 @@ from vpsci_ros.cli.options import Quiet
 from vpsci_ros.resources import RIGHT_TURNS
 
 report_app = typer.Typer(add_completion=False)
-safety_app = typer.Typer(add_completion=False, no_args_is_help=True, help="CurvTTC and the measures beside it.")
+safety_app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    help="CurvTTC and the measures beside it.",
+    short_help="Compare CurvTTC with other safety measures.",
+    rich_help_panel="Measure",
+)
 
 
-@report_app.command()
+@report_app.command(rich_help_panel="Generate and look", short_help="Draw a dataset's figures as a page.")
 def report(
     folder: Folder,
     output: Annotated[

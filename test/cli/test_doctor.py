@@ -1,0 +1,46 @@
+"""The doctor's report: every extra with what it brings, the kernel cache, and a message through the middleware."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from vpsci_ros.cli import doctor
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_every_extra_has_a_line_and_a_missing_one_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "vpsci_ros").mkdir()
+    (tmp_path / "vpsci_ros" / "kernel.nbc").write_bytes(bytes(3_000_000))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(doctor, "_installed", lambda name: name != "torch")
+    monkeypatch.setattr(doctor, "exchange", lambda: 0.25)
+    doctor.doctor()
+    printed = capsys.readouterr().out
+    assert "learn       missing" in printed
+    assert "ros         installed" in printed
+    assert f"compiled kernels: 3 MB in {tmp_path}/vpsci_ros" in printed
+    assert "received its own message after 0.2 s" in printed
+
+
+def test_what_extras_bring_is_said_of_all_in_setup() -> None:
+    (extras,) = [
+        {key.value.replace("_", "-") for key in node.value.keys}
+        for node in ast.parse((ROOT / "setup.py").read_text()).body
+        if isinstance(node, ast.Assign) and node.targets[0].id == "EXTRAS"
+    ]
+    assert set(doctor.BRINGS) == extras
+
+
+def test_a_node_in_its_own_domain_receives_what_it_publishes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "PATIENCE", 120.0)  # on a busy machine
+    assert 0.0 <= doctor.exchange() < doctor.PATIENCE
+
+
+def test_where_nothing_arrives_the_error_names_what_may_block_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "PATIENCE", 0.0)
+    with pytest.raises(doctor.VpsciError, match="no message arrived within 0 s; see whether a firewall"):
+        doctor.exchange()

@@ -1,0 +1,118 @@
+"""`vpsci doctor`: what is installed, what each missing extra would bring, and whether the middleware works here."""
+
+import importlib.metadata
+import os
+import platform
+import re
+import sys
+import time
+from pathlib import Path
+
+from vpsci_ros.errors import VpsciError, not_installed
+
+BRINGS = {
+    "learn": "stages 1 and 2, `evaluate`, `realism`",
+    "ros": "nodes, graphs and the demo: ROS 2 Jazzy",
+    "messages": "the build of vpsci_msgs",
+    "rl": "Gymnasium and PettingZoo environments",
+    "realism": "the classifier's test of `realism`",
+    "exam-extra": "`ads-search`: rare failures",
+    "paper": "`study` and `turing`",
+    "formats": "`export` to OpenSCENARIO, OSI and MP4",
+    "commonroad": "`export` to CommonRoad (apart: another protobuf)",
+    "geo": "recordings in longitude and latitude",
+    "carla": "episodes in a CARLA server",
+    "drive": "`drive`, and a running graph in Foxglove",
+    "planner": "examples/motion_planner.py",
+    "sumo": "examples/sumo_crossing.py",
+    "highway": "examples/highway_crossing.py",
+    "ray": "a cluster: `generate --ray`, `ads-hosts`",
+    "test": "the tests",
+    "docs": "the documentation site",
+    "colcon": "a build by colcon",
+}
+PATIENCE = 5.0  # [s] for a message to arrive
+
+
+def doctor() -> None:
+    """Print what is installed, what each missing extra brings, whether ROS 2 works here, and the kernel cache's size.
+
+    Exit status 1 where no message arrives.
+    """
+    print(f"vpsci_ros {importlib.metadata.version('vpsci_ros')}, Python {platform.python_version()}, "
+          f"{len(os.sched_getaffinity(0))} cores, {sys.prefix}\n")  # fmt: skip
+    for extra, wanted in _extras().items():
+        missing = [name for name in wanted if not _installed(name)]
+        state = "missing  " if missing else "installed"
+        print(f"  {extra:11s} {state}  {BRINGS.get(extra, '')}")
+        if missing and len(missing) < len(wanted):
+            print(f"{'':25s}lacks {', '.join(missing)}")
+    print("\nto add one: pip install 'vpsci_ros[NAME]'")
+    folder, size = kernel_cache()
+    print(f"compiled kernels: {size / 1e6:.0f} MB in {folder}; delete the folder to free it")
+    try:
+        print(f"ROS 2: a node received its own message after {exchange():.1f} s")
+    except ModuleNotFoundError as error:
+        print(f"ROS 2: {not_installed((error.name or '').partition('.')[0]) or error}")
+
+
+def exchange() -> float:
+    """Return the time until a node in its own domain received what it published [s].
+
+    :raises VpsciError: nothing arrived in time.
+    """
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.signals import SignalHandlerOptions
+
+    from vpsci_msgs.msg import WorldState
+    from vpsci_ros.nodes.domain import own_domain, set_defaults
+
+    set_defaults()
+    context, came = Context(), list[WorldState]()
+    with own_domain():
+        rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            node = rclpy.create_node("vpsci_doctor", context=context, enable_rosout=False)
+            node.create_subscription(WorldState, "vpsci_doctor", came.append, 10)
+            publisher, executor = (
+                node.create_publisher(WorldState, "vpsci_doctor", 10),
+                SingleThreadedExecutor(context=context),
+            )
+            executor.add_node(node)
+            begun = time.monotonic()
+            while not came and time.monotonic() < begun + PATIENCE:
+                publisher.publish(WorldState())
+                executor.spin_once(timeout_sec=0.1)
+            taken = time.monotonic() - begun
+        finally:
+            context.try_shutdown()
+    if not came:
+        raise VpsciError(
+            f"ROS 2: no message arrived within {PATIENCE:g} s; see whether a firewall or container blocks UDP on this "
+            "host, and whether /dev/shm can be written"
+        )
+    return taken
+
+
+def kernel_cache() -> tuple[Path, int]:
+    """Return the folder of all compiled kernels, and its size [bytes]."""
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vpsci_ros"
+    return folder, sum(path.lstat().st_size for path in folder.rglob("*"))
+
+
+def _extras() -> dict[str, list[str]]:
+    """Return the names of the distributions that each extra brings."""
+    found: dict[str, list[str]] = {
+        name: [] for name in importlib.metadata.metadata("vpsci_ros").get_all("Provides-Extra") or ()
+    }
+    for line in importlib.metadata.requires("vpsci_ros") or ():
+        extra = re.search(r"""extra == ["']([\w-]+)["']""", line)
+        if extra:
+            found[extra[1]].append(re.split(r"[\s<>=!~;\[(]", line)[0])
+    return found
+
+
+def _installed(name: str) -> bool:
+    return any(True for _ in importlib.metadata.Distribution.discover(name=name))
