@@ -123,7 +123,7 @@ def policies(rounds: int) -> list[Row]:
     for batch in (1, 64, 1024):
         seen = np.random.default_rng(0).normal(size=(batch, 6)).astype(np.float32)
         others = np.full(batch, 3.0), np.zeros(batch, bool), np.ones(batch, bool)  # CurvTTC, reset, active
-        step = partial(StreamingActor(weights, batch, 1).step, seen, *others)
+        step = partial(StreamingActor(weights, batch).step, seen, *others)
         ways = {"ours": partial(rate, step, batch, 0.7), "product": partial(rate, lambda: square @ square, 1, 0.7)}
         found = in_turn(ways, rounds)
         done, product = found["ours"] * flops, found["product"] * 2e-9 * len(square) ** 3

@@ -23,7 +23,7 @@ from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.weights import Weights, save_weights
 from vpsci_ros.runs.files import write_json, write_text
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 CALLS = ("fsync", "replace", "chmod", "open", "close")
 
 

@@ -26,7 +26,7 @@ WALKER = {"pedestrian": "social_force"}
 
 
 def small_weights() -> Weights:
-    network = NetworkConfig(hidden=8, layers=1, heads=2, key_dimension=4, actor_hidden=[4, 4], critic_hidden=[4, 4])
+    network = NetworkConfig(hidden=8, layers=1, heads=2, key_dimension=4)
     rng = np.random.default_rng(1)
     tensors = {
         name: rng.normal(0.0, 0.3, shape).astype(np.float32) if "scale" not in name else np.ones(shape, np.float32)

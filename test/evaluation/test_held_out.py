@@ -12,7 +12,7 @@ from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.replay import recorded_histories
 from vpsci_ros.policy.config import NetworkConfig
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 SHORT = PretrainConfig(
     episodes=6,
     held_out_fraction=0.3,

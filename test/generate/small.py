@@ -3,6 +3,6 @@
 from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.policy.config import NetworkConfig
 
-NETWORK = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+NETWORK = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 TARGETS = {1: 12, 6: 12}
 CONFIG = DatasetConfig(formats=["parquet", "csv"], keep_rejected=True, unit=8, parallel=40)

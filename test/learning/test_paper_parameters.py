@@ -27,10 +27,6 @@ NETWORK = {
     "heads": 8,
     "key_dimension": 32,
     "attention_window": 10,
-    "actor_hidden": [64, 64],
-    "critic_state": 16,
-    "critic_action": 16,
-    "critic_hidden": [64, 64],
     "risk_input": False,  # observations (6) and (7)
 }
 STAGE_1 = {"objective": "ddpg", "episodes": 3000, "updates.actor_learning_rate": 1e-4}
@@ -75,7 +71,7 @@ def test_the_papers_files_have_the_papers_values(name, kind, section, expected):
 def test_the_defaults_are_what_ships(name, kind):
     sections = load(params_dir() / name)
     assert sections.get(kind, "learner") == kind()
-    assert sections.get(NetworkConfig, "learner") == NetworkConfig(tracked_steps=0) or kind is RefineConfig
+    assert sections.get(NetworkConfig, "learner") == NetworkConfig() or kind is RefineConfig
 
 
 @pytest.mark.parametrize("agent", AGENTS)

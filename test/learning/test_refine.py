@@ -24,7 +24,7 @@ from vpsci_ros.world.kinds import KindMixture
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.state import FINISHED, HANDED_OVER
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 QUICK = build(RefineConfig, {"replay.batch_size": 40, "replay.real_share": 0.01, "refresh.updates": 2}, "test")
 
 

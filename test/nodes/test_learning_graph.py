@@ -25,7 +25,7 @@ SMALL_STAGE_1 = {
     "replay.batch_size": 16,
     "evaluate_every": 2,
 }
-SMALL_NETWORK = {"hidden": 16, "heads": 2, "key_dimension": 8, "actor_hidden": [8, 8], "critic_hidden": [8, 8]}
+SMALL_NETWORK = {"hidden": 16, "heads": 2, "key_dimension": 8}
 SMALL_STAGE_2 = {
     "stage": "refine",
     "replay.batch_size": 16,

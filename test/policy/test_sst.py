@@ -1,13 +1,12 @@
-import numpy as np
 import pytest
 import torch
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.actor import previous
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.config import ACTOR_HIDDEN, CRITIC_ACTION, CRITIC_HIDDEN, CRITIC_STATE, NetworkConfig
 from vpsci_ros.policy.sst import SSTLayer, risk
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 
 
 def history(batch=2, steps=30):
@@ -94,13 +93,10 @@ def test_an_untrained_actor_keeps_its_velocity(networks):
 def test_heads_and_keys_must_fill_the_state():
     with pytest.raises(InvalidInput, match="heads"):
         NetworkConfig(hidden=256, heads=7)
-    with pytest.raises(InvalidInput, match="two widths"):
-        NetworkConfig(actor_hidden=[64])
 
 
 def test_table_8_is_the_default():
     config = NetworkConfig()
     assert (config.hidden, config.layers, config.heads, config.key_dimension) == (256, 2, 8, 32)
     assert config.attention_window == 10
-    assert (config.actor_hidden, config.critic_hidden) == ([64, 64], [64, 64])
-    assert np.array_equal([config.critic_state, config.critic_action], [16, 16])
+    assert (ACTOR_HIDDEN, CRITIC_HIDDEN, CRITIC_STATE, CRITIC_ACTION) == ((64, 64), (64, 64), 16, 16)

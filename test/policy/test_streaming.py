@@ -10,7 +10,7 @@ from vpsci_ros.policy.actor import previous
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.streaming import StreamingActor
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 
 STEPS = 200
 
@@ -22,9 +22,9 @@ def episode(batch: int, steps: int, seed: int = 0):
     return rng.normal(0.0, 3.0, (batch, steps, 6)).astype(np.float32), curvttc
 
 
-def streamed(weights, observation, curvttc, threads=1):
+def streamed(weights, observation, curvttc):
     batch, steps, _ = observation.shape
-    actor = StreamingActor(weights, batch, threads)
+    actor = StreamingActor(weights, batch)
     every = np.ones(batch, bool)
     out = [actor.step(observation[:, t], curvttc[:, t], np.full(batch, t == 0), every) for t in range(steps)]
     return np.stack(out, axis=1)
@@ -43,12 +43,12 @@ def test_streaming_equals_the_whole_history_over_200_steps(networks, config):
     np.testing.assert_allclose(actions, whole.numpy(), atol=1e-5)
 
 
-def test_a_row_keeps_its_bits_in_any_batch_at_any_place_with_any_threads(networks):
+def test_a_row_keeps_its_bits_in_any_batch_at_any_place(networks):
     weights = networks().weights({}, {}).actor("vehicle")
     observation, curvttc = episode(150, 12)
     together = streamed(weights, observation, curvttc)
     shuffle = np.random.default_rng(1).permutation(150)
-    assert np.array_equal(streamed(weights, observation[shuffle], curvttc[shuffle], threads=2), together[shuffle])
+    assert np.array_equal(streamed(weights, observation[shuffle], curvttc[shuffle]), together[shuffle])
     for size in (1, 2, 3, 5, 64):
         assert np.array_equal(streamed(weights, observation[:size], curvttc[:size]), together[:size])
 

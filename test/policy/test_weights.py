@@ -11,7 +11,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.weights import Weights, load_weights, resolved, save_weights, weights_from_bytes, weights_to_bytes
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.interactions import Interactions, from_table
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.predictors import Predictor, RepeatVelocity, predictor_of
+from vpsci_ros.evaluation.predictors import TRACKED_STEPS, Predictor, RepeatVelocity, predictor_of
 from vpsci_ros.evaluation.protocols import (
     Measured,
     ProtocolErrors,
@@ -24,12 +24,10 @@ from vpsci_ros.evaluation.realism.score import errors as roll_out_errors
 from vpsci_ros.evaluation.realism.simulators import policy, rolled_out
 from vpsci_ros.evaluation.statistics import cluster_counts, interval
 from vpsci_ros.policy.bank import Bank
-from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.weights import Weights
 
 CONTROLS = ("repeat_velocity", "constant_velocity", "constant_velocity_tracked")
-TRACKED_STEPS = NetworkConfig().tracked_steps
 
 
 Share = tuple[float, list[float]]  # and its interval

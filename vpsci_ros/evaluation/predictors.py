@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from vpsci_ros.policy.bank import SLOWEST, Bank, moments_of, people_of
 from vpsci_ros.policy.choice import Lender
-from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.draws import keys
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.stepped import actor_at_work
@@ -15,6 +14,7 @@ from vpsci_ros.policy.weights import Weights
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import AGENTS
 
+TRACKED_STEPS = 2  # by which a vehicle's velocity is known where published speeds lag behind its positions
 _TREND = 4  # steps by which acceleration and yaw rate are known, as in the bank
 Actions = tuple[NDArray[np.float32], NDArray[np.float32]]
 
@@ -79,9 +79,10 @@ class RepeatVelocity:
 class PolicyPredictor:
     """Both actors of a weights file, by the same streaming code that the nodes run."""
 
+    tracked_steps = 0  # speeds as recorded, as they have learned
+
     def __init__(self, weights: Weights) -> None:
         self._weights = weights
-        self.tracked_steps = weights.network.tracked_steps
 
     def begin(self, count: int) -> None:
         """See `Predictor.begin`."""
@@ -116,7 +117,7 @@ class PeoplePredictor:
     :param seed: of the draws; row i draws as episode i of scenario 0.
     """
 
-    tracked_steps = NetworkConfig().tracked_steps
+    tracked_steps = TRACKED_STEPS
 
     def __init__(self, bank: Bank, clip: NDArray[np.object_], seed: int = 0) -> None:
         names = np.array([people_of(name) for name in clip])

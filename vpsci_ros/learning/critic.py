@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor, nn
 
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.config import CRITIC_ACTION, CRITIC_HIDDEN, CRITIC_STATE, NetworkConfig
 from vpsci_ros.policy.models import MODELS
 from vpsci_ros.policy.sst import SSTEncoder
 from vpsci_ros.world.observation import ACTION_SIZE
@@ -15,11 +15,11 @@ class Critic(nn.Module):
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.encoder = SSTEncoder(config, MODELS.find(config.encoder).layer)
-        self.state = nn.Linear(config.hidden, config.critic_state)
-        self.action = nn.Linear(2 * ACTION_SIZE, config.critic_action)
-        first, second = config.critic_hidden
+        self.state = nn.Linear(config.hidden, CRITIC_STATE)
+        self.action = nn.Linear(2 * ACTION_SIZE, CRITIC_ACTION)
+        first, second = CRITIC_HIDDEN
         self.head = nn.Sequential(
-            nn.Linear(config.critic_state + config.critic_action, first),
+            nn.Linear(CRITIC_STATE + CRITIC_ACTION, first),
             nn.ReLU(),
             nn.Linear(first, second),
             nn.ReLU(),
@@ -35,11 +35,11 @@ class Critic(nn.Module):
         last.bias.mul_(factor)
 
     def encode(self, observation: Tensor, action_before: Tensor, curvttc: Tensor) -> Tensor:
-        """Return the state branch, float32[B, T, critic_state], of histories as in `SSTEncoder.forward`."""
+        """Return the state branch, float32[B, T, 16], of histories as in `SSTEncoder.forward`."""
         return torch.relu(self.state(self.encoder(observation, action_before, curvttc)))
 
     def value(self, encoded: Tensor, own_action: Tensor, other_action: Tensor) -> Tensor:
-        """Return Q, float32[...], of encoded histories [..., critic_state] and the joint action [..., 2] each, m/s2."""
+        """Return Q, float32[...], of encoded histories [..., 16] and the joint action [..., 2] each, m/s2."""
         joint = torch.relu(self.action(torch.cat([own_action, other_action], dim=-1)))
         q: Tensor = self.head(torch.cat([encoded, joint], dim=-1))
         return q.squeeze(-1)

@@ -5,7 +5,7 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
-from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.config import ACTOR_HIDDEN, NetworkConfig
 from vpsci_ros.policy.sst import EncoderLayer, SSTEncoder, SSTLayer
 from vpsci_ros.world.observation import ACTION_SIZE
 
@@ -19,7 +19,7 @@ class Actor(nn.Module):
         super().__init__()
         self.limit = config.action_limit
         self.encoder = SSTEncoder(config, layer)
-        first, second = config.actor_hidden
+        first, second = ACTOR_HIDDEN
         self.head = nn.Sequential(
             nn.Linear(config.hidden, first),
             nn.ReLU(),

@@ -9,6 +9,8 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
 
 SST = "sst"
+ACTOR_HIDDEN, CRITIC_HIDDEN = (64, 64), (64, 64)  # two hidden layers of an actor, and of a critic after both branches
+CRITIC_STATE, CRITIC_ACTION = 16, 16  # layers on a critic's encoded history, and on its joint action (all Table 8)
 LEARNED = "learned"  # the agent that acts by weights
 
 
@@ -29,17 +31,6 @@ class NetworkConfig:
     risk_input: bool = parameter(
         False, "CurvTTC's risk enters the networks with the observation, and does not only gate their attention"
     )
-    tracked_steps: int = parameter(
-        2,
-        "closed loop of recorded near misses: starts from the velocity of the vehicle by its positions over so many "
-        "observed steps, for published speeds lag behind; 0: from the recorded one",
-        low=0,
-        high=10,
-    )
-    actor_hidden: list[int] = parameter([64, 64], "two hidden layers of the actor", low=1, high=1024)
-    critic_state: int = parameter(16, "critic: layer on the encoded history", low=1, high=1024)
-    critic_action: int = parameter(16, "critic: layer on the joint action", low=1, high=1024)
-    critic_hidden: list[int] = parameter([64, 64], "critic: two hidden layers after both are joined", low=1, high=1024)
     action_limit: float = parameter(
         5.0, "accelerations are clipped to plus and minus this, in training, too", unit="m/s2", low=0.1, high=50.0
     )
@@ -50,9 +41,6 @@ class NetworkConfig:
                 f"heads * key_dimension must equal hidden (values are the state's slices), "
                 f"got {self.heads} * {self.key_dimension} and {self.hidden}"
             )
-        for name in ("actor_hidden", "critic_hidden"):
-            if len(getattr(self, name)) != 2:
-                raise InvalidInput(f"{name} must give two widths, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True)

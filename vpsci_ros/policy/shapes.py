@@ -3,7 +3,7 @@
 import importlib
 import itertools
 
-from vpsci_ros.policy.config import SST, NetworkConfig
+from vpsci_ros.policy.config import ACTOR_HIDDEN, CRITIC_ACTION, CRITIC_HIDDEN, CRITIC_STATE, SST, NetworkConfig
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE
 
 Shapes = dict[str, tuple[int, ...]]
@@ -36,15 +36,15 @@ def actor_shapes(config: NetworkConfig) -> Shapes:
     if config.encoder != SST:
         return _built(config)[0]
     shapes = {f"encoder.{name}": shape for name, shape in encoder_shapes(config).items()}
-    return shapes | _dense("head", [config.hidden, *config.actor_hidden, ACTION_SIZE])
+    return shapes | _dense("head", [config.hidden, *ACTOR_HIDDEN, ACTION_SIZE])
 
 
 def critic_shapes(config: NetworkConfig) -> Shapes:
     """Return the tensors of one critic."""
     shapes = {f"encoder.{name}": shape for name, shape in encoder_shapes(config).items()}
-    shapes |= {"state.weight": (config.critic_state, config.hidden), "state.bias": (config.critic_state,)}
-    shapes |= {"action.weight": (config.critic_action, 2 * ACTION_SIZE), "action.bias": (config.critic_action,)}
-    return shapes | _dense("head", [config.critic_state + config.critic_action, *config.critic_hidden, 1])
+    shapes |= {"state.weight": (CRITIC_STATE, config.hidden), "state.bias": (CRITIC_STATE,)}
+    shapes |= {"action.weight": (CRITIC_ACTION, 2 * ACTION_SIZE), "action.bias": (CRITIC_ACTION,)}
+    return shapes | _dense("head", [CRITIC_STATE + CRITIC_ACTION, *CRITIC_HIDDEN, 1])
 
 
 def weight_shapes(config: NetworkConfig) -> Shapes:

@@ -5,8 +5,6 @@ torch has no matrix product whose rows keep their bits when the batch changes, s
 shape, which costs more at every batch size and imports torch into each node.
 """
 
-import math
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -23,15 +21,14 @@ ROWS = 64  # rows worked together, layer by layer, so that a layer's weights are
 class StreamingActor:
     """The actor of one agent over `capacity` parallel histories (slots).
 
-    A row's result has the same bits whatever the capacity, the other rows, its own place among them, and the number of
-    threads. Memory: about 42 kB a slot with the shape of Table 8, taken when a slot is first used.
+    A row's result has the same bits whatever the capacity, the other rows, and its own place among them. Memory:
+    about 42 kB a slot with the shape of Table 8, taken when a slot is first used.
 
     :param weights: `Weights.actor("vehicle")` or `Weights.actor("pedestrian")`.
     :param capacity: number of slots, B.
-    :param threads: threads that share a step of more than 64 active rows.
     """
 
-    def __init__(self, weights: ActorWeights, capacity: int, threads: int = 1) -> None:
+    def __init__(self, weights: ActorWeights, capacity: int) -> None:
         if capacity < 1:
             raise InvalidInput(f"capacity: expected at least one slot, got {capacity}")
         network = weights.network
@@ -45,9 +42,7 @@ class StreamingActor:
         self._counts = np.zeros(capacity, np.int64)
         self._action = np.zeros((capacity, ACTION_SIZE), np.float32)
         self._inputs = OBSERVATION_SIZE + ACTION_SIZE + network.risk_input
-        self._threads = threads
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
-        self._work = [np.empty((6, ROWS, width), np.float32) for _ in range(threads)]
+        self._work = np.empty((6, ROWS, width), np.float32)
         self.load(weights)
 
     def load(self, weights: ActorWeights) -> None:
@@ -93,7 +88,9 @@ class StreamingActor:
                 f"StreamingActor.step: row {bad}: expected numbers, got observation {observation[bad]} "
                 f"and CurvTTC {curvttc[bad]}"
             )
-        self._advance(rows, inputs, risks, actions)
+        limit = np.float32(self._network.action_limit)
+        memory = (self._states, self._keys, self._values, self._risks, self._counts, self._window)
+        step_slots(rows, inputs, risks, *self._parameters, limit, *memory, self._work, self._action, actions)
         return actions
 
     def executed(self, action: NDArray[np.float32], active: NDArray[np.bool_]) -> None:
@@ -102,28 +99,6 @@ class StreamingActor:
         Without this call the returned actions enter it.
         """
         np.copyto(self._action, action, where=active[:, None])
-
-    def _advance(
-        self,
-        rows: NDArray[np.int64],
-        inputs: NDArray[np.float32],
-        risks: NDArray[np.float32],
-        out: NDArray[np.float32],
-    ) -> None:
-        """Take the histories of `rows` one step further; `out` float32[B, 2] gets their actions."""
-        limit = np.float32(self._network.action_limit)
-        memory = (self._states, self._keys, self._values, self._risks, self._counts, self._window)
-
-        def work(thread: int, part: slice) -> None:
-            own = rows[part], inputs[part], risks[part]
-            step_slots(*own, *self._parameters, limit, *memory, self._work[thread], self._action, out)
-
-        if self._pool is None or rows.size <= ROWS:
-            work(0, slice(0, rows.size))
-        else:
-            share = math.ceil(rows.size / ROWS / self._threads) * ROWS
-            parts = [slice(i * share, (i + 1) * share) for i in range(self._threads)]
-            list(self._pool.map(work, range(self._threads), parts))
 
 
 def _kernel_parameters(weights: ActorWeights) -> tuple[Any, ...]:

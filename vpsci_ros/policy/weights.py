@@ -25,7 +25,10 @@ from vpsci_ros.runs.files import written_whole
 from vpsci_ros.world.observation import AGENTS
 
 FORMAT = "vpsci-ma-sst-ddpg 1"
-RETIRED = {"carry_state": True, "latent": 0, "residuals": False}  # parameters of networks in earlier files, always so
+RETIRED: dict[str, Any] = {  # parameters of networks in earlier files, always so
+    "carry_state": True, "latent": 0, "residuals": False, "tracked_steps": 0,
+    "actor_hidden": [64, 64], "critic_hidden": [64, 64], "critic_state": 16, "critic_action": 16,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vpsci_ros.evaluation.predictors import PeoplePredictor, PolicyPredictor, Predictor, RepeatVelocity
+from vpsci_ros.evaluation.predictors import TRACKED_STEPS, PeoplePredictor, PolicyPredictor, Predictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import closed_loop_trajectories
 from vpsci_ros.evaluation.realism.onsets import STEPS, Onsets
 from vpsci_ros.kinematics.scene import SHARPEST_TURN, scene_at
 from vpsci_ros.policy.bank import Bank
-from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.safety import PEDESTRIAN_RADIUS
 from vpsci_ros.world import WorldConfig
@@ -25,7 +24,6 @@ Simulator = Callable[[Onsets], Floats]
 """Onsets -> positions float64[n, K, 2, 30, 2] [m]."""
 
 ROLL_OUTS = 32  # of stochastic policies; one where there is no chance in them
-TRACKED_STEPS = NetworkConfig().tracked_steps
 _TURNED, _CAME = 5, 0.25  # steps over which a turn is measured, and the least way [m] for it
 _STRAIGHT_AHEAD = 0.25  # [m] beside the footprints in which the autopilot brakes, as in the world
 

@@ -23,7 +23,7 @@ from vpsci_ros.world import WorldConfig, load_scenarios
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 CONFIG = PretrainConfig(episodes=3, replay=ReplayConfig(batch_size=10))
 
 

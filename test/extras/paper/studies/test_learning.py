@@ -17,7 +17,7 @@ from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.observation import AGENTS
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, actor_hidden=[8, 8], critic_hidden=[8, 8])
+SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 STAGE_1 = PretrainConfig(
     episodes=3,
     held_out_fraction=0.3,
