@@ -109,6 +109,8 @@ def test_prediction_and_trails_are_drawn_only_while_wanted(browser: Any, path: P
 
 def test_filters_and_order_choose_the_list(browser: Any, path: Path) -> None:
     with real.opened(browser, path, "#a=ads&t=0") as page:
+        assert names(page)[-1] == "1:3", "the collision last"
+        page.select_option("#sort", "worst")
         assert names(page) == ["1:3", "1:2", "1:1", "1:0"], "the nearest first"
         page.select_option("#outcome", "collision")
         assert names(page) == ["1:3"]
@@ -132,7 +134,7 @@ def test_the_page_opens_on_the_fastest_contact_and_leaves_standing_vehicles_to_t
     values[:, 5] = 2.0
     stood = shown(episode(values, "1:3", "LocationA_PedCross_S-N", load_scenario(1), "collision", period=0.05))
     write_view(tmp_path / "page.html", [Source("ads", "the ADS", 0.05, [stood, *made], 4)], "all")
-    with real.opened(browser, tmp_path / "page.html", "#a=ads") as page:
+    with real.opened(browser, tmp_path / "page.html", "#a=ads&sort=worst") as page:
         assert names(page) == ["1:2", "1:1", "1:0", "1:3"]
         assert page.evaluate("page.panels[0].episode.name") == "1:2"
         assert page.text_content("#list .least") == "at 9.0 m/s"

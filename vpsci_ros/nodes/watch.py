@@ -20,7 +20,9 @@ class Watch:
     """
 
     def __init__(self, resolved: Sections, *, quiet: bool = False) -> None:
-        self._total = resolved.get(RunConfig, "world_simulator").total if "world_simulator" in resolved.values else 0
+        self._world = "world_simulator" in resolved.values
+        learner = resolved.values.get("learner", {})
+        self._total = resolved.get(RunConfig, "world_simulator").total if self._world else learner.get("episodes", 0)
         self._last = time.monotonic()
         self._seen: dict[str, Any] = {}
         self._bars = Bars(quiet=quiet)
@@ -50,12 +52,11 @@ class Watch:
     def _show(self, statuses: dict[str, NodeStatus]) -> None:
         world, learner = (statuses.get(node, NodeStatus()) for node in ("world_simulator", "learner"))
         ended = world.counts.episodes_ended if world.counts else 0
-        done = ended if self._total else int(learner.number("episode") or 0)
-        total = self._total or int(learner.number("episodes") or 0) or None
+        done = ended if self._world else int(learner.number("episode") or 0)
         rate = world.number("ticks_per_second")
         parts = [] if rate is None else [f"{rate:g} ticks/s"]
         learned = {name: learner.number(name) for name in SHOWN}
         parts += [f"{name.replace('_', ' ')} {value:g}" for name, value in learned.items() if value is not None]
         note = ", ".join(part for part in (*parts, failures.waiting(statuses)) if part)
-        self._bars.bar("episodes", done, total, note)
-        self._bars.line(f"{done} of {total or '?'}; {note}")
+        self._bars.bar("episodes", done, self._total or None, note)
+        self._bars.line(f"{done} of {self._total or '?'} episodes" + f"; {note}" * bool(note))

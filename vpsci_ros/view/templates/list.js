@@ -9,7 +9,14 @@ function severity(episode) {
   if (episode.impact > MOVING) return -episode.impact;
   return episode.outcome === "collision" ? 1000 : episode.least ?? 100;
 }
+// A telling, ordinary episode: the pedestrian goes first, the driver brakes, the least CurvTTC is near 2 s; collisions last.
+const TELLING_TTC = 2; // [s]
+function ordinariness(episode) {
+  const away = Math.min(Math.abs((episode.least ?? 100) - TELLING_TTC), 50);
+  return away + (episode.yielded === "vehicle" ? 0 : 100) + (["goal", "recorded"].includes(episode.outcome) ? 0 : 200);
+}
 const SORTS = {
+  telling: { title: "telling ones first", order: (a, b) => ordinariness(a) - ordinariness(b) },
   worst: { title: "worst first", order: (a, b) => severity(a) - severity(b) },
   source: { title: "as in the source", order: () => 0 },
   least: { title: "least CurvTTC first", order: (a, b) => (a.least ?? Infinity) - (b.least ?? Infinity) || 0 },

@@ -5,6 +5,7 @@ const packed = JSON.parse(document.getElementById("episodes").textContent);
 const sources = packed.sources.map((one) => new Source(one));
 const $ = (id) => document.getElementById(id);
 const FILTERS = Object.keys(NO_FILTER);
+const FIRST_SORT = sources.some((one) => one.episodes.some((e) => e.failure)) ? "worst" : "telling"; // worst: of an exam
 
 class Panel {
   constructor(key) {
@@ -44,7 +45,7 @@ class Panel {
 
 class Page {
   constructor() {
-    Object.assign(this, { clock: 0, rate: 1, playing: false, sort: "worst", filter: { ...NO_FILTER }, other: null });
+    Object.assign(this, { clock: 0, rate: 1, playing: false, sort: FIRST_SORT, filter: { ...NO_FILTER }, other: null });
     this.source = sources[0];
     this.panels = [new Panel("a"), new Panel("b")];
   }
@@ -64,7 +65,7 @@ class Page {
     this.source = byKey(address.get("a")) ?? sources[0];
     const beside = address.has("b") ? byKey(address.get("b")) : address.has("a") ? null : sources[1];
     this.other = beside === this.source ? null : beside ?? null;
-    this.sort = SORTS[address.get("sort")] ? address.get("sort") : "worst";
+    this.sort = SORTS[address.get("sort")] ? address.get("sort") : FIRST_SORT;
     for (const name of FILTERS) this.filter[name] = address.get(name) ?? "";
     this.playing = !address.has("t") && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.refill();
@@ -86,7 +87,7 @@ class Page {
     const address = new URLSearchParams({ a: this.source.key, episode: this.panels[0].episode.name });
     address.set("b", this.other ? this.other.key : "");
     if (this.other) address.set("beside", this.panels[1].episode.name);
-    if (this.sort !== "worst") address.set("sort", this.sort);
+    if (this.sort !== FIRST_SORT) address.set("sort", this.sort);
     for (const name of FILTERS) if (this.filter[name] !== "") address.set(name, this.filter[name]);
     if (!this.playing) address.set("t", this.clock.toFixed(2)); // without a time it plays when it is opened
     history.replaceState(null, "", `#${address}`);
