@@ -91,8 +91,8 @@ def test_a_learner_has_the_parameters_of_its_stage_and_refuses_those_of_the_othe
     learner = GraphNode("learner", context=context, parameter_overrides=refine)
     assert learner.config(RefineConfig).rewards.collision == -10.0
     learner.destroy_node()
-    with pytest.raises(InvalidInput, match=r"node learner: unknown parameter 'episodes'"):
-        GraphNode("learner", context=context, parameter_overrides=[*refine, override("episodes", 4)])
+    with pytest.raises(InvalidInput, match=r"node learner: unknown parameter 'rewards.exploration'"):
+        GraphNode("learner", context=context, parameter_overrides=[*refine, override("rewards.exploration", 0.25)])
 
 
 def test_nodes_started_one_by_one_take_seed_and_noise_from_the_section_for_every_node(tmp_path: Path) -> None:
