@@ -49,7 +49,8 @@ def driven_episodes(folder: Path, pedestrian: str) -> Iterator[Episode]:
     """
     runs = (run_folder(folder, pedestrian, part) for part in itertools.count())
     for run in itertools.takewhile(Path.is_dir, runs):
-        yield from read_kept(run / KEPT) if (run / KEPT).is_file() else read_episodes(run / "bag", recover=True)
+        kept = run / KEPT
+        yield from read_kept(kept) if kept.is_file() else read_episodes(Bag(run / "bag", recover=True))
 
 
 def joined(results: Sequence[RunResult], wanted: int) -> RunResult:

@@ -48,7 +48,8 @@ def near_misses_of(
                 number = pl.lit(len(parts), pl.Int64)
                 table = near_miss.with_columns(interaction=number, source=pl.lit(source), clip=pl.lit(clip.name))
                 parts.append(table.select(list(NEAR_MISS_COLUMNS)))
-    if clip_count and not (vehicles and pedestrians):
+    events = any(what.startswith("events") for what in left_out)  # whole pairs, each for a reason of its own
+    if clip_count and not (vehicles and pedestrians) and not events:
         others = ", ".join(f"{count:,} {what}" for what, count in (+left_out).items()) or "nothing"
         what = "vehicle" if not vehicles else "pedestrian"
         raise InvalidInput(
