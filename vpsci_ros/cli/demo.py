@@ -1,19 +1,25 @@
-"""The demonstration: near misses in, all three stages through the graph of nodes, small, a page that shows them out."""
+"""The demonstration: near misses in; two small stages of learning and one of generating by nodes; out a page."""
 
 import shutil
+import statistics
+import sys
 import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError, require
-from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.resources import TO_LEARN_FROM, near_misses_path, params_dir
 from vpsci_ros.runs.files import is_empty_folder
 from vpsci_ros.runs.sections import Sections
+from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import Shown, Source, read_source, shown
 
@@ -44,6 +50,9 @@ SMALL: dict[str, dict[str, dict[str, Any]]] = {
 }
 
 
+TITLES = ("recordings", "learn from them", "learn on in simulation", "generate", "compare")
+
+
 def run_demo(folder: Path, data: Path | None, *, force: bool = False) -> None:
     """Run the demonstration into `folder`.
 
@@ -55,52 +64,122 @@ def run_demo(folder: Path, data: Path | None, *, force: bool = False) -> None:
     require("torch", "rclpy")
     from vpsci_ros.bags.export import export_bag
     from vpsci_ros.nodes.domain import own_domain
-    from vpsci_ros.nodes.graph import run_graph
 
-    console = Console()
+    console = Console(highlight=False)
     _make_room(folder, force)
-    console.print("three small stages, then a page")
     begun = time.monotonic()
+    _begin(console, 1)
     near_misses = _near_misses(folder, data, console)
     with own_domain():
-        learned = ""
-        for stage, (name, small) in enumerate(SMALL.items(), start=1):
-            sections = load(params_dir() / name)
-            for node, values in small.items():
-                sections = sections.changed(node, values)
-            if stage < 3:
-                sections = sections.changed("learner", {"near_misses": [str(near_misses)]})
-            if stage == 2:
-                sections = sections.changed("learner", {"weights": learned})
-            if stage == 3:
-                for node in ("vehicle_policy", "pedestrian_policy"):
-                    sections = sections.changed(node, {"weights": learned})
-            title = ("learn from near misses", "learn on in simulation", "generate interactions")[stage - 1]
-            console.rule(f"stage {stage}: {title}", align="left")
-            result = run_graph(sections, folder / f"stage{stage}")
-            if result.error:
-                raise VpsciError(f"stage {stage}: {result.error}")
-            if stage < 3:
-                learned = str(result.folder / "learner" / ("pretrained.safetensors", "refined.safetensors")[stage - 1])
-            console.print(f"{_outcome(stage, result.nodes.get('learner'))}done in {result.wall_time:.0f} s")
-    export_bag(folder / "stage3" / "bag", folder / "dataset", console=console)
-    console.rule("the same episodes by the shipped weights, which have learned for longer", align="left")
-    write_view(folder / PAGE, demo_sources(folder, sections, near_misses), "vpsci demo")
-    console.print(f"all in {time.monotonic() - begun:.0f} s; written:")
-    for name in ("near_misses.parquet", learned, "stage2/bag", "stage3/bag", "dataset"):
-        console.print(f"  {Path(name) if name == learned else folder / name}")
+        _begin(console, 2)
+        corpus = {"near_misses": [str(near_misses)]}
+        figures, learned, _ = _stage(folder, 1, {"learner": corpus})
+        _say(
+            console,
+            f"{SMALL['stage1_pretrain.yaml']['learner']['episodes']} episodes",
+            f"error {_figure(figures, 'closed_loop_ade', ' m')}",
+            f"of a control {_figure(figures, 'control_closed_loop_ade', ' m')}",
+            "The paper's MA-SST-DDPG learned a minute. The error is its mean distance to the recorded people on clips "
+            "that it never saw; the control repeats the last velocity.",
+        )
+        _begin(console, 3)
+        figures, learned, _ = _stage(folder, 2, {"learner": corpus | {"weights": learned}})
+        _say(
+            console,
+            f"{_figure(figures, 'transitions')} transitions",
+            f"{_figure(figures, 'updates')} updates",
+            f"{_figure(figures, 'refreshes')} refreshes",
+            "The same networks learned from what happened to them in simulated episodes; a refresh sends new weights "
+            "to the running policies.",
+        )
+        _begin(console, 4)
+        _, _, sections = _stage(folder, 3, {})
+    description = export_bag(folder / "stage3" / "bag", folder / "dataset", console=Console(quiet=True))
+    sources = demo_sources(folder, sections, near_misses, learned)
+    people, trained = sources[0].episodes, sources[1].episodes
+    _say(
+        console,
+        f"{len(people)} episodes",
+        f"{sum(one.episode.least_curvttc < CRITICAL_TTC for one in people)} critical",
+        f"{sum(row['kept'] for row in description['scenarios'].values())} kept",
+        "The default agents, `people`, acted: they replay recorded reactions, chosen so that nobody is touched. "
+        "The dataset keeps critical episodes without faults.",
+    )
+    _begin(console, 5)
+    console.print(_beside(people, trained))
+    console.print("Both drove the same episodes. A minute of learning is too short; reactions of people need none.")
+    write_view(folder / PAGE, sources, "vpsci demo")
+    vpsci = "vpsci" if shutil.which("vpsci") else str(Path(sys.executable).parent / "vpsci")
+    example = "--ads-class vpsci_ros.nodes.example_driver:ExampleDriver"
     console.print(
-        f"\nnow open this in a browser: [bold]{(folder / PAGE).resolve()}[/]\n"
-        "episodes of the shipped weights beside the same ones by those that have just learned for a minute, and the "
-        "near misses",
+        f"\ndone in {time.monotonic() - begun:.0f} s; bags, tables and weights are in {escape(str(folder))}\n\n"
+        f"[bold]watch it[/]    {sys.executable} -m webbrowser {(folder / PAGE).resolve().as_uri()}\n\n"
+        "[bold]go on[/]\n"
+        f"  {vpsci} generate -o out/dataset --episodes 100    # a dataset\n"
+        f"  {vpsci} ads-test -o out/exam --episodes 5 {example}    # an exam\n"
+        f"  {vpsci} bag info {escape(str(folder / 'stage3' / 'bag'))}    # what the nodes published",
         soft_wrap=True,
     )
 
 
-def demo_sources(folder: Path, sections: Sections, near_misses: Path) -> list[Source]:
-    """Return what the demo's page shows: shipped weights, those just trained on the same episodes, and near misses.
+def _begin(console: Console, number: int) -> None:
+    console.rule(f"{number} of {len(TITLES)}: {TITLES[number - 1]}", align="left")
 
-    :param sections: of stage 3, with the weights that were just trained.
+
+def _say(console: Console, *told: str) -> None:
+    """Print three numbers of a stage, and one sentence what they mean."""
+    console.print(f"[bold]{'  |  '.join(told[:-1])}[/]")
+    console.print(told[-1])
+
+
+def _figure(figures: dict[str, Any], name: str, unit: str = "") -> str:
+    if name not in figures:
+        return "unknown"
+    return f"{float(figures[name]):.2f}{unit}" if unit else f"{round(float(figures[name])):,}"
+
+
+def _stage(folder: Path, stage: int, changes: dict[str, dict[str, Any]]) -> tuple[dict[str, Any], str, Sections]:
+    """Run a stage through its nodes; return the learner's figures, the weights it left, and the parameters.
+
+    :raises VpsciError: the stage failed.
+    """
+    from vpsci_ros.nodes.graph import run_graph
+
+    name = list(SMALL)[stage - 1]
+    sections = load(params_dir() / name).changed("graph", {"progress_timeout": 20 * PATIENCE})
+    for node, values in (*SMALL[name].items(), *changes.items()):
+        sections = sections.changed(node, values)
+    result = run_graph(sections, folder / f"stage{stage}")
+    if result.error:
+        raise VpsciError(f"stage {stage}: {result.error}")
+    learner = result.nodes.get("learner")
+    weights = ("pretrained.safetensors", "refined.safetensors", "")[stage - 1]
+    return dict(learner.figures) if learner else {}, str(result.folder / "learner" / weights), sections
+
+
+def _beside(people: Sequence[Shown], trained: Sequence[Shown]) -> Table:
+    """Return a table of three measures: generated by people, and on the same episodes by weights just learned."""
+    table = Table("", "people", "learned for a minute", box=None, pad_edge=False)
+    measures: dict[str, Callable[[Sequence[Shown]], str]] = {
+        "collisions": lambda all_: _share(one.episode.outcome == "collision" for one in all_),
+        "the vehicle yields": lambda all_: _share("vehicle_yields" in one.marks for one in all_),
+        "least CurvTTC, median": lambda all_: f"{statistics.median(one.episode.least_curvttc for one in all_):.1f} s",
+    }
+    for name, measure in measures.items():
+        table.add_row(name, measure(people), measure(trained))
+    return table
+
+
+def _share(hits: Iterable[bool]) -> str:
+    found = list(hits)
+    return f"{sum(found)} of {len(found)}"
+
+
+def demo_sources(folder: Path, sections: Sections, near_misses: Path, learned: str) -> list[Source]:
+    """Return what the demo's page shows: what people generated, the same episodes by learned weights, near misses.
+
+    :param sections: of stage 3.
+    :param learned: file of the weights that were just trained.
     """
     from vpsci_ros.data.gathered import gathered
     from vpsci_ros.policy.agent import policies
@@ -110,38 +189,20 @@ def demo_sources(folder: Path, sections: Sections, near_misses: Path) -> list[So
 
     simulation = simulation_of(sections)
     world = simulation.make_world()
-    agents = policies(load_policy("people"), world, simulation.policies)
-    steps = Loop(world, simulation.monitor, agents)
+    steps = Loop(world, simulation.monitor, policies(load_policy(learned), world, simulation.policies))
     period = simulation.world.tick
     ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
-    own = sorted(map(shown, gathered(ticks, period, simulation.scenarios)), key=_key)
-    trained = read_source(folder / "stage3" / "bag")
+    trained = sorted(map(shown, gathered(ticks, period, simulation.scenarios)), key=_key)
+    people = read_source(folder / "stage3" / "bag")
     return [
-        Source("shipped", "shipped weights", period, own, len(own)),
-        replace(trained, key="trained", title="learned for a minute", episodes=sorted(trained.episodes, key=_key)),
-        replace(read_source(near_misses), key="near_misses", title="near misses"),
+        replace(people, key="people", title="generated by people", episodes=sorted(people.episodes, key=_key)),
+        Source("trained", "learned for a minute", period, trained, len(trained)),
+        replace(read_source(near_misses), key="near_misses", title="recorded near misses"),
     ]
 
 
 def _key(each: Shown) -> tuple[int, int]:
     return each.episode.key
-
-
-def _outcome(stage: int, learner: NodeStatus | None) -> str:
-    """Return what a stage of learning came to: errors on clips that it never learned from, beside the control's."""
-    seen = learner.figures if learner else {}
-    if stage == 1 and "closed_loop_ade" in seen:
-        return (
-            f"closed-loop error (ADE) on held-out clips: {float(seen['closed_loop_ade']):.3f} m, "
-            f"of the last velocity repeated: {float(seen['control_closed_loop_ade']):.3f} m\n"
-        )
-    if stage == 2 and "updates" in seen:
-        count = {name: round(float(seen[name])) for name in ("transitions", "lost", "updates", "refreshes")}
-        return (
-            f"{count['transitions']} transitions ({count['lost']} lost), {count['updates']} updates, "
-            f"{count['refreshes']} refreshes of the policies\n"
-        )
-    return ""
 
 
 def _make_room(folder: Path, force: bool) -> None:
@@ -160,24 +221,27 @@ def _make_room(folder: Path, force: bool) -> None:
 
 
 def _near_misses(folder: Path, data: Path | None, console: Console) -> Path:
-    from vpsci_ros.data.importers import import_folders, print_import_summary
+    from vpsci_ros.data.importers import import_folders
     from vpsci_ros.data.near_misses import concat_near_misses, read_near_misses, write_near_misses
     from vpsci_ros.data.parquet import read_metadata
 
-    console.rule("near misses", align="left")
     tables, shipped = [read_near_misses(TO_LEARN_FROM)], near_misses_path(TO_LEARN_FROM)
     sources = read_metadata(shipped)["sources"]
-    console.print(
-        f"{tables[0]['interaction'].n_unique()} of cars that turn right and people who cross, recorded at two corners "
-        f"in Chongqing; whose they are: {shipped.parent / 'README.md'}",
-        soft_wrap=True,
-    )
     if data is not None:
         if not data.is_dir():
             raise InvalidInput(f"{data}: no such folder; expected one that holds vci_dut and vci_citr")
         campus = import_folders([data / "vci_dut", data / "vci_citr"], ["vci-dut", "vci-citr"])
-        print_import_summary(campus, console)
         tables, sources = [*tables, campus.table], sources | campus.metadata["sources"]
     path = folder / "near_misses.parquet"
-    write_near_misses(concat_near_misses(tables), path, {"sources": sources})
+    table = concat_near_misses(tables)
+    write_near_misses(table, path, {"sources": sources})
+    least = table.group_by("interaction").agg(pl.col("curvttc").min())["curvttc"].to_list()
+    _say(
+        console,
+        f"{len(least):,} near misses",
+        f"{table.select('source', 'clip').n_unique()} clips",
+        f"least CurvTTC {statistics.median(least):.1f} s in the median",
+        "Recorded cars and pedestrians came within 5 s of a contact, and reacted; CurvTTC is the time to it along the "
+        "car's curve.",
+    )
     return path
