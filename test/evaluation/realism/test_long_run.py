@@ -18,7 +18,10 @@ def test_a_spell_that_ends_and_begins_again_is_a_second_one_and_clear_is_after_t
     ttc[0:5] = 4.0
     once = course(track(ttc=ttc))
     assert (once["second_spell"], once["clear_after_s"]) == (0.0, pytest.approx(0.5))
-    ttc[10:13] = 4.9
+    ttc[10:12] = 4.9  # after 0.5 s: a flicker
+    assert course(track(ttc=ttc))["second_spell"] == 0.0
+    ttc[10] = 9.0
+    ttc[11:13] = 4.9
     twice = course(track(ttc=ttc))
     assert (twice["second_spell"], twice["clear_after_s"]) == (1.0, pytest.approx(1.3))
 

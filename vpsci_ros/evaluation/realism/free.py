@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.evaluation.realism.features import features, with_borrowed_noise
-from vpsci_ros.evaluation.realism.long_run import long_run
+from vpsci_ros.evaluation.realism.long_run import long_run, spells_of
 from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets
 from vpsci_ros.evaluation.realism.two_sample import REPETITIONS, two_sample
 from vpsci_ros.safety import CRITICAL_TTC
@@ -125,7 +125,6 @@ def described(table: pl.DataFrame) -> dict[str, float]:
         before = slice(max(0, at - _BEFORE), at + 1)
         after = slice(at, len(drive))
         critical = ttc < CRITICAL_TTC
-        spells = int((np.diff(critical.astype(int)) == 1).sum() + critical[0])
         moving = drive[at] > 0.5 and walk[at] > 0.5 and len(drive) - at > 5
         values = {
             "stood_then_leapt": float(walk[before].min() < STOOD and pace[before].max() >= LEAPT),
@@ -140,7 +139,7 @@ def described(table: pl.DataFrame) -> dict[str, float]:
             else np.nan,
             "jump": float(abs(gain[min(at + 1, len(gain) - 1)] - gain[max(at - 1, 0)]) > JUMP),
             "pedestrian_nearly_stops": float(walk[at] > 0.5 and walk[after].min() < STOOD),
-            "second_spell": float(spells > 1),
+            "second_spell": float(spells_of(critical) > 1),
             "pedestrian_slows": float(walk[after].min() < _SLOWER * walk[at]),
             "vehicle_slows": float(drive[after].min() < _SLOWER * drive[at]),
         }

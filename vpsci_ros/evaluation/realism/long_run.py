@@ -67,11 +67,10 @@ def course(track: Floats) -> dict[str, float]:
     """
     drive, walk, ttc, apart = track.T
     critical = ttc < CRITICAL_TTC
-    begun = int((np.diff(critical.astype(int)) == 1).sum())
     out = {
         "watched_s": len(track) * STEP,
         "clear_after_s": float(np.flatnonzero(critical)[-1] + 1) * STEP,
-        "second_spell": float(begun > 0),
+        "second_spell": float(spells_of(critical) > 1),
         "least_clearance_m": float(apart.min()),
         "nearer_than_half_a_metre": float(apart.min() < NEAR),
         "vehicle_brakes_hard": float(_braking(drive) >= HARD),
@@ -83,6 +82,16 @@ def course(track: Floats) -> dict[str, float]:
         out[f"{who}_sets_off_again"] = float((speed[stops[0] :] > SETS_OFF).any()) if stops.size else np.nan
         out[f"{who}_stands_for_s"] = float(stops.size) * STEP if stops.size else np.nan
     return out
+
+
+def spells_of(critical: NDArray[np.bool_]) -> int:
+    """Return in how many spells bool[T] is true: what comes again within half a second is the same spell.
+
+    Recorded CurvTTC flickers by noise, simulated CurvTTC does not.
+    """
+    begins = np.flatnonzero(np.diff(critical.astype(int), prepend=0) == 1)
+    ends = np.flatnonzero(np.diff(critical.astype(int), append=0) == -1) + 1
+    return 1 + int((begins[1:] - ends[:-1] > _HALF_SECOND).sum()) if len(begins) else 0
 
 
 def _braking(speed: Floats) -> float:
