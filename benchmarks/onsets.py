@@ -18,15 +18,17 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import vehicle_size
-from vpsci_ros.data.reference import clean
+from vpsci_ros.data.reference import clean, trailing_slope
 from vpsci_ros.evaluation.realism.long_run import SETS_OFF, STANDS
+from vpsci_ros.evaluation.realism.onsets import STEPS, find_onsets
 from vpsci_ros.evaluation.realism.two_sample import two_sample
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, resampled, share
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import load_policy
-from vpsci_ros.safety import CRITICAL_TTC, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.safety import CRITICAL_TTC, VEHICLE_LENGTH, VEHICLE_WIDTH, curvature_from_yaw_rate
 from vpsci_ros.safety import PEDESTRIAN_RADIUS as RADIUS
 from vpsci_ros.world import World, WorldConfig, load_scenarios, people
+from vpsci_ros.world.kinematics import curvature_of
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.observation import STEP
 
@@ -37,7 +39,7 @@ STATE += ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy", "con
 SECOND, LEAST = 10, 5  # steps over which accelerations are measured, as many as there are; fewest that there must be
 GAIN = 0.5  # [m/s]
 MOTION = ["car_speed", "car_acceleration", "walking_speed", "walking_acceleration", "distance", "curvttc"]
-ROW = [*MOTION[:4], "slowest_walk", "curvttc"]
+SHARPEST = curvature_of(1.0)  # [1/m]
 PLACE = [*MOTION, "ahead", "aside", "walk_along", "walk_across"]
 SETS = {"motion": MOTION, "motion and place": PLACE, "and turn rates": [*PLACE, "yaw_rate", "walk_turn"]}
 
@@ -104,6 +106,30 @@ def recorded(table: pl.DataFrame) -> pl.DataFrame:
         if onset is not None:
             rows.append(onset | {"clip": f"{part['source'][0]}/{part['clip'][0]}"})
     return pl.DataFrame(rows)
+
+
+def rows_of(table: pl.DataFrame) -> Floats:
+    """Return `people.RIGHT_TURNS` of a near-miss table: clean onsets with half a second before and 3 s after them."""
+    onsets = find_onsets(clean(table), history=LEAST)
+    out = np.zeros((len(onsets), people.TRACK + people.COLUMNS * (SECOND + 1)))
+    for row, motion, first, ttc in zip(
+        out, onsets.interactions.motion, onsets.interactions.first, onsets.interactions.curvttc, strict=True
+    ):
+        before = min(SECOND, int(first))
+        begin, after = first - before, motion[first : first + STEPS + 1]
+        heading = np.unwrap(motion[: first + STEPS + 1, 2])
+        speed = np.hypot(motion[: first + 1, 3], motion[: first + 1, 4])
+        curvature = curvature_from_yaw_rate(trailing_slope(heading[: first + 1]), speed)
+        cosine, sine = np.cos(heading[first]), np.sin(heading[first])
+        to_car = np.array([[cosine, sine], [-sine, cosine]])
+        row[people.BEFORE], row[people.TTC] = before, ttc[first]
+        row[[people.AHEAD, people.LEFT]] = to_car @ (motion[first, 5:7] - motion[first, 0:2])
+        row[people.TURNS] = heading[first + STEPS] - heading[first]
+        row[people.WAY] = np.hypot(*np.diff(after[:, :2], axis=0).T).sum()
+        walk = motion[begin : first + 1, 7:9] @ to_car.T
+        track = np.column_stack([speed[begin:], np.clip(curvature[begin:], -SHARPEST, SHARPEST), walk])
+        row[people.TRACK :] = np.concatenate([track[:1].repeat(SECOND - before, axis=0), track]).ravel()
+    return out
 
 
 def generated(config: WorldConfig, episodes: int, weights: str, seed: int) -> tuple[pl.DataFrame, dict[str, float]]:
@@ -262,8 +288,8 @@ def main() -> None:
         header = (
             "Onsets of recorded right turns: the training part of right_turns.parquet (CQUT-PVI, MIT licence), by\n"
         )
-        header += "python benchmarks/onsets.py right_turns/train --rows; " + ", ".join(ROW)
-        np.savetxt(arguments.rows, real.select(ROW).to_numpy(), "%.2f", ",", header=header)
+        header += "python benchmarks/onsets.py right_turns/train --rows; columns of people.RIGHT_TURNS"
+        np.savetxt(arguments.rows, rows_of(table), "%.4g", ",", header=header)
     sides = {"recorded": real}
     for spawn in arguments.spawn:
         config = WorldConfig(spawn=spawn, episode_time=10.0 if spawn == "paper" else WorldConfig().episode_time)

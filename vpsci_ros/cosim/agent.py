@@ -126,6 +126,7 @@ class Body:
             place, _ = project(*way, x, y, float(record[name]))
         else:
             place = nearest(*way, x, y)
+            self.state["driver_onset" if what == "vehicle" else "walker_onset"] = 0  # no recorded way leads there
         self.state[name][self.rows(what)] = place
 
     def rows(self, what: str) -> slice:

@@ -104,9 +104,9 @@ class Driver:
         self._body = Body("vehicle", weights, found, seed, episode, 0, config, monitor, policy)
         self._full = found.vehicle.full_throttle_speed
         if scenario is None:
-            self._body.begin(meeting_s=math.inf)  # it keeps its pace, wherever it may meet somebody
+            self._body.begin(meeting_s=math.inf, driver_onset=0)  # it keeps its pace, wherever it may meet somebody
         if speed is not None:
-            self._body.begin(cruise_throttle=speed / self._full)
+            self._body.begin(cruise_throttle=speed / self._full, driver_onset=0)
         self._clock = Clock(config.tick)
         self._keys: list[Hashable | None] = [None] * MOST  # who is in which row
 

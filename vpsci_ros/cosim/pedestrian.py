@@ -186,9 +186,9 @@ class Pedestrian:
         weights, seed, episode, number, config, monitor, policy = self._made
         body = Body("pedestrian", weights, scenario, seed, episode, number, config, monitor, policy)
         if straight:
-            body.begin(start_delay=0.0, walk_slope=0.0)
+            body.begin(start_delay=0.0, walk_slope=0.0, walker_onset=0)
         if self._speed is not None:
-            body.begin(walking_speed=self._speed)
+            body.begin(walking_speed=self._speed, walker_onset=0)
         return body
 
     def _look(

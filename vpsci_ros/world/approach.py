@@ -10,7 +10,21 @@ from vpsci_ros.world import people
 from vpsci_ros.world.autopilot import SPEED_TIME, look_ahead
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.kinds import SET_OFF
-from vpsci_ros.world.people import car_speed, limited, sway, walking_pace
+from vpsci_ros.world.observation import STEP
+from vpsci_ros.world.people import (
+    BEFORE,
+    CAR,
+    COLUMNS,
+    CURVATURE,
+    HISTORY,
+    TRACK,
+    WALK_ALONG,
+    WALK_LEFT,
+    car_speed,
+    limited,
+    sway,
+    walking_pace,
+)
 
 GENTLE = 0.8  # [m/s2] with which a driver brakes at least for somebody ahead
 BRAKING = 2.5  # [m/s2] of a driver that nothing threatens
@@ -38,6 +52,42 @@ def walker_speed(episode, time):  # type: ignore[no-untyped-def]
     moving = time - episode.start_delay if episode.start_delay > 0.0 else math.inf
     rhythm = episode.walking_acceleration, episode.walking_phase
     return walking_pace(episode.walking_speed, *rhythm, time, moving, SET_OFF[episode.kind])
+
+
+@kernel
+def onset_time(onset):  # type: ignore[no-untyped-def]
+    """Return when, after the spawn [s], a row of `people.RIGHT_TURNS` begins to be critical."""
+    return STEP * onset[BEFORE]
+
+
+@kernel
+def _recorded(onset, column, time):  # type: ignore[no-untyped-def]
+    """Return a column of an onset's track, `time` [s] after the spawn, between two recorded steps."""
+    first = HISTORY - onset[BEFORE]
+    step = min(1.0 * HISTORY, max(first, first + time / STEP))
+    i = min(int(step), HISTORY - 1)
+    begin, end = onset[TRACK + COLUMNS * i + column], onset[TRACK + COLUMNS * (i + 1) + column]
+    return begin + (step - i) * (end - begin)
+
+
+@kernel
+def drive_then(onset, time):  # type: ignore[no-untyped-def]
+    """Return the recorded car's speed [m/s] and curvature [1/m], `time` [s] after the spawn."""
+    return _recorded(onset, CAR, time), _recorded(onset, CURVATURE, time)
+
+
+@kernel
+def walk_then(onset, time):  # type: ignore[no-untyped-def]
+    """Return the recorded walker's velocity [m/s] along the car's heading at the onset and to its left."""
+    return _recorded(onset, WALK_ALONG, time), _recorded(onset, WALK_LEFT, time)
+
+
+@kernel
+def walks_then(episode, onset, time):  # type: ignore[no-untyped-def]
+    """Return the velocity (vx, vy) [m/s] of this walker, `time` [s] after the spawn and before the onset."""
+    along, left = walk_then(onset, time)
+    cosine, sine = episode.walk_cosine_then, episode.walk_sine_then
+    return along * cosine - left * sine, along * sine + left * cosine
 
 
 @kernel

@@ -8,7 +8,16 @@ import math
 
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import kinematics as motion
-from vpsci_ros.world.approach import drivers_acceleration, lane_sway, line_offset, step_towards, walker_speed
+from vpsci_ros.world.approach import (
+    drive_then,
+    drivers_acceleration,
+    lane_sway,
+    line_offset,
+    onset_time,
+    step_towards,
+    walker_speed,
+    walks_then,
+)
 from vpsci_ros.world.autopilot import (
     WALK_ACCELERATION,
     WALK_LOOK_AHEAD,
@@ -76,6 +85,12 @@ def controls(state, i, count, answers, tables, settings):  # type: ignore[no-unt
         return motion.steer_for(left, speed), motion.throttle_for(along), motion.brake_for(along)
     gap = gap_ahead(state, i, count, settings.proximity_distance)
     steer = motion.steer_to(keeping)
+    if episode.driver_onset and (gap == math.inf or episode.pedestrians == 1):
+        onset, then = tables.onsets[episode.driver_onset - 1], (episode.frame + 1) * settings.period
+        if then < onset_time(onset) + 0.5 * settings.period:
+            next_speed, curvature = drive_then(onset, then)
+            along = (episode.approach_pace * next_speed - speed) / settings.period
+            return motion.steer_to(curvature), motion.throttle_for(along), motion.brake_for(along)
     if settings.human:
         along = drivers_acceleration(episode, row, tables, gap, settings.period)
         return steer, motion.throttle_for(along), motion.brake_for(along)
@@ -160,6 +175,12 @@ def _intended(episode, i, answers, tables, settings):  # type: ignore[no-untyped
     wanted_x, wanted_y = walk_velocity(*route, episode.pedestrian_s, offset, *place, pace)
     if driver == CONSTANT_VELOCITY:  # sets off, once
         return wanted_x / settings.period, wanted_y / settings.period, False
+    then = (episode.frame + 1) * settings.period
+    if episode.walker_onset and driver != SOCIAL_FORCE:
+        onset = tables.onsets[episode.walker_onset - 1]
+        if then < onset_time(onset) + 0.5 * settings.period:
+            next_vx, next_vy = walks_then(episode, onset, then)
+            return (next_vx - vx) / settings.period, (next_vy - vy) / settings.period, False
     if driver == SOCIAL_FORCE:
         car = episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, _HALF_LENGTH, _HALF_WIDTH
         ax, ay = social_force(wanted_x, wanted_y, vx, vy, *place, *car, PEDESTRIAN_RADIUS)

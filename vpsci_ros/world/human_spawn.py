@@ -9,7 +9,7 @@ import math
 
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import people
-from vpsci_ros.world.approach import bend_speed, lane_sway, line_offset, walker_speed
+from vpsci_ros.world.approach import bend_speed, lane_sway, line_offset, onset_time, walk_then, walker_speed
 from vpsci_ros.world.autopilot import pursuit_curvature
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_SPAWN, draw, normal_pair, unit
@@ -83,6 +83,12 @@ def _wave(drawn):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _pace(onset, time):  # type: ignore[no-untyped-def]
+    along, left = walk_then(onset, time)
+    return math.sqrt(along * along + left * left)
+
+
+@kernel
 def draw_walker(episode, row, tables, seed, turning):  # type: ignore[no-untyped-def]
     """Draw who walks, and along which line."""
     walker, walk_sway = draw(episode, seed, STREAM_SPAWN, _WALKER), draw(episode, seed, STREAM_SPAWN, _WALK_SWAY)
@@ -92,8 +98,9 @@ def draw_walker(episode, row, tables, seed, turning):  # type: ignore[no-untyped
     sine, cosine = _wave(walk_sway)
     episode.walk_sine, episode.walk_cosine = people.WALK_WANDER * sine, people.WALK_WANDER * cosine
     if turning:
-        one = people.RIGHT_TURNS[int(unit(walker[0]) * people.RIGHT_TURNS.shape[0])]
-        pace, change = max(people.LEAST_WALK, one[people.WALK]), one[people.HURRIES]
+        onset = tables.onsets[int(unit(walker[0]) * tables.onsets.shape[0])]
+        time = onset_time(onset)
+        pace, change = max(people.LEAST_WALK, _pace(onset, time)), (_pace(onset, time) - _pace(onset, 0.0)) / time
         oblique = people.SLOPE + people.SLOPE_SPREAD * (2.0 * unit(walker[2]) - 1.0)
     else:
         pace = quantile(people.WALKING_SPEED, unit(walker[0]))

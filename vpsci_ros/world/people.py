@@ -6,8 +6,8 @@ The onset is the first step of 0.1 s with CurvTTC below 5 s. There are two calib
 VCI-CITR (Yang et al., IV 2019, arXiv 1902.00487) whose car moves and which do not begin critical. They are inverted at
 a uniform number, so that a draw has the recorded distribution without a formula for it.
 
-`spawn: right_turns`: `RIGHT_TURNS`, whole onsets of 238 near misses of 214 clips, the training part of CQUT-PVI (Zhang
-et al., T-ITS 2024, doi 10.1109/TITS.2024.3398648), drawn one at a time, for their numbers depend on each other.
+`spawn: right_turns`: `RIGHT_TURNS`, the joint states of near misses of the training part of CQUT-PVI (Zhang et al.,
+T-ITS 2024, doi 10.1109/TITS.2024.3398648) up to their onset, drawn one at a time, for they depend on each other.
 
 `python benchmarks/onsets.py` fits both again and compares; docs/world.md has n, intervals and sources.
 """
@@ -15,6 +15,7 @@ et al., T-ITS 2024, doi 10.1109/TITS.2024.3398648), drawn one at a time, for the
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vpsci_ros.resources import recorded_onsets_path
 from vpsci_ros.world.compiled import kernel
@@ -28,12 +29,15 @@ WALKING_ACCELERATION = np.array([-0.69, -0.44, -0.24, -0.09, -0.02, 0.05, 0.21, 
 OBLIQUE = np.radians([-30.0, -16.0, -12.0, -5.0, 2.0, 11.0, 27.0, 30.0, 30.0])
 BESIDE = np.array([0.0, 0.12, 0.20, 0.50, 0.82, 0.98, 1.10, 1.20, 1.40])  # their miss: 1, they graze
 
-# float64[N, 6], an onset a row: the car's speed [m/s] and acceleration [m/s2], the walking speed [m/s] and acceleration
-# [m/s2], the slowest walk of the two seconds before [m/s], CurvTTC [s]
+# float64[N, 50], a recorded onset a row. First: steps recorded before it, 5 to 10; CurvTTC [s]; where the walker is,
+# ahead of the car's centre and to its left [m]; by how much the car turns to the left [rad] and how far it drives [m]
+# in the 3 s after. Then for each of `HISTORY` steps of 0.1 s before, and of the onset: the car's speed [m/s], its
+# curvature to the left [1/m], and the walker's velocity along the car's heading at the onset and to its left [m/s]
 RIGHT_TURNS = np.loadtxt(recorded_onsets_path(), delimiter=",")
-CAR, BRAKES, WALK, HURRIES, SLOWEST, TTC = range(6)
-SMOOTHING = np.array([0.10, 0.10, 0.05, 0.05, 0.0, 0.12])  # standard deviations around a recorded onset
-SLOPE, SLOPE_SPREAD = 0.40, 0.25  # [m/m] mean and standard deviation of a walker's line, along with the car
+BEFORE, TTC, AHEAD, LEFT, TURNS, WAY, TRACK = range(7)
+CAR, CURVATURE, WALK_ALONG, WALK_LEFT, COLUMNS = range(5)
+HISTORY = 10
+SLOPE, SLOPE_SPREAD = 0.40, 0.25  # [m/m] mean and standard deviation of the line of a walker who joins, with the car
 
 CAR_PERIOD, WALK_PERIOD = 8.0, 4.0  # [s] in which a car's and a walker's speed goes up and down
 LEAST_CAR, GREATEST_CAR = 0.4, 5.6  # [m/s]
@@ -51,6 +55,14 @@ CAR_WAVE, CAR_WANDER = 20.0, 0.09  # [m] wavelength and size (each of sine and c
 WALK_WAVE, WALK_WANDER = 8.0, 0.20  # [m] likewise of a walker's
 WAITING = 0.06  # share of walkers who wait at the kerb and set off before it becomes critical
 JERK = 10.0  # [m/s3] with which an agent's acceleration can change
+
+
+def mirrored(onsets: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rows of `RIGHT_TURNS` seen in a mirror, as left turns."""
+    sign = np.ones(onsets.shape[1])
+    sign[[LEFT, TURNS]] = -1.0
+    sign[TRACK + CURVATURE :: COLUMNS] = sign[TRACK + WALK_LEFT :: COLUMNS] = -1.0
+    return onsets * sign
 
 
 @kernel

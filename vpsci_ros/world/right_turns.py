@@ -1,8 +1,9 @@
-"""Where a right turn begins: about a second before an onset like a recorded one, drawn as a whole.
+"""Where a right turn begins: up to a second before a recorded onset, to which both move as they were recorded to.
 
-Speeds, accelerations and CurvTTC of a recorded onset are taken together, for they depend on each other. The car is put
-where the arc that it would drive on reaches the walker's line in that time, the walker where the two would touch, and
-both are traced back along lane and route. Draws that would have been critical before are drawn again.
+A row of `people.RIGHT_TURNS` is one recorded onset: where the walker is seen from the car, and how fast both were, how
+the car steered and which way the walker walked, at each step of the second before. The car is put into the lane where
+the walker then walks along the scenario's crossing and where the lane turns as the recorded car turned afterwards.
+Onsets that fit the scenario badly are drawn seldom. Until the onset, both move as recorded (`approach`).
 """
 
 import math
@@ -16,159 +17,201 @@ from vpsci_ros.safety import (
     curvttc_pair,
 )
 from vpsci_ros.world import people
-from vpsci_ros.world.approach import walker_speed
-from vpsci_ros.world.autopilot import SPEED_TIME
+from vpsci_ros.world.approach import drive_then, line_offset, onset_time, walk_then, walks_then
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_SPAWN, draw, normal_pair, unit
-from vpsci_ros.world.human_spawn import TRACE, cross, draw_driver, draw_walker, place_walker, put_car, put_walker
-from vpsci_ros.world.kinds import ADULT, CHILD, SET_OFF
-from vpsci_ros.world.paths import line_at
-from vpsci_ros.world.people import car_speed
+from vpsci_ros.world.human_spawn import draw_driver, draw_walker, place_walker, put_car
+from vpsci_ros.world.kinds import ADULT, CHILD
+from vpsci_ros.world.paths import line_at, nearest, project
+from vpsci_ros.world.people import AHEAD, LEFT, TURNS, WAY
 
-EARLIEST, LATEST = 0.8, 1.4  # [s] from the spawn to the onset
-FRONT = 0.4  # share of the draws in which the walker would come before the car's front; else, to its side
 STANDS = 0.3  # [m/s] below it somebody stands
-NEAR_ENOUGH = 0.4  # [s] by which CurvTTC may differ from the recorded one
-EDGE, GRAZING = 0.7, 0.2  # share of the draws at an edge of what would touch; part of it that is an edge
-MOST_LATE = 0.7  # as a share of CurvTTC: how long a walker comes to the side after the front has passed
-SAME, ATTEMPTS = 8, 48  # draws of the place for one recorded onset; in all
+WAITS = 1.0  # [s] after the onset, for which somebody who stands then waits
+# what is one standard deviation of a place that fits the onset: [m] from the walking route, [rad] between the walker's
+# direction and the route's, [rad] between the recorded turn of the 3 s after the onset and the lane's
+BESIDE_ROUTE, ASKEW, OTHERWISE = 1.5, math.radians(25.0), math.radians(8.0)
+TOLERANCE = 6.0  # squared deviations by which an onset becomes seldom by a factor e
+# standard deviations around a recorded onset: shares of both speeds, [rad] of the walking direction, [m] of its place
+CAR_PACE, WALK_PACE, DIRECTION, PLACE = 0.04, 0.04, math.radians(4.0), 0.2
+ATTEMPTS = 48  # draws of an onset
+LEAST_WAY = 5.0  # [m] along the lane, from its beginning and to its goal, at the onset
+STEEPEST = 1.0  # [m/m] of a walking line against the route
 _FIRST_BLOCK = 16  # of the stream; those before it are the other spawns'
-# mean over a second of a wave's acceleration about its greatest, as a share of that
-_CAR_MEAN = people.CAR_PERIOD / math.pi * math.sin(math.pi / people.CAR_PERIOD)
-_WALK_MEAN = people.WALK_PERIOD / math.pi * math.sin(math.pi / people.WALK_PERIOD)
-_BACK, _STEP = 40.0, 2.0  # [m] how far, in which steps, the car's place is looked for
-_HALF_LENGTH = 0.5 * VEHICLE_LENGTH + PEDESTRIAN_RADIUS
-_HALF_WIDTH = 0.5 * VEHICLE_WIDTH + PEDESTRIAN_RADIUS
+_JUST_BEFORE = 0.15  # [s] before the onset, in which it may be critical already
 
 
 @kernel
-def spawn_right_turn(episode, row, tables, seed):  # type: ignore[no-untyped-def]
-    """Draw a recorded onset and put both where they are at the spawn.
+def spawn_right_turn(episode, row, tables, seed, period):  # type: ignore[no-untyped-def]
+    """Draw a recorded onset and put both where they are up to a second before it.
 
     Return the time [s] that the car needs from the spawn to the crossing.
+
+    :param period: [s] of a tick.
     """
     draw_driver(episode, row, seed)
     draw_walker(episode, row, tables, seed, True)
-    comfort = episode.lateral_comfort
-    drives, speed, ttc, walks = 0.0, 1.0, 4.0, 1.0
-    onset = 0.0
+    comfort, pace = episode.lateral_comfort, episode.walking_speed
+    half = tables.onsets.shape[0] // 2
+    mirrored = half if _turns_left(row, tables, episode.table) else 0
+    drives = 0.0
     for attempt in range(ATTEMPTS):
-        block = _FIRST_BLOCK + 4 * attempt
-        if attempt % SAME == 0:
-            first, second = draw(episode, seed, STREAM_SPAWN, block), draw(episode, seed, STREAM_SPAWN, block + 1)
-            onset = EARLIEST + unit(second[3]) * (LATEST - EARLIEST)
-            speed, walks, ttc = _draw_people(episode, row, first, second, onset)
-        place, more = draw(episode, seed, STREAM_SPAWN, block + 2), draw(episode, seed, STREAM_SPAWN, block + 3)
-        episode.lateral_comfort = comfort
-        drives = onset + ttc
-        anyway = attempt == ATTEMPTS - 1
-        if _place(episode, row, tables, place, more, onset, speed, walks, ttc, anyway):
+        block, last = _FIRST_BLOCK + 4 * attempt, attempt == ATTEMPTS - 1
+        first = draw(episode, seed, STREAM_SPAWN, block)
+        number = mirrored + int(unit(first[0]) * half)
+        s, deviation = _fitting_place(episode, row, tables, tables.onsets[number])
+        if unit(first[1]) >= math.exp(-deviation / TOLERANCE) and not last:
+            continue
+        episode.driver_onset = episode.walker_onset = number + 1
+        episode.lateral_comfort, episode.walking_speed = comfort, pace
+        second, third = draw(episode, seed, STREAM_SPAWN, block + 1), draw(episode, seed, STREAM_SPAWN, block + 2)
+        drives = _put_at_onset(episode, row, tables, s, first, second, third)
+        if _trace_back(episode, row, tables, period) or last:
             break
     if episode.kind == CHILD:
+        episode.walker_onset = 0
         place_walker(episode, row, tables, drives, seed)
     return drives
 
 
 @kernel
-def _smoothed(values, column, deviation):  # type: ignore[no-untyped-def]
-    return values[column] + people.SMOOTHING[column] * min(2.0, max(-2.0, deviation))
+def _turns_left(row, tables, table):  # type: ignore[no-untyped-def]
+    """Return whether a lane turns left: there recorded right turns are mirrored."""
+    lane = tables.lane, table, row.lane_count, row.lane_step
+    _, _, ux, uy = line_at(*lane, 0.0)
+    _, _, vx, vy = line_at(*lane, row.lane_step * (row.lane_count - 2))
+    return ux * vy - uy * vx > 0.3
 
 
 @kernel
-def _draw_people(episode, row, first, second, onset):  # type: ignore[no-untyped-def]
-    """Draw how fast both are at the onset; return the car's speed, the walker's [m/s], and CurvTTC [s].
-
-    The driver is behind its own speed by `SPEED_TIME`, so the record's is ahead by as much.
-    """
-    one = people.RIGHT_TURNS[int(unit(first[0]) * people.RIGHT_TURNS.shape[0])]
-    a, b = normal_pair(unit(first[1]), unit(first[2]))
-    c, d = normal_pair(unit(first[3]), unit(second[0]))
-    e, _ = normal_pair(unit(second[1]), unit(second[2]))
-    speed = max(0.6, _smoothed(one, people.CAR, a))
-    ttc = min(CRITICAL_TTC - 0.05, max(1.0, _smoothed(one, people.TTC, e)))
-    acceleration = _smoothed(one, people.BRAKES, b)
-    # half a second before the onset speeds change most
-    episode.approach_acceleration = acceleration / _CAR_MEAN
-    episode.cruise_throttle = max(people.LEAST_CAR, speed - 0.5 * acceleration) / row.full_throttle_speed
-    phase = (SPEED_TIME - (onset - 0.5)) / people.CAR_PERIOD
-    episode.approach_phase = phase - math.floor(phase)
-    walks, change = one[people.WALK], 0.0
-    episode.start_delay = 0.0
-    if episode.kind != ADULT:
-        walks = episode.walking_speed
-    elif walks < STANDS:
-        walks, episode.walking_speed = 0.0, 1.0
-        episode.start_delay = onset + 1.0
-    else:
-        walks = max(people.LEAST_WALK, _smoothed(one, people.WALK, c))
-        episode.walking_speed = walks
-        if one[people.SLOWEST] < STANDS and one[people.WALK] - one[people.HURRIES] < people.LEAST_WALK:
-            episode.start_delay = max(0.05, onset - walks / SET_OFF[episode.kind])
-        else:
-            change = _smoothed(one, people.HURRIES, d)
-            episode.walking_speed = max(people.LEAST_WALK, walks - 0.5 * change)
-    episode.walking_acceleration = change / _WALK_MEAN
-    phase = -(onset - 0.5) / people.WALK_PERIOD
-    episode.walking_phase = phase - math.floor(phase)
-    return speed, walks, ttc
+def _angle(ux, uy, vx, vy):  # type: ignore[no-untyped-def]
+    """Return the angle [rad] from one direction to another, -pi to pi."""
+    return math.atan2(ux * vy - uy * vx, ux * vx + uy * vy)
 
 
 @kernel
-def _place(episode, row, tables, place, more, onset, speed, walks, ttc, anyway):  # type: ignore[no-untyped-def]
-    """Put both where they are at the spawn; return whether they come to the onset, and not before.
-
-    :param anyway: put them there whatever becomes of it.
-    """
-    oblique, _ = normal_pair(unit(place[0]), unit(place[1]))
-    offset = row.lowest_offset + unit(place[2]) * (row.highest_offset - row.lowest_offset)
-    cross(episode, row, tables, offset, people.SLOPE + people.SLOPE_SPREAD * min(2.0, max(-2.0, oblique)))
-    x, y, ux, uy = line_at(tables.walk, episode.table, row.walk_count, row.walk_step, row.conflict)
-    x, y = x - offset * uy, y + offset * ux
-    slope = episode.walk_slope
-    length = math.sqrt(1.0 + slope * slope)
-    ux, uy = (ux - slope * uy) / length, (uy + slope * ux) / length
-    _, _, along_x, along_y = line_at(tables.lane, episode.table, row.lane_count, row.lane_step, episode.meeting_s)
-    sign = 1.0 if along_x * uy - along_y * ux > 0.0 else -1.0
-
-    beside, reaches = _touch(place, more, speed, walks, ttc)
-    way = speed * reaches + _HALF_LENGTH
-    s, beyond, across = episode.meeting_s - 0.3 * way, 1.0, 0.0
-    while beyond > 0.0 and s > episode.meeting_s - _BACK:
-        s -= min(_STEP, 0.1 + 0.5 * beyond)
-        put_car(episode, row, tables, s, speed)
-        front_x, front_y = _ahead(episode, way)
-        beyond = sign * ((front_x - x) * uy - (front_y - y) * ux)
-        across = (front_x - x) * ux + (front_y - y) * uy
-    if beyond > 0.0 and not anyway:
-        return False
-    walked = row.conflict + (across + beside - walks * reaches) / length
-    return _trace_back(episode, row, tables, onset, s, walked, length, ttc, anyway)
+def _fitting_place(episode, row, tables, onset):  # type: ignore[no-untyped-def]
+    """Return where along the lane [m] the car is at this onset, and by how many squared deviations it does not fit."""
+    lane = tables.lane, episode.table, row.lane_count, row.lane_step
+    route = tables.walk, episode.table, row.walk_count, row.walk_step
+    along, left = walk_then(onset, onset_time(onset))
+    stands = math.sqrt(along * along + left * left) < STANDS
+    best, least, near = LEAST_WAY, math.inf, row.conflict
+    s = LEAST_WAY
+    while s < row.vehicle_goal - LEAST_WAY:
+        x, y, ux, uy = line_at(*lane, s)
+        x, y = x + onset[AHEAD] * ux - onset[LEFT] * uy, y + onset[AHEAD] * uy + onset[LEFT] * ux
+        near, aside = project(*route, x, y, near)
+        _, _, rx, ry = line_at(*route, near)
+        askew = _angle(rx, ry, along * ux - left * uy, along * uy + left * ux)
+        if stands:  # who stands waits on this side
+            askew = math.pi if near > row.conflict else 0.0
+        _, _, vx, vy = line_at(*lane, s + onset[WAY])
+        otherwise = _angle(ux, uy, vx, vy) - onset[TURNS]
+        deviation = (aside / BESIDE_ROUTE) ** 2 + (askew / ASKEW) ** 2 + (otherwise / OTHERWISE) ** 2
+        if deviation < least:
+            best, least = s, deviation
+        s += row.lane_step
+    return best, least
 
 
 @kernel
-def _touch(place, more, speed, walks, ttc):  # type: ignore[no-untyped-def]
-    """Draw where the two would touch.
-
-    Return how far beyond the middle of the car's path the walker is [m] when the car's front comes to its line,
-    and in what time that is [s]: CurvTTC, or earlier where the walker comes to the car's side.
-    """
-    share, edge = unit(more[1]), unit(more[0]) < EDGE
-    if edge:  # they would only just touch, for until now they would not have
-        share = (1.0 if share > 0.5 else 0.0) + (0.5 - share) * GRAZING
-    if unit(place[3]) < FRONT or walks == 0.0:
-        return (2.0 * share - 1.0) * _HALF_WIDTH, ttc
-    late = 1.0 - GRAZING * unit(more[2]) if edge else 1.0 - abs(1.0 - 2.0 * share)
-    late *= min(2.0 * _HALF_LENGTH / speed, MOST_LATE * ttc)
-    return -_HALF_WIDTH - walks * late, ttc - late
+def _within(deviation):  # type: ignore[no-untyped-def]
+    return min(2.0, max(-2.0, deviation))
 
 
 @kernel
-def _ahead(episode, way):  # type: ignore[no-untyped-def]
-    """Return where the car would be after so much `way` [m] on its present arc."""
-    turn = episode.vehicle_curvature * way
-    heading = episode.vehicle_heading + 0.5 * turn
-    chord = way if abs(turn) < 1e-6 else way * math.sin(0.5 * turn) / (0.5 * turn)
-    return episode.vehicle_x + chord * math.cos(heading), episode.vehicle_y + chord * math.sin(heading)
+def _put_at_onset(episode, row, tables, s, first, second, third):  # type: ignore[no-untyped-def]
+    """Put both where they are at the onset, with a little noise; return the time [s] from the spawn to the crossing."""
+    onset = tables.onsets[episode.driver_onset - 1]
+    time = onset_time(onset)
+    a, b = normal_pair(unit(first[2]), unit(first[3]))
+    c, _ = normal_pair(unit(second[0]), unit(second[1]))
+    d, e = normal_pair(unit(second[2]), unit(second[3]))
+    episode.approach_pace = 1.0 + CAR_PACE * _within(a)
+    speed = drive_then(onset, time)[0] * episode.approach_pace
+    episode.cruise_throttle = max(people.LEAST_CAR, speed) / row.full_throttle_speed
+    episode.approach_acceleration = 0.0
+    sample = min(max(int(s / row.lane_step), 0), row.lane_count - 1)
+    bend = (1.02 * speed / tables.turning_speed[episode.table, sample]) ** 2
+    episode.lateral_comfort = max(episode.lateral_comfort, bend)
+    put_car(episode, row, tables, s + row.lane_step * (unit(third[0]) - 0.5), speed)
+
+    along, left = walk_then(onset, time)
+    pace = math.sqrt(along * along + left * left)
+    stands, factor = pace < STANDS, 1.0 + WALK_PACE * _within(b)
+    if episode.kind != ADULT and not stands:
+        factor = episode.walking_speed / pace
+    turned = episode.vehicle_heading + DIRECTION * _within(c)
+    episode.walk_cosine_then, episode.walk_sine_then = factor * math.cos(turned), factor * math.sin(turned)
+    ux, uy = math.cos(episode.vehicle_heading), math.sin(episode.vehicle_heading)
+    ahead, aside = onset[AHEAD] + PLACE * _within(d), onset[LEFT] + PLACE * _within(e)
+    episode.pedestrian_x = episode.vehicle_x + ahead * ux - aside * uy
+    episode.pedestrian_y = episode.vehicle_y + ahead * uy + aside * ux
+    episode.start_delay = time + WAITS if stands else 0.0
+    episode.walking_acceleration = 0.0
+    if not stands:
+        episode.walking_speed = max(people.LEAST_WALK, factor * pace)
+    _walk_on(episode, row, tables, stands, math.cos(turned) * along - math.sin(turned) * left,
+             math.sin(turned) * along + math.cos(turned) * left)  # fmt: skip
+    return time + max(0.5, (episode.meeting_s - episode.route_s) / max(people.LEAST_CAR, speed))
+
+
+@kernel
+def _walk_on(episode, row, tables, stands, vx, vy):  # type: ignore[no-untyped-def]
+    """Lay the walker's line from where it is at the onset, in its direction then (`vx`, `vy`), and where it meets."""
+    route = tables.walk, episode.table, row.walk_count, row.walk_step
+    near = nearest(*route, episode.pedestrian_x, episode.pedestrian_y)
+    near, aside = project(*route, episode.pedestrian_x, episode.pedestrian_y, near)
+    _, _, rx, ry = line_at(*route, near)
+    forward, left = rx * vx + ry * vy, rx * vy - ry * vx
+    slope = 0.0
+    if not stands:
+        slope = min(STEEPEST, max(-STEEPEST, left / max(0.1, forward)))
+    episode.walk_slope, episode.pedestrian_offset, episode.pedestrian_s = slope, 0.0, near
+    episode.pedestrian_offset = aside - line_offset(episode, row, near)
+    x, y, ux, uy = line_at(*route, row.conflict)
+    offset = line_offset(episode, row, row.conflict)
+    lane = tables.lane, episode.table, row.lane_count, row.lane_step
+    episode.meeting_s = nearest(*lane, x - offset * uy, y + offset * ux)
+
+
+@kernel
+def _trace_back(episode, row, tables, period):  # type: ignore[no-untyped-def]
+    """Trace both back from the onset to the spawn, tick by tick; return whether it is critical then, and not before."""
+    onset = tables.onsets[episode.driver_onset - 1]
+    time = onset_time(onset)
+    ticks = int(math.ceil(time / period - 1e-6))
+    right, way = True, 0.0
+    for left in range(ticks + 1):
+        now = (ticks - left) * period
+        speed, curvature = drive_then(onset, now)
+        speed *= episode.approach_pace
+        episode.vehicle_speed, episode.vehicle_curvature = speed, curvature
+        episode.pedestrian_vx, episode.pedestrian_vy = walks_then(episode, onset, now)
+        critical = _curvttc(episode) < CRITICAL_TTC
+        if left == 0:
+            right = critical
+        elif now < time - _JUST_BEFORE and critical:
+            right = False
+        if left == ticks:
+            break
+        before, _ = drive_then(onset, now - period)
+        distance = 0.5 * (speed + before * episode.approach_pace) * period
+        turn = distance * curvature
+        chord = distance if abs(turn) < 1e-9 else distance * math.sin(0.5 * turn) / (0.5 * turn)
+        direction = episode.vehicle_heading - 0.5 * turn
+        episode.vehicle_x -= chord * math.cos(direction)
+        episode.vehicle_y -= chord * math.sin(direction)
+        episode.vehicle_heading -= turn
+        episode.pedestrian_x -= episode.pedestrian_vx * period
+        episode.pedestrian_y -= episode.pedestrian_vy * period
+        way += distance
+    episode.action_heading = episode.vehicle_heading
+    lane = tables.lane, episode.table, row.lane_count, row.lane_step
+    episode.route_s, _ = project(*lane, episode.vehicle_x, episode.vehicle_y, episode.route_s - way)
+    route = tables.walk, episode.table, row.walk_count, row.walk_step
+    episode.pedestrian_s, _ = project(*route, episode.pedestrian_x, episode.pedestrian_y, episode.pedestrian_s)
+    return right
 
 
 @kernel
@@ -177,29 +220,3 @@ def _curvttc(episode):  # type: ignore[no-untyped-def]
     walker = episode.pedestrian_x, episode.pedestrian_y, episode.pedestrian_vx, episode.pedestrian_vy
     size = VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS, HORIZON
     return curvttc_pair(*car, episode.vehicle_curvature, *walker, *size)
-
-
-@kernel
-def _trace_back(episode, row, tables, onset, s, walked, length, ttc, anyway):  # type: ignore[no-untyped-def]
-    """Trace both back from the onset to the spawn; return whether it is critical then as meant, and not before."""
-    cruise = episode.cruise_throttle * row.full_throttle_speed
-    left, step, comfort = onset, 0, episode.lateral_comfort
-    right = True
-    while True:
-        speed = car_speed(cruise, episode.approach_acceleration, episode.approach_phase, left - SPEED_TIME)
-        sample = min(max(int(s / row.lane_step), 0), row.lane_count - 1)
-        comfort = max(comfort, (1.02 * speed / tables.turning_speed[episode.table, sample]) ** 2)
-        if step % 2 == 0 or left <= 0.0:
-            put_car(episode, row, tables, s, speed)
-            put_walker(episode, row, tables, walked, left)
-            now = _curvttc(episode)
-            right = now >= CRITICAL_TTC if step else abs(now - ttc) < NEAR_ENOUGH and now < CRITICAL_TTC
-        if left <= 0.0 or not (right or anyway):
-            break
-        period = min(TRACE, left)
-        s -= speed * period
-        walked -= walker_speed(episode, left - period) * period / length
-        left -= period
-        step += 1
-    episode.lateral_comfort = comfort
-    return right

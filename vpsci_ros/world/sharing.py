@@ -11,6 +11,7 @@ from vpsci_ros.world.state import IDLE
 def share_vehicle(leader, episode):  # type: ignore[no-untyped-def]
     """Make the vehicle of an EPISODE record that of the episode's first, `leader`, its driver included."""
     episode.cruise_throttle, episode.meeting_s = leader.cruise_throttle, leader.meeting_s
+    episode.driver_onset, episode.approach_pace = leader.driver_onset, leader.approach_pace
     episode.approach_acceleration, episode.approach_phase = leader.approach_acceleration, leader.approach_phase
     episode.lateral_comfort, episode.drive_on = leader.lateral_comfort, leader.drive_on
     episode.lane_sine, episode.lane_cosine = leader.lane_sine, leader.lane_cosine

@@ -42,6 +42,7 @@ def _begin(episode, table, row, number, pedestrian):  # type: ignore[no-untyped-
     """Make an EPISODE record that of a pedestrian in episode `number` of a scenario, at frame 0."""
     episode.pedestrian = pedestrian
     episode.kind = episode.role = episode.struck = 0
+    episode.driver_onset = episode.walker_onset = 0
     episode.follow_delay = episode.reaction_delay = 0.0
     episode.scenario, episode.episode, episode.table = row.number, number, table
     episode.status, episode.outcome = RUNNING, NONE
@@ -56,7 +57,7 @@ def _begin(episode, table, row, number, pedestrian):  # type: ignore[no-untyped-
 
 
 @kernel
-def spawn(state, first, table, number, seed, tables, crowd, human, turning):  # type: ignore[no-untyped-def]
+def spawn(state, first, table, number, seed, tables, crowd, human, turning, period):  # type: ignore[no-untyped-def]
     """Make the rows of EPISODE[B] from `first` on those of an episode of scenario `tables.rows[table]`, at frame 0.
 
     Return how many there are, one a pedestrian.
@@ -65,7 +66,7 @@ def spawn(state, first, table, number, seed, tables, crowd, human, turning):  # 
     _begin(leader, table, row, number, 0)
     draw_kind(leader, seed, crowd.kinds)
     if turning:
-        drives = spawn_right_turn(leader, row, tables, seed)
+        drives = spawn_right_turn(leader, row, tables, seed, period)
     elif human:
         drives = spawn_people(leader, row, tables, seed)
     else:
@@ -169,7 +170,8 @@ def spawn_all(state, slots, table_of, numbers, seeds, tables, recordings, record
     for k in range(slots.size):
         first = slots[k]
         episode = state[first]
-        count = spawn(state, first, table_of[k], numbers[k], seeds[k], tables, crowd, settings.human, settings.turning)
+        drawn = settings.human, settings.turning, settings.period
+        count = spawn(state, first, table_of[k], numbers[k], seeds[k], tables, crowd, *drawn)
         for i in range(first, first + count):
             state[i].recording = recording_of[k]
             bits[i] = 1 << STARTED

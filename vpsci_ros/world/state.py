@@ -52,6 +52,9 @@ _QUANTITIES = (
     "approach_phase",  # 0 to 1
     "drive_on",  # [m/s2] with which the driver speeds up
     "stride",  # [m/s2] with which the walker changes its velocity
+    "approach_pace",  # of a recorded approach: this car's speed as a share of the recorded one
+    "walk_cosine_then",  # of a recorded approach: turns the recorded walk into the world's frame
+    "walk_sine_then",
     "lateral_comfort",  # [m/s2] sideways, as much as this driver accepts in the bend
     "lane_sine",  # [m] sway in the lane
     "lane_cosine",  # [m]
@@ -77,6 +80,8 @@ _COUNTS = (
     "hold",  # ticks for which control is kept without a further critical tick
     "step",  # policy steps taken since the hand-over
     "table",  # row of the world's scenario tables
+    "driver_onset",  # 1 + row of `Tables.onsets` whose approach the driver follows; 0: none
+    "walker_onset",  # likewise of the walker
     "recording",  # row of the world's recordings, for the replay drivers
     "pedestrians",  # how many the episode has
 )

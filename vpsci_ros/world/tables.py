@@ -14,7 +14,7 @@ from vpsci_ros.world.autopilot import comfortable_speeds
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS, WorldConfig
 from vpsci_ros.world.crowd import Crowd
 from vpsci_ros.world.paths import Path
-from vpsci_ros.world.people import TURNING_DECELERATION
+from vpsci_ros.world.people import RIGHT_TURNS, TURNING_DECELERATION, mirrored
 from vpsci_ros.world.scenario import Scenario
 
 _QUANTITIES = (
@@ -47,6 +47,7 @@ class Tables(NamedTuple):
     lane_speed: NDArray[np.float64]  # [R, N] comfortable speeds along them [m/s]
     turning_speed: NDArray[np.float64]  # [R, N] speeds along them [m/s] of a driver who accepts 1 m/s2 sideways
     walk: NDArray[np.float64]  # [R, M, 2] walking routes [m]
+    onsets: NDArray[np.float64]  # [2 N, 50] `people.RIGHT_TURNS`, and the same mirrored
 
 
 class Settings(NamedTuple):
@@ -143,6 +144,7 @@ def tables_from(scenarios: Sequence[Scenario]) -> Tables:
         lane_speed=_stacked([comfortable_speeds(lane) for lane in lanes]),
         turning_speed=_stacked([comfortable_speeds(lane, 1.0, TURNING_DECELERATION) for lane in lanes]),
         walk=_padded([*walks, *(replace(walk, points=walk.points[::-1]) for walk in walks)]),
+        onsets=np.concatenate([RIGHT_TURNS, mirrored(RIGHT_TURNS)]),
     )
 
 
