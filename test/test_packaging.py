@@ -18,11 +18,8 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import vpsci_ros
-from vpsci_ros.cli.added import COMMANDS
-from vpsci_ros.data.importers import IMPORTERS
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import messages_dir, params_dir
-from vpsci_ros.world.engines import ENGINES
 
 ROOT = Path(vpsci_ros.__file__).resolve().parents[1]
 SETUP = {
@@ -164,10 +161,10 @@ def test_every_entry_point_of_the_installed_package_loads():
     scripts = [script for script in entry_points(group="console_scripts") if script.value.startswith("vpsci_ros")]
     assert sorted(script.name for script in scripts) == sorted([*SETUP["EXECUTABLES"], "vpsci"])
     assert all(callable(script.load()) for script in scripts)
-    for group in (COMMANDS, ENGINES, IMPORTERS):
-        assert {name for name in group.names() if group.find(name) and group.origin(name).startswith("vpsci_ros ")} == {
-            point.partition(" = ")[0] for point in SETUP["BRANCHES"][group.group]
-        }, group.group
+    for group, wanted in SETUP["BRANCHES"].items():
+        points = [point for point in entry_points(group=group) if point.value.startswith("vpsci_ros.")]
+        assert sorted(f"{point.name} = {point.value}" for point in points) == sorted(wanted), "run `make setup`"
+        assert all(point.load() is not None for point in points)
 
 
 def installed(package: str) -> Path:
@@ -277,7 +274,7 @@ def test_a_wheel_holds_what_ros2_run_and_ros2_launch_look_for(wheel):
 
 def test_a_wheel_holds_every_module_model_and_template(wheel):
     models = (path for pattern in ("*.safetensors", "*.md") for path in (ROOT / "vpsci_ros/models").glob(pattern))
-    templates = (ROOT / "vpsci_ros").rglob("templates/*")
+    templates = [*(ROOT / "vpsci_ros").rglob("templates/*"), *(ROOT / "vpsci_ros").rglob("layouts/*")]
     recordings = (ROOT / "vpsci_ros/recordings").iterdir()
     for path in [*(ROOT / "vpsci_ros").rglob("*.py"), *models, *templates, *recordings]:
         assert str(path.relative_to(ROOT)) in wheel.namelist()
