@@ -1,6 +1,7 @@
 """The command line as a stranger meets it: help without heavy imports, one line for an error, nothing half written."""
 
 import errno
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -252,3 +253,25 @@ def test_what_cannot_be_loaded_for_want_of_memory_has_failed_and_what_is_not_ins
 
     monkeypatch.setattr("vpsci_ros.cli.main.app", fail)
     assert vpsci("graph").returncode == status
+
+
+def test_a_command_that_is_terminated_leaves_its_record_and_ends_as_by_ctrl_c(tmp_path: Path) -> None:
+    code = """
+import sys, time
+from pathlib import Path
+from vpsci_ros.cli import main
+from vpsci_ros.runs.folder import RunFolder
+from vpsci_ros.runs.sections import Sections
+def work():
+    with RunFolder(Path(sys.argv[1]), Sections({})):
+        print("begun", flush=True)
+        time.sleep(600.0)
+main.app = work
+main.main()
+"""
+    with subprocess.Popen([sys.executable, "-c", code, tmp_path], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        process.terminate()
+    assert process.returncode == 130
+    assert json.loads((tmp_path / "run.json").read_text())["error"] == "stopped on request"

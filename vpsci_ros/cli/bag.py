@@ -62,11 +62,13 @@ def export(
     """
     from vpsci_ros.bags.export import Selection, export_bag
     from vpsci_ros.bags.reader import Bag
+    from vpsci_ros.runs.progress import Bars
 
     selection = Selection(episodes, outcome, curvttc_below)
     formats = ("parquet", "csv") if csv else ("parquet",)
     opened = Bag(bag, recover=recover, topic_prefix=topic_prefix)
-    export_bag(opened, output, formats=formats, selection=selection, keep_rejected=keep_rejected)
+    with Bars(f"reading {bag}"):
+        export_bag(opened, output, formats=formats, selection=selection, keep_rejected=keep_rejected)
 
 
 @bag_app.command()
@@ -102,8 +104,10 @@ def verify(
     """
     from vpsci_ros.bags.reader import Bag
     from vpsci_ros.bags.verify import verify_bag
+    from vpsci_ros.runs.progress import Bars
 
-    result = verify_bag(Bag(bag, recover=recover, topic_prefix=topic_prefix), weights=weights)
+    with Bars(f"simulating {bag} again"):
+        result = verify_bag(Bag(bag, recover=recover, topic_prefix=topic_prefix), weights=weights)
     for note in result.notes:
         print(f"note: {note}")
     if result.difference:

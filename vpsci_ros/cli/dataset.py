@@ -100,8 +100,12 @@ def verify(
 ) -> None:
     """Simulate a dataset's episodes again and name each file that differs, with its first differing row."""
     from vpsci_ros.generate.verify import verify as run
+    from vpsci_ros.runs.progress import Bars
 
-    result = run(folder, lambda job: _workers(ray, workers)(job, 512), sample=sample, tolerance=tolerance, seed=seed)
+    with Bars(f"simulating {folder} again"):
+        result = run(
+            folder, lambda job: _workers(ray, workers)(job, 512), sample=sample, tolerance=tolerance, seed=seed
+        )
     for finding in result.findings:
         print(f"{finding.file}: {finding.what}" + (" (its hash is wrong, too)" if finding.changed else ""))
     if result.findings:

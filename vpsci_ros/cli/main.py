@@ -1,6 +1,7 @@
 """The `vpsci` command. Each subcommand imports what it needs when it runs, so that `vpsci --help` is quick."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -56,6 +57,7 @@ def import_command(
     """Write a table of near misses from recordings: every pair whose CurvTTC falls below 5 s, at steps of 0.1 s."""
     from vpsci_ros.data.importers import IMPORTERS, import_folders, print_import_summary
     from vpsci_ros.data.near_misses import write_near_misses
+    from vpsci_ros.runs.progress import Bars
 
     if check:
         from vpsci_ros.report.recordings import check_recordings
@@ -64,7 +66,8 @@ def import_command(
         print("\n".join(check_recordings(IMPORTERS.find(formats[0]).read(folders[0]), picture)))
         print(f"written: {picture}")
         return
-    result = import_folders(folders, formats)
+    with Bars(f"importing {', '.join(map(str, folders))}"):
+        result = import_folders(folders, formats)
     write_near_misses(result.table, output, result.metadata, compact=compact)
     print_import_summary(result)
     print(f"written: {output}")
@@ -171,11 +174,13 @@ def main() -> None:
 
     Exit status: 2 for refused input, 1 for a failure, 130 for an interrupt.
     """
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends a command as Ctrl-C does, with its record
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # idle threads of torch wait without burning a core
     try:
         try:
             app()
         finally:
+            signal.signal(signal.SIGTERM, before)
             sys.stdout.flush()
     except VpsciError as error:
         _end(2 if isinstance(error, InvalidInput) and not is_shortage(error) else 1, f"error: {error}")

@@ -22,7 +22,7 @@ from vpsci_ros.report.learning import save_learning
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.files import sha256, write_json
 from vpsci_ros.runs.folder import RunFolder
-from vpsci_ros.runs.progress import StageBar
+from vpsci_ros.runs.progress import Bars, StageBar
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
@@ -110,7 +110,8 @@ def run_evaluation(data: Path, form: str, models: list[str], json_path: Path | N
         table = kept_out
     elif kept_out.height and learned:
         print(f"note: {learned} near misses here are of clips that weights have learned from; see --held-out")
-    result = evaluate(table, weights)
+    with Bars(f"measuring {table['interaction'].n_unique():,} near misses"):
+        result = evaluate(table, weights)
     if json_path is not None:
         made_from = {
             "data": {"path": str(data), "sha256": table_hash(table)},

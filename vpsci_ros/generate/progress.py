@@ -36,8 +36,7 @@ class ProgressOfRun(Bars):
             note = f"kept, {rejected:,} rejected, {scenario.acceptance:.0%} pass, {rate:,.0f}/h"
             self.bar(short_name(self._names[number]), done, scenario.target, note)
         rate = (kept - sum(self._before.values())) / hours
-        left = f", {(wanted - kept) / rate * 60.0:.1f} min left" if rate > 0 else ""
-        self.line(f"{kept:,} of {wanted:,} kept, {simulated:,} simulated, {rate:,.0f} kept/h{left}", now=plan.complete)
+        self.line(f"{kept:,} of {wanted:,} kept, {simulated:,} simulated, {rate:,.0f} kept/h", now=plan.complete)
 
 
 def _counted(scenario: ScenarioPlan) -> int:

@@ -2,6 +2,7 @@
 
 import contextlib
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -17,18 +18,23 @@ _STAGE_1, _STAGE_2 = ("episode", "episodes"), ("simulated", "episodes_wanted")  
 
 
 class Bars:
-    """Progress bars; without a terminal a line now and then. Use it in a `with` block.
+    """Progress bars; without a terminal a line at once and every `interval` from then on. Use it in a `with` block.
 
+    Each line says how long the work has taken and, once a share of it is done, how long the rest takes.
+
+    :param title: what is being done, until `line` says more.
     :param quiet: show nothing.
     :param interval: seconds between lines.
     """
 
-    def __init__(self, *, quiet: bool = False, interval: float = LINE_EVERY) -> None:
+    def __init__(self, title: str = "", *, quiet: bool = False, interval: float = LINE_EVERY) -> None:
         console = Console(stderr=True)
         self._quiet = quiet
         self._lines, self._interval = not console.is_terminal and not quiet, interval
         self._begun = self._said = time.monotonic()
         self._tasks: dict[str, TaskID] = {}
+        self._shares: dict[str, tuple[float, float, float]] = {}  # done at first and now, wanted, by name
+        self._text, self._over = title, threading.Event()
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=16),
@@ -41,20 +47,43 @@ class Bars:
 
     def __enter__(self) -> "Bars":
         self._progress.start()
+        if self._lines:
+            self._say(f"{self._text or 'begun'}; a line every {self._interval:g} s says how long it still takes")
+            threading.Thread(target=self._tell, daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._over.set()
         self._progress.stop()
+
+    def _tell(self) -> None:
+        """Repeat the last line, with the time, while nothing new comes."""
+        while not self._over.wait(max(1.0, 0.1 * self._interval)):
+            self.line(self._text)
+
+    def _say(self, text: str) -> None:
+        self._said = time.monotonic()
+        print(f"  {text}", file=sys.stderr, flush=True)
+
+    def _times(self) -> str:
+        gone = time.monotonic() - self._begun
+        wanted = sum(total - first for first, _, total in self._shares.values())
+        share = sum(done - first for first, done, _ in self._shares.values()) / wanted if wanted > 0.0 else 0.0
+        left = f", some {_duration(gone * (1.0 / share - 1.0))} left" if 0.0 < share < 1.0 else ""
+        return f"{_duration(gone)} gone{left}"
 
     def bar(self, name: str, done: float, total: float | None, note: str = "") -> None:
         """Bring a bar up to date; the first call of a name adds it. None: the total is not known."""
         fields: dict[str, Any] = {"wanted": "?" if total is None else f"{total:,.0f}", "note": note}
         if name not in self._tasks:
             self._tasks[name] = self._progress.add_task(name, total=total, **fields)
+        if total is not None:
+            self._shares[name] = (self._shares.get(name, (done, done, total))[0], done, total)
         self._progress.update(self._tasks[name], completed=done, total=total, **fields)
 
     def clear(self) -> None:
         """Take all bars away."""
+        self._shares.clear()
         while self._tasks:
             self._progress.remove_task(self._tasks.popitem()[1])
 
@@ -65,16 +94,21 @@ class Bars:
 
     def line(self, text: str, *, now: bool = False) -> None:
         """Where there is no terminal, say this if the last line is `interval` ago, or `now`."""
+        self._text = text
         if self._lines and (now or time.monotonic() - self._said >= self._interval):
-            self._said = time.monotonic()
-            print(f"  {text}", file=sys.stderr, flush=True)
+            self._say(f"{text}; {self._times()}" if text else self._times())
+
+
+def _duration(seconds: float) -> str:
+    unit, name = next((pair for pair in ((3600.0, "h"), (60.0, "min")) if seconds >= 2.0 * pair[0]), (1.0, "s"))
+    return f"{seconds / unit:.0f} {name}"
 
 
 class StageBar(Bars):
     """The progress of a stage of learning."""
 
     def __init__(self, title: str, quiet: bool) -> None:
-        super().__init__(quiet=quiet)
+        super().__init__(title, quiet=quiet)
         self._title = title
         self._latest: dict[str, float] = {}
 
