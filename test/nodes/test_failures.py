@@ -151,6 +151,10 @@ def test_silence_says_whether_commands_came_and_were_refused() -> None:
     assert silent(replace(counts, vehicle_commands_refused=29)).endswith(
         "; the 29 that came were refused: late, not finite or out of range"
     )
+    by_the_wall_clock = replace(counts, vehicle_commands_refused=29, vehicle_commands_ahead=28)
+    assert "28 of the 29 that came are stamped ahead of simulated time, as by the wall clock: set use_sim_time" in (
+        silent(by_the_wall_clock)
+    )
 
 
 def flooding(limit: int = 100, *, late: bool = False, **counts: int) -> str:

@@ -136,3 +136,10 @@ def test_a_missing_file_is_named(tmp_path):
 def test_an_unknown_agent_is_refused(networks):
     with pytest.raises(InvalidInput, match="cyclist"):
         networks().weights({}, {}).actor("cyclist")
+
+
+def test_half_precision_is_named_and_not_called_damage(networks):
+    data = weights_to_bytes(networks().weights({}, {})).replace(b'"dtype":"F32"', b'"dtype":"BF16"', 1)
+    length = int.from_bytes(data[:8], "little") + 1
+    with pytest.raises(InvalidInput, match="expected tensors of F32, got BF16; convert them to F32"):
+        weights_from_bytes(length.to_bytes(8, "little") + data[8:])

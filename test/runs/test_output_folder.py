@@ -2,6 +2,9 @@
 
 import errno
 import os
+import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,7 +20,7 @@ from vpsci_ros.cli.main import app
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.runs import output_folder as output_folders
-from vpsci_ros.runs.files import FAILURE, require_empty_folder, write_text
+from vpsci_ros.runs.files import FAILURE, inherited_claims, require_empty_folder, write_text
 from vpsci_ros.runs.output_folder import output_folder
 
 
@@ -128,3 +131,21 @@ def test_a_refused_command_leaves_no_folder_and_nothing_in_somebody_elses(tmp_pa
 def test_what_the_system_refuses_is_said_in_words_and_a_defect_is_not(error: Exception, text: str) -> None:
     assert in_words(error).startswith(text)
     assert bool(in_words(error)) == bool(text)
+
+
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_child_process_does_not_make_again_what_was_taken_from_its_parent(tmp_path: Path, replaced: bool) -> None:
+    output, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    code = "import sys; from vpsci_ros.runs.output_folder import Claim; Claim(sys.argv[1] + '/bag')"
+    with output_folder(tmp_path / "out"):
+        (output / "kept").touch()
+        environment = dict(os.environ) | inherited_claims()
+    shutil.rmtree(output)
+    if replaced:
+        output.symlink_to(elsewhere)
+    ended = subprocess.run(
+        [sys.executable, "-c", code, output], env=environment, capture_output=True, text=True, check=False
+    )
+    assert "this folder was deleted, moved or replaced while it was being written" in ended.stderr
+    assert not output.exists() or not any(elsewhere.iterdir())

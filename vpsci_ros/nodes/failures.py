@@ -80,17 +80,23 @@ class Silence:
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._tick = self._missing = self._refused = 0
+        self._tick = self._missing = self._refused = self._ahead = 0
 
     def __call__(self, counts: WorldCounts) -> str:
         """Return the reason, or an empty text."""
         missing, refused = counts.vehicle_answers_missing, counts.vehicle_commands_refused
         if counts.tick < self._tick or missing - self._missing < 0.5 * (counts.tick - self._tick):
             self._tick, self._missing, self._refused = counts.tick, missing, refused
+            self._ahead = counts.vehicle_commands_ahead
         if missing - self._missing < self._limit:
             return ""
         came = refused - self._refused
         why = f"the {came} that came were refused: late, not finite or out of range" if came else "none came"
+        if ahead := counts.vehicle_commands_ahead - self._ahead:
+            why = (
+                f"{ahead} of the {came} that came are stamped ahead of simulated time, as by the wall clock: set "
+                "use_sim_time of its nodes, or stamp each command with the message that it answers"
+            )
         return f"the ADS gave no usable command for {missing - self._missing} ticks in a row; {why}"
 
 

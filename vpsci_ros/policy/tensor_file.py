@@ -86,6 +86,10 @@ def read_tensors(data: bytes, form: str, where: str, remedy: str) -> tuple[Tenso
         raise InvalidInput(
             f"{where}: expected format {form!r} in the metadata, got {metadata.get('format')!r}; {remedy}"
         )
+    header = parse_json(data[8 : 8 + int.from_bytes(data[:8], "little")], where)
+    kinds = {str(each.get("dtype")) for each in header.values() if isinstance(each, dict)}
+    if half := sorted(kinds & {"BF16", "F16"}):
+        raise InvalidInput(f"{where}: expected tensors of F32, got {' and '.join(half)}; convert them to F32")
     try:
         tensors: Tensors = load(data)
         facts = {name: parse_json(text, where) for name, text in metadata.items() if name not in ("format", CHECKSUM)}

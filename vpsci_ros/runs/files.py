@@ -14,8 +14,11 @@ from typing import Any
 from vpsci_ros.documents import require_regular
 from vpsci_ros.errors import InvalidInput, VpsciError
 
-CLAIMED: dict[tuple[int, int], Path] = {}
-"""Device and inode of each folder that this process has claimed -> the path by which it writes there."""
+INHERITED = "VPSCI_OUTPUT_FOLDERS"  # environment variable in which a child process finds them, as JSON
+CLAIMED: dict[tuple[int, int], Path] = {
+    (device, inode): Path(path) for device, inode, path in json.loads(os.environ.get(INHERITED) or "[]")
+}
+"""Device and inode of each folder that this process or its parent has claimed -> the path by which it writes there."""
 FAILURE = "failed.json"  # why a command left a folder unfinished
 
 
@@ -100,6 +103,11 @@ def require_claimed(path: Path) -> None:
     for identity, folder in CLAIMED.items():
         if path.absolute().is_relative_to(folder) and not is_at(identity, folder):
             raise VpsciError(f"{folder}: this folder was deleted, moved or replaced while it was being written")
+
+
+def inherited_claims() -> dict[str, str]:
+    """Return the environment by which a child process refuses to write where it would leave a claimed folder."""
+    return {INHERITED: json.dumps([[*identity, str(folder)] for identity, folder in CLAIMED.items()])}
 
 
 def is_at(identity: tuple[int, int], path: Path) -> bool:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
+from vpsci_ros.runs.files import inherited_claims
 from vpsci_ros.runs.stop_request import REQUESTS
 
 STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # sent, and given so long [s]
@@ -42,7 +43,12 @@ class ChildProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
-                env={"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONUNBUFFERED": "1"} | dict(environment),
+                env={
+                    "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+                    "PYTHONUNBUFFERED": "1",
+                    **environment,
+                    **inherited_claims(),
+                },
                 start_new_session=True,
                 pass_fds=tuple(inherited),
                 preexec_fn=_prepare_holding if holds_signals else _end_with_parent,  # noqa: PLW1509 - takes no lock

@@ -47,6 +47,7 @@ class WorldCounts:
     vehicle_commands: int = 0  # of an external driving system: accepted
     vehicle_commands_surplus: int = 0  # accepted after another one to the same tick
     vehicle_commands_refused: int = 0  # late, out of range or not finite
+    vehicle_commands_ahead: int = 0  # of the refused ones: stamped ahead of simulated time, as by the wall clock
     vehicle_commands_early: int = 0  # before the first tick
     safe_stops: int = 0  # begun because no command came, in real time
     safe_stop_ticks: int = 0

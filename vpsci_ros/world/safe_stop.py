@@ -152,8 +152,11 @@ class ExternalDriver:
         if self.real_time:
             oldest = max(self._stamp, self._now - round(self.config.command_silence * 1e9))
         if stamp > self._now:
+            self._counts.vehicle_commands_ahead += 1
             self.refuse(
-                values, f"it answers a tick that has not been: {stamp} ns is ahead of simulated time, {self._now} ns"
+                values,
+                f"it answers a tick that has not been: {stamp} ns is ahead of simulated time, {self._now} ns; set "
+                "use_sim_time",
             )
         if stamp < oldest:
             self.refuse(values, "it answers an earlier tick")

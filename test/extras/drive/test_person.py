@@ -41,3 +41,4 @@ def test_pedals_come_to_three_and_eight_metres_per_second_squared_and_a_foot_off
 def test_what_is_no_reading_of_keys_changes_nothing(values: object) -> None:
     assert _pressed(values) is None
     assert _pressed([-7, 2, -1]) == Pressed(-1.0, 1.0, 0.0)
+    assert _pressed([10**400, 0, 0]) == Pressed(1.0, 0.0, 0.0)

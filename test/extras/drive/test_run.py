@@ -101,9 +101,15 @@ def test_what_was_shown_is_what_the_bag_holds_and_the_vehicle_went_as_the_pedal_
     assert episode.speed[-1] > episode.speed[0] + 2.0
 
 
-def test_a_page_that_is_closed_at_the_wheel_begins_its_episode_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("ends", [None, [{"again": True}]], ids=["the page is closed", "by a key"])
+def test_an_episode_that_is_left_at_the_wheel_begins_again(tmp_path: Path, ends: list[dict[str, Any]] | None) -> None:
+    left = []
+
     def closes(message: dict[str, Any]) -> list[dict[str, Any]] | None:
-        return None if message.get("time", 0.0) > 1.0 else at_once(message)
+        if left or message.get("time", 0.0) <= 1.0:
+            return at_once(message)
+        left.append(message)
+        return ends
 
     failures, seen = driven(tmp_path / "drive", closes, at_once)
     assert failures == []

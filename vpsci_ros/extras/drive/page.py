@@ -16,6 +16,7 @@ from vpsci_ros.view.page import SCENE, inlined
 from vpsci_ros.wire.layout import PlanarMotion
 from vpsci_ros.world import Scenario
 
+LOOK = 0.2  # [s] after which a wait goes on: without a limit, Ctrl-C may reach another thread and wake nobody
 TEMPLATES = Path(__file__).resolve().parent / "templates"
 
 
@@ -42,7 +43,7 @@ class Page:
 
     def __init__(self, folder: Path, mode: str, port: int = 0) -> None:
         self.pressed, self.finished = Pressed(), False
-        self._ready, self._gone, self._changed = False, False, threading.Condition()
+        self._ready, self._gone, self._changed = False, "", threading.Condition()
         title = {"drive": "Drive", "watch": "A running graph"}[mode]
         script = inlined(*SCENE) + (TEMPLATES / "drive.js").read_text(encoding="utf-8")
         text = html.page(TEMPLATES / "drive.html", connect=True, title=title, style=inlined("view.css"), script=script)
@@ -58,7 +59,7 @@ class Page:
     def begin(self, name: str, scenario: Scenario, which: str) -> None:
         """Show where an episode takes place; `which` says in words which one it is."""
         with self._changed:
-            self._ready, self._gone, self.pressed = False, False, Pressed()
+            self._ready, self._gone, self.pressed = False, "", Pressed()
         size = [VEHICLE_LENGTH, VEHICLE_WIDTH, PEDESTRIAN_RADIUS]
         self.send("episode", name=name, which=which, scenario=scenario.name, ground=ground(scenario), size=size)
 
@@ -78,14 +79,15 @@ class Page:
         :raises Left: the person has finished instead.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._ready or self.finished)
-            self._gone = False  # whoever has closed the page meanwhile is there again
+            while not (self._ready or self.finished):
+                self._changed.wait(LOOK)
+            self._gone = ""  # whoever has closed the page meanwhile is there again
         self.require_person()
 
     def wait(self, until: float) -> None:
         """Wait until a time of `time.monotonic`, or until nobody is there."""
         with self._changed:
-            self._changed.wait_for(lambda: self._gone or self.finished, max(0.0, until - time.monotonic()))
+            self._changed.wait_for(lambda: bool(self._gone) or self.finished, max(0.0, until - time.monotonic()))
 
     def require_person(self) -> None:
         """Go on only with a person at the page.
@@ -95,13 +97,13 @@ class Page:
         if self.finished:
             raise Left("the person has finished")
         if self._gone:
-            raise Left("the page was closed")
+            raise Left(self._gone)
 
     def wait_until_left(self, patience: float) -> None:
         """Wait until the page has been closed for `patience` seconds: one that is loaded again stays open."""
         while True:
-            with self._changed:
-                self._changed.wait_for(lambda: not self._server.visited, None)
+            while self._server.visited:
+                time.sleep(LOOK)
             time.sleep(patience)
             if not self._server.visited:
                 return
@@ -109,9 +111,11 @@ class Page:
     def _hear(self, message: dict[str, Any] | None) -> None:
         with self._changed:
             if message is None:
-                self._gone, self._ready = True, False
+                self._gone, self._ready = "the page was closed", False
             elif message.get("ready") is True:
                 self._ready = True
+            elif message.get("again") is True:
+                self._gone = "the person begins it again"
             elif message.get("finish") is True:
                 self.finished = True
             else:
@@ -123,7 +127,7 @@ def _pressed(values: Any) -> Pressed | None:
     """Return what is pressed; None where a page says something else."""
     if not isinstance(values, list) or len(values) != 3:
         return None
-    if not all(isinstance(value, (int, float)) and math.isfinite(value) for value in values):
+    if not all(isinstance(value, (int, float)) and -math.inf < value < math.inf for value in values):
         return None
     steer, throttle, brake = values
     return Pressed(min(max(steer, -1.0), 1.0), min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0))

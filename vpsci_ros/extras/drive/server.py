@@ -182,7 +182,7 @@ class _Socket(WebSocketHandler):
 
     def say(self, text: str) -> None:
         with contextlib.suppress(WebSocketClosedError):  # `on_close` comes later
-            self.write_message(text)
+            self.write_message(text).add_done_callback(lambda done: done.cancelled() or done.exception())
 
 
 def _finite(value: Any) -> Any:

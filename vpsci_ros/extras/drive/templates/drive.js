@@ -45,6 +45,9 @@ function show(frame) {
   const [x, y, vx, vy] = frame.people[0] ?? [NaN, NaN, 0, 0];
   const people = frame.people.slice(1).map(([px, py, pvx, pvy]) => ({ x: px, y: py, vx: pvx, vy: pvy }));
   const curvttc = frame.curvttc ?? Infinity;
+  const { view } = scene;  // which follows the car to wherever it drives
+  if (Math.abs(frame.x - view.x) > view.wide / 2 || Math.abs(frame.y - view.y) > view.tall / 2)
+    scene.view = { ...view, x: frame.x, y: frame.y };
   last = { ...frame, ped_x: x, ped_y: y, ped_vx: vx, ped_vy: vy, people, curvttc };
   scene.drawAt(last);
   const near = "curvttc" in frame ? ` · CurvTTC ${Number.isFinite(curvttc) ? `${curvttc.toFixed(2)} s` : "none"}` : "";
@@ -114,6 +117,7 @@ socket.addEventListener("close", (event) => {
 });
 document.addEventListener("keydown", (event) => {
   if (event.key === "Enter" && event.target === document.body) go();
+  else if (event.key === "r" && mode === "drive" && $("card").hidden) send({ again: true });
   else press(event, true);
 });
 document.addEventListener("keyup", (event) => press(event, false));
