@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 from vpsci_ros.cli import doctor
+from vpsci_ros.errors import VpsciError
+from vpsci_ros.nodes import self_test
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -17,7 +19,7 @@ def test_every_extra_has_a_line_and_a_missing_one_is_named(
     (tmp_path / "vpsci_ros" / "kernel.nbc").write_bytes(bytes(3_000_000))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(doctor, "_installed", lambda name: name != "torch")
-    monkeypatch.setattr(doctor, "exchange", lambda: 0.25)
+    monkeypatch.setattr(self_test, "exchange", lambda: 0.25)
     doctor.doctor()
     printed = capsys.readouterr().out
     assert "learn       missing" in printed
@@ -36,11 +38,11 @@ def test_what_extras_bring_is_said_of_all_in_setup() -> None:
 
 
 def test_a_node_in_its_own_domain_receives_what_it_publishes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "PATIENCE", 120.0)  # on a busy machine
-    assert 0.0 <= doctor.exchange() < doctor.PATIENCE
+    monkeypatch.setattr(self_test, "PATIENCE", 120.0)  # on a busy machine
+    assert 0.0 <= self_test.exchange() < self_test.PATIENCE
 
 
 def test_where_nothing_arrives_the_error_names_what_may_block_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "PATIENCE", 0.0)
-    with pytest.raises(doctor.VpsciError, match="no message arrived within 0 s; see whether a firewall"):
-        doctor.exchange()
+    monkeypatch.setattr(self_test, "PATIENCE", 0.0)
+    with pytest.raises(VpsciError, match="no message arrived within 0 s; see whether a firewall"):
+        self_test.exchange()

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from world.helpers import SCENARIOS, alarm, calm, frames, nothing, run
+from world.helpers import AUTOPILOT, SCENARIOS, alarm, calm, frames, nothing, run
 
 from vpsci_ros.world import ENDED, EPISODE, RUNNING, World, WorldConfig, handover
 from vpsci_ros.world.counter_rng import normals
@@ -93,7 +93,9 @@ def test_a_hand_over_creates_no_energy(event):
             was, now = before[slot], state[slot]
             change = (now["vehicle_speed"] - was["vehicle_speed"]) / CONFIG.tick
             assert -MAX_DECELERATION - 1e-9 <= change <= MAX_ACCELERATION + 1e-9
-            assert now["vehicle_speed"] <= was["vehicle_speed"] + 2.0 * CONFIG.tick + 1e-9
+            assert (
+                now["vehicle_speed"] <= was["vehicle_speed"] + 4.5 * CONFIG.tick + 1e-9
+            )  # what recorded drivers reach
             jolt = np.hypot(now["pedestrian_vx"] - was["pedestrian_vx"], now["pedestrian_vy"] - was["pedestrian_vy"])
             assert jolt <= 2.5 * CONFIG.tick + 1e-9
             seen += 1
@@ -127,8 +129,9 @@ def test_after_a_hand_back_the_vehicle_finds_its_lane_again():
 
 
 def test_an_episode_that_is_never_critical_is_the_autopilots_alone():
-    with_policy = run([(2, e) for e in range(24)], config=CONFIG)
-    alone = run([(2, e) for e in range(24)])
+    episodes, paper = [(2, e) for e in range(24)], {"spawn": "paper"}
+    with_policy = run(episodes, config=dataclasses.replace(CONFIG, **paper))
+    alone = run(episodes, config=dataclasses.replace(AUTOPILOT, **paper))
     calm = [key for key, rows in with_policy.items() if not rows["controlled"].any()]
     assert calm
     for key in calm:

@@ -5,10 +5,9 @@ import os
 import platform
 import re
 import sys
-import time
 from pathlib import Path
 
-from vpsci_ros.errors import VpsciError, not_installed
+from vpsci_ros.errors import not_installed
 
 BRINGS = {
     "learn": "stages 1 and 2, `evaluate`, `realism`",
@@ -31,7 +30,6 @@ BRINGS = {
     "docs": "the documentation site",
     "colcon": "a build by colcon",
 }
-PATIENCE = 5.0  # [s] for a message to arrive
 
 
 def doctor() -> None:
@@ -51,49 +49,11 @@ def doctor() -> None:
     folder, size = kernel_cache()
     print(f"compiled kernels: {size / 1e6:.0f} MB in {folder}; delete the folder to free it")
     try:
+        from vpsci_ros.nodes.self_test import exchange
+
         print(f"ROS 2: a node received its own message after {exchange():.1f} s")
     except ModuleNotFoundError as error:
         print(f"ROS 2: {not_installed((error.name or '').partition('.')[0]) or error}")
-
-
-def exchange() -> float:
-    """Return the time until a node in its own domain received what it published [s].
-
-    :raises VpsciError: nothing arrived in time.
-    """
-    import rclpy
-    from rclpy.context import Context
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.signals import SignalHandlerOptions
-
-    from vpsci_msgs.msg import WorldState
-    from vpsci_ros.nodes.domain import own_domain, set_defaults
-
-    set_defaults()
-    context, came = Context(), list[WorldState]()
-    with own_domain():
-        rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-        try:
-            node = rclpy.create_node("vpsci_doctor", context=context, enable_rosout=False)
-            node.create_subscription(WorldState, "vpsci_doctor", came.append, 10)
-            publisher, executor = (
-                node.create_publisher(WorldState, "vpsci_doctor", 10),
-                SingleThreadedExecutor(context=context),
-            )
-            executor.add_node(node)
-            begun = time.monotonic()
-            while not came and time.monotonic() < begun + PATIENCE:
-                publisher.publish(WorldState())
-                executor.spin_once(timeout_sec=0.1)
-            taken = time.monotonic() - begun
-        finally:
-            context.try_shutdown()
-    if not came:
-        raise VpsciError(
-            f"ROS 2: no message arrived within {PATIENCE:g} s; see whether a firewall or container blocks UDP on this "
-            "host, and whether /dev/shm can be written"
-        )
-    return taken
 
 
 def kernel_cache() -> tuple[Path, int]:
