@@ -137,6 +137,9 @@ def main() -> None:
     parser.add_argument("--weights", nargs="+", default=["people", "ma_sst_ddpg"], help="files or shipped names")
     parser.add_argument("--world", nargs="+", default=[], metavar="NAME=VALUE", help="parameters of the world")
     parser.add_argument("--near-misses", type=Path, help="near-miss table")
+    parser.add_argument(
+        "--keeping", nargs="+", default=[], choices=AGENTS, help="agents that keep their velocity instead"
+    )
     arguments = parser.parse_args()
     near_misses = from_table(read_near_misses(arguments.near_misses)) if arguments.near_misses else None
     if near_misses is not None:
@@ -153,12 +156,15 @@ def main() -> None:
     world, scenarios = build(WorldConfig, settings, "--world"), load_scenarios(range(1, 9))
     for name in [*arguments.weights, "no acceleration"]:
         weights = None if name == "no acceleration" else load_policy(name)
-        outcomes = measure_outcomes(weights, SimulationConfig(scenarios, episodes, 512, arguments.seed, world))
+        simulation = SimulationConfig(scenarios, episodes, 512, arguments.seed, world)
+        outcomes = measure_outcomes(weights, simulation, arguments.keeping)
         row = rates_with_intervals(outcomes)
         print(f"{name}: {row['critical_episodes']:.0f} critical of {len(episodes)} episodes")
         for rate in ("collision", "goal"):
             shares = [100.0 * row[f"{rate}_{part}"] for part in ("rate", "low", "high")]
             print("  {} {:.1f}% [{:.1f}, {:.1f}]".format(rate, *shares))
+        if arguments.keeping:
+            continue
         seen = watched(weights, world, episodes, arguments.seed)
         print(f"  collided and at both goals by time: {by_time(seen, world.episode_time)}")
         print(f"  CurvTTC quartiles: at first {_quartiles(seen.onset)}, least {_quartiles(outcomes.least_curvttc)}")

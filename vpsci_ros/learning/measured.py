@@ -1,6 +1,7 @@
 """How policies do on simulated episodes, as a rule by a seed that they have not learned on and without exploration."""
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,8 +9,8 @@ from numpy.typing import NDArray
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.learning.online import Outcomes
 from vpsci_ros.policy.agent import policies
+from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.simulation import SimulationConfig
-from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world import COLLISION, GOAL
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.observation import AGENTS
@@ -24,15 +25,16 @@ class NoAcceleration:
         return np.zeros((len(tick.state), 2))
 
 
-def measure_outcomes(weights: Weights | None, simulation: SimulationConfig) -> Outcomes:
-    """Simulate episodes under these policies, and return how the critical ones ended.
+def measure_outcomes(policy: Policy | None, simulation: SimulationConfig, keeping: Collection[str] = ()) -> Outcomes:
+    """Simulate episodes under a policy, and return how the critical ones ended.
 
-    :param weights: of both agents; None: `NoAcceleration`.
+    :param policy: of both agents; None: `NoAcceleration`.
+    :param keeping: agents that keep their velocity instead.
     """
     world = simulation.make_world()
     agents: dict[str, Agent] = dict.fromkeys(AGENTS, NoAcceleration())
-    if weights is not None:
-        agents = dict(policies(weights, world, simulation.policies))
+    if policy is not None:
+        agents = {**policies(policy, world, simulation.policies), **dict.fromkeys(keeping, NoAcceleration())}
     outcomes = Outcomes()
     for step in Loop(world, simulation.monitor, agents):
         outcomes.note(step.events)
