@@ -5,9 +5,9 @@ BIN := $(VENV)/bin
 # Three processes, which take tests from each other in the end: a third of the time is spent waiting for graphs. JOBS=0: one.
 JOBS ?= 3
 PYTEST_ARGS ?=
-# Whether `make test` ends with the tests of engines; ENGINES= or chosen tests go without, which saves their install.
-ENGINES ?= $(if $(PYTEST_ARGS),,yes)
-ENGINE_TESTS := $(addprefix test/,cosim/test_engines.py examples/test_motion_planner.py extras/carla \
+# Whether `make test` ends with test-engines, whose install and searches take minutes: ENGINES=yes.
+ENGINES ?=
+ENGINE_TESTS := $(addprefix test/,cosim/test_engines.py examples/test_motion_planner.py extras/carla extras/exam_extra \
 	extras/formats/test_carla_map.py)
 # CommonRoad's packages need another protobuf than osi's, so their tests run apart (tools/commonroad.txt).
 COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(BIN)/python -m pytest -q -rs -k commonroad test/extras/formats/test_commonroad.py test/cosim/test_engines.py
@@ -30,12 +30,12 @@ demo:  ## run all three stages, small; leaves bags, tables and a page that plays
 	@tools/setup.sh $(VENV) demo
 	@$(BIN)/vpsci demo --force $(if $(VPSCI_DATA),--data $(VPSCI_DATA))
 
-test:  ## run the tests, last those of engines (ENGINES= leaves these out)
+test:  ## run the tests without test-engines (ENGINES=yes: with them)
 	@tools/setup.sh $(VENV) test
 	@$(BIN)/python -m pytest -q -rs --durations 20 -n $(JOBS) --dist worksteal $(addprefix --ignore ,$(ENGINE_TESTS)) $(PYTEST_ARGS)
 	@$(if $(ENGINES),$(MAKE) --no-print-directory test-engines)
 
-test-engines:  ## run the tests with SUMO, highway-env, CARLA's client, CommonRoad and a planner
+test-engines:  ## run the slow tests: searches of exam_extra, and those with SUMO, highway-env, CARLA's client, CommonRoad and a planner
 	@tools/setup.sh $(VENV) engines
 	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal $(ENGINE_TESTS)
 	@$(COMMONROAD)
