@@ -35,7 +35,8 @@ TOLERANCE = 6.0  # squared deviations by which an onset becomes seldom by a fact
 CAR_PACE, WALK_PACE, DIRECTION, PLACE = 0.04, 0.04, math.radians(4.0), 0.2
 ATTEMPTS = 48  # draws of an onset
 LEAST_WAY = 5.0  # [m] along the lane, from its beginning and to its goal, at the onset
-STEEPEST = 1.0  # [m/m] of a walking line against the route
+STEEPEST = 0.6  # [m/m] of a walking line against the route, beyond the onset
+HESITATES = 0.8  # [m/s] somebody slower at the onset goes on at another drawn speed, if that is greater
 _FIRST_BLOCK = 16  # of the stream; those before it are the other spawns'
 _JUST_BEFORE = 0.15  # [s] before the onset, in which it may be critical already
 
@@ -149,8 +150,10 @@ def _put_at_onset(episode, row, tables, s, first, second, third):  # type: ignor
     episode.pedestrian_y = episode.vehicle_y + ahead * uy + aside * ux
     episode.start_delay = time + WAITS if stands else 0.0
     episode.walking_acceleration = 0.0
-    if not stands:
-        episode.walking_speed = max(people.LEAST_WALK, factor * pace)
+    if pace >= HESITATES:
+        episode.walking_speed = factor * pace
+    else:
+        episode.walking_speed = max(episode.walking_speed, factor * pace)
     _walk_on(episode, row, tables, stands, math.cos(turned) * along - math.sin(turned) * left,
              math.sin(turned) * along + math.cos(turned) * left)  # fmt: skip
     return time + max(0.5, (episode.meeting_s - episode.route_s) / max(people.LEAST_CAR, speed))
