@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from vpsci_ros.data.dataset_index import counts_of
 from vpsci_ros.data.episode_frames import QUANTITIES, EpisodeBatch
 from vpsci_ros.data.filters import KEPT, REASONS, FilterConfig, apply_filters
-from vpsci_ros.world.state import GOAL
+from vpsci_ros.world.state import COLLISION, GOAL
 
 
 def batch(frames: int = 100, least: float = 4.9, vehicle: float = 20.0, pedestrian: float = 8.0) -> EpisodeBatch:
@@ -82,3 +83,15 @@ def test_every_condition_is_checked_and_the_first_names_the_reason() -> None:
     verdict = apply_filters(batch(frames=50, least=7.0, vehicle=1.0), FilterConfig())
     assert verdict["failed"][0].tolist() == [True, False, True, True, False]
     assert REASONS[verdict["reason"][0]] == "not critical"
+
+
+def test_early_collisions_are_those_that_only_their_length_drops() -> None:
+    long, early, early_goal, far = batch(), batch(frames=60, least=1.0), batch(frames=60), batch(60, vehicle=1.0)
+    for episode in (long, early, far):
+        episode.outcome[:] = COLLISION
+    verdicts = [apply_filters(episode, FilterConfig()) for episode in (long, early, early_goal, far)]
+    counts = counts_of(np.concatenate(verdicts))
+    assert counts["kept_outcomes"]["collision"] == counts["kept"] == 1
+    assert counts["rejected_collisions"]["too short"] == 2
+    assert counts["with_early_collisions"]["kept"] == counts["with_early_collisions"]["collisions"] == 2
+    assert counts["with_early_collisions"]["least_curvttc"] == pytest.approx([1.975, 2.95, 3.925])

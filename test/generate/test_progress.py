@@ -15,10 +15,11 @@ def shown(capsys, quiet: bool) -> str:
 
 
 def test_a_line_tells_kept_simulated_rate_and_time_left(capsys) -> None:
-    first, last = shown(capsys, quiet=False).splitlines()
+    begun, first, last = shown(capsys, quiet=False).splitlines()
+    assert begun.strip().startswith("begun; a line every ")
     assert first.strip().startswith("10 of 40 kept, 10 simulated, 0 kept/h")  # that was there before
     assert last.strip().startswith("14 of 40 kept, 20 simulated, ")
-    assert last.endswith(" min left")
+    assert last.endswith(" left")
 
 
 def test_a_unit_that_keeps_more_than_was_wanted_makes_no_rate_negative(capsys) -> None:
@@ -27,7 +28,7 @@ def test_a_unit_that_keeps_more_than_was_wanted_makes_no_rate_negative(capsys) -
         plan.scenarios[1].take(plan.scenarios[1].unit(0), 27)
         bar.show(plan)
         bar.show(plan)
-    assert all("20 of 20 kept, 30 simulated, 0 kept/h" in line for line in capsys.readouterr().err.splitlines())
+    assert all("20 of 20 kept, 30 simulated, 0 kept/h" in line for line in capsys.readouterr().err.splitlines()[1:])
 
 
 def test_a_run_that_is_over_before_a_line_is_due_says_how_it_ended(capsys) -> None:
@@ -36,7 +37,7 @@ def test_a_run_that_is_over_before_a_line_is_due_says_how_it_ended(capsys) -> No
         bar.show(plan)
         plan.scenarios[1].take(plan.scenarios[1].unit(0), 20)
         bar.show(plan)
-    (line,) = capsys.readouterr().err.splitlines()
+    _, line = capsys.readouterr().err.splitlines()
     assert line.strip().startswith("20 of 20 kept, 30 simulated, ")
 
 
