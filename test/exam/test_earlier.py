@@ -80,8 +80,8 @@ def test_the_same_system_again_changes_nothing_and_another_one_mends_what_it_men
     assert found["pedestrians"]["walker"]["fixed_rate"]["n"] == len(failed)
     assert found["pedestrians"]["walker"]["differences"]["moving_collision_rate"]["n"] == 2
     driven = pl.read_parquet(tmp_path / "lazy" / "episodes.parquet").filter(pl.col("pedestrian") == "walker")
-    assert set(failed) < {f"1:{number}" for number in driven["episode"]}
-    assert driven.height <= len(failed) + 2
+    guarded = before.sort("episode")["episode"].to_numpy()[np.random.default_rng(1).permutation(12)[:2]]
+    assert {f"1:{number}" for number in driven["episode"]} == {*failed, *(f"1:{number}" for number in guarded)}
     summary = (tmp_path / "lazy" / "summary.md").read_text()
     assert summary.startswith("## drivers_of_earlier:Lazy: failed\n")
     assert f"Fixed: [walker {failed[0]}](view.html#a=ads-walker&b=autopilot-walker&episode={failed[0]})" in summary

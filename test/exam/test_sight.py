@@ -41,7 +41,7 @@ def run(perception: PerceptionConfig | None = None, scenario: int = 104, **confi
 
 def test_without_perception_the_ads_gets_everybody_published_at_once() -> None:
     found, driven = run()
-    critical = {drive.key for drive in driven if drive.curvttc[0, :-1].min() < CRITICAL_TTC}
+    critical = {drive.key for drive in driven if drive.curvttc[0].min() < CRITICAL_TTC}
     assert set(found) == critical
     assert all((sight.published_share, sight.published_after(0.05)) == (1.0, 0.0) for sight in found.values())
 

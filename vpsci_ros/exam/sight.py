@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.safety import CRITICAL_TTC
-from vpsci_ros.world import RUNNING, Scenario
+from vpsci_ros.world import IDLE, Scenario
 from vpsci_ros.world.kinds import KINDS
 from vpsci_ros.world.parked import in_sight, parked_from
 from vpsci_ros.world.perception import SEEN, PerceptionConfig, PerceptionState, blank, perceive
@@ -68,7 +68,7 @@ class Watcher:
     def add(self, state: NDArray[np.void], curvttc: NDArray[np.float64]) -> None:
         """Take in EPISODE[B] and CurvTTC [s], float64[B], of the next tick."""
         published = self._published(state)
-        critical = (state["status"] == RUNNING) & (curvttc < CRITICAL_TTC)
+        critical = (state["status"] != IDLE) & (curvttc < CRITICAL_TTC)
         if not critical.any():
             return
         visible = in_sight(state, self._parked)
