@@ -53,27 +53,29 @@ def test_the_node_does_what_the_policy_does_in_the_environment(
 ) -> None:
     policy = example.load(weights)
     monkeypatch.setenv("TRAINED_POLICY", str(weights))
-    by_class = example.PolicyDriver()
-    by_class.reset(None)
-    driver = example.Driver(policy)
     env = RightTurnEnv([101], pedestrian="autopilot", config=WorldConfig(pedestrians=pedestrians))
-    observation, _ = env.reset(seed=4)
-    observed = set()
-    for _ in range(20):
-        action, _ = policy.predict(observation, deterministic=True)
-        expected = example.driving.controls(action[None])[0]
-        seen = SimpleNamespace(of_environment=partial(np.copy, observation))
-        for _ in range(example.HOLD):
-            np.testing.assert_allclose(by_class.act(seen), expected, atol=1e-6)
-            seen = SimpleNamespace(of_environment=partial(np.zeros, 21))  # at which it holds its action
-        state: Any = env._simulation.world.state.copy()
-        observed.add(int(env._last.state["pedestrian"][0]))
-        state["table"], state["route_s"] = 0, 0.0  # which no message tells
-        np.testing.assert_allclose(driver.control(state), expected, atol=1e-5)
-        observation, _, ended, cut, _ = env.step(action)
-        if ended or cut:
+    most_critical: set[tuple[int, int]] = set()  # seed, and which pedestrian it was
+    for seed in range(4, 40):
+        observation, _ = env.reset(seed=seed)
+        by_class, driver = example.PolicyDriver(), example.Driver(policy)
+        by_class.reset(None)
+        for _ in range(20):
+            action, _ = policy.predict(observation, deterministic=True)
+            expected = example.driving.controls(action[None])[0]
+            seen = SimpleNamespace(of_environment=partial(np.copy, observation))
+            for _ in range(example.HOLD):
+                np.testing.assert_allclose(by_class.act(seen), expected, atol=1e-6)
+                seen = SimpleNamespace(of_environment=partial(np.zeros, 21))  # at which it holds its action
+            state: Any = env._simulation.world.state.copy()
+            most_critical.add((seed, int(env._last.state["pedestrian"][0])))
+            state["table"], state["route_s"] = 0, 0.0  # which no message tells
+            np.testing.assert_allclose(driver.control(state), expected, atol=1e-5)
+            observation, _, ended, cut, _ = env.step(action)
+            if ended or cut:
+                break
+        if any(who > 0 for _, who in most_critical) or pedestrians == 1:
             break
-    assert (len(observed) > 1) == (pedestrians > 1), "of several, one and then another was the most critical"
+    assert {who > 0 for _, who in most_critical} == {False, pedestrians > 1} | {False}, "not always the same pedestrian"
 
 
 def test_it_sits_the_exam_and_answers_every_tick(weights: Path, tmp_path: Path) -> None:

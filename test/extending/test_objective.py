@@ -41,6 +41,6 @@ def test_it_can_be_chosen_for_stage_2(install: Install) -> None:
 
 def test_an_unknown_objective_is_refused_with_the_names_that_there_are(install: Install) -> None:
     install(CLONING)
-    message = r"unknown objective 'clone'; expected one of ddpg, .*cloning, or install what adds it"
+    message = r"unknown objective 'clone'; expected one of ddpg, cloning, .*or install what adds it"
     with pytest.raises(InvalidInput, match=message):
         find_objective("clone")
