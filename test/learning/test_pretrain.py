@@ -75,15 +75,13 @@ def test_clips_are_held_out_by_name(tmp_path, near_misses):
     assert pretrain(near_misses, config, SMALL, seed=1, out_dir=tmp_path).facts["data"]["held_out_clips"] == clips
 
 
-def test_a_loss_that_is_not_a_number_stops_the_run_and_keeps_the_batch(tmp_path, near_misses):
+def test_a_loss_that_is_not_a_number_stops_the_run_and_leaves_no_weights(tmp_path, near_misses):
     config = replace(SHORT, rewards=SpeedRewardsConfig(1e6, exploration=5.0), held_out_fraction=0.0)
     table = near_misses.with_columns(
         pl.when(pl.col("step") == 3).then(1e22).otherwise(pl.col("ped_vx")).alias("ped_vx")
     )
-    with pytest.raises(DivergedError, match=r"diverged.npz"):
+    with pytest.raises(DivergedError, match=r"update \d+: expected finite values, got .*critic_loss = "):
         pretrain(table, config, SMALL, seed=5, out_dir=tmp_path)
-    with np.load(tmp_path / "diverged.npz", allow_pickle=False) as kept:
-        assert kept["observation.pedestrian"].shape[2] == 6
     assert not (tmp_path / "pretrained.safetensors").exists()
 
 

@@ -112,24 +112,3 @@ def test_the_bag_of_stage_one_holds_the_learners_parameters_and_says_why_there_i
     said = (first.folder / "log" / "recorder.log").read_text()
     assert "without the parameters" not in said
     assert "waiting for" not in said.partition("found learner")[2]
-
-
-def test_a_loss_that_is_not_a_number_ends_the_graph_and_leaves_the_batch(domain: int, tmp_path: Path) -> None:
-    wild = pl.when(pl.col("step") == 3).then(1e22).otherwise(pl.col("ped_vx")).alias("ped_vx")
-    write_near_misses(synthetic_near_misses(8).table.with_columns(wild), tmp_path / "near.parquet")
-    chosen = (
-        SMALL_STAGE_1
-        | SMALL_NETWORK
-        | {
-            "near_misses": [str(tmp_path / "near.parquet")],
-            "objective": "ddpg",
-            "rewards.speed_scaling": 1e6,
-            "held_out_fraction": 0.0,
-        }
-    )
-    graph = {"nodes": ["learner"], "progress_timeout": 600.0}
-    result = run_graph(Sections({"graph": graph, "learner": chosen}), tmp_path / "run", quiet=True)
-    assert "expected finite losses" in result.error
-    assert str(tmp_path / "run" / "learner" / "diverged.npz") in result.error
-    assert (tmp_path / "run" / "learner" / "diverged.npz").exists()
-    assert not (tmp_path / "run" / "learner" / "pretrained.safetensors").exists()

@@ -1,8 +1,7 @@
 """One thread of torch for all that learns, so that a machine with more cores learns the same policy.
 
 Threads that share a sum add it in another order. Its last bits differ then, and after some hundred updates so does the
-policy. Networks as small as these gain nothing from a second thread either: they wait for it at every product. What
-uses two cores are two computations side by side that need nothing of each other, see `foresight.step_along`.
+policy. Networks as small as these gain nothing from a second thread either: they wait for it at every product.
 """
 
 from collections.abc import Iterator

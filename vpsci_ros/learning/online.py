@@ -1,14 +1,11 @@
 """Stage 2 in one process: world, monitor, policies and learner called in turn, as the graph of nodes runs them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
-from vpsci_ros.errors import Stopped
+from vpsci_ros.evaluation.outcomes import Outcomes
 from vpsci_ros.learning.config import RefineConfig, require_learnable
 from vpsci_ros.learning.pretrain import Report, write_log
 from vpsci_ros.learning.refine import CHECKPOINT, Refiner
@@ -17,42 +14,9 @@ from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.runs.identity import require_same
-from vpsci_ros.world import COLLISION, GOAL
 from vpsci_ros.world.loop import Loop
-from vpsci_ros.world.state import FINISHED, HANDED_OVER
 
 LOG, EPISODES = "refine_log.csv", "refine_episodes.csv"
-
-
-@dataclass
-class Outcomes:
-    """How the episodes that the policies took part in ended.
-
-    `rates` are the columns of Table 5 over episodes that were handed over; `least_curvttc` [s] lists theirs.
-    """
-
-    handed_over: set[tuple[int, int]] = field(default_factory=set)
-    outcomes: list[int] = field(default_factory=list)
-    least_curvttc: list[float] = field(default_factory=list)
-
-    def note(self, events: NDArray[np.void]) -> None:
-        """Take the events of a tick into account, EVENT[n]."""
-        for event in events:
-            key = int(event["scenario"]), int(event["episode"])
-            if event["kind"] == HANDED_OVER:
-                self.handed_over.add(key)
-            elif event["kind"] == FINISHED and key in self.handed_over:
-                self.handed_over.discard(key)
-                self.outcomes.append(int(event["outcome"]))
-                self.least_curvttc.append(float(event["least_curvttc"]))
-
-    def rates(self, last: int | None = None) -> dict[str, float]:
-        """Return collision, goal and timeout rates of the `last` episodes (None: all), and how many there are."""
-        outcomes = np.array(self.outcomes if last is None else self.outcomes[-last:])
-        count = max(1, len(outcomes))
-        collision, goal = float((outcomes == COLLISION).sum()) / count, float((outcomes == GOAL).sum()) / count
-        rates = {"collision_rate": collision, "goal_rate": goal, "timeout_rate": 1.0 - collision - goal}
-        return rates | {"critical_episodes": float(len(self.outcomes))}
 
 
 def refine(
@@ -122,6 +86,3 @@ def _simulate(
         if refiner.take_refresh():
             for agent in agents.values():
                 agent.load(refiner.current(), refiner.progress.version)
-
-
-__all__ = ["Outcomes", "Stopped", "refine"]

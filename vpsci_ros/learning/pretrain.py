@@ -17,7 +17,7 @@ from vpsci_ros.errors import Stopped
 from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.config import PretrainConfig
-from vpsci_ros.learning.divergence import check_losses
+from vpsci_ros.learning.divergence import require_finite
 from vpsci_ros.learning.maddpg import Maddpg, Tensors
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
@@ -62,7 +62,7 @@ def pretrain(
     :param beginning: what surrounds reading the near misses, and then compiling, before the first iteration: up to a
         minute of which nothing is worth keeping, so an exception may end it anywhere.
     :raises InvalidInput: too few near misses or clips.
-    :raises DivergedError: a loss is not a number; `diverged.npz` in `out_dir` holds the batch.
+    :raises DivergedError: a loss is not a number.
     """
     out_dir = Path(out_dir)
     out_dir.mkdir(parents=True, exist_ok=True)
@@ -76,7 +76,7 @@ def pretrain(
     try:
         while run.episode < config.episodes:
             run.whole = False
-            losses, reward = run.iterate(out_dir)
+            losses, reward = run.iterate()
             due = run.episode % config.evaluate_every == 0 or run.episode == config.episodes
             held_out = run.held_out.errors(run.weights()) if run.held_out is not None and due else {}
             control = run.held_out.control if run.held_out is not None and due else {}
@@ -135,7 +135,7 @@ class _Run:
         if self.held_out is not None:
             self.held_out.errors(self.weights())
 
-    def iterate(self, out_dir: Path) -> tuple[dict[str, float], dict[str, float]]:
+    def iterate(self) -> tuple[dict[str, float], dict[str, float]]:
         """Run one training iteration; return losses and rewards by name."""
         batch = draw_recorded(self._interactions, self._config.replay.batch_size, self.rng)
         result = self._objective.update(batch, self.episode, self.rng)
@@ -145,7 +145,7 @@ class _Run:
             if agent in result.actor_loss:
                 losses[f"{agent}_actor_loss"] = result.actor_loss[agent]
                 losses[f"{agent}_gradient_norm"] = result.gradient_norm[agent]
-        check_losses(losses, batch, self.episode, out_dir)
+        require_finite(losses, f"update {self.episode}")
         self.episode += 1
         return losses, self._episode_rewards(batch, result.actions)
 

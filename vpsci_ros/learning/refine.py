@@ -23,7 +23,7 @@ from vpsci_ros.evaluation.held_out import HeldOut, split_as_before
 from vpsci_ros.learning.assembly import HistoryAssembler
 from vpsci_ros.learning.checkpoint import load_checkpoint, save_checkpoint
 from vpsci_ros.learning.config import RefineConfig, SpeedRewardsConfig
-from vpsci_ros.learning.divergence import check_losses, require_finite_reward_weights
+from vpsci_ros.learning.divergence import require_finite
 from vpsci_ros.learning.maddpg import Maddpg, UpdateResult
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.objectives import Training, find_objective
@@ -90,7 +90,7 @@ class Refiner:
     :param near_misses: near-miss table. Clips that stage 1 held out stay held out; if the weights do not name any of
         these clips, `refresh.held_out_fraction` of the table is.
     :param seed: of sampling; the noise of the acting policies is theirs.
-    :param out_dir: where `save` writes and a diverging batch is kept; None for a learner that writes nothing.
+    :param out_dir: where `save` writes; None for a learner that writes nothing.
     :raises InvalidInput: too few near misses or clips, or no objective has the configuration's name.
     """
 
@@ -179,7 +179,7 @@ class Refiner:
     def update(self) -> dict[str, float]:
         """Draw a batch, update all networks, and return the losses by name; `summary` has them too.
 
-        :raises DivergedError: a loss is not a number; the batch is kept in `out_dir`.
+        :raises DivergedError: a loss is not a number.
         """
         progress = self.progress
         progress.owed -= 1
@@ -187,7 +187,7 @@ class Refiner:
         batch = collate(histories)
         result = self._objective.update(batch, progress.updates, self._rng)
         self._note(result, batch)
-        check_losses(progress.last, batch, progress.updates, self._out_dir)
+        require_finite(progress.last, f"update {progress.updates}")
         self._buffer.reprioritise(histories, result.error)
         progress.updates += 1
         if progress.updates % self._config.refresh.updates == 0:
@@ -213,14 +213,13 @@ class Refiner:
             "refreshes": progress.refreshes,
             "buffer_steps": self._buffer.steps,
         }
-        weights = {
-            f"{agent}_w_{name}": float(value)
-            for agent, own in zip(AGENTS, self.reward_weights.values, strict=True)
-            for name, value in zip(("collision", "goal", "speed"), own, strict=True)
-        }
         returns = {f"{agent}_return": value for agent, value in progress.returns.items()}
         errors = {f"held_out_{name}": value for name, value in progress.errors.items()}
-        return counters | progress.last | weights | returns | errors
+        return counters | progress.last | self._reward_weights_by_name() | returns | errors
+
+    def _reward_weights_by_name(self) -> dict[str, float]:
+        names = [f"{agent}_w_{part}" for agent in AGENTS for part in ("collision", "goal", "speed")]
+        return dict(zip(names, self.reward_weights.values.ravel().tolist(), strict=True))
 
     # ---- weights out
 
@@ -240,8 +239,8 @@ class Refiner:
         return self._described()
 
     def _described(self) -> Weights:
-        require_finite_reward_weights(self.reward_weights.values)
         progress = self.progress
+        require_finite(self._reward_weights_by_name(), f"after {progress.updates} updates")
         held_out = {"errors": progress.errors, "stage_1": self.stage_1_errors, "control": self._held_out.control}
         learned = {
             "updates": progress.updates,

@@ -18,6 +18,7 @@ from vpsci_ros.data.interactions import Interactions, from_table, table_hash
 from vpsci_ros.data.near_misses import split_by_clip
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.held_out import HeldOut
+from vpsci_ros.evaluation.outcomes import measure_outcomes, rates_with_intervals
 from vpsci_ros.evaluation.predictors import PolicyPredictor, Predictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import reconstruct
 from vpsci_ros.extras.paper.published import TABLE_3, TABLE_5
@@ -25,7 +26,6 @@ from vpsci_ros.extras.paper.studies.state import once
 from vpsci_ros.learning import online
 from vpsci_ros.learning import pretrain as stage_1
 from vpsci_ros.learning.config import PretrainConfig, RefineConfig
-from vpsci_ros.learning.measured import measure_outcomes, rates_with_intervals
 from vpsci_ros.learning.pretrain import Report
 from vpsci_ros.learning.refine import CHECKPOINT, WEIGHTS, Refiner
 from vpsci_ros.policy.config import NetworkConfig

@@ -15,6 +15,7 @@ from vpsci_ros.data.interactions import Interactions, table_hash
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.errors import compare, share_of
+from vpsci_ros.evaluation.outcomes import measure_outcomes
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import Measured, ProtocolErrors, measure
 from vpsci_ros.evaluation.realism.features import features, with_borrowed_noise
@@ -27,7 +28,6 @@ from vpsci_ros.evaluation.statistics import cluster_counts, interval, share
 from vpsci_ros.extras.paper.studies.cross_validation import Refinement
 from vpsci_ros.extras.paper.studies.folds import pooled
 from vpsci_ros.extras.paper.studies.state import once
-from vpsci_ros.learning.measured import measure_outcomes
 from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.runs.files import written_whole
 from vpsci_ros.world import COLLISION, GOAL

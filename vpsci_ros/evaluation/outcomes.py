@@ -1,20 +1,52 @@
-"""How policies do on simulated episodes, as a rule by a seed that they have not learned on and without exploration."""
+"""How simulated episodes end under policies, as a rule by a seed not learned on and without exploration."""
 
 import math
 from collections.abc import Collection
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.evaluation.statistics import wilson_interval
-from vpsci_ros.learning.online import Outcomes
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.world import COLLISION, GOAL
 from vpsci_ros.world.loop import Agent, Loop
 from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.state import FINISHED, HANDED_OVER
 from vpsci_ros.world.tick import Assessment, Tick
+
+
+@dataclass
+class Outcomes:
+    """How the episodes that the policies took part in ended.
+
+    `rates` are the columns of Table 5 over episodes that were handed over; `least_curvttc` [s] lists theirs.
+    """
+
+    handed_over: set[tuple[int, int]] = field(default_factory=set)
+    outcomes: list[int] = field(default_factory=list)
+    least_curvttc: list[float] = field(default_factory=list)
+
+    def note(self, events: NDArray[np.void]) -> None:
+        """Take the events of a tick into account, EVENT[n]."""
+        for event in events:
+            key = int(event["scenario"]), int(event["episode"])
+            if event["kind"] == HANDED_OVER:
+                self.handed_over.add(key)
+            elif event["kind"] == FINISHED and key in self.handed_over:
+                self.handed_over.discard(key)
+                self.outcomes.append(int(event["outcome"]))
+                self.least_curvttc.append(float(event["least_curvttc"]))
+
+    def rates(self, last: int | None = None) -> dict[str, float]:
+        """Return collision, goal and timeout rates of the `last` episodes (None: all), and how many there are."""
+        outcomes = np.array(self.outcomes if last is None else self.outcomes[-last:])
+        count = max(1, len(outcomes))
+        collision, goal = float((outcomes == COLLISION).sum()) / count, float((outcomes == GOAL).sum()) / count
+        rates = {"collision_rate": collision, "goal_rate": goal, "timeout_rate": 1.0 - collision - goal}
+        return rates | {"critical_episodes": float(len(self.outcomes))}
 
 
 class NoAcceleration:
