@@ -199,7 +199,6 @@ def main() -> None:
     watches.watch(simulate.EpisodeFrames, "store", "collecting")
     watches.watch(simulate.EpisodeFrames, "take", "collecting")
     watches.watch(simulate, "apply_filters", "collecting")
-    watches.watch(simulate, "block_of", "collecting")
     watches.watch(simulate, "joined", "collecting")
     tables = []
     per_scenario = max(64, int(run["simulated"] / len(job.scenarios)))

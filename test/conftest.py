@@ -18,13 +18,13 @@ import numpy as np
 import pytest
 from fork_server import ForkedNode, ForkServer
 from numpy.typing import NDArray
-from synthetic import synthetic_near_misses
+from synthetic import block_of_pairs, synthetic_near_misses
 
 from vpsci_ros.data.dataset import DatasetWriter
-from vpsci_ros.data.episode_frames import EpisodeBatch
+from vpsci_ros.data.episode_block import EpisodeBlock
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.world.observation import AGENTS
-from vpsci_ros.world.state import COLLISION, EPISODE, GOAL, RUNNING
+from vpsci_ros.world.state import COLLISION, EPISODE, RUNNING
 
 ROOT = Path(__file__).parents[1]
 DT, FRAMES = 0.05, 180
@@ -245,7 +245,7 @@ def motion(speed: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(speed[:-1])]) * DT
 
 
-def encounter(vehicle_yields: bool, n: int, scenario: int, least: np.ndarray) -> EpisodeBatch:
+def encounter(vehicle_yields: bool, n: int, scenario: int, least: np.ndarray) -> EpisodeBlock:
     """Return n episodes: a car along y = 0 to x = 25 m, a pedestrian up x = 20 m; who yields stands in the middle."""
     t = np.arange(FRAMES) * DT
     pause = 1.0 - 0.98 * np.clip((t - 2.0) / 0.8, 0.0, 1.0) + 0.98 * np.clip((t - 6.0) / 0.8, 0.0, 1.0)
@@ -258,12 +258,9 @@ def encounter(vehicle_yields: bool, n: int, scenario: int, least: np.ndarray) ->
     values[..., 7] = walk
     values[..., 8] = np.hypot(values[..., 0] - 20.0, values[..., 5])
     values[..., 9] = np.where((t > 1.5) & (t < 3.0), least[:, None], np.inf)
-    outcome = np.full(n, GOAL, np.uint8)
-    outcome[-1] = COLLISION
-    numbers = np.arange(n, dtype=np.int64)
-    return EpisodeBatch(
-        np.full(n, scenario, np.uint8), numbers, outcome, np.full(n, FRAMES), values, np.zeros(256, np.int64)
-    )
+    block = block_of_pairs(values, scenario)
+    block.records["outcome"][-1] = COLLISION
+    return block
 
 
 @pytest.fixture(scope="session")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.data.episode_block import RECORD, EpisodeBlock
 from vpsci_ros.data.importers.importer import Clip
 from vpsci_ros.data.importers.pairing import near_misses_of
 from vpsci_ros.data.importers.result import ImportResult
@@ -18,6 +19,7 @@ from vpsci_ros.data.importers.tracks import Track
 from vpsci_ros.data.near_misses import check_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
+from vpsci_ros.world.state import GOAL
 
 Floats = NDArray[np.float64]
 SOURCE = "synthetic"
@@ -184,3 +186,12 @@ def _clips(made: dict[str, Floats], block: int) -> list[Clip]:
         pedestrian = {name: own["p" + name] for name in ("x", "y", "vx", "vy")}
         clips.append(Clip(f"synthetic_{block * n + i:05d}", [Track(0, 0, vehicle)], [Track(0, 0, pedestrian)]))
     return clips
+
+
+def block_of_pairs(values: np.ndarray, scenario: int = 1) -> EpisodeBlock:
+    """Return episodes 0, 1, ... of one pedestrian, float32[n, frames, 10], that ended at the goal."""
+    records = np.zeros(len(values), RECORD)
+    records["scenario"], records["count"], records["outcome"] = scenario, np.arange(len(values)), GOAL
+    records["frames"] = records["rows"] = values.shape[1]
+    records["pedestrians"] = 1
+    return EpisodeBlock(records, values.reshape(-1, values.shape[2]))

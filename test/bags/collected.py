@@ -3,11 +3,12 @@
 from pathlib import Path
 
 from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.episode_frames import EpisodeBatch, EpisodeFrames
+from vpsci_ros.data.episode_block import EpisodeBlock
+from vpsci_ros.data.episode_frames import EpisodeFrames
 
 
-def collected(bag: Path) -> list[EpisodeBatch]:
-    """Return the batches of episodes that ended, none of them empty."""
+def collected(bag: Path) -> list[EpisodeBlock]:
+    """Return the blocks of episodes that ended, none of them empty."""
     ticks = list(read_bag(bag))
     frames = EpisodeFrames(len(ticks[0].state))
     return [batch for batch in (frames.add(tick.state, tick.curvttc, tick.distance) for tick in ticks) if len(batch)]

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from vpsci_ros.data.episode_frames import NOT_OPEN, QUANTITIES, EpisodeFrames
+from vpsci_ros.data.episode_block import QUANTITIES
+from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import COLLISION, GOAL, RUNNING, TIMEOUT
 
@@ -17,9 +18,10 @@ def collect(ticks, batch: int, frames: int = 256) -> dict[int, tuple[int, int, n
     out = {}
     for tick in ticks:
         done = collector.add(*tick)
-        for i in range(len(done)):
-            assert done.scenario[i] == 1
-            out[int(done.episode[i])] = (int(done.outcome[i]), int(done.frames[i]), done.values[i, : done.frames[i]])
+        for i, record in enumerate(done.records):
+            assert record["scenario"] == 1
+            values = done.only(np.arange(len(done)) == i).values
+            out[int(record["count"])] = (int(record["outcome"]), int(record["frames"]), values)
     assert collector.unfinished == 0
     return out
 
@@ -73,7 +75,7 @@ def test_a_broken_off_episode_is_counted_and_not_given_out(simulate) -> None:
     collector = EpisodeFrames(1)
     ticks = list(simulate([8, 4], [GOAL, GOAL], 1))
     done = [collector.add(*tick) for tick in ticks[:5] + ticks[8:]]
-    assert [batch.episode.tolist() for batch in done if len(batch)] == [[1]]
+    assert [block.records["count"].tolist() for block in done if len(block)] == [[1]]
     assert collector.unfinished == 1
 
 
@@ -81,16 +83,6 @@ def test_an_episode_longer_than_the_room_gets_more(simulate) -> None:
     (_, frames, values) = collect(simulate([50], [TIMEOUT], 1), 1, frames=4)[0]
     assert frames == 50
     assert values[:, 5] == pytest.approx(-4.0 + 1.5 * 0.05 * np.arange(50))
-
-
-def test_the_lowest_running_number_comes_with_each_end(simulate) -> None:
-    collector = EpisodeFrames(2)
-    lowest = {}
-    for tick in simulate([12, 5, 9], [GOAL] * 3, 2):
-        batch = collector.add(*tick)
-        if len(batch):
-            lowest[tuple(batch.episode.tolist())] = batch.open_from[1]
-    assert lowest == {(1,): 0, (0,): 2, (2,): NOT_OPEN}
 
 
 def test_another_batch_size_is_refused(simulate) -> None:

@@ -20,10 +20,10 @@ def test_a_bag_of_chosen_episodes_holds_the_rows_of_the_dataset(made, tmp_path: 
     chosen = [(6, int(data.rows(NAMES[6])["count"][-1])), (1, int(data.rows(NAMES[1])["count"][0]))]
     record_episodes(made, chosen, tmp_path / "bag")
     batches = collected(tmp_path / "bag")
-    assert [(int(b.scenario[0]), int(b.episode[0])) for b in batches] == chosen
+    assert [tuple(b.records[["scenario", "count"]][0].tolist()) for b in batches] == chosen
     for batch, (scenario, number) in zip(batches, chosen, strict=True):
         expected = data.rows(NAMES[scenario]).filter(pl.col("count") == number)
-        found = episode_rows([number], [batch.values[0, : batch.frames[0]]]).with_row_index("row")
+        found = episode_rows(batch).with_row_index("row")
         assert first_difference(expected, found, 0.0) is None
 
 

@@ -17,7 +17,7 @@ from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_files import FORMATS
 from vpsci_ros.data.episode import Key
-from vpsci_ros.data.episode_frames import EpisodeBatch, EpisodeFrames
+from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.data.gathered import NO_SCENARIO, group_of
 from vpsci_ros.errors import InvalidInput
@@ -85,9 +85,9 @@ def export_bag(
     ) as writer:
         unseen = 0
         for tick in itertools.chain((first,), ticks):
-            batch = frames.add(tick.state, tick.curvttc, tick.distance)
-            unseen += _unseen(batch)
-            writer.add(batch)
+            ended = frames.add(tick.state, tick.curvttc, tick.distance)
+            unseen += int(np.isnan(ended.values).any(axis=1).sum())
+            writer.add(ended)
         if writer.empty:
             raise InvalidInput(f"{bag}: not one of its {frames.unfinished} episodes ended while it was recorded")
         description = writer.close(unfinished=frames.unfinished)
@@ -95,12 +95,6 @@ def export_bag(
     if unseen:
         console.print(f"the bag lacks states, or the monitor's answers to them, of {unseen} frames: empty cells")
     return description
-
-
-def _unseen(batch: EpisodeBatch) -> int:
-    """Return of how many frames of the episodes something is missing."""
-    there = np.arange(batch.values.shape[1]) < batch.frames[:, None]
-    return int((np.isnan(batch.values).any(axis=2) & there).sum())
 
 
 def _alone(tick: RecordedTick, wanted: Collection[Key]) -> RecordedTick:

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from vpsci_ros.data.episode_frames import QUANTITIES
+from vpsci_ros.data.episode_block import EpisodeBlock, joined
 from vpsci_ros.data.parquet import Column, arrow_schema
 
 Numbers = NDArray[np.int64]
@@ -52,16 +52,9 @@ INDEX_COLUMNS: dict[str, Column] = {
 }
 
 
-def episode_rows(
-    numbers: Sequence[int], episodes: Sequence[NDArray[np.float32]], pedestrians: Sequence[int] | None = None
-) -> pl.DataFrame:
-    """Return the rows of episodes as a file holds them.
-
-    :param episodes: float32[rows, 10] each, in the order of `QUANTITIES`, one pedestrian after the other.
-    :param pedestrians: how many each has; None: one.
-    """
-    several = [1] * len(numbers) if pedestrians is None else pedestrians
-    rows = pl.from_arrow(_arrow_rows(numbers, episodes, several, arrow_schema(DATASET_COLUMNS, {})))
+def episode_rows(block: EpisodeBlock) -> pl.DataFrame:
+    """Return the rows of the stored episodes as a file holds them."""
+    rows = pl.from_arrow(_arrow_rows(block, arrow_schema(DATASET_COLUMNS, {})))
     assert isinstance(rows, pl.DataFrame)
     return rows
 
@@ -74,16 +67,14 @@ def agent_ids(count: Numbers, pedestrian: Numbers) -> tuple[Numbers, Numbers]:
     return 2 * count, 2 * count + 1 + pedestrian * NEXT_PEDESTRIAN
 
 
-def _arrow_rows(
-    numbers: Sequence[int], episodes: Sequence[NDArray[np.float32]], pedestrians: Sequence[int], schema: pa.Schema
-) -> pa.Table:
-    several = np.array(pedestrians, np.int64)
-    lengths = np.repeat(np.array([len(values) for values in episodes], np.int64) // several, several)  # a pair each
-    count = np.repeat(np.repeat(np.array(numbers, np.int64), several), lengths)
-    person = np.repeat(np.concatenate([np.zeros(0, np.int64), *(np.arange(n) for n in several)]), lengths)
-    frame = np.concatenate([np.zeros(0, np.int32), *(np.arange(n, dtype=np.int32) for n in lengths)])
-    values = np.concatenate([np.zeros((0, len(QUANTITIES)), np.float32), *episodes])
-    columns = [count, frame, *agent_ids(count, person), *(np.ascontiguousarray(v) for v in values.T)]
+def _arrow_rows(block: EpisodeBlock, schema: pa.Schema) -> pa.Table:
+    several = np.where(block.records["rows"] > 0, block.records["pedestrians"], 0)
+    lengths = np.repeat(block.records["frames"], several)  # a pair each
+    count = np.repeat(np.repeat(block.records["count"], several), lengths)
+    person = np.arange(len(lengths)) - np.repeat(np.cumsum(several) - several, several)
+    frame = (np.arange(len(count)) - np.repeat(np.cumsum(lengths) - lengths, lengths)).astype(np.int32)
+    ids = agent_ids(count, np.repeat(person, lengths))
+    columns = [count, frame, *ids, *(np.ascontiguousarray(each) for each in block.values.T)]
     return pa.table([pa.array(column) for column in columns], schema=schema)
 
 
@@ -115,37 +106,32 @@ class EpisodeTable:
             self._csv = self._parts["csv"].open("wb")
             self._csv.write((",".join(DATASET_COLUMNS) + "\n").encode())
         self._row_group = row_group
-        self._numbers: list[int] = []
-        self._episodes: list[NDArray[np.float32]] = []
-        self._pedestrians: list[int] = []
-        self._buffered = 0
+        self._left = joined([])
         self.rows = 0
 
-    def add(self, number: int, values: NDArray[np.float32], pedestrians: int = 1) -> None:
-        """Append an episode: its number and float32[rows, 10] in the order of `QUANTITIES`, see `episode_rows`."""
-        self._numbers.append(number)
-        self._pedestrians.append(pedestrians)
-        self._episodes.append(values)
-        self._buffered += len(values)
-        if self._buffered >= self._row_group:
-            self._flush()
+    def add(self, block: EpisodeBlock) -> None:
+        """Append episodes, which follow those added before in the order of their numbers."""
+        self._left = joined([self._left, block])
+        while len(self._left.values) >= self._row_group:
+            now = np.cumsum(self._left.records["rows"]) - self._left.records["rows"] < self._row_group
+            self._flush(self._left.only(now))
+            self._left = self._left.only(~now)
 
-    def _flush(self) -> None:
-        if not self._buffered:
+    def _flush(self, block: EpisodeBlock) -> None:
+        if not len(block.values):
             return
-        rows = _arrow_rows(self._numbers, self._episodes, self._pedestrians, self._schema)
+        rows = _arrow_rows(block, self._schema)
         if self._parquet is not None:
             self._parquet.write_table(rows)
         if self._csv is not None:
             frame_of_rows = pl.from_arrow(rows)
             assert isinstance(frame_of_rows, pl.DataFrame)
             frame_of_rows.write_csv(self._csv, include_header=False)
-        self.rows += self._buffered
-        self._numbers, self._episodes, self._pedestrians, self._buffered = [], [], [], 0
+        self.rows += rows.num_rows
 
     def close(self) -> list[tuple[Path, int]]:
         """Finish the files, give them their names, and return each with its number of rows."""
-        self._flush()
+        self._flush(self._left)
         self._shut()
         for form, path in self._paths.items():
             self._parts[form].replace(path)

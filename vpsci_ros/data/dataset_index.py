@@ -11,7 +11,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
-from vpsci_ros.data.filters import KEPT, REASONS, RECORD, FilterConfig
+from vpsci_ros.data.episode_block import KEPT, REASONS, RECORD
+from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.documents import Form
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.provenance import software_versions

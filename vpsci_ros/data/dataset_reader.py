@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, FORMATS, INDEX_COLUMNS, NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_index import DESCRIPTION, FORM, INDEX, REJECTED
 from vpsci_ros.data.episode import Episode, Key, Listed, filled, headings
-from vpsci_ros.data.episode_frames import QUANTITIES
+from vpsci_ros.data.episode_block import QUANTITIES
 from vpsci_ros.data.parquet import open_parquet, read_bounded, read_parquet
 from vpsci_ros.documents import read_json, reason, require_form, require_regular
 from vpsci_ros.errors import InvalidInput

@@ -1,10 +1,6 @@
-"""Episodes of one scenario that have ended, with what the filters say of each: what a dataset is written from.
-
-A block is also what a worker sends and a journal keeps, so it goes into bytes and comes back.
-"""
+"""Many episodes that have ended, with what the filters say of each, for collector, filters, workers and files."""
 
 import io
-import itertools
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -14,18 +10,54 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.data.episode_frames import QUANTITIES, EpisodeBatch
-from vpsci_ros.data.filters import KEPT, RECORD
 from vpsci_ros.errors import InvalidInput
+
+QUANTITIES = (
+    "position_x_av",
+    "position_y_av",
+    "velocity_x_av",
+    "velocity_y_av",
+    "position_x_ped",
+    "position_y_ped",
+    "velocity_x_ped",
+    "velocity_y_ped",
+    "distance",
+    "CurvTTC",
+)
+KEPT = 0
+REASONS = (
+    "kept",
+    "not critical",  # (1) CurvTTC never below 5 s
+    "velocities missing",  # (2) ten frames in a row or more without them
+    "too short",  # (3) fewer than 100 frames
+    "vehicle hardly moved",  # (4) 10 m or less from the first to the last frame
+    "pedestrian hardly moved",  # (4) 4 m or less
+)
+RECORD = np.dtype(
+    [
+        ("scenario", np.uint8),
+        ("count", np.int64),  # number within the scenario
+        ("outcome", np.uint8),  # of `vpsci_ros.world.state`
+        ("failed", np.bool_, len(REASONS) - 1),  # the conditions `REASONS[1:]`, each on its own
+        ("reason", np.uint8),  # index into `REASONS` of the first that fails in the paper's order, `KEPT` for none
+        ("frames", np.int64),  # from the spawn to the end, both included
+        ("pedestrians", np.int64),
+        ("rows", np.int64),  # of the episode that are stored: a row a frame and pedestrian, or none
+        ("least_curvttc", np.float32),  # [s] of all pairs
+        ("vehicle_path", np.float64),  # [m] length of the trajectory, of the pair that decides
+        ("pedestrian_path", np.float64),  # [m]
+    ]
+)
+"""What is known of an episode that ended; `apply_filters` adds what the filters say."""
 
 
 @dataclass(frozen=True)
 class EpisodeBlock:
-    """n episodes of one scenario.
+    """n episodes.
 
-    :ivar records: RECORD[n], see `vpsci_ros.data.filters`.
-    :ivar values: float32[rows, 10], `QUANTITIES` of the stored episodes (the kept ones, or all), one after the other,
-        and in each one pedestrian after the other.
+    :ivar records: RECORD[n].
+    :ivar values: float32[rows, 10], `QUANTITIES` in map frame [m, m/s, s] of the episodes that are stored, one after
+        the other, and in each one pedestrian after the other; NaN in frames that nobody saw.
     """
 
     records: NDArray[np.void]
@@ -39,15 +71,15 @@ class EpisodeBlock:
         """bool[n], episodes that pass every filter."""
         return np.asarray(self.records["reason"] == KEPT)
 
-    def rows(self) -> list[NDArray[np.float32]]:
-        """Return each episode's rows, float32[rows, 10] (none where not stored)."""
-        ends = itertools.accumulate(self.records["rows"].tolist(), initial=0)
-        return [self.values[begin:end] for begin, end in itertools.pairwise(ends)]
+    def only(self, chosen: NDArray[np.bool_]) -> "EpisodeBlock":
+        """Return the episodes where bool[n] is true."""
+        return EpisodeBlock(self.records[chosen], self.values[np.repeat(chosen, self.records["rows"])])
 
-    def take(self, places: NDArray[np.int64]) -> "EpisodeBlock":
-        """Return those at `places`, int64[m], in that order."""
-        rows = self.rows()
-        return EpisodeBlock(self.records[places], np.concatenate([NO_ROWS, *(rows[i] for i in places)]))
+    def stored(self, keep_rejected: bool) -> "EpisodeBlock":
+        """Return the episodes without the rows of rejected ones, unless these are kept, too."""
+        stored, records = self.kept | keep_rejected, self.records.copy()
+        records["rows"] = np.where(stored, records["rows"], 0)
+        return EpisodeBlock(records, self.values[np.repeat(stored, self.records["rows"])])
 
     def write(self, file: BinaryIO) -> None:
         """Write the block as an NPZ file, each array with its checksum."""
@@ -60,29 +92,15 @@ class EpisodeBlock:
         return file.getvalue()
 
 
-NO_ROWS = np.zeros((0, len(QUANTITIES)), np.float32)
-
-
 def joined(blocks: Sequence[EpisodeBlock]) -> EpisodeBlock:
-    """Return the episodes of several blocks as one, in the order of their numbers."""
+    """Return the episodes of several blocks as one, in the order of their scenarios and numbers."""
     records = np.concatenate([np.zeros(0, RECORD), *(block.records for block in blocks)])
-    rows = [own for block in blocks for own in block.rows()]
-    order = np.argsort(records["count"], kind="stable")
-    return EpisodeBlock(records[order], np.concatenate([NO_ROWS, *(rows[i] for i in order)]))
-
-
-def block_of(batch: EpisodeBatch, records: NDArray[np.void], keep_rejected: bool, scenario: int) -> EpisodeBlock:
-    """Return the episodes of one scenario out of a batch that ended.
-
-    :param records: RECORD[m], what the filters say of the batch.
-    :param keep_rejected: store the frames of rejected episodes, too.
-    """
-    records = records.copy()
-    stored = (records["scenario"] == scenario) & (keep_rejected | (records["reason"] == KEPT))
-    records["rows"] = np.where(stored, records["frames"] * records["pedestrians"], 0)
-    of_pair = np.repeat(stored, records["pedestrians"])
-    shown = np.arange(batch.values.shape[1]) < (batch.frames * of_pair)[:, None]
-    return EpisodeBlock(records[records["scenario"] == scenario], batch.values[shown])
+    values = np.concatenate([np.zeros((0, len(QUANTITIES)), np.float32), *(block.values for block in blocks)])
+    order, ends = np.lexsort((records["count"], records["scenario"])), np.cumsum(records["rows"])
+    if (order == np.arange(len(order))).all():
+        return EpisodeBlock(records, values)
+    rows = np.split(values, ends[:-1])
+    return EpisodeBlock(records[order], np.concatenate([rows[i] for i in order]))
 
 
 def block_from_bytes(data: bytes, where: str) -> EpisodeBlock:

@@ -5,65 +5,16 @@ Its memory is one buffer of `batch` episodes, whatever the length of the run.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.data.episode_block import QUANTITIES, RECORD, EpisodeBlock
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.state import ENDED, IDLE
 
-QUANTITIES = (
-    "position_x_av",
-    "position_y_av",
-    "velocity_x_av",
-    "velocity_y_av",
-    "position_x_ped",
-    "position_y_ped",
-    "velocity_x_ped",
-    "velocity_y_ped",
-    "distance",
-    "CurvTTC",
-)
-NOT_OPEN = np.iinfo(np.int64).max
 Floats32 = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class EpisodeBatch:
-    """Episodes that ended, whole: an entry each, or of several pedestrians one each, one after the other.
-
-    :ivar scenario: uint8[n], numbers of scenarios.
-    :ivar episode: int64[n], number within the scenario.
-    :ivar outcome: uint8[n], COLLISION, GOAL or TIMEOUT of `vpsci_ros.world.state`.
-    :ivar frames: int64[n], frames from the spawn to the end, both included.
-    :ivar values: float32[n, F, 10], `QUANTITIES` in map frame [m, m/s, s]; frames that nobody saw, and those after the
-        last one, are NaN.
-    :ivar open_from: int64[256], by scenario the lowest number of an episode that still runs, `NOT_OPEN` for none.
-        Episodes enter in the order of their numbers, so whatever lies below has ended. Zeros in an empty batch.
-    """
-
-    scenario: NDArray[np.uint8]
-    episode: NDArray[np.int64]
-    outcome: NDArray[np.uint8]
-    frames: NDArray[np.int64]
-    values: Floats32
-    open_from: NDArray[np.int64]
-    pedestrian: NDArray[np.uint8] | None = None  # [n], number within the episode; None: there is one in each
-
-    def __len__(self) -> int:
-        return len(self.episode)
-
-    @property
-    def first(self) -> NDArray[np.int64]:
-        """Return the entry of the first pedestrian of each of m episodes, int64[m]."""
-        return np.arange(len(self)) if self.pedestrian is None else np.flatnonzero(self.pedestrian == 0)
-
-    @property
-    def pedestrians(self) -> NDArray[np.int64]:
-        """Return how many pedestrians each of m episodes has, int64[m]."""
-        return np.diff(np.append(self.first, len(self)))
 
 
 class EpisodeFrames:
@@ -88,7 +39,7 @@ class EpisodeFrames:
         """Episodes seen so far of which the end is not (yet) seen: still running, or broken off by another one."""
         return int(self._slots["open"].sum() + self._counts[2])
 
-    def add(self, state: NDArray[np.void], curvttc: NDArray[np.float64], distance: NDArray[np.float64]) -> EpisodeBatch:
+    def add(self, state: NDArray[np.void], curvttc: NDArray[np.float64], distance: NDArray[np.float64]) -> EpisodeBlock:
         """Take one tick and return the episodes that end with it (none, usually); see `store`."""
         self.store(state, curvttc, distance)
         return self.take()
@@ -109,29 +60,20 @@ class EpisodeFrames:
         _store(state, curvttc, distance, self._slots, self._places, self._values, self._free, self._ended, self._counts)
         return int(self._counts[1])
 
-    def take(self) -> EpisodeBatch:
+    def take(self) -> EpisodeBlock:
         """Return the episodes that wait, in the order in which they ended."""
         free, count, _ = self._counts.tolist()
-        if not count:
-            return self._given(self._ended[:0], np.zeros(256, np.int64))
-        open_from = np.full(256, NOT_OPEN, np.int64)
-        running = self._slots[self._slots["open"]]
-        np.minimum.at(open_from, running["scenario"], running["episode"])
-        self._free[free : free + count] = self._ended[:count]
+        places = self._ended[:count]
+        of, first = self._places[places], np.flatnonzero(self._places["pedestrian"][places] == 0)
+        records = np.zeros(len(first), RECORD)
+        for name, own in (("scenario", "scenario"), ("count", "episode"), ("outcome", "outcome"), ("frames", "frames")):
+            records[name] = of[own][first]
+        records["pedestrians"] = np.diff(np.append(first, count))
+        records["rows"] = records["frames"] * records["pedestrians"]
+        there = np.arange(of["frames"].max(initial=0)) < of["frames"][:, None]
+        self._free[free : free + count] = places
         self._counts[:2] = free + count, 0
-        return self._given(self._ended[:count], open_from)
-
-    def _given(self, places: NDArray[np.int64], open_from: NDArray[np.int64]) -> EpisodeBatch:
-        of = self._places[places]
-        return EpisodeBatch(
-            of["scenario"],
-            of["episode"],
-            of["outcome"],
-            np.ascontiguousarray(of["frames"]),
-            self._values[places, : of["frames"].max(initial=0)],
-            open_from,
-            of["pedestrian"],
-        )
+        return EpisodeBlock(records, self._values[places, : there.shape[1]][there])
 
     def _make_room(self, places: int, frames: int) -> None:
         """Have room for so many places and frames in each."""

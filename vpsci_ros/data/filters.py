@@ -10,22 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import float64
-from numpy.typing import NDArray
 
-from vpsci_ros.data.episode_frames import QUANTITIES, EpisodeBatch
+from vpsci_ros.data.episode_block import KEPT, QUANTITIES, EpisodeBlock
 from vpsci_ros.parameters import parameter
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.compiled import kernel
 
-KEPT = 0
-REASONS = (
-    "kept",
-    "not critical",  # (1) CurvTTC never below 5 s
-    "velocities missing",  # (2) ten frames in a row or more without them
-    "too short",  # (3) fewer than 100 frames
-    "vehicle hardly moved",  # (4) 10 m or less from the first to the last frame
-    "pedestrian hardly moved",  # (4) 4 m or less
-)
 _VEHICLE = QUANTITIES.index("position_x_av")  # then y and the velocity
 _PEDESTRIAN = QUANTITIES.index("position_x_ped")
 _TTC = QUANTITIES.index("CurvTTC")
@@ -52,71 +42,45 @@ class FilterConfig:
     pedestrian_distance: float = parameter(4.0, "likewise for the pedestrian", unit="m", low=0.0, high=1e4)
 
 
-RECORD = np.dtype(
-    [
-        ("scenario", np.uint8),
-        ("count", np.int64),  # number within the scenario
-        ("outcome", np.uint8),  # of `vpsci_ros.world.state`
-        ("failed", np.bool_, len(REASONS) - 1),  # the conditions `REASONS[1:]`, each on its own
-        ("reason", np.uint8),  # index into `REASONS` of the first that fails in the paper's order, `KEPT` for none
-        ("frames", np.int64),
-        ("pedestrians", np.int64),
-        ("rows", np.int64),  # of the episode that are stored: a row a frame and pedestrian, or none
-        ("least_curvttc", np.float32),  # [s] of all pairs
-        ("vehicle_path", np.float64),  # [m] length of the trajectory, of the pair that decides
-        ("pedestrian_path", np.float64),  # [m]
-    ]
-)
-"""What the filters say of an episode that ended."""
-
-
-def apply_filters(batch: EpisodeBatch, config: FilterConfig) -> NDArray[np.void]:
-    """Apply the four conditions to every episode of a batch, and return RECORD[m].
+def apply_filters(block: EpisodeBlock, config: FilterConfig) -> EpisodeBlock:
+    """Apply the four conditions to every episode of a block whose rows are all there.
 
     Of the pairs of an episode that one decides which is kept, or, where none or several are, has the least CurvTTC.
     """
-    pairs, first = _judge_pairs(batch, config), batch.first
-    if len(first) == len(batch):
-        return pairs
-    of_episode = np.repeat(np.arange(len(first)), batch.pedestrians)
-    order = np.lexsort((pairs["least_curvttc"], pairs["reason"] != KEPT, of_episode))
-    records = pairs[order[first]]
-    records["pedestrians"] = batch.pedestrians
-    records["least_curvttc"] = np.minimum.reduceat(pairs["least_curvttc"], first)
-    return records
-
-
-def _judge_pairs(batch: EpisodeBatch, config: FilterConfig) -> NDArray[np.void]:
-    """Return RECORD[n] of each pair as if it were alone."""
-    pairs = np.zeros(len(batch), RECORD)
-    pairs["scenario"], pairs["count"], pairs["outcome"] = batch.scenario, batch.episode, batch.outcome
-    pairs["frames"], pairs["pedestrians"] = batch.frames, 1
-    measures = np.zeros((len(batch), 6))
-    _measure(batch.values, batch.frames, measures)
-    least, missing, *paths, vehicle_moved, pedestrian_moved = measures.T
-    pairs["least_curvttc"], (pairs["vehicle_path"], pairs["pedestrian_path"]) = least, paths
-    pairs["failed"] = np.column_stack(
+    records, several = block.records.copy(), block.records["pedestrians"]
+    frames, first = np.repeat(records["frames"], several), np.cumsum(several) - several
+    measures = np.zeros((len(frames), 6))
+    _measure(block.values, frames, measures)
+    least = measures[:, 0].astype(np.float32)
+    failed = np.column_stack(
         [
-            ~(pairs["least_curvttc"] < config.critical_ttc),
-            missing >= config.missing_frames,
-            batch.frames < config.least_frames,
-            vehicle_moved <= config.vehicle_distance,
-            pedestrian_moved <= config.pedestrian_distance,
+            ~(least < config.critical_ttc),
+            measures[:, 1] >= config.missing_frames,
+            frames < config.least_frames,
+            measures[:, 4] <= config.vehicle_distance,
+            measures[:, 5] <= config.pedestrian_distance,
         ]
     )
-    pairs["reason"] = np.where(pairs["failed"].any(axis=1), pairs["failed"].argmax(axis=1) + 1, KEPT)
-    return pairs
+    reason = np.where(failed.any(axis=1), failed.argmax(axis=1) + 1, KEPT)
+    pair = np.lexsort((least, reason != KEPT, np.repeat(np.arange(len(records)), several)))[first]
+    records["failed"], records["reason"] = failed[pair], reason[pair]
+    records["vehicle_path"], records["pedestrian_path"] = measures[pair, 2], measures[pair, 3]
+    records["least_curvttc"] = np.minimum.reduceat(least, first) if len(first) else least
+    return EpisodeBlock(records, block.values)
 
 
 @kernel
 def _measure(values, frames, out):  # type: ignore[no-untyped-def]
-    """Measure episodes, float32[n, F, 10], of which the first `frames` int64[n] count.
+    """Measure pairs, float32[rows, 10] one after the other, of `frames` int64[n] each.
 
     :param out: float64[n, 6]: least CurvTTC [s]; the longest run of frames without velocities; the lengths of both
         trajectories, and how far both were at last from where they were first [m].
     """
+    begin = 0
     for i in range(frames.size):
-        rows, count = values[i], frames[i]
+        count = frames[i]
+        rows = values[begin : begin + count]
+        begin += count
         out[i, 0], run = math.inf, 0
         for f in range(count):
             row = rows[f]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vpsci_ros.data.dataset import DatasetWriter, ScenarioWriter
+from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.episode_block import EpisodeBlock
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.datasheet import datasheet
@@ -33,22 +33,23 @@ def assemble(
         ) as writer,
         ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads,
     ):
-        shares = {number: writer.scenario(number) for number in names}
-        list(threads.map(lambda number: _write(shares[number], plan.scenarios[number], journal), names))
+        for number in names:
+            writer.begin(number)
+        list(threads.map(lambda number: _write(writer, plan.scenarios[number], journal), names))
         policies = {policy.file: policy.data for policy in job.policies.values()}
         return writer.close(beside=policies, datasheet=lambda found: datasheet(found, job.scenarios))
 
 
-def _write(share: ScenarioWriter, plan: ScenarioPlan, journal: Journal) -> None:
+def _write(writer: DatasetWriter, plan: ScenarioPlan, journal: Journal) -> None:
     missing = plan.target
     for place in range(plan.units_needed() or 0):
         block = journal.load(plan.unit(place))
         if block is None:
             raise InvalidInput(f"{journal.path(plan.unit(place))}: damaged since it was written; generate again")
         if (count := _up_to_kept(block, missing)) < len(block):
-            block = block.take(np.arange(count))
+            block = block.only(np.arange(len(block)) < count)
         missing -= int(block.kept.sum())
-        share.write(block)
+        writer.write(plan.scenario, block)
 
 
 def _up_to_kept(block: EpisodeBlock, wanted: int) -> int:

@@ -12,7 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoes
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS
 from vpsci_ros.data.dataset_index import REJECTED
-from vpsci_ros.data.filters import REASONS
+from vpsci_ros.data.episode_block import REASONS
 from vpsci_ros.data.published import LEAST_CURVTTC, TABLE_10
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.world import Scenario

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from vpsci_ros.data.episode_block import EpisodeBlock, block_of, joined
+from vpsci_ros.data.episode_block import EpisodeBlock, joined
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.filters import apply_filters
 from vpsci_ros.errors import VpsciError
@@ -52,8 +52,7 @@ class Simulator:
             waiting = frames.store(loop.world.now.state, assessment.curvttc, assessment.distance)
             loop.move()
             if waiting >= TOGETHER or loop.world.done:
-                ended = frames.take()
-                blocks.append(block_of(ended, apply_filters(ended, job.filters), job.keep_rejected, unit.scenario))
+                blocks.append(apply_filters(frames.take(), job.filters).stored(job.keep_rejected))
         whole = joined(blocks)
         if not np.array_equal(whole.records["count"], unit.numbers):
             raise VpsciError(f"scenario {unit.scenario}: {len(unit.numbers)} episodes were due, {len(whole)} ended")

@@ -212,9 +212,7 @@ def _index_check(data: Dataset, scenario: int, sampled: bool, tolerance: float) 
 
 def _file_check(path: Path, name: str, kept: bool, sampled: bool, tolerance: float) -> _Check:
     def expected(block: EpisodeBlock) -> pl.DataFrame:
-        chosen = block.take(np.flatnonzero((block.records["rows"] > 0) & (block.kept == kept)))
-        counts, pedestrians = (chosen.records[field].tolist() for field in ("count", "pedestrians"))
-        return episode_rows(counts, chosen.rows(), pedestrians)
+        return episode_rows(block.only(block.kept == kept))
 
     return _Check(name, _numbered(file_rows(path)), expected, sampled, tolerance)
 

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from synthetic import synthetic_near_misses
+from synthetic import block_of_pairs, synthetic_near_misses
 
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.episode_frames import EpisodeBatch
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.elsewhere import elsewhere, reactions
@@ -22,7 +21,6 @@ from vpsci_ros.evaluation.realism.same_start import CONTROLS, SameStart
 from vpsci_ros.evaluation.realism.samplers import constant_turn, constant_velocity
 from vpsci_ros.evaluation.realism.two_sample import two_sample
 from vpsci_ros.runs.files import write_json
-from vpsci_ros.world import GOAL
 
 CONFLICTS = """"Encroachment_Time","Reaction.to.conflict","Ped.Reaction","Encroachment.Car.After.Ped"
 2,"Driver slowed down","No obvious reaction",TRUE
@@ -165,11 +163,9 @@ def test_rejected_critical_episodes_belong_to_free_simulation(tmp_path: Path) ->
     values[:, :, 5] = -4.0
     values[..., 4] = 20.0
     values[..., 8], values[..., 9] = 10.0, 3.0
-    outcome, frames = np.full(2, GOAL, np.uint8), np.full(2, 100)
-    batch = EpisodeBatch(np.full(2, 1, np.uint8), np.arange(2), outcome, frames, values, np.zeros(256, np.int64))
     for keep, number in ((False, 0), (True, 2)):
         with DatasetWriter(tmp_path / str(keep), {1: "one"}, {"period": 0.05}, keep_rejected=keep) as writer:
-            writer.add(batch)  # the pedestrian hardly moves
+            writer.add(block_of_pairs(values))  # the pedestrian hardly moves
             writer.close()
         assert as_near_misses(Dataset(tmp_path / str(keep)), 100, 0)["interaction"].n_unique() == number
 

@@ -7,7 +7,6 @@ with y to the north; positions, times and velocities must agree, and `distance` 
 may count from any number; a missing one is a frame that nobody saw, as is an empty cell. Outcomes are not in the files.
 """
 
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ import polars as pl
 
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, NEXT_PEDESTRIAN
-from vpsci_ros.data.episode_frames import NOT_OPEN, QUANTITIES, EpisodeBatch
+from vpsci_ros.data.episode_block import QUANTITIES, RECORD, EpisodeBlock
 from vpsci_ros.documents import reason, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import Scenario
@@ -27,7 +26,6 @@ LEAST_TURN = 0.3  # [rad] of the median episode, below which a file does not sho
 ON_THE_ROAD = 5.0  # [m] off the lane of Table 6's scenario, above which the median position is on another road
 _MOVING = 0.5  # [m/s] above it speeds show the frame rate and the units
 _LONGEST = 100_000  # frames of an episode
-_BATCH = 2048  # episodes that the filters take at once
 _WHOLE = {"count": pl.Float64, "frame": pl.Float64, "veh_id": pl.String, "ped_id": pl.String}
 _FLOATS = [name for name in DATASET_COLUMNS if name not in _WHOLE]
 _SIDEWAYS = [name for name in QUANTITIES if "_y_" in name]
@@ -58,9 +56,7 @@ def convert(source: Path, output: Path) -> None:
     names = {number: name for number, (name, _) in parts.items()}
     with DatasetWriter(output, names, {"period": PERIOD}, formats=["parquet"], keep_rejected=True) as writer:
         for number, (_, rows) in sorted(parts.items()):
-            episodes = rows.partition_by("count", maintain_order=True)
-            for begin in range(0, len(episodes), _BATCH):
-                writer.add(_batch(episodes[begin : begin + _BATCH], number))
+            writer.add(_block(rows, number))
         writer.close()
 
 
@@ -201,18 +197,11 @@ def _off_the_lane(rows: pl.DataFrame, scenario: Scenario) -> float:
     return float(np.median([abs(path.locate(x, y)[1]) for x, y in some.tolist()]))
 
 
-def _batch(episodes: list[pl.DataFrame], scenario: int) -> EpisodeBatch:
-    pairs = [list(each.partition_by("ped_id", maintain_order=True)) for each in episodes]
-    every = list(chain.from_iterable(pairs))
-    values = np.full((len(every), max(each.height for each in every), len(QUANTITIES)), np.nan, np.float32)
-    for own, each in zip(values, every, strict=True):
-        own[: each.height] = each.select(QUANTITIES).to_numpy()
-    return EpisodeBatch(
-        np.full(len(every), scenario, np.uint8),
-        np.array([each["count"][0] for each in every], np.int64),
-        np.zeros(len(every), np.uint8),
-        np.array([each.height for each in every], np.int64),
-        values,
-        np.full(256, NOT_OPEN, np.int64),
-        np.array([n for pair in pairs for n in range(len(pair))], np.uint8),
-    )
+def _block(rows: pl.DataFrame, scenario: int) -> EpisodeBlock:
+    """Return the episodes of `canonical` rows."""
+    of = rows.group_by("count", maintain_order=True).agg(pl.len(), pl.col("ped_id").n_unique())
+    records = np.zeros(of.height, RECORD)
+    records["scenario"], records["count"] = scenario, of["count"]
+    records["rows"], records["pedestrians"] = of["len"], of["ped_id"]
+    records["frames"] = of["len"] // of["ped_id"]
+    return EpisodeBlock(records, rows.select(QUANTITIES).to_numpy())
