@@ -25,7 +25,6 @@ from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import read_text
-from vpsci_ros.evaluation.realism.elsewhere import read_conflicts
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.world.opendrive import OpenDriveMap
@@ -169,7 +168,6 @@ BOMBS: dict[str, Callable[[Path], Read]] = {
     "many equal rows": _rows,
     "a text in every row": _texts,
     "a list in a row": _lists,
-    "a pipe as conflicts": partial(_pipe, "a.csv", read_conflicts),
     "a pipe as a map": partial(_pipe, "a.xodr", OpenDriveMap),
     "a pipe as an input": partial(_pipe, "a.bin", sha256),
     "a map of entities": partial(

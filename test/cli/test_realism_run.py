@@ -7,13 +7,13 @@ from typing import Any
 import pytest
 
 from vpsci_ros.cli import realism_run as realism
-from vpsci_ros.cli.realism_run import RealismStudy, run_realism
+from vpsci_ros.cli.realism_run import run_realism
 from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.files import sha256
 
 
-def test_parts_are_kept_for_the_very_weights_folds_and_dataset_that_were_read(
+def test_parts_are_kept_for_the_very_weights_and_dataset_that_were_read(
     dataset: Path, near_misses_file: Path, networks: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[dict[str, str]] = []
@@ -22,25 +22,19 @@ def test_parts_are_kept_for_the_very_weights_folds_and_dataset_that_were_read(
         seen.append(inputs)
         raise KeyboardInterrupt
 
-    folds, own, generated = tmp_path / "folds", tmp_path / "own.safetensors", tmp_path / "dataset"
+    own, generated = tmp_path / "own.safetensors", tmp_path / "dataset"
     shutil.copytree(dataset, generated)
     shutil.copy(weights_path("ma_sst_ddpg"), own)
-    fold = folds / "fold_1" / "pretrained.safetensors"
-    fold.parent.mkdir(parents=True)
-    shutil.copy(own, fold)
     monkeypatch.setattr(realism, "measure_realism", stopped)
-    monkeypatch.setattr(realism, "_of_folds", lambda *_: {})
-    study = RealismStudy(
-        data=near_misses_file, library=None, weights=[str(own)], folds=folds, dataset=generated, conflicts=None,
-        held_out=False, clean=False, seed=0, episodes=4,
-    )  # fmt: skip
-    for changed in (None, own, fold, generated / "dataset.json"):
+    options: dict[str, Any] = {"data": near_misses_file, "library": None, "weights": [str(own)], "dataset": generated}
+    options |= {"held_out": False, "clean": False, "seed": 0, "episodes": 4, "json_path": None, "quiet": True}
+    for changed in (None, own, generated / "dataset.json"):
         if changed is not None and changed.suffix == ".json":
             changed.write_text(changed.read_text() + "\n")
         elif changed is not None:
             save_weights(changed, networks(seed=len(seen)).weights({}, {}))
         with pytest.raises(KeyboardInterrupt):
-            run_realism(study, None, tmp_path / "out", quiet=True)
+            run_realism(**options, output=tmp_path / "out")
         if changed is not None:
             before, now = seen[-2:]
             assert {name for name in now if now[name] != before[name]} == {str(changed)}

@@ -30,16 +30,7 @@ def realism(
         list[str] | None,
         typer.Option("--weights", metavar="[NAME=]FILE", help="Further weights: files or shipped names; repeatable."),
     ] = None,
-    folds: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Folder of `vpsci study folds` on --data: each clip by the fold that did not see it."
-        ),
-    ] = None,
     dataset: Annotated[Path | None, typer.Option(help="Folder of generated episodes, for free simulation.")] = None,
-    conflicts: Annotated[
-        Path | None, typer.Option(help="datlong.csv of a study of reactions at 34 other intersections.")
-    ] = None,
     held_out: Annotated[
         bool, typer.Option("--held-out", help="Measure only clips that none of the weights has learned from.")
     ] = False,
@@ -53,7 +44,7 @@ def realism(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder for numbers, picture and record: new, empty, or of the same run."),
+        typer.Option("--output", "-o", help="Folder for numbers and record: new, empty, or of the same run."),
     ] = None,
     quiet: Quiet = False,
 ) -> None:
@@ -61,16 +52,13 @@ def realism(
 
     All start at the same recorded onsets: the shipped weights and --weights,
     the recording, constant velocity, social force, and residuals of other
-    people. --dataset adds free simulation, --conflicts reactions at other
-    intersections. For honest numbers give --held-out, --folds, or recordings
-    that the weights have not seen. With -o the same command resumes a
-    stopped run.
+    people. --dataset adds free simulation. For honest numbers give --held-out,
+    or recordings that the weights have not seen. With -o the same command
+    resumes a stopped run.
 
     About a minute of one core for each model.
     """
-    given = locals()
-    from vpsci_ros.cli.realism_run import RealismStudy, run_realism
+    options = locals()
+    from vpsci_ros.cli.realism_run import run_realism
 
-    own = ("json_path", "output", "quiet")
-    study = RealismStudy(**{name: value for name, value in given.items() if name not in own})
-    run_realism(study, json_path, output, quiet=quiet)
+    run_realism(**options)

@@ -3,19 +3,16 @@
 import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, require
-from vpsci_ros.evaluation.realism.elsewhere import elsewhere
 from vpsci_ros.evaluation.realism.free import free
 from vpsci_ros.evaluation.realism.onsets import find_onsets
 from vpsci_ros.evaluation.realism.same_start import CONTROLS, SameStart
@@ -23,7 +20,6 @@ from vpsci_ros.evaluation.realism.simulators import Simulator
 from vpsci_ros.evaluation.realism.two_sample import REPETITIONS
 from vpsci_ros.runs.files import write_json
 
-Floats = NDArray[np.float64]
 Notify = Callable[[str, int, int], None]
 
 
@@ -50,16 +46,15 @@ def measure_realism(
     *,
     library: pl.DataFrame | None = None,
     dataset: Dataset | None = None,
-    conflicts: Path | None = None,
     parts: Path | None = None,
     inputs: Mapping[str, str] | None = None,
     notify: Notify | None = None,
 ) -> dict[str, Any]:
-    """Return the layout of `vpsci realism --json`: Protocols A (`same_start`), B (`free`) and C (`elsewhere`).
+    """Return the layout of `vpsci realism --json`: Protocols A (`same_start`) and B (`free`).
 
     :param table: near misses to be scored on; library: those whose residuals the control borrows, else `table`'s own.
     :param simulators: name -> what answers onsets; the controls are added.
-    :param dataset: generated episodes, for B and C; conflicts: `datlong.csv` of the right-turn study, for C.
+    :param dataset: generated episodes, for B.
     :param parts: folder that keeps each measured part, from which a stopped run goes on.
     :param inputs: SHA-256 of what all this was read from, by name; a part of other inputs is measured again.
     :param notify: called with what is being measured, how many are done, and of how many.
@@ -71,46 +66,24 @@ def measure_realism(
     chosen = [reference.clean(t) if config.clean else t for t in (table, library) if t is not None]
     onsets = find_onsets(chosen[0])
     borrowed = find_onsets(chosen[1]) if len(chosen) > 1 else onsets
-    whole = SameStart(onsets, borrowed, config.seed, config.repetitions)
-    sources = {source: np.flatnonzero(onsets.source == source) for source in sorted(set(onsets.source))}
-    alone = {} if len(sources) < 2 else sources
-    measured = {
-        name: SameStart(onsets.take(rows), borrowed, config.seed, config.repetitions) for name, rows in alone.items()
-    }
-    wanted = whole.controls() | dict(simulators)
+    same_start = SameStart(onsets, borrowed, config.seed, config.repetitions)
+    wanted = same_start.controls() | dict(simulators)
     kept = partial(_kept, parts, dict(inputs or {}))
-    total = len(wanted) + (dataset is not None) + (conflicts is not None)
-    models: dict[str, dict[str, Any]] = {source: {} for source in ("", *alone)}
+    models: dict[str, Any] = {}
     for done, (name, simulate) in enumerate(wanted.items()):
         if notify is not None:
-            notify(name, done, total)
-        positions = cache(partial(simulate, onsets))
-        models[""][name] = kept(f"same_start_{name}", partial(_measured, whole, positions, slice(None)))
-        for source, rows in alone.items():
-            make = partial(_measured, measured[source], positions, rows)
-            models[source][name] = kept(f"same_start_{name}_{source}", make)
-    start = {source: _same_start(models[source], own) for source, own in measured.items()}
-    result: dict[str, Any] = {"same_start": _same_start(models[""], whole) | ({"by_source": start} if start else {})}
+            notify(name, done, len(wanted) + (dataset is not None))
+        models[name] = kept(f"same_start_{name}", partial(_measured, same_start, simulate))
+    clips, missing = len(set(onsets.clip)), same_start.missing
+    part = {"interactions": len(onsets), "clips": clips, "not_in_library": missing, "models": models}
+    result: dict[str, Any] = {"same_start": part}
     if dataset is not None:
         result["free"] = kept("free", lambda: free(chosen[0], dataset, config.episodes, config.seed))
-    if conflicts is not None:
-        evidence = partial(elsewhere, conflicts, chosen[0], dataset, config.episodes)
-        result["elsewhere"] = kept("elsewhere", evidence)
     return result
 
 
-def _measured(measured: SameStart, positions: Callable[[], Floats], rows: NDArray[np.int64] | slice) -> dict[str, Any]:
-    return measured.measure(positions()[rows])
-
-
-def _same_start(models: dict[str, Any], measured: SameStart) -> dict[str, Any]:
-    onsets = measured.onsets
-    return {
-        "interactions": len(onsets),
-        "clips": len(set(onsets.clip)),
-        "not_in_library": measured.missing,
-        "models": models,
-    }
+def _measured(same_start: SameStart, simulate: Simulator) -> dict[str, Any]:
+    return same_start.measure(simulate(same_start.onsets))
 
 
 def _kept(folder: Path | None, inputs: dict[str, str], name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:

@@ -11,16 +11,12 @@ from vpsci_ros.runs.tables import text_table
 def print_realism(result: dict[str, Any], console: Console) -> None:
     """Print what `run.measure_realism` returned."""
     _same_start(result["same_start"], console)
-    for source, part in result["same_start"].get("by_source", {}).items():
-        _same_start(part, console, f" of {source}")
     if "free" in result:
         _free(result["free"], console)
-    if "elsewhere" in result:
-        _elsewhere(result["elsewhere"], console)
 
 
-def _same_start(part: dict[str, Any], console: Console, of: str = "") -> None:
-    title = f"Same start: {part['interactions']} recorded onsets of {part['clips']} clips{of}, 3 s"
+def _same_start(part: dict[str, Any], console: Console) -> None:
+    title = f"Same start: {part['interactions']} recorded onsets of {part['clips']} clips, 3 s"
     heads = [
         "",
         "K",
@@ -66,30 +62,12 @@ def _farthest(given_away_by: dict[str, float]) -> str:
 
 
 def _free(part: dict[str, Any], console: Console) -> None:
-    sides = part["described"]
-    measures = next(iter(sides.values()))
-    rows = [(key.replace("_", " "), *(f"{own[key]:.2f}" for own in sides.values())) for key in measures]
-    console.print(text_table("Free simulation, critical episodes", ("", *sides), rows))
     whole = part["long_run"]
     rows = [
         (key.replace("_", " "), *("{:.2f} [{:.2f}, {:.2f}]".format(*own[key]) for own in whole.values()))
         for key in next(iter(whole.values()))
     ]
-    console.print(text_table("In the long run, watched equally long", ("", *whole), rows))
+    console.print(text_table("Free simulation in the long run, watched equally long", ("", *whole), rows))
     for name, (auc, low, high) in part["c2st_auc"].items():
         single = _farthest(part["given_away_by"][name])
         console.print(f"C2ST, {name}: {auc:.2f} ({low:.2f}-{high:.2f}); {single}", highlight=False)
-
-
-def _elsewhere(part: dict[str, Any], console: Console) -> None:
-    for limit, sides in part.items():
-        known = {name.replace("_", " "): own for name, own in sides.items() if own["conflicts"]}
-        rows = [
-            (f"{agent} {key}", *(f"{own[agent][key]:.0%}" for own in known.values()))
-            for agent in ("driver", "pedestrian")
-            for key in next(iter(known.values()))[agent]
-        ]
-        rows.append(("pedestrian first", *(f"{own['pedestrian_first']:.0%}" for own in known.values())))
-        title = f"Right turns elsewhere, {limit.replace('_', ' ')} of encroachment time"
-        heads = ("", *(f"{name}\nn={own['conflicts']}" for name, own in known.items()))
-        console.print(text_table(title, [*heads, "contact"], rows))
