@@ -29,13 +29,20 @@ def long_run(recorded: pl.DataFrame, generated: pl.DataFrame, seed: int) -> dict
 
     :param recorded: near misses of whole tracks; generated: `free.as_near_misses`.
     """
-    people = _tracks(recorded)
-    lengths = np.array([len(track) for track in people.values()])
-    drawn = np.random.default_rng([seed, 1]).choice(lengths, size=generated["interaction"].n_unique())
-    made = _tracks(generated, drawn)
+    people, made = watched_tracks(recorded, generated, seed)
     clips = [recorded.filter(pl.col("interaction") == number)["clip"][0] for number in people]
     sides = {"recorded": (people, np.array(clips)), "generated": (made, np.arange(len(made)))}
     return {name: _summary(list(own.values()), clusters, seed) for name, (own, clusters) in sides.items()}
+
+
+def watched_tracks(
+    recorded: pl.DataFrame, generated: pl.DataFrame, seed: int
+) -> tuple[dict[int, Floats], dict[int, Floats]]:
+    """Return the tracks of both sides from the onset on, as `_tracks` has them, the generated ones cut as the drawn."""
+    people = _tracks(recorded)
+    lengths = np.array([len(track) for track in people.values()])
+    drawn = np.random.default_rng([seed, 1]).choice(lengths, size=generated["interaction"].n_unique())
+    return people, _tracks(generated, drawn)
 
 
 def _tracks(table: pl.DataFrame, lengths: NDArray[np.int64] | None = None) -> dict[int, Floats]:

@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
+from vpsci_ros.cli.stage_inputs import stage_1_inputs, stage_2_inputs, stage_2_parameters
 from vpsci_ros.data.near_misses import corpus_files, read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.error_table import print_errors
@@ -31,7 +32,6 @@ from vpsci_ros.extras.paper.studies.tables import (
     save_table_5,
     save_table_9,
 )
-from vpsci_ros.learning.inputs import stage_1_inputs, stage_2_inputs, stage_2_parameters
 from vpsci_ros.policy.models import MODELS
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.folder import RunFolder
