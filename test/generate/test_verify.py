@@ -166,7 +166,7 @@ def test_a_dataset_of_a_bag_is_refused(made, copy) -> None:
 
 
 def test_not_a_number_equals_itself_and_infinity_too() -> None:
-    from vpsci_ros.generate.compare import first_difference
+    from vpsci_ros.generate.verify import first_difference
 
     table = pl.DataFrame({"count": [0, 0, 0], "value": [np.nan, np.inf, 1.0]})
     assert first_difference(table, table.with_row_index("row"), 0.0) is None

@@ -141,6 +141,11 @@ class Dataset:
         yield from ((path, rows) for rows in file_rows(path)) if path is not None else ()
 
 
+def file_table(path: Path) -> pl.DataFrame:
+    """Return all rows of a dataset's file, see `file_rows`."""
+    return pl.concat([pl.DataFrame(schema=_SCHEMA), *file_rows(path)])
+
+
 def file_rows(path: Path) -> Iterator[pl.DataFrame]:
     """Yield the rows of a dataset's file, a row group at a time (a CSV file in one piece).
 

@@ -4,30 +4,32 @@ dataset.json and the weights beside it are enough to simulate any episode. A fil
 episodes or in a sample; one with a wrong hash is compared whole, so that its first differing row is found.
 """
 
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_files import DATASET_COLUMNS, episode_rows
+from vpsci_ros.data.dataset_files import FORMATS, episode_rows
 from vpsci_ros.data.dataset_index import DESCRIPTION, FORM_OF_GENERATED, INDEX, REJECTED, index_table
-from vpsci_ros.data.dataset_reader import Dataset, file_rows
-from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes
+from vpsci_ros.data.dataset_reader import Dataset, file_table
+from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes, joined
 from vpsci_ros.documents import reason, require_form
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.compare import first_difference
 from vpsci_ros.generate.job import RECORDED, Job, Unit, job_from
 from vpsci_ros.parameters import check_sections
-from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.files import changed_files
 from vpsci_ros.runs.provenance import cpu_name
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.runs.workers import Workers, computed
 from vpsci_ros.world.scenario import scenario_from
 
 BLOCK = 1024
+_PLACES = {"": True, f"{REJECTED}/": False}  # of the files of kept and of rejected episodes
 
 
 @dataclass(frozen=True)
@@ -70,37 +72,83 @@ def verify(
     """
     data = Dataset(folder)
     require_form(data.description, FORM_OF_GENERATED, str(data.folder / DESCRIPTION))
-    job = job_of(data)
-    changed = {name for name, entry in data.description["files"].items() if _hash(folder / name) != entry["sha256"]}
+    job, entries = job_of(data), data.description["files"]
+    changed = set(changed_files(folder, {name: entry["sha256"] for name, entry in entries.items()}))
     findings = [Finding(name, True, "no such file") for name in sorted(changed) if not (folder / name).is_file()]
     changed -= {finding.file for finding in findings}
     episodes = rows = 0
     pool = workers(job)
     try:
         for scenario in job.scenarios:
-            counts = data.scenarios[scenario.name]
-            numbers = _numbers(data, counts["simulated"])
-            files = _files(data, scenario.name)
-            whole = sample is None or any(name in changed for name in (*files, INDEX))
-            if not whole and sample is not None and sample < len(numbers):
-                drawn = np.random.default_rng([seed, scenario.number]).choice(len(numbers), sample, replace=False)
-                numbers = np.sort(numbers[drawn])
-            checks = [_index_check(data, scenario.number, not whole, tolerance)]
-            checks += [_file_check(folder / name, name, kept, not whole, tolerance) for name, kept in files.items()]
-            for block in _simulated(pool, scenario.number, numbers):
-                for check in checks:
-                    check.compare(block)
-                episodes += len(block)
-                rows += len(block.values)
-            found = [(check.name, check.finish()) for check in checks]
-            findings += [Finding(name, name in changed, what) for name, what in found if what is not None]
+            files = {f"{place}{scenario.name}.{form}": kept for place, kept in _PLACES.items() for form in FORMATS}
+            files = {name: kept for name, kept in files.items() if name in entries and (folder / name).is_file()}
+            first = int(data.description["first_episode"])
+            numbers = np.arange(first, first + data.scenarios[scenario.name]["simulated"])
+            sampled = sample is not None and sample < len(numbers) and not changed & {*files, INDEX}
+            if sampled:
+                rng = np.random.default_rng([seed, scenario.number])
+                numbers = np.sort(rng.choice(len(numbers), sample, replace=False) + first)
+            block = _simulated(pool, scenario.number, numbers)
+            episodes, rows = episodes + len(block), rows + len(block.values)
+            chosen = pl.col("count").is_in(numbers.tolist()) if sampled else pl.lit(True)
+            index = chosen & (pl.col("scenario") == scenario.number)
+            wanted = {INDEX: (data.index, index_table(block.records), index)}
+            for name, kept in files.items():
+                expected = episode_rows(block.only(block.kept == kept))
+                wanted[name] = partial(file_table, folder / name), expected, chosen
+            found = {name: _difference(*each, tolerance) for name, each in wanted.items()}
+            findings += [Finding(name, name in changed, what) for name, what in found.items() if what is not None]
     finally:
         pool.close()
-    named = {finding.file for finding in findings}
-    for name in sorted(changed - named):
+    for name in sorted(changed - {finding.file for finding in findings}):
         what = "its numbers are as simulated" if name.endswith((".parquet", ".csv")) else "not a table"
         findings.append(Finding(name, True, f"bytes differ from the hash in {DESCRIPTION}; {what}"))
     return VerifiedDataset(episodes, rows, findings, data.description["cpu"] == cpu_name())
+
+
+def _simulated(pool: Workers[Unit, tuple[int, bytes]], scenario: int, numbers: NDArray[np.int64]) -> EpisodeBlock:
+    units = (Unit(scenario, numbers[k : k + BLOCK].tolist()) for k in range(0, len(numbers), BLOCK))
+    results = computed(pool, lambda: next(units, None))
+    return joined([block_from_bytes(data, "a block just simulated") for _, (_, data) in results])
+
+
+def _difference(
+    read: Callable[[], pl.DataFrame], expected: pl.DataFrame, chosen: pl.Expr, tolerance: float
+) -> str | None:
+    """Return the first difference of the chosen rows of a file from what they should be, or why it cannot be read."""
+    try:
+        found = read().with_row_index("row").filter(chosen)
+    except InvalidInput as error:
+        return str(error)
+    return first_difference(expected, found, tolerance)
+
+
+def first_difference(expected: pl.DataFrame, found: pl.DataFrame, tolerance: float) -> str | None:
+    """Return the first difference of two tables in words; None without one.
+
+    :param found: "row", the place of each row in its file, and the columns of `expected`.
+    :param tolerance: allowed difference of floats; 0: the same bits, where NaN equals NaN.
+    """
+    height = min(expected.height, found.height)
+    first, column = height, ""
+    for mine in expected.head(height):
+        theirs = found[mine.name].head(height)
+        unequal = mine != theirs
+        if tolerance > 0.0 and mine.dtype.is_float():
+            unequal &= ~((mine.cast(pl.Float64) - theirs.cast(pl.Float64)).abs() <= tolerance)
+        if unequal.any() and (place := unequal.arg_max() or 0) < first:
+            first, column = place, mine.name
+    wanted, there = (table.row(first, named=True) if first < table.height else None for table in (expected, found))
+    if there is None:
+        return None if wanted is None else f"missing row ({_key(wanted)})"
+    if wanted is None:
+        return f"row {there['row']} ({_key(there)}): should not be there"
+    return f"row {there['row']} ({_key(there)}): {column} is {there[column]!r}, simulated {wanted[column]!r}"
+
+
+def _key(row: dict[str, Any]) -> str:
+    """Return what the row is: its `count`, and its `frame` where it has one."""
+    return ", ".join(f"{name} {row[name]}" for name in ("count", "frame") if name in row)
 
 
 def job_of(data: Dataset) -> Job:
@@ -142,115 +190,3 @@ def job_of(data: Dataset) -> Job:
                 f"{description['versions']['vpsci_ros']} as it was installed then"
             )
     return job
-
-
-class _Check:
-    """Compares a scenario's rows of one file, episode after episode, to what is simulated.
-
-    :param groups: the rows in the file's order, "row" the place of each; raises `InvalidInput` where it is damaged.
-    :param expected: returns what a block's rows should be.
-    :param sampled: other episodes may be in the file.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        groups: Iterator[pl.DataFrame],
-        expected: Callable[[EpisodeBlock], pl.DataFrame],
-        sampled: bool,
-        tolerance: float,
-    ) -> None:
-        self.name = name
-        self._groups, self._expected, self._sampled, self._tolerance = groups, expected, sampled, tolerance
-        self._left: list[pl.DataFrame] = []
-        self._difference: str | None = None
-
-    def compare(self, block: EpisodeBlock) -> None:
-        """Compare the episodes of a block, which come in rising order."""
-        self._compare(self._expected(block), block.records["count"].tolist())
-
-    def finish(self) -> str | None:
-        """Return the first difference in words, None for none."""
-        if not self._sampled:
-            self._compare(None, [])
-        return self._difference
-
-    def _compare(self, expected: pl.DataFrame | None, counts: list[int]) -> None:
-        """Compare the rows of these episodes, or, where None are expected, all that were not compared yet."""
-        if self._difference is not None:
-            return
-        try:
-            found = self._take(counts[-1] if counts else None)
-        except InvalidInput as error:
-            self._difference = str(error)
-            return
-        if self._sampled:
-            found = found.filter(pl.col("count").is_in(counts))
-        wanted = found.drop("row").clear() if expected is None else expected
-        self._difference = first_difference(wanted, found, self._tolerance)
-
-    def _take(self, last: int | None) -> pl.DataFrame:
-        """Return the rows not taken yet of episodes up to number `last`; None: all."""
-        while last is None or not self._left or not self._left[-1].height or self._left[-1]["count"][-1] <= last:
-            if (group := next(self._groups, None)) is None:
-                break
-            self._left.append(group)
-        rows = pl.concat(self._left)
-        beyond = rows["count"] > last if last is not None else pl.Series([], dtype=pl.Boolean)
-        end = beyond.arg_max() or 0 if beyond.any() else rows.height
-        self._left = [rows[end:]]
-        return rows[:end]
-
-
-def _index_check(data: Dataset, scenario: int, sampled: bool, tolerance: float) -> _Check:
-    def groups() -> Iterator[pl.DataFrame]:
-        index = data.index().with_row_index("row")
-        yield index.filter(pl.col("scenario") == scenario)
-
-    return _Check(INDEX, groups(), lambda block: index_table(block.records), sampled, tolerance)
-
-
-def _file_check(path: Path, name: str, kept: bool, sampled: bool, tolerance: float) -> _Check:
-    def expected(block: EpisodeBlock) -> pl.DataFrame:
-        return episode_rows(block.only(block.kept == kept))
-
-    return _Check(name, _numbered(file_rows(path)), expected, sampled, tolerance)
-
-
-def _simulated(pool: Workers[Unit, tuple[int, bytes]], scenario: int, numbers: np.ndarray) -> Iterator[EpisodeBlock]:
-    """Yield blocks of episodes, in rising order."""
-    units = [Unit(scenario, numbers[k : k + BLOCK].tolist()) for k in range(0, len(numbers), BLOCK)]
-    left, due, waiting = iter(units), deque(units), dict[int, bytes]()
-    for unit, (_, data) in computed(pool, lambda: next(left, None)):
-        waiting[unit.numbers[0]] = data
-        while due and due[0].numbers[0] in waiting:
-            yield block_from_bytes(waiting.pop(due.popleft().numbers[0]), "a block just simulated")
-
-
-def _numbered(groups: Iterator[pl.DataFrame]) -> Iterator[pl.DataFrame]:
-    yield pl.DataFrame(schema={"row": pl.Int64, **{name: column.dtype for name, column in DATASET_COLUMNS.items()}})
-    row = 0
-    for group in groups:
-        yield group.with_row_index("row", offset=row).with_columns(pl.col("row").cast(pl.Int64))
-        row += len(group)
-
-
-def _numbers(data: Dataset, simulated: int) -> np.ndarray:
-    """Return the numbers of a scenario's simulated episodes."""
-    first = int(data.description["first_episode"])
-    return np.arange(first, first + simulated)
-
-
-def _files(data: Dataset, name: str) -> dict[str, bool]:
-    """Return the scenario's files that are there, each with whether it holds kept episodes."""
-    places = {f"{name}.{form}": True for form in ("parquet", "csv")}
-    places |= {f"{REJECTED}/{name}.{form}": False for form in ("parquet", "csv")}
-    return {
-        place: kept
-        for place, kept in places.items()
-        if place in data.description["files"] and (data.folder / place).is_file()
-    }
-
-
-def _hash(path: Path) -> str:
-    return sha256(path) if path.is_file() else ""
