@@ -33,7 +33,7 @@ def override(name: str, value: object) -> Parameter:
 def test_parameters_carry_description_unit_and_range(context: Context) -> None:
     node = SafetyMonitor(context=context)
     descriptor = node.describe_parameter("horizon")
-    assert descriptor.description == "look ahead so far [s]"
+    assert descriptor.description == "time of prediction [s]"
     assert (descriptor.floating_point_range[0].from_value, descriptor.floating_point_range[0].to_value) == (0.1, 60.0)
     assert descriptor.read_only
     assert node.get_parameter("horizon").value == 10.0

@@ -210,8 +210,8 @@ def test_a_learner_refuses_transitions_that_are_ragged_or_not_numbers_and_learns
     for message in (ragged, Transition(), convert.transition_message(rows, 4, PERIOD)):
         learner.intake.receive("/replay", message)
     assert refused(learner) == {"/replay": 1}
-    assert (learner._refiner.received, learner._refiner.assembler.refused) == (4, 1)
-    assert learner.figures()["refused"] == 1
+    learner._report(learner._refiner.summary())
+    assert (learner.figures()["transitions"], learner.figures()["refused"]) == (4, 1)
 
 
 def test_a_recorder_leaves_out_ragged_events_and_times_before_0_and_its_bag_is_whole(
