@@ -272,7 +272,7 @@ def split_by_clip(table: pl.DataFrame, held_out_fraction: float, seed: int) -> t
     counts = table.group_by("source", "clip").agg(pl.col("interaction").n_unique().alias("n")).rows()
     held: list[tuple[str, str]] = []
     for source in sorted({source for source, _, _ in counts}):
-        clips = sorted((_hash(seed, source, clip), clip, n) for name, clip, n in counts if name == source)
+        clips = sorted((place_of(seed, source, clip), clip, n) for name, clip, n in counts if name == source)
         if len(clips) < 2:
             continue
         room = held_out_fraction * sum(n for _, _, n in clips)
@@ -284,7 +284,7 @@ def split_by_clip(table: pl.DataFrame, held_out_fraction: float, seed: int) -> t
         held += [(source, clip) for clip in taken or [min(clips, key=lambda c: (c[2], c[0]))[1]]]
     if not held:
         raise InvalidInput("expected two clips or more, since data are held out by clip; add recordings")
-    return _split(table, held)
+    return split_off(table, held)
 
 
 def clips_of(table: pl.DataFrame) -> list[str]:
@@ -301,38 +301,19 @@ def split_by_name(table: pl.DataFrame, clips: Sequence[str]) -> tuple[pl.DataFra
     held = [(source, clip) for source, clip in own if f"{source}/{clip}".startswith(tuple(clips))]
     if len(held) == len(own):
         raise InvalidInput(f"held_out_clips = {list(clips)}: all {len(own)} clips begin so; leave some to learn from")
-    return _split(table, held)
+    return split_off(table, held)
 
 
-def folds_by_clip(table: pl.DataFrame, folds: int, seed: int) -> list[tuple[pl.DataFrame, pl.DataFrame]]:
-    """Return (training, held out) of each fold: every clip is held out exactly once, and folds are of like size.
-
-    Clips, those with most interactions first and then in the order of a hash of (seed, source, clip), go to the fold
-    that has the fewest interactions so far.
-
-    :param folds: 2 or more, at most the number of clips.
-    :raises InvalidInput: another number of folds.
-    """
-    counts = table.group_by("source", "clip").agg(pl.col("interaction").n_unique().alias("n")).rows()
-    if not 2 <= folds <= len(counts):
-        raise InvalidInput(f"folds = {folds}: expected 2 to {len(counts)}, the number of clips")
-    members: list[list[tuple[str, str]]] = [[] for _ in range(folds)]
-    sizes = [0] * folds
-    for source, clip, n in sorted(counts, key=lambda row: (-row[2], _hash(seed, row[0], row[1]))):
-        lightest = sizes.index(min(sizes))
-        members[lightest].append((source, clip))
-        sizes[lightest] += n
-    return [_split(table, held) for held in members]
-
-
-def _split(table: pl.DataFrame, held: list[tuple[str, str]]) -> tuple[pl.DataFrame, pl.DataFrame]:
+def split_off(table: pl.DataFrame, held: list[tuple[str, str]]) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """Split interactions into the others and those of these clips, (source, clip) each."""
     keys, on = pl.DataFrame(held, schema={"source": pl.String, "clip": pl.String}, orient="row"), ["source", "clip"]
     return table.join(keys, on=on, how="anti", maintain_order="left"), table.join(
         keys, on=on, how="semi", maintain_order="left"
     )
 
 
-def _hash(seed: int, source: str, clip: str) -> str:
+def place_of(seed: int, source: str, clip: str) -> str:
+    """Return the hash by which clips are put in order."""
     return hashlib.sha256(f"{seed}/{source}/{clip}".encode()).hexdigest()
 
 

@@ -48,14 +48,8 @@ def save_learning(folder: str | Path) -> Path | None:
     return folder / PICTURE
 
 
-def save_rewards(folder: str | Path, path: Path) -> None:
-    """Draw Figure 6 of a run of stage 2, see `online.EPISODES`: the rolling mean of an episode's reward, by agent."""
-    figure, ((axis,),) = new_figure(6.5, 3.8)
-    _draw_rewards(axis, pl.read_csv(Path(folder) / online.EPISODES, infer_schema_length=None))
-    save_png(figure, path)
-
-
-def _draw_rewards(axis: Axes, episodes: pl.DataFrame) -> None:
+def draw_rewards(axis: Axes, episodes: pl.DataFrame) -> None:
+    """Draw the rolling mean of an episode's reward, by agent."""
     window = min(_EPISODES, max(1, episodes.height // 5))
     for agent in AGENTS:
         rewards = _rolling(_column(episodes, agent), window)
@@ -97,7 +91,7 @@ def _draw_stage_2(
     _line(axes[2], x, _column(log, "held_out_closed_loop_ade"), "accepted policies", ORANGE)
     _level(axes[2], held_out.get("stage_1", {}).get("closed_loop_ade"), "after stage 1", COLOURS["vehicle"])
     _level(axes[2], held_out.get("control", {}).get("closed_loop_ade"), "last velocity repeated", GREY)
-    _draw_rewards(axes[0], episodes)
+    draw_rewards(axes[0], episodes)
     _finish(axes[1], "critical episodes under exploration, the last 1,000", _BELOW, "share [%]", zero=True)
     _finish(axes[2], "closed-loop error on held-out clips", _BELOW, "ADE [m]", zero=True)
     _finish(axes[3], "last update of each portion", _BELOW, "loss, norm", log_scale=True)

@@ -3,7 +3,6 @@
 What is drawn of the spawns are spawns: the first episodes of the scenario, not the intervals of its file.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,35 +45,6 @@ def save_scenario(scenario: Scenario, path: str | Path, seed: int = 1) -> None:
     routes = scenario.vehicle.path.points, scenario.pedestrian.path.points
     show_all(axis, np.concatenate([*routes, scenario.crosswalk]), 3.0)
     save_png(figure, path, 120)
-
-
-def save_locations(scenarios: Sequence[Scenario], path: str | Path) -> None:
-    """Draw each location with the lane and crosswalks of its scenarios and who goes where (Figure 4 b), as a PNG."""
-    places = list(dict.fromkeys(scenario.location for scenario in scenarios))
-    figure, axes = new_figure(5.2 * len(places), 5.4, 1, len(places))
-    for axis, place in zip(axes.flat, places, strict=True):
-        own = [scenario for scenario in scenarios if scenario.location == place]
-        axis.set_facecolor(GROUND)
-        axis.set_aspect("equal")
-        axis.set_title(f"Location {place}", fontsize=10)
-        axis.set_xlabel("x, east [m]", fontsize=8)
-        axis.set_ylabel("y, north [m]", fontsize=8)
-        for scenario in own:
-            draw_ground(axis, scenario)
-            _draw_arrow(axis, scenario.vehicle.path, 0.0, VEHICLE, "")
-            _draw_arrow(axis, scenario.pedestrian.path, 0.8, PEDESTRIAN, str(scenario.number))
-        shown = [(one.vehicle.path.points, one.pedestrian.path.points, one.crosswalk) for one in own]
-        show_all(axis, np.concatenate([points for each in shown for points in each]), 3.0)
-    save_png(figure, path)
-
-
-def _draw_arrow(axis: Axes, line: Line, left: float, colour: str, name: str) -> None:
-    points = np.array([line.beside(s, left) for s in np.linspace(0.0, line.length, 40)])
-    axis.plot(*points.T, color=colour, linewidth=1.6, zorder=4)
-    axis.annotate("", points[-1], points[-3], arrowprops={"arrowstyle": "-|>", "color": colour}, zorder=5)
-    if name:
-        look: dict[str, Any] = {"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": colour}
-        axis.annotate(name, points[0], fontsize=9, color=colour, weight="bold", ha="center", va="center", bbox=look)
 
 
 def draw_ground(axis: Axes, scenario: Scenario) -> None:

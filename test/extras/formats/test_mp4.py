@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from vpsci_ros.cli.main import app
 from vpsci_ros.episodes import read_episodes
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.formats.film import SIZE, pictures
 from vpsci_ros.extras.formats.run import export
-from vpsci_ros.report.film import SIZE, pictures
 
 BAG = "bags/LocationB_PedCross_S-N"
 VEHICLE, PEDESTRIAN = (8, 81, 156), (165, 15, 21)

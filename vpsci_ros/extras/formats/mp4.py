@@ -7,8 +7,8 @@ from pathlib import Path
 import av
 
 from vpsci_ros.data.episode import Episode
+from vpsci_ros.extras.formats.film import SIZE, pictures
 from vpsci_ros.extras.formats.run import Options
-from vpsci_ros.report.film import SIZE, pictures
 from vpsci_ros.runs.files import written_whole
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.interactions import Interactions, from_table
-from vpsci_ros.data.near_misses import folds_by_clip
+from vpsci_ros.data.near_misses import place_of, split_off
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.protocols import Measured, ProtocolErrors, eligible
 
@@ -39,3 +39,24 @@ def pooled(measured: Sequence[Measured]) -> Measured:
         )
         for protocol in measured[0]
     }
+
+
+def folds_by_clip(table: pl.DataFrame, folds: int, seed: int) -> list[tuple[pl.DataFrame, pl.DataFrame]]:
+    """Return (training, held out) of each fold: every clip is held out exactly once, and folds are of like size.
+
+    Clips, those with most interactions first and then in the order of a hash of (seed, source, clip), go to the fold
+    that has the fewest interactions so far.
+
+    :param folds: 2 or more, at most the number of clips.
+    :raises InvalidInput: another number of folds.
+    """
+    counts = table.group_by("source", "clip").agg(pl.col("interaction").n_unique().alias("n")).rows()
+    if not 2 <= folds <= len(counts):
+        raise InvalidInput(f"folds = {folds}: expected 2 to {len(counts)}, the number of clips")
+    members: list[list[tuple[str, str]]] = [[] for _ in range(folds)]
+    sizes = [0] * folds
+    for source, clip, n in sorted(counts, key=lambda row: (-row[2], place_of(seed, row[0], row[1]))):
+        lightest = sizes.index(min(sizes))
+        members[lightest].append((source, clip))
+        sizes[lightest] += n
+    return [split_off(table, held) for held in members]

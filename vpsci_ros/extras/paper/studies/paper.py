@@ -12,7 +12,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import polars as pl
+from matplotlib.axes import Axes
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS
 from vpsci_ros.data.dataset_reader import Dataset
@@ -26,11 +28,14 @@ from vpsci_ros.extras.paper.section_4.figures import SIDES, save_conflicts, save
 from vpsci_ros.extras.paper.section_4.snapshots import save_snapshots
 from vpsci_ros.learning import online
 from vpsci_ros.report import html
-from vpsci_ros.report.learning import save_rewards
+from vpsci_ros.report.canvas import new_figure, save_png, show_all
+from vpsci_ros.report.learning import draw_rewards
 from vpsci_ros.report.panels import typical_episodes
 from vpsci_ros.report.trajectories import save_trajectories
-from vpsci_ros.report.world_figures import save_locations
+from vpsci_ros.report.world_figures import GROUND, PEDESTRIAN, VEHICLE, draw_ground
 from vpsci_ros.runs.files import write_text
+from vpsci_ros.world import Scenario
+from vpsci_ros.world.paths import Path as Line
 from vpsci_ros.world.scenario import shipped_scenarios
 
 PAGE, NUMBERS = "paper.html", "paper.json"
@@ -137,3 +142,39 @@ def _of_runs(runs: Sequence[Path]) -> dict[str, Path]:
 
 def _table(path: Path) -> Any:
     return read_json(path) if path.suffix == ".json" else pl.read_csv(path, infer_schema_length=None).to_dicts()
+
+
+def save_locations(scenarios: Sequence[Scenario], path: str | Path) -> None:
+    """Draw each location with the lane and crosswalks of its scenarios and who goes where (Figure 4 b), as a PNG."""
+    places = list(dict.fromkeys(scenario.location for scenario in scenarios))
+    figure, axes = new_figure(5.2 * len(places), 5.4, 1, len(places))
+    for axis, place in zip(axes.flat, places, strict=True):
+        own = [scenario for scenario in scenarios if scenario.location == place]
+        axis.set_facecolor(GROUND)
+        axis.set_aspect("equal")
+        axis.set_title(f"Location {place}", fontsize=10)
+        axis.set_xlabel("x, east [m]", fontsize=8)
+        axis.set_ylabel("y, north [m]", fontsize=8)
+        for scenario in own:
+            draw_ground(axis, scenario)
+            _draw_arrow(axis, scenario.vehicle.path, 0.0, VEHICLE, "")
+            _draw_arrow(axis, scenario.pedestrian.path, 0.8, PEDESTRIAN, str(scenario.number))
+        shown = [(one.vehicle.path.points, one.pedestrian.path.points, one.crosswalk) for one in own]
+        show_all(axis, np.concatenate([points for each in shown for points in each]), 3.0)
+    save_png(figure, path)
+
+
+def _draw_arrow(axis: Axes, line: Line, left: float, colour: str, name: str) -> None:
+    points = np.array([line.beside(s, left) for s in np.linspace(0.0, line.length, 40)])
+    axis.plot(*points.T, color=colour, linewidth=1.6, zorder=4)
+    axis.annotate("", points[-1], points[-3], arrowprops={"arrowstyle": "-|>", "color": colour}, zorder=5)
+    if name:
+        look: dict[str, Any] = {"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": colour}
+        axis.annotate(name, points[0], fontsize=9, color=colour, weight="bold", ha="center", va="center", bbox=look)
+
+
+def save_rewards(folder: str | Path, path: Path) -> None:
+    """Draw Figure 6 of a run of stage 2, see `online.EPISODES`: the rolling mean of an episode's reward, by agent."""
+    figure, ((axis,),) = new_figure(6.5, 3.8)
+    draw_rewards(axis, pl.read_csv(Path(folder) / online.EPISODES, infer_schema_length=None))
+    save_png(figure, path)

@@ -8,9 +8,9 @@ import numpy as np
 import polars as pl
 
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.data.near_misses import folds_by_clip
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import eligible, measure
+from vpsci_ros.extras.paper.studies.folds import folds_by_clip
 from vpsci_ros.extras.paper.studies.networks import train
 from vpsci_ros.learning.config import PretrainConfig
 from vpsci_ros.policy.config import NetworkConfig
