@@ -154,7 +154,7 @@ def through_graph(sections: Sections, episodes: int) -> dict[str, float]:
         raise SystemExit(f"the graph failed: {result.error}")
     middle = time.perf_counter()
     quiet = Console(file=io.StringIO())
-    description = export_bag(folder / "run" / "bag", folder / "d", formats=("parquet",), console=quiet)
+    description = export_bag(folder / "run" / "bag", folder / "d", console=quiet)
     end = time.perf_counter()
     shutil.rmtree(folder)
     rows = description["scenarios"].values()

@@ -355,8 +355,6 @@ def test_chosen_episodes_are_exported_whatever_the_filters_say(own_bag: Path, tm
     (table,) = (pl.read_parquet(path) for path in (tmp_path / "out").glob("Location*.parquet"))
     assert table["count"].unique().to_list() == [chosen["episode"]]
     assert table.height == chosen["end_tick"] - chosen["start_tick"] + 1
-    (csv,) = (tmp_path / "out").glob("Location*.csv")
-    assert pl.read_csv(csv).height == table.height
 
 
 def test_another_tools_bag_is_exported_from_its_odometry(foreign: Path, tmp_path: Path) -> None:

@@ -32,7 +32,6 @@ def test_an_exported_bag_is_a_dataset_with_table_and_picture(bag: Path, tmp_path
     text = io.StringIO()
     description = export_bag(bag, tmp_path / "dataset", console=Console(width=80, file=text))
     assert {path.name for path in (tmp_path / "dataset").iterdir()} == {
-        "LocationA_PedCross_S-N.csv",
         "LocationA_PedCross_S-N.parquet",
         "dataset.json",
         "episodes.parquet",

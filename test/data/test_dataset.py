@@ -47,13 +47,6 @@ def test_kept_episodes_are_written_in_order_with_every_frame(simulate, tmp_path:
     )
 
 
-def test_csv_and_parquet_hold_the_same_numbers(simulate, tmp_path: Path) -> None:
-    write(tmp_path / "d", simulate(LENGTHS, OUTCOMES, 3), 3)
-    table = pl.read_parquet(tmp_path / "d" / f"{NAME}.parquet")
-    text = pl.read_csv(tmp_path / "d" / f"{NAME}.csv", schema=table.schema)
-    assert text.equals(table)
-
-
 def test_units_and_provenance_are_in_the_schema(simulate, tmp_path: Path) -> None:
     write(tmp_path / "d", simulate(LENGTHS, OUTCOMES, 3), 3)
     schema = pq.read_schema(tmp_path / "d" / f"{NAME}.parquet")
@@ -69,7 +62,7 @@ def test_the_bytes_do_not_depend_on_the_batch(simulate, tmp_path: Path, batch: i
     write(tmp_path / "a", simulate(LENGTHS, OUTCOMES, 3), 3, row_group=200)
     write(tmp_path / "b", simulate(LENGTHS, OUTCOMES, batch), batch, row_group=200)
     assert pq.ParquetFile(tmp_path / "a" / f"{NAME}.parquet").num_row_groups == 3
-    for name in (f"{NAME}.parquet", f"{NAME}.csv", INDEX):
+    for name in (f"{NAME}.parquet", INDEX):
         assert sha256(tmp_path / "a" / name) == sha256(tmp_path / "b" / name)
 
 
@@ -126,16 +119,7 @@ def test_a_run_that_fails_leaves_nothing_behind(simulate, tmp_path: Path) -> Non
     assert list((tmp_path / "d").iterdir()) == []
 
 
-def test_a_folder_that_is_not_empty_is_refused_and_left_alone(tmp_path: Path) -> None:
-    (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(InvalidInput, match="output folder is not empty"):
-        DatasetWriter(tmp_path, {1: NAME}, {})
-    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
-
-
-def test_unknown_formats_and_scenarios_are_refused(simulate, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="formats: expected some of parquet, csv, got xlsx"):
-        DatasetWriter(tmp_path / "d", {1: NAME}, {}, formats=["xlsx"])
+def test_an_unknown_scenario_is_refused(simulate, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="episode of scenario 1: this dataset has 2"):
         collector = EpisodeFrames(1)
         with DatasetWriter(tmp_path / "e", {2: "other"}, {}) as writer:

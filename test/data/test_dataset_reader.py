@@ -1,8 +1,9 @@
-"""A dataset reads back as it was written, from either format, a row group at a time."""
+"""A dataset reads back as it was written, a row group at a time."""
 
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from vpsci_ros.data.dataset import DatasetWriter
@@ -30,19 +31,28 @@ def test_episodes_of_several_row_groups_come_back_one_by_one(folder: Path) -> No
     assert episodes[2].ped_vy == pytest.approx(np.full((1, 201), 1.5))
 
 
-def test_csv_alone_serves_as_well(folder: Path) -> None:
-    before = Dataset(folder).rows("one")
-    (folder / "one.parquet").unlink()
-    assert Dataset(folder).rows("one").equals(before)
-    assert [one.number for one in Dataset(folder).read()] == [0, 2, 3]
-
-
 def test_rows_that_are_missing_are_noticed(folder: Path) -> None:
-    (folder / "one.parquet").unlink()
-    lines = (folder / "one.csv").read_text().splitlines()
-    (folder / "one.csv").write_text("\n".join(lines[:50] + lines[60:]) + "\n")
-    with pytest.raises(InvalidInput, match=r"one\.csv: frame 59 of episode 0: expected frame 49"):
+    rows = pl.read_parquet(folder / "one.parquet")
+    pl.concat([rows[:49], rows[59:]]).write_parquet(folder / "one.parquet")
+    with pytest.raises(InvalidInput, match=r"one\.parquet: frame 59 of episode 0: expected frame 49"):
         list(Dataset(folder).read())
+
+
+def test_a_file_that_is_gone_or_no_table_of_a_dataset_is_named(folder: Path) -> None:
+    pl.DataFrame({"a": [1]}).write_parquet(folder / "one.parquet")
+    with pytest.raises(InvalidInput, match=r"one\.parquet: expected the columns of Table 7"):
+        list(Dataset(folder).read())
+    (folder / "one.parquet").unlink()
+    with pytest.raises(InvalidInput, match=r"one\.parquet: no such file"):
+        list(Dataset(folder).read())
+
+
+def test_a_folder_without_a_description_is_no_dataset(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"dataset\.json: no such file; expected the folder of a dataset"):
+        Dataset(tmp_path)
+    (tmp_path / "dataset.json").write_text("[]")
+    with pytest.raises(InvalidInput, match="not the description of a dataset"):
+        Dataset(tmp_path)
 
 
 def test_an_unknown_scenario_is_refused_with_the_known_ones(folder: Path) -> None:

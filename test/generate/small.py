@@ -5,4 +5,4 @@ from vpsci_ros.policy.config import NetworkConfig
 
 NETWORK = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 TARGETS = {1: 12, 6: 12}
-CONFIG = DatasetConfig(formats=["parquet", "csv"], keep_rejected=True, unit=8, parallel=40)
+CONFIG = DatasetConfig(keep_rejected=True, unit=8, parallel=40)

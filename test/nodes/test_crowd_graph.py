@@ -77,7 +77,7 @@ def test_a_bag_tells_of_each_episode_once_and_of_every_pedestrian(bag: Path, tmp
     assert names == {f"pedestrian_{n}/base_link" for n in range(max(people.values()))}
 
     assert sorted(each.pedestrians for each in read_episodes(bag)) == sorted(people.values())
-    export_bag(bag, tmp_path / "dataset", keep_rejected=True, formats=("parquet",))
+    export_bag(bag, tmp_path / "dataset", keep_rejected=True)
     data = Dataset(tmp_path / "dataset")
     for name in data.scenarios:
         rows = data.rows(name)

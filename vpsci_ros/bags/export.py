@@ -15,14 +15,14 @@ from vpsci_ros.bags.run_record import bag_run, scenarios_of
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset import DatasetWriter
-from vpsci_ros.data.dataset_files import FORMATS
+from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.data.gathered import NO_SCENARIO, group_of
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.panels import typical_episodes
-from vpsci_ros.report.summary import print_rejections, print_summary, summarise
+from vpsci_ros.report.summary import print_info
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.runs.files import sha256
 
@@ -50,7 +50,6 @@ def export_bag(
     folder: str | Path,
     *,
     filters: FilterConfig | None = None,
-    formats: tuple[str, ...] = FORMATS,
     selection: Selection = ALL,
     keep_rejected: bool = False,
     console: Console | None = None,
@@ -80,7 +79,6 @@ def export_bag(
         {NO_SCENARIO: group_of(NO_SCENARIO, None)} | {scenario.number: scenario.name for scenario in scenarios},
         {"period": first.period, **provenance_of(bag)},
         filters=filters,
-        formats=formats,
         keep_rejected=keep_rejected,
     ) as writer:
         unseen = 0
@@ -106,10 +104,8 @@ def _alone(tick: RecordedTick, wanted: Collection[Key]) -> RecordedTick:
 
 def report(folder: str | Path, console: Console) -> None:
     """Print the summary of a dataset and draw its typical episodes into it."""
-    summary = summarise(folder)
-    print_summary(summary, console)
-    print_rejections(folder, console)
-    if (summary["kept"] > 0).any():
+    print_info(folder, console)
+    if any(counts["kept"] for counts in Dataset(folder).scenarios.values()):
         save_trajectories(typical_episodes(folder), Path(folder) / PICTURE)
     else:
         console.print("no episode was kept, so there is no picture")

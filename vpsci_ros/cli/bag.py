@@ -51,7 +51,6 @@ def export(
     curvttc_below: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Export episodes whose least CurvTTC is below.")
     ] = None,
-    csv: Annotated[bool, typer.Option("--csv", help="Write CSV besides Parquet.")] = False,
     keep_rejected: Annotated[bool, typer.Option(help="Write rejected episodes besides.")] = False,
     recover: Recover = False,
     topic_prefix: Prefix = None,
@@ -65,10 +64,9 @@ def export(
     from vpsci_ros.runs.progress import Bars
 
     selection = Selection(episodes, outcome, curvttc_below)
-    formats = ("parquet", "csv") if csv else ("parquet",)
     opened = Bag(bag, recover=recover, topic_prefix=topic_prefix)
     with Bars(f"reading {bag}"):
-        export_bag(opened, output, formats=formats, selection=selection, keep_rejected=keep_rejected)
+        export_bag(opened, output, selection=selection, keep_rejected=keep_rejected)
 
 
 @bag_app.command()

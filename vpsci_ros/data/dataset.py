@@ -6,14 +6,14 @@ is written: until `close` there are hidden part files, and `discard` removes the
 without it is no dataset.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from vpsci_ros.data.dataset_files import FORMATS, INDEX_COLUMNS, EpisodeTable
+from vpsci_ros.data.dataset_files import INDEX_COLUMNS, EpisodeTable
 from vpsci_ros.data.dataset_index import (
     DATASHEET,
     DESCRIPTION,
@@ -39,11 +39,10 @@ class DatasetWriter:
     :param names: scenario number -> file stem (Table 6); files are made for those of which an episode comes.
     :param provenance: stored in dataset.json and in every Parquet file: configuration, seed, hash of the weights, and
         `period`, the time from one frame to the next [s].
-    :param formats: of `FORMATS`.
     :param keep_rejected: write rejected episodes too, to the folder `rejected` with the same file names.
     :param row_group: rows after which a row group is written.
     :param resumed: the folder need not be empty; what an earlier attempt has left there is replaced.
-    :raises InvalidInput: the folder is not empty, or an unknown format.
+    :raises InvalidInput: the folder is not empty.
     """
 
     def __init__(
@@ -53,18 +52,15 @@ class DatasetWriter:
         provenance: Mapping[str, Any],
         *,
         filters: FilterConfig | None = None,
-        formats: Sequence[str] = FORMATS,
         keep_rejected: bool = False,
         row_group: int = ROW_GROUP,
         resumed: bool = False,
     ) -> None:
-        if not formats or not set(formats) <= set(FORMATS):
-            raise InvalidInput(f"formats: expected some of {', '.join(FORMATS)}, got {', '.join(formats) or 'none'}")
         self.folder = Path(folder) if resumed else require_empty_folder(folder)
         self.filters = filters or FilterConfig()
         self.keep_rejected = keep_rejected
         self._names, self._provenance = dict(names), dict(provenance)
-        self._formats, self._row_group = tuple(formats), row_group
+        self._row_group = row_group
         self._tables: dict[tuple[int, bool], EpisodeTable] = {}  # of kept and of rejected episodes, by scenario
         self._blocks: dict[int, list[EpisodeBlock]] = {}
         self._records: dict[int, list[np.ndarray]] = {}  # of the episodes that were written, by scenario
@@ -93,7 +89,7 @@ class DatasetWriter:
             place = self.folder if kept else self.folder / REJECTED
             place.mkdir(exist_ok=True)
             metadata = {"scenario": number, "name": name, "kept": kept, **self._provenance}
-            self._tables[number, kept] = EpisodeTable(place, name, self._formats, self._row_group, metadata)
+            self._tables[number, kept] = EpisodeTable(place / f"{name}.parquet", self._row_group, metadata)
 
     def write(self, number: int, block: EpisodeBlock) -> None:
         """Write episodes of a scenario, filtered, which follow those written before in the order of their numbers."""
@@ -138,8 +134,8 @@ class DatasetWriter:
             self.write(number, whole)
         files = {}
         for table in self._tables.values():
-            for path, rows in table.close():
-                files[path.relative_to(self.folder).as_posix()] = file_entry(path, rows)
+            path, rows = table.close()
+            files[path.relative_to(self.folder).as_posix()] = file_entry(path, rows)
         records = {self._names[number]: (number, np.concatenate(own)) for number, own in sorted(self._records.items())}
         index = index_table(np.concatenate([np.zeros(0, RECORD), *(own for _, own in records.values())]))
         write_parquet(index, self.folder / INDEX, INDEX_COLUMNS, **self._provenance)

@@ -1,14 +1,12 @@
-"""The tables of a dataset: their columns, and the writer of one scenario's file in each format.
+"""The tables of a dataset: their columns, and the writer of one scenario's file.
 
-CurvTTC is infinite where no contact is predicted within the horizon, in Parquet and in CSV ("inf", which pandas,
-polars, numpy and R all read as infinity); an empty cell would say that it was not observed. The authors publish no
-word on it. NaN are values that nobody saw. `count` is the number of the episode within its scenario, with which it can
+CurvTTC is infinite where no contact is predicted within the horizon; the authors publish no word on it. NaN are values
+that nobody saw. `count` is the number of the episode within its scenario, with which it can
 be simulated again; `veh_id` and `ped_id` are 2 count and 2 count + 1, so that no two agents of a file share one. The
 pedestrian with number n in its episode has 2^33 n more, and its rows come after those of the one before.
 """
 
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +20,6 @@ from vpsci_ros.data.episode_block import EpisodeBlock, joined
 from vpsci_ros.data.parquet import Column, arrow_schema
 
 Numbers = NDArray[np.int64]
-FORMATS = ("parquet", "csv")
 NEXT_PEDESTRIAN = 2**33  # from one pedestrian's `ped_id` to the next one's
 DATASET_COLUMNS: dict[str, Column] = {
     "count": Column(pl.Int64, "", "interaction episode index: number of the episode within its scenario"),
@@ -79,32 +76,23 @@ def _arrow_rows(block: EpisodeBlock, schema: pa.Schema) -> pa.Table:
 
 
 class EpisodeTable:
-    """One scenario's episodes in each format, written in row groups to hidden part files.
+    """One scenario's episodes, written in row groups to a hidden part file.
 
     :param row_group: rows after which a row group is written; it ends with an episode.
-    :param metadata: stored in the schema of the Parquet file.
+    :param metadata: stored in the schema.
     """
 
-    def __init__(
-        self, folder: Path, name: str, formats: Sequence[str], row_group: int, metadata: Mapping[str, Any]
-    ) -> None:
-        self._paths = {form: folder / f"{name}.{form}" for form in formats}
-        self._parts = {form: path.with_name(f".{path.name}.part") for form, path in self._paths.items()}
+    def __init__(self, path: Path, row_group: int, metadata: Mapping[str, Any]) -> None:
+        self._path, self._part = path, path.with_name(f".{path.name}.part")
         self._schema = arrow_schema(DATASET_COLUMNS, metadata)
         floats = [name for name, column in DATASET_COLUMNS.items() if column.dtype is pl.Float32]
-        self._parquet: pq.ParquetWriter | None = None
-        if "parquet" in formats:
-            self._parquet = pq.ParquetWriter(
-                self._parts["parquet"],
-                self._schema,
-                compression="zstd",
-                use_dictionary=[name for name in DATASET_COLUMNS if name not in floats],
-                use_byte_stream_split=floats,
-            )
-        self._csv: io.BufferedWriter | None = None
-        if "csv" in formats:
-            self._csv = self._parts["csv"].open("wb")
-            self._csv.write((",".join(DATASET_COLUMNS) + "\n").encode())
+        self._file = pq.ParquetWriter(
+            self._part,
+            self._schema,
+            compression="zstd",
+            use_dictionary=[name for name in DATASET_COLUMNS if name not in floats],
+            use_byte_stream_split=floats,
+        )
         self._row_group = row_group
         self._left = joined([])
         self.rows = 0
@@ -118,34 +106,19 @@ class EpisodeTable:
             self._left = self._left.only(~now)
 
     def _flush(self, block: EpisodeBlock) -> None:
-        if not len(block.values):
-            return
-        rows = _arrow_rows(block, self._schema)
-        if self._parquet is not None:
-            self._parquet.write_table(rows)
-        if self._csv is not None:
-            frame_of_rows = pl.from_arrow(rows)
-            assert isinstance(frame_of_rows, pl.DataFrame)
-            frame_of_rows.write_csv(self._csv, include_header=False)
-        self.rows += rows.num_rows
+        if len(block.values):
+            self._file.write_table(_arrow_rows(block, self._schema))
+            self.rows += len(block.values)
 
-    def close(self) -> list[tuple[Path, int]]:
-        """Finish the files, give them their names, and return each with its number of rows."""
+    def close(self) -> tuple[Path, int]:
+        """Finish the file, give it its name, and return that with its number of rows."""
         self._flush(self._left)
-        self._shut()
-        for form, path in self._paths.items():
-            self._parts[form].replace(path)
-        return [(path, self.rows) for path in self._paths.values()]
+        self._file.close()
+        self._part.replace(self._path)
+        return self._path, self.rows
 
     def discard(self) -> None:
         """Remove what was written."""
-        self._shut()
-        for form, path in self._paths.items():
-            self._parts[form].unlink(missing_ok=True)
-            path.unlink(missing_ok=True)
-
-    def _shut(self) -> None:
-        if self._parquet is not None:
-            self._parquet.close()
-        if self._csv is not None:
-            self._csv.close()
+        self._file.close()
+        self._part.unlink(missing_ok=True)
+        self._path.unlink(missing_ok=True)

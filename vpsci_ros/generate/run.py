@@ -1,17 +1,23 @@
 """`vpsci generate`: a whole dataset, resumable, by any number of workers."""
 
+import os
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_index import DESCRIPTION
+from vpsci_ros.data.episode_block import EpisodeBlock
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.generate.assemble import assemble
 from vpsci_ros.generate.config import DatasetConfig
+from vpsci_ros.generate.datasheet import datasheet
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.journal import RECORD, Journal, journal_of
 from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
@@ -57,7 +63,7 @@ def generate(
     """Generate a dataset, or resume a stopped one.
 
     The episodes are those from `first` on, in the order of their numbers, up to the last kept one wanted in each
-    scenario. The bytes of every file but generation.json depend on (job, targets, formats, first) alone.
+    scenario. The bytes of every file but generation.json depend on (job, targets, first) alone.
 
     :param targets: kept episodes wanted by scenario number.
     :param folder: must be new or empty, or hold the same run, unfinished or complete.
@@ -70,7 +76,6 @@ def generate(
         **job.description(),
         "first_episode": first,
         "kept_wanted": {str(number): targets[number] for number in sorted(targets)},
-        "formats": list(config.formats),
     }
     versions = {"versions": software_versions()}
     begin = time.monotonic()
@@ -87,7 +92,7 @@ def generate(
         try:
             computed = 0 if plan.complete else _compute(plan, journal, workers(), report)
             middle = time.monotonic()
-            description = assemble(job, plan, journal, folder, config.formats, run)
+            description = _assemble(job, plan, journal, folder, run)
             seconds = round(middle - begin, 3), round(time.monotonic() - middle, 3)
             write_record(
                 folder / RECORD,
@@ -154,3 +159,42 @@ def _compute(
     finally:
         workers.close()
     return episodes
+
+
+def _assemble(
+    job: Job, plan: DatasetPlan, journal: Journal, folder: Path, provenance: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write every file of the dataset, dataset.json last, and return its content.
+
+    :param provenance: facts for dataset.json and for the metadata of each Parquet file.
+    :raises InvalidInput: a finished unit was damaged; it is removed, to be computed again.
+    """
+    names = {scenario.number: scenario.name for scenario in job.scenarios}
+    keep = job.keep_rejected
+    with (
+        DatasetWriter(folder, names, provenance, filters=job.filters, keep_rejected=keep, resumed=True) as writer,
+        ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads,
+    ):
+        for number in names:
+            writer.begin(number)
+        list(threads.map(lambda number: _write(writer, plan.scenarios[number], journal), names))
+        policies = {policy.file: policy.data for policy in job.policies.values()}
+        return writer.close(beside=policies, datasheet=lambda found: datasheet(found, job.scenarios))
+
+
+def _write(writer: DatasetWriter, plan: ScenarioPlan, journal: Journal) -> None:
+    missing = plan.target
+    for place in range(plan.units_needed() or 0):
+        block = journal.load(plan.unit(place))
+        if block is None:
+            raise InvalidInput(f"{journal.path(plan.unit(place))}: damaged since it was written; generate again")
+        if (count := _up_to_kept(block, missing)) < len(block):
+            block = block.only(np.arange(len(block)) < count)
+        missing -= int(block.kept.sum())
+        writer.write(plan.scenario, block)
+
+
+def _up_to_kept(block: EpisodeBlock, wanted: int) -> int:
+    """Return how many episodes of the block there are up to the `wanted`th kept one, or all."""
+    places = np.flatnonzero(block.kept)
+    return int(places[wanted - 1]) + 1 if len(places) >= wanted else len(block)

@@ -1,74 +1,13 @@
-"""What a dataset holds: by scenario episodes, collisions, least CurvTTC, who yielded; and beside Table 10."""
+"""What a dataset holds, beside Table 10: episodes, ways, rejections, collisions, least CurvTTC."""
 
 from pathlib import Path
 
-import numpy as np
-import polars as pl
 from rich.console import Console
 
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.episode import yields
 from vpsci_ros.data.episode_block import REASONS
 from vpsci_ros.data.published import LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
 from vpsci_ros.runs.tables import quartiles_text, short_name, text_table
-from vpsci_ros.safety.yielding import Yielded
-
-_COUNTED = (
-    *("episodes", "kept", "collisions", "kept_collisions"),
-    *("vehicle_yields", "pedestrian_yields", "both_yield", "nobody_yields"),
-)
-
-
-def summarise(folder: str | Path) -> pl.DataFrame:
-    """Return a row for each scenario of a dataset, and one of all together ("all") where there are several.
-
-    Columns: scenario; how many episodes were simulated and kept, and how many of either ended in a collision; in how
-    many kept ones the vehicle, the pedestrian, both, or nobody gave way (of several pedestrians the most critical one
-    counts); and quartiles, of the kept ones' least CurvTTC [s], empty without one.
-
-    :raises InvalidInput: the folder is no dataset, or a file of it is missing or damaged.
-    """
-    data = Dataset(folder)
-    kept = data.index().filter(pl.col("reason") == "kept")
-    rows = []
-    for name, counts in data.scenarios.items():
-        of_code = np.bincount(yields(data.read(scenario=name)), minlength=4)
-        rows.append(
-            {
-                "scenario": name,
-                "episodes": counts["simulated"],
-                "kept": counts["kept"],
-                "collisions": counts["outcomes"]["collision"],
-                "kept_collisions": counts["kept_outcomes"]["collision"],
-                "vehicle_yields": int(of_code[Yielded.VEHICLE]),
-                "pedestrian_yields": int(of_code[Yielded.PEDESTRIAN]),
-                "both_yield": int(of_code[Yielded.BOTH]),
-                "nobody_yields": int(of_code[Yielded.NONE]),
-                "quartiles": _quartiles(kept.filter(pl.col("scenario") == counts["number"])),
-            }
-        )
-    if len(rows) > 1:
-        sums = {name: sum(row[name] for row in rows) for name in _COUNTED}
-        rows.append({"scenario": "all", **sums, "quartiles": _quartiles(kept)})
-    return pl.DataFrame(rows, schema_overrides={"quartiles": pl.List(pl.Float64)})
-
-
-def _quartiles(kept: pl.DataFrame) -> list[float]:
-    return np.quantile(kept["least_curvttc"].to_numpy(), (0.25, 0.5, 0.75)).tolist() if kept.height else []
-
-
-def print_summary(summary: pl.DataFrame, console: Console) -> None:
-    """Print what `summarise` returned; yields are percentages of the kept episodes."""
-    heads = ("scenario", "episodes", "kept", "collisions\n(kept)", "least CurvTTC [s]\nQ1 median Q3")
-    rows: list[list[str] | None] = []
-    for row in summary.iter_rows(named=True):
-        codes = (row["vehicle_yields"], row["pedestrian_yields"], row["both_yield"])
-        shares = "  ".join(f"{100.0 * code / row['kept']:3.0f}" for code in codes) if row["kept"] else "-"
-        collisions = f"{row['collisions']:,} ({row['kept_collisions']:,})"
-        counts = [f"{row['episodes']:,}", f"{row['kept']:,}", collisions]
-        rows += [None] if row["scenario"] == "all" else []
-        rows.append([short_name(row["scenario"]), *counts, quartiles_text(row["quartiles"]), shares])
-    console.print(text_table("", (*heads, "yield [%]\nveh ped both"), rows))
 
 
 def print_rejections(folder: str | Path, console: Console) -> None:

@@ -54,7 +54,7 @@ def convert(source: Path, output: Path) -> None:
     if not parts:
         raise InvalidInput(f"{source}: expected CSV files with the columns of Table 7, found none")
     names = {number: name for number, (name, _) in parts.items()}
-    with DatasetWriter(output, names, {"period": PERIOD}, formats=["parquet"], keep_rejected=True) as writer:
+    with DatasetWriter(output, names, {"period": PERIOD}, keep_rejected=True) as writer:
         for number, (_, rows) in sorted(parts.items()):
             writer.add(_block(rows, number))
         writer.close()
