@@ -89,12 +89,6 @@ def test_the_index_has_every_episode_with_its_reason(simulate, tmp_path: Path) -
     assert index["least_curvttc"].to_numpy() == pytest.approx(4.0 + 0.01 * np.arange(6), rel=1e-6)
 
 
-def test_rejected_episodes_are_kept_on_request(simulate, tmp_path: Path) -> None:
-    write(tmp_path / "d", simulate(LENGTHS, OUTCOMES, 3), 3, keep_rejected=True)
-    table = pl.read_parquet(tmp_path / "d" / "rejected" / f"{NAME}.parquet")
-    assert table.group_by("count", maintain_order=True).agg(pl.len()).rows() == [(1, 60), (4, 99)]
-
-
 def test_dataset_json_names_every_file_with_its_hash(simulate, tmp_path: Path) -> None:
     returned = write(tmp_path / "d", simulate(LENGTHS, OUTCOMES, 3), 3, keep_rejected=True)
     description = json.loads((tmp_path / "d" / DESCRIPTION).read_text())

@@ -8,7 +8,6 @@ import polars as pl
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode_frames import EpisodeFrames
-from vpsci_ros.runs.files import sha256
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 
@@ -24,14 +23,6 @@ def generate(folder: Path, batch: int) -> Dataset:
             writer.add(frames.add(step.tick.state, step.assessment.curvttc, step.assessment.distance))
         writer.close(unfinished=frames.unfinished)
     return Dataset(folder)
-
-
-def test_the_batch_leaves_no_trace_in_the_files(tmp_path: Path) -> None:
-    one, other = generate(tmp_path / "one", 3), generate(tmp_path / "other", 24)
-    assert one.description["files"] == other.description["files"]
-    assert one.description["unfinished"] == 0
-    for name in one.description["files"]:
-        assert sha256(one.folder / name) == sha256(other.folder / name)
 
 
 def test_every_kept_episode_obeys_the_four_conditions(tmp_path: Path) -> None:

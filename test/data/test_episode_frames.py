@@ -6,7 +6,7 @@ import pytest
 from vpsci_ros.data.episode_block import QUANTITIES
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.world.state import COLLISION, GOAL, RUNNING, TIMEOUT
+from vpsci_ros.world.state import COLLISION, GOAL, TIMEOUT
 
 LENGTHS = [12, 5, 9, 7, 30]
 OUTCOMES = [TIMEOUT, COLLISION, GOAL, GOAL, COLLISION]
@@ -79,21 +79,7 @@ def test_a_broken_off_episode_is_counted_and_not_given_out(simulate) -> None:
     assert collector.unfinished == 1
 
 
-def test_an_episode_longer_than_the_room_gets_more(simulate) -> None:
-    (_, frames, values) = collect(simulate([50], [TIMEOUT], 1), 1, frames=4)[0]
-    assert frames == 50
-    assert values[:, 5] == pytest.approx(-4.0 + 1.5 * 0.05 * np.arange(50))
-
-
 def test_another_batch_size_is_refused(simulate) -> None:
     tick = next(simulate([3, 3], [GOAL, GOAL], 2))
     with pytest.raises(InvalidInput, match="expected 3 parallel episodes, got 2 states"):
         EpisodeFrames(3).add(*tick)
-
-
-def test_idle_slots_are_nobody(simulate) -> None:
-    state, curvttc, distance = next(simulate([3], [GOAL], 4))
-    assert (state["status"] == RUNNING).sum() == 1
-    collector = EpisodeFrames(4)
-    collector.add(state, curvttc, distance)
-    assert collector.unfinished == 1

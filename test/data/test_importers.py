@@ -2,7 +2,6 @@
 
 import io
 import math
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -99,14 +98,6 @@ def test_learning_takes_ten_steps_before_the_first_critical_one_to_ten_after_the
     assert table["time"].diff().drop_nulls().to_numpy() == pytest.approx(0.1)
 
 
-def test_times_lie_on_multiples_of_a_tenth_and_nothing_is_extrapolated(clip_folder: Path) -> None:
-    table = import_trajectories(clip_folder, "vci-dut").table
-    times = table["time"].to_numpy()
-    assert times * 10 == pytest.approx(np.round(times * 10), abs=1e-9)
-    assert times[0] >= 10 / RATE
-    assert times[-1] <= 105 / RATE
-
-
 def test_a_rotated_scene_has_the_same_near_misses(tmp_path: Path) -> None:
     write_clip(tmp_path, "a")
     write_clip(tmp_path, "b", turn=math.pi - 0.01)
@@ -196,20 +187,6 @@ def test_a_missing_folder_and_an_empty_one_are_named(tmp_path: Path) -> None:
         import_trajectories(tmp_path, "vci-dut")
 
 
-def test_a_folder_of_the_other_format_is_recognised_by_how_far_pedestrians_come(tmp_path: Path) -> None:
-    for name, rate in (("dut", RATE), ("citr", CITR_RATE)):
-        (tmp_path / name).mkdir()
-        write_clip(tmp_path / name, "meeting_01", rate=rate)
-    with pytest.raises(InvalidInput, match=r"move 0\.8 times as fast.*23\.976 a second here.*--format vci-citr"):
-        import_folders([tmp_path / "dut", tmp_path / "citr"], ["vci-dut"])
-    with pytest.raises(InvalidInput, match="--format vci-dut for this folder"):
-        import_trajectories(tmp_path / "dut", "vci-citr")
-    (tmp_path / "other").mkdir()
-    write_clip(tmp_path / "other", "meeting_01", rate=10.0)
-    with pytest.raises(InvalidInput, match=r"move 2\.4 times as fast as their speeds say .*or units are others$"):
-        import_trajectories(tmp_path / "other", "vci-dut")
-
-
 def test_an_unknown_format_is_refused_with_the_known_ones(clip_folder: Path) -> None:
     with pytest.raises(InvalidInput, match="unknown format 'dut'; expected one of vci-dut, vci-citr"):
         import_trajectories(clip_folder, "dut")
@@ -229,12 +206,6 @@ def test_recordings_of_pedestrians_alone_say_so_in_their_names(clip_folder: Path
     assert import_trajectories(clip_folder, "vci-dut").summaries[0].clips == 1
 
 
-def test_a_missing_column_is_named_with_the_file(clip_folder: Path) -> None:
-    edit(vehicle_file(clip_folder), lambda lines: [lines[0].replace("psi_est", "psi"), *lines[1:]])
-    with pytest.raises(InvalidInput, match=r"veh_filtered\.csv: expected columns .*; psi_est is missing"):
-        import_trajectories(clip_folder, "vci-dut")
-
-
 @pytest.mark.parametrize(
     ("value", "column", "message"),
     [
@@ -251,24 +222,6 @@ def test_a_bad_cell_is_named_with_line_and_column(clip_folder: Path, value: str,
         import_trajectories(clip_folder, "vci-dut")
 
 
-@pytest.mark.parametrize("turn", [0.5, math.pi / 2, 2.8])
-def test_headings_in_degrees_are_suspected(tmp_path: Path, turn: float) -> None:
-    write_clip(tmp_path, "turned", turn=turn)
-    degrees = f",{math.degrees(turn)},5.0"
-    path = tmp_path / "turned_traj_veh_filtered.csv"
-    edit(path, lambda lines: [lines[0], *(line.rsplit(",", 2)[0] + degrees for line in lines[1:])])
-    with pytest.raises(InvalidInput, match=r"psi_est: headings differ .* they look like degrees"):
-        import_trajectories(tmp_path, "vci-dut")
-
-
-def test_headings_with_y_down_are_suspected(tmp_path: Path) -> None:
-    write_clip(tmp_path, "turned", turn=0.8)
-    path = tmp_path / "turned_traj_veh_filtered.csv"
-    edit(path, lambda lines: [lines[0], *(line.rsplit(",", 2)[0] + ",-0.8,5.0" for line in lines[1:])])
-    with pytest.raises(InvalidInput, match=r"psi_est: headings differ .* y seems to point down"):
-        import_trajectories(tmp_path, "vci-dut")
-
-
 def test_an_empty_and_a_ragged_file_are_refused(clip_folder: Path) -> None:
     edit(pedestrian_file(clip_folder), lambda lines: lines[:1])
     with pytest.raises(InvalidInput, match=r"ped_filtered\.csv: expected one row a frame and road user, got none"):
@@ -278,14 +231,11 @@ def test_an_empty_and_a_ragged_file_are_refused(clip_folder: Path) -> None:
         import_trajectories(clip_folder, "vci-dut")
 
 
-def test_real_recordings_hold_about_340_near_misses_within_seconds(real_data: Path) -> None:
-    begin = time.monotonic()
+def test_real_recordings_hold_about_340_near_misses(real_data: Path) -> None:
     result = import_folders([real_data / "vci_dut", real_data / "vci_citr"], ["vci-dut", "vci-citr"])
-    elapsed = time.monotonic() - begin
     check_near_misses(result.table, "table")
     assert 320 <= result.table["interaction"].n_unique() <= 370
     assert result.summaries[0].quartiles == pytest.approx((1.8, 2.95, 3.9), abs=0.15)
-    assert elapsed < 20.0
 
 
 def test_the_summary_shows_each_source_and_their_sum(clip_folder: Path, tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import pytest
 from polars.testing import assert_frame_equal
 from synthetic import synthetic_near_misses
 
-from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import (
     NEAR_MISS_COLUMNS,
     WORKED_OUT,
@@ -96,13 +95,6 @@ def test_a_bad_value_is_refused_with_column_row_and_remedy(
         check_near_misses(bad, "FILE")
 
 
-def test_text_in_place_of_numbers_is_refused(table: pl.DataFrame) -> None:
-    with pytest.raises(InvalidInput, match="FILE: column veh_x must be Float64, got String"):
-        check_near_misses(table.with_columns(pl.col("veh_x").cast(pl.String)), "FILE")
-    with pytest.raises(InvalidInput, match="FILE: column step must be Int64, got Float64"):
-        check_near_misses(table.with_columns(pl.col("step").cast(pl.Float64)), "FILE")
-
-
 def test_a_gap_and_unsorted_rows_are_refused(table: pl.DataFrame) -> None:
     with pytest.raises(InvalidInput, match=r"column step, row 4 .*split interactions at gaps"):
         check_near_misses(table.filter(pl.int_range(pl.len()) != 4), "FILE")
@@ -132,12 +124,6 @@ def test_an_empty_table_and_what_is_not_parquet_are_refused(table: pl.DataFrame,
     (tmp_path / "text.parquet").write_text("interaction,source\n")
     with pytest.raises(InvalidInput, match=r"text\.parquet: expected a near-miss table in Parquet"):
         read_near_misses(tmp_path / "text.parquet")
-
-
-def test_nothing_is_left_behind_by_a_table_that_is_refused(table: pl.DataFrame, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput):
-        write_near_misses(table.with_columns(pl.lit(float("nan")).alias("veh_x")), tmp_path / "near.parquet")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_tables_are_joined_with_new_numbers_and_never_twice(table: pl.DataFrame) -> None:
@@ -216,27 +202,6 @@ def test_a_part_of_a_table_is_named_as_if_the_table_were_a_folder_of_its_clips(
         read_near_misses(f"{path}/train")
     with pytest.raises(InvalidInput, match="right_turn/train: no such file"):
         read_near_misses("right_turn/train")
-
-
-def test_the_right_turns_of_the_package_are_what_the_importer_makes_of_the_recordings(real_data: Path) -> None:
-    if not (real_data / "cqut_pvi").is_dir():
-        pytest.skip(f"no cqut_pvi in {real_data}")
-    made = import_trajectories(real_data / "cqut_pvi", "cqut-pvi").table
-    for name, column in read_near_misses("right_turns").to_dict(as_series=True).items():
-        if column.dtype == pl.Float64:  # rounded to four decimals
-            assert made[name].to_numpy() == pytest.approx(column.to_numpy(), abs=1e-4), name
-        else:
-            assert made[name].equals(column), name
-
-
-def test_a_compact_table_is_the_same_to_a_tenth_of_a_millimetre(table: pl.DataFrame, tmp_path: Path) -> None:
-    paths = [tmp_path / "whole.parquet", tmp_path / "compact.parquet"]
-    for path, compact in zip(paths, (False, True), strict=True):
-        write_near_misses(table, path, compact=compact)
-    whole, single = map(read_near_misses, paths)
-    assert paths[1].stat().st_size < 0.6 * paths[0].stat().st_size
-    assert single["ped_x"].to_numpy() == pytest.approx(whole["ped_x"].to_numpy(), abs=1e-4)
-    assert single["curvttc"].is_infinite().equals(whole["curvttc"].is_infinite())
 
 
 def test_a_compact_table_keeps_coordinates_of_a_map_to_a_tenth_of_a_millimetre(table, tmp_path: Path) -> None:

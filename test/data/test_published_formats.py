@@ -204,14 +204,6 @@ def test_a_format_without_one_of_the_two_kinds_says_what_there_is(tmp_path):
         import_trajectories(tmp_path, "levelx")
 
 
-def test_vehicles_whose_size_is_zero_are_said_to_have_the_formats(tmp_path):
-    write_levelx(tmp_path)
-    path = tmp_path / "07_tracks.csv"
-    pl.read_csv(path).with_columns(length=pl.lit(0.0), width=pl.lit(0.0)).write_csv(path)
-    (summary,) = import_trajectories(tmp_path, "levelx").summaries
-    assert "sizes of 1 vehicles that have none are the format's" in summary.assumed
-
-
 def in_degrees(folder):
     """Write the described scene in longitude and latitude, at 8.68 east and 50.1 north."""
     write_described(folder)
@@ -227,14 +219,6 @@ def test_longitude_and_latitude_are_no_metres_and_the_projection_is_named(tmp_pa
     in_degrees(tmp_path)
     with pytest.raises(InvalidInput, match=r"within 0\.\d+ of each other: expected positions in metres.*EPSG:32632"):
         import_trajectories(tmp_path, "described")
-
-
-def test_longitude_and_latitude_are_projected(tmp_path):
-    pytest.importorskip("pyproj")
-    (tmp_path / "layout.yaml").write_text(in_degrees(tmp_path) + "projection: EPSG:32632\n")
-    table = import_trajectories(tmp_path, "described").table
-    assert table["veh_speed"].to_numpy() == pytest.approx(SPEED, rel=5e-3)  # and the scale of UTM
-    assert table["veh_x"][0] == pytest.approx(477_000.0, abs=1000.0)
 
 
 def test_a_check_draws_the_first_pairs_and_says_extent_speeds_and_sizes(tmp_path):
@@ -262,7 +246,6 @@ def test_sizes_of_the_track_decide_when_it_touches(tmp_path):
     ("column", "change", "said"),
     [
         ("heading", pl.col("heading").radians(), "headings differ from the direction of motion"),
-        ("heading", -pl.col("heading"), "y seems to point down"),
         ("xVelocity", pl.col("xVelocity") * 3.6, "times as fast as their speeds say"),
         (
             "xCenter",
@@ -277,13 +260,6 @@ def test_units_angles_and_values_that_contradict_the_motion_are_refused(column, 
     path = tmp_path / "07_tracks.csv"
     pl.read_csv(path).with_columns(change.alias(column)).write_csv(path)
     with pytest.raises(InvalidInput, match=said):
-        import_trajectories(tmp_path, "levelx")
-
-
-def test_another_frame_rate_than_the_motions_is_refused(tmp_path):
-    write_levelx(tmp_path)
-    pl.DataFrame({"recordingId": [7], "frameRate": [30.0]}).write_csv(tmp_path / "07_recordingMeta.csv")
-    with pytest.raises(InvalidInput, match="move 1.2 times as fast as their speeds say"):
         import_trajectories(tmp_path, "levelx")
 
 
@@ -329,8 +305,7 @@ def test_a_delimiter_a_compass_and_a_speed_alone_can_be_described(tmp_path):
 @pytest.mark.parametrize(
     ("layout", "said"),
     [
-        ({"compass": "false"}, "by 1.57 rad .*; they seem to be measured from y, clockwise$"),
-        ({"compass": "false", "degrees": "false"}, "; they look like degrees and they seem to be measured from y, clo"),
+        ({"compass": "false"}, "expected degrees counter-clockwise from x; they may be in radians, .* or with y down$"),
         ({"delimiter": '"tab"'}, "delimiter: expected one character such as ';', got 'tab'"),
         (
             {"vehicles": "[lorry]"},
@@ -348,20 +323,6 @@ def test_what_contradicts_a_description_is_said_with_what_is_there(layout, said,
         )
     with pytest.raises(InvalidInput, match=said):
         import_trajectories(tmp_path, "described")
-
-
-def test_headings_in_radians_from_north_of_cars_that_drive_east_are_not_taken_for_degrees(tmp_path):
-    """90 degrees from north are 1.571; as degrees that would be 0.027 rad, nearly the direction of motion."""
-    write_levelx(tmp_path)
-    path = tmp_path / "07_tracks.csv"
-    east = pl.read_csv(path).with_columns(pl.lit(np.degrees(0.5 * np.pi)).alias("heading"))
-    turn = np.cos(-HEADING), np.sin(-HEADING)
-    for x, y in (("xCenter", "yCenter"), ("xVelocity", "yVelocity")):
-        turned = pl.col(x) * turn[0] - pl.col(y) * turn[1], pl.col(x) * turn[1] + pl.col(y) * turn[0]
-        east = east.with_columns(turned[0].alias(x), turned[1].alias(y))
-    east.write_csv(path)
-    with pytest.raises(InvalidInput, match="; they seem to be measured from y, clockwise$"):
-        import_trajectories(tmp_path, "levelx")
 
 
 def damaged(folder, change):
@@ -384,17 +345,3 @@ def test_a_described_road_user_that_cannot_be_read_is_left_out_and_counted(chang
     (summary,) = import_trajectories(tmp_path, "described").summaries
     assert (summary.near_misses, summary.left_out[UNREADABLE]) == (1, 1)
     assert any("the first left out" in text and "line" in text for text in summary.assumed)
-
-
-def test_a_description_that_fits_nobody_is_refused(tmp_path):
-    write_described(tmp_path)
-    rows = pl.read_csv(tmp_path / "one.csv").with_columns(px=pl.lit("?"))
-    rows.write_csv(tmp_path / "one.csv")
-    with pytest.raises(InvalidInput, match="expected a finite number, got '\\?'"):
-        import_trajectories(tmp_path, "described")
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_a_folder_without_files_of_the_format_is_refused(name, tmp_path):
-    with pytest.raises(InvalidInput, match="expected|not readable"):
-        import_trajectories(tmp_path, name)

@@ -13,7 +13,6 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.episodes import open_source, read_episodes
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters
 
 
 @pytest.fixture(scope="module")
@@ -41,14 +40,6 @@ def test_an_interaction_has_the_numbers_of_its_table(table_file: Path, near_miss
     for ours in ("ped_x", "ped_vy", "curvttc", "distance"):
         np.testing.assert_array_equal(getattr(found[3], ours), rows[ours].to_numpy()[None])
     assert (found[3].outcome, found[3].scenario, found[3].period) == ("recorded", None, 0.1)
-
-
-def test_who_yielded_is_what_the_encounters_say(near_misses: pl.DataFrame, table_file: Path, dataset: Path) -> None:
-    for path, table in {
-        table_file: recorded_encounters(near_misses), dataset: generated_encounters(Dataset(dataset))
-    }.items():  # fmt: skip
-        assert [bool(one.yielded() & 1) for one in read_episodes(path)] == table["vehicle_yields"].to_list()
-        assert [bool(one.yielded() & 2) for one in read_episodes(path)] == table["pedestrian_yields"].to_list()
 
 
 def test_a_datasets_kept_episodes_come_with_their_numbers_outcomes_and_values(dataset: Path) -> None:

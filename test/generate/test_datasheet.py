@@ -3,12 +3,10 @@
 from pathlib import Path
 
 import polars as pl
-import pyarrow.parquet as pq
 import pytest
 import yaml
 from generate.small import CONFIG
 
-from vpsci_ros.data.dataset_index import INDEX
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.run import generate, simulators
@@ -48,12 +46,6 @@ def test_the_datasheet_of_a_crowd_among_parked_vehicles_says_so(crowd: Path) -> 
     assert "- One vehicle of one type and one to three pedestrians; no other traffic, signals or weather.\n" in text
     assert "- Parked vehicles hide pedestrians in Town10HD_Parked;" in text
     assert "All road users are rule-based." in text
-
-
-def test_the_metadata_of_the_index_hold_for_scenarios_beyond_those_of_table_6(crowd: Path) -> None:
-    described = pq.read_schema(crowd / INDEX).field("scenario").metadata[b"description"].decode()
-    assert described == "number of the scenario; 1 to 8 are those of Table 6"
-    assert pl.read_parquet(crowd / INDEX)["scenario"].unique().to_list() == [104]
 
 
 def test_the_datasheet_begins_with_the_card_that_dataset_hubs_read(made: Path) -> None:

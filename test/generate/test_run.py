@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 from functools import partial
-from multiprocessing import connection, popen_spawn_posix
+from multiprocessing import connection
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.job import Unit
-from vpsci_ros.generate.journal import FOLDER, RECORD, journal_of
+from vpsci_ros.generate.journal import FOLDER, RECORD
 from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.generate.simulate import Simulator, computing
 from vpsci_ros.runs.files import sha256, written_whole
@@ -124,22 +124,6 @@ def test_a_killed_worker_costs_nothing_but_time(job, made, tmp_path) -> None:
     assert hashes(tmp_path / "d") == hashes(made)
 
 
-def test_a_worker_killed_while_it_is_being_started_costs_nothing_but_time(job, made, tmp_path, monkeypatch) -> None:
-    start, victims = popen_spawn_posix.util.spawnv_passfds, [1]
-
-    def killed_at_once(path, arguments, handles):
-        pid = start(path, arguments, handles)
-        if victims and "--multiprocessing-fork" in arguments:
-            victims.pop()
-            os.kill(pid, signal.SIGKILL)
-        return pid
-
-    monkeypatch.setattr(popen_spawn_posix.util, "spawnv_passfds", killed_at_once)
-    generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: simulators(job, 8, 2))
-    assert victims == []
-    assert hashes(tmp_path / "d") == hashes(made)
-
-
 def test_a_worker_killed_while_it_writes_a_result_costs_nothing_but_time(job, monkeypatch) -> None:
     unit, killed = Unit(1, range(200)), []
     workers = simulators(job, 64, 2)
@@ -201,22 +185,6 @@ def test_another_kind_of_cpu_or_other_versions_do_not_mix_into_a_folder(make, ma
         make(made)
 
 
-def test_somebody_elses_folder_is_refused_and_left_alone(make, tmp_path) -> None:
-    (tmp_path / "notes.txt").write_text("mine")
-    with pytest.raises(InvalidInput, match="output folder is not empty"):
-        make(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
-
-
-def test_two_runs_do_not_share_a_folder(claimed_by_another, tmp_path) -> None:
-    with (
-        claimed_by_another(tmp_path),
-        pytest.raises(InvalidInput, match="another process is writing into this folder"),
-        journal_of(tmp_path, {"seed": 1}, 8),
-    ):
-        pass
-
-
 @pytest.mark.parametrize("here", [True, False], ids=["a worker stores", "the run stores what comes from elsewhere"])
 def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(
     job, make, made, tmp_path, monkeypatch, here: bool
@@ -256,11 +224,6 @@ def test_counts_add_up(made) -> None:
         assert rejected["count"].n_unique() == len(mine) - counts["kept"]
         kept = mine.filter(pl.col("reason") == "kept")["least_curvttc"].to_numpy()
         assert counts["least_curvttc"] == pytest.approx(np.quantile(kept, (0.25, 0.5, 0.75)), abs=1e-4)
-
-
-def test_pandas_would_read_a_scenario_in_one_line(made) -> None:
-    rows = pl.read_parquet(made / "LocationA_PedCross_S-N.parquet")
-    assert rows.group_by("count").agg(pl.col("CurvTTC").min() < 5.0)["CurvTTC"].all()
 
 
 def test_workers_do_not_load_torch() -> None:

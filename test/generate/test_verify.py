@@ -5,9 +5,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import polars as pl
-import pyarrow.parquet as pq
 import pytest
 
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS
@@ -102,14 +100,6 @@ def test_rows_that_are_missing_or_too_many_are_named(copy) -> None:
     assert rejected.what.endswith("should not be there")
 
 
-def test_a_file_without_rows_is_compared_like_any_other(copy) -> None:
-    path = copy / "rejected" / f"{NAME}.parquet"
-    count = int(pl.read_parquet(path)["count"][0])
-    pq.ParquetWriter(path, pq.read_schema(path)).close()
-    findings = {finding.file: finding.what for finding in verify(copy, serial).findings}
-    assert findings == {f"rejected/{NAME}.parquet": f"missing row (count {count}, frame 0)"}
-
-
 def test_damaged_bytes_are_named_with_the_file(copy) -> None:
     path = copy / f"{NAME}.parquet"
     data = bytearray(path.read_bytes())
@@ -155,16 +145,6 @@ def test_a_dataset_of_a_bag_is_refused(made, copy) -> None:
     (copy / "dataset.json").write_text(json.dumps(description))
     with pytest.raises(InvalidInput, match="expected a dataset of `vpsci generate`"):
         verify(copy, serial)
-
-
-def test_not_a_number_equals_itself_and_infinity_too() -> None:
-    from vpsci_ros.generate.verify import first_difference
-
-    table = pl.DataFrame({"count": [0, 0, 0], "value": [np.nan, np.inf, 1.0]})
-    assert first_difference(table, table.with_row_index("row"), 0.0) is None
-    assert first_difference(table, table.with_row_index("row"), 0.1) is None
-    other = table.with_columns(value=pl.Series([np.nan, -np.inf, 1.0])).with_row_index("row")
-    assert first_difference(table, other, 0.1) == "row 1 (count 0): value is -inf, simulated inf"
 
 
 def test_a_recorded_parameter_is_read_back_or_refused_by_name(copy) -> None:

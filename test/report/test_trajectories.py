@@ -57,12 +57,6 @@ def test_colour_is_speed_from_white_at_rest_to_dark_at_eight() -> None:
     assert axis.get_title() == "title"
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 5])
-def test_fewer_episodes_than_eight_are_drawn_too(tmp_path: Path, count: int) -> None:
-    save_trajectories([("title", episode())] * count, tmp_path / "figure.png")
-    assert (tmp_path / "figure.png").stat().st_size > 10_000
-
-
 def test_nothing_to_draw_is_refused_and_nothing_written(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="at least one interaction"):
         save_trajectories([], tmp_path / "figure.png")

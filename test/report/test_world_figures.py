@@ -4,7 +4,6 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.report.world_figures import save_scenario
 from vpsci_ros.world import load_scenario
 
@@ -31,8 +30,3 @@ def test_the_pedestrian_of_scenario_8_comes_from_the_west_and_that_of_7_from_the
         save_scenario(load_scenario(number), path)
         columns[number] = np.median(pixels(path, "pedestrian")[:, 1])
     assert columns[8] < columns[7]
-
-
-def test_a_folder_that_does_not_exist_is_refused(tmp_path):
-    with pytest.raises(InvalidInput, match="does not exist"):
-        save_scenario(load_scenario(1), tmp_path / "nowhere" / "x.png")

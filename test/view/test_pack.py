@@ -3,7 +3,6 @@
 import base64
 
 import numpy as np
-import pytest
 from view.motion import episode
 
 from vpsci_ros.view.pack import FIELDS, FINEST, INFINITE, UNKNOWN, ground, grounds, packed
@@ -43,13 +42,6 @@ def test_every_quantity_comes_back_within_half_its_step() -> None:
     back[:, 2] += turns
     assert (np.abs(back - values).max(axis=0) <= 0.5001 * np.array(row["steps"])).all()
     assert row["steps"] == [FINEST[name] for name in FIELDS]
-
-
-def test_numbers_too_large_for_the_finest_step_get_a_coarser_one() -> None:
-    values = motion()
-    values[:, 0] = np.linspace(-5000.0, 5000.0, len(values))
-    row = packed(source(values))
-    assert row["steps"][0] == pytest.approx(5000.0 / 32766, rel=0.01)
 
 
 def test_infinite_and_unknown_times_stay_what_they_are() -> None:

@@ -98,15 +98,6 @@ def test_the_predicted_arc_is_a_circle_of_the_curvature_and_ends_after_a_quarter
         assert [touch["x"], touch["y"]] == [2.0, 1.0]
 
 
-def test_prediction_and_trails_are_drawn_only_while_wanted(browser: Any, path: Path) -> None:
-    with real.opened(browser, path, "#a=ads&episode=1:3&t=1") as page:
-        seen = {drawn(page, "a")}
-        for key in ("v", "t", "v"):
-            page.keyboard.press(key)
-            seen.add(drawn(page, "a"))
-        assert len(seen) == 4
-
-
 def test_filters_and_order_choose_the_list(browser: Any, path: Path) -> None:
     with real.opened(browser, path, "#a=ads&t=0") as page:
         assert names(page)[-1] == "1:3", "the collision last"
@@ -124,37 +115,6 @@ def test_filters_and_order_choose_the_list(browser: Any, path: Path) -> None:
         assert names(page) == ["1:2", "1:3"]
         page.fill("#text", "nothing of the kind")
         assert (names(page), page.is_visible("#nothing")) == ([], True)
-
-
-def test_the_page_opens_on_the_fastest_contact_and_leaves_standing_vehicles_to_the_end(
-    browser: Any, tmp_path: Path
-) -> None:
-    made = [approach("1:0", speed=3.0), approach("1:1", speed=7.0), approach("1:2", speed=9.0)]
-    values = np.zeros((40, len(FIELDS)))
-    values[:, 5] = 2.0
-    stood = shown(episode(values, "1:3", "LocationA_PedCross_S-N", load_scenario(1), "collision", period=0.05))
-    write_view(tmp_path / "page.html", [Source("ads", "the ADS", 0.05, [stood, *made], 4)], "all")
-    with real.opened(browser, tmp_path / "page.html", "#a=ads&sort=worst") as page:
-        assert names(page) == ["1:2", "1:1", "1:0", "1:3"]
-        assert page.evaluate("page.panels[0].episode.name") == "1:2"
-        assert page.text_content("#list .least") == "at 9.0 m/s"
-
-
-def test_space_plays_after_a_click_on_an_episode_a_button_or_a_choice(browser: Any, path: Path) -> None:
-    with real.opened(browser, path, "#a=ads&t=0") as page:
-        for press in ("#list li:nth-child(2) button", "#next", "#trails"):
-            page.click(press)
-            shown_now = page.evaluate("[page.panels[0].index, page.panels[0].scene.options.trails]")
-            page.keyboard.press("Space")
-            assert page.evaluate("page.playing"), press
-            assert page.evaluate("[page.panels[0].index, page.panels[0].scene.options.trails]") == shown_now, press
-            page.keyboard.press("Space")
-            assert not page.evaluate("page.playing")
-        page.focus("#next")  # by a key: Space is the button's
-        before = page.evaluate("page.panels[0].index")
-        page.keyboard.press("p")
-        page.keyboard.press("Space")
-        assert page.evaluate("[page.playing, page.panels[0].index]") == [False, before]
 
 
 def test_the_address_names_the_episode_while_it_plays(browser: Any, path: Path) -> None:
@@ -179,30 +139,6 @@ def test_failures_are_filtered_by_their_group_and_found_by_its_words(browser: An
         page.click("#all")
         page.fill("#text", "ADULT")
         assert names(page) == ["1:1"]
-
-
-def test_the_crosswalk_has_stripes_along_the_road(browser: Any, path: Path) -> None:
-    with real.opened(browser, path, "#a=ads&t=0") as page:
-        page.evaluate("""() => {
-          const scene = page.panels[0].scene, canvas = document.createElement("canvas");
-          canvas.width = 60; canvas.height = 200;
-          const colour = { road: "#000000", marking: "#ffffff" }, px = (x) => 20 * x;
-          scene.drawCrosswalk({ context: canvas.getContext("2d"), colour, scale: 20, px, py: px },
-            [[0, 0], [3, 0], [3, 10], [0, 10]]);
-          window.stripes = [...canvas.getContext("2d").getImageData(30, 0, 1, 200).data].filter((_, k) => k % 4 === 0);
-        }""")
-        light = np.array(page.evaluate("window.stripes")) > 127
-        assert np.count_nonzero(np.diff(light.astype(int)) == 1) == 10, "ten stripes on ten metres"
-        assert light.mean() == pytest.approx(0.5, abs=0.02)
-
-
-def test_on_paper_stands_the_episode_without_the_controls(browser: Any, path: Path) -> None:
-    with real.opened(browser, path, "#a=ads&t=1") as page:
-        page.emulate_media(media="print")
-        assert page.is_visible("#panel-a .scene")
-        assert not page.is_visible("#list")
-        assert not page.is_visible("#play")
-        assert page.pdf().startswith(b"%PDF")
 
 
 def test_keys_go_through_episodes_and_frames(browser: Any, path: Path) -> None:
@@ -282,14 +218,6 @@ def test_an_address_brings_back_what_is_shown(browser: Any, path: Path) -> None:
         assert page.input_value("#outcome") == "collision"
 
 
-def test_an_address_may_list_episodes(browser: Any, path: Path) -> None:
-    with real.opened(browser, path, "#a=ads&names=1:1,1:3&t=0") as page:
-        assert sorted(names(page)) == ["1:1", "1:3"]
-        assert page.is_visible("#names")
-        page.click("#all")
-        assert len(names(page)) == 4
-
-
 def test_odd_names_are_shown_as_they_are(browser: Any, path: Path) -> None:
     with real.opened(browser, path, "#a=people&t=0&sort=source") as page:
         assert page.title() == f"All of it {ODD}"
@@ -306,13 +234,6 @@ def test_nothing_is_wider_than_a_phone(browser: Any, path: Path, scheme: str) ->
         assert not page.is_visible("#list"), "the list is folded away"
         page.click("summary")
         assert page.is_visible("#list")
-
-
-def test_a_press_on_the_chart_goes_to_that_time(browser: Any, path: Path) -> None:
-    with real.opened(browser, path, "#a=ads&episode=1:0&t=0") as page:
-        box = page.locator("#panel-a .charts").bounding_box()
-        page.mouse.click(box["x"] + 34 + (box["width"] - 42) / 2, box["y"] + 40)
-        assert page.evaluate("page.clock") == pytest.approx(2.5, abs=0.05)
 
 
 def test_a_thousand_episodes_of_ten_seconds_are_below_20_mb_and_take_two_seconds_to_open(

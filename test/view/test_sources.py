@@ -8,10 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
-from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters
+from vpsci_ros.extras.paper.section_4.encounters import recorded_encounters
 from vpsci_ros.view.sources import Source, read_source, with_unique_keys
 
 
@@ -31,22 +30,10 @@ def test_who_yielded_and_what_was_a_conflict_in_recordings_is_what_the_report_sa
     assert ["conflict" in each.marks for each in source.episodes] == encounters["conflict"].to_list()
 
 
-def test_a_dataset_gives_its_kept_episodes_with_who_yielded(dataset: Path) -> None:
-    source = read_source(dataset)
-    yields = generated_encounters(Dataset(dataset))
-    assert [each.yielded == "vehicle" for each in source.episodes] == yields["vehicle_yields"].to_list()
-    assert source.title == f"{dataset.name} (generated)"
-
-
 def test_a_bag_and_chosen_episodes_of_it_are_shown(own_bag: Path) -> None:
     assert [each.episode.name for each in read_source(own_bag).episodes] == ["1:0", "6:4", "1:2"]
     one = read_source(own_bag, wanted=["6:4"])
     assert ([each.episode.name for each in one.episodes], one.total, one.title) == (["6:4"], 3, "bag (bag)")
-
-
-def test_of_more_than_the_limit_evenly_spread_episodes_are_shown(table_file: Path) -> None:
-    source = read_source(table_file, limit=4)
-    assert ([each.episode.name for each in source.episodes], source.total) == (["0", "5", "10", "15"], 16)
 
 
 def test_sources_of_one_name_get_different_names() -> None:

@@ -11,7 +11,7 @@ from vpsci_ros.evaluation.realism.likelihood import likelihoods
 from vpsci_ros.evaluation.realism.onsets import HISTORY, STEPS, Onsets, find_onsets
 from vpsci_ros.evaluation.realism.samplers import constant_velocity, residual_sampler
 from vpsci_ros.evaluation.realism.score import energy_score
-from vpsci_ros.evaluation.realism.two_sample import family, two_sample
+from vpsci_ros.evaluation.realism.two_sample import two_sample
 
 CLIPS_OF = 4  # synthetic encounters that are to count as a clip
 
@@ -59,14 +59,6 @@ def test_the_residuals_of_others_score_better_than_their_middle(onsets: Onsets) 
     assert energy_score(sampled, onsets.recorded).mean() < 0.9 * energy_score(middle, onsets.recorded).mean()
 
 
-def test_nobody_borrows_a_residual_of_the_own_clip(onsets: Onsets) -> None:
-    two = onsets.take(np.array([0, 1]))
-    middle = constant_velocity(two)
-    sampled = residual_sampler(two, two, middle, middle)
-    assert sampled.shape[1] == 1
-    assert np.abs(sampled[:, 0] - two.recorded).max() > 0.01
-
-
 def test_the_classifier_finds_constant_velocity_and_not_a_fresh_half_of_the_recordings(onsets: Onsets) -> None:
     clips = as_clips(onsets)
     recorded = {name: value[:, 0] for name, value in features(onsets.recorded[:, None], onsets).items()}
@@ -79,13 +71,6 @@ def test_the_classifier_finds_constant_velocity_and_not_a_fresh_half_of_the_reco
     other = {name: value[~half, None] for name, value in recorded.items()}
     apart = two_sample(one, [other], (clips[half], clips[~half]), 0, paired=False, repetitions=3)
     assert abs(apart.auc - 0.5) < 0.25
-
-
-def test_a_family_holds_its_own_features_and_the_starts(onsets: Onsets) -> None:
-    of = features(onsets.recorded[:, None], onsets)
-    names = {name.partition("_")[0] for name in family(of, "pedestrian")}
-    assert names == {"pedestrian", "start"}
-    assert family(of, "all").keys() == of.keys()
 
 
 def test_one_clip_cannot_be_separated(onsets: Onsets) -> None:

@@ -40,14 +40,6 @@ def test_who_stands_keeps_its_heading_and_goes_nowhere_aside() -> None:
     assert (of.aside == 0.0).all()
 
 
-def test_to_the_left_of_its_line_is_aside() -> None:
-    t = 0.1 * np.arange(1, 31)
-    walker = np.stack([20.0 - 0.2 * t, t], axis=1)  # set out north, drifts west, to the left
-    still = np.zeros((30, 2))
-    of = motion(with_onset(np.array([[[still, walker]]]), start()), start(), SIZE)
-    assert of.aside[0, 0, -1] == pytest.approx(0.6)
-
-
 def test_smoothing_leaves_lines_alone_and_takes_a_shake_away() -> None:
     t = np.arange(31.0)
     line = np.stack([2.0 * t, 1.0 - t], axis=1)

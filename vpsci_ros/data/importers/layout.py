@@ -6,7 +6,7 @@ takes a table by it, compares frame rate, units and headings with the motion its
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,6 @@ WALKING = 0.5  # [m/s] above it speeds show the frame rate and the units
 RATE_TOLERANCE = 0.1  # by which way and speed may differ (median)
 ASKEW = 0.5  # [rad] by which headings may differ from the motion (median)
 _STANDING = 0.3  # [m/s] below which a direction of motion is noise
-_COMPASS = "they seem to be measured from y, clockwise"
 _TICKS = 1e6  # [1/s] resolution of times that are no frame numbers
 
 
@@ -41,7 +40,6 @@ class Layout:
     :ivar degrees: headings are in degrees.
     :ivar compass: headings are measured clockwise from north, which is up in pictures, too.
     :ivar y_down: y points down or right of x, so it changes its sign, as headings that are measured from x do.
-    :ivar rates: frames a second of the formats for which this one may be mistaken, by their names.
     :ivar speeds_agree: with positions, so that a wrong frame rate or unit shows; those of online tracking may not.
     """
 
@@ -54,7 +52,6 @@ class Layout:
     degrees: bool = False
     compass: bool = False
     y_down: bool = False
-    rates: Mapping[str, float] = field(default_factory=dict)
     speeds_agree: bool = True
 
     def __post_init__(self) -> None:
@@ -158,7 +155,7 @@ def _canonical(table: pl.DataFrame, layout: Layout, kinds: frozenset[str], path:
         raise InvalidInput(f"{path}: line {twice['line'][0]}: this frame of this road user comes twice; keep one")
     tracks = tracks.drop("line")
     if "vx" in found and layout.speeds_agree:
-        check_rate(tracks, _rate(layout), path, layout.rates)
+        check_rate(tracks, _rate(layout), path)
     return tracks
 
 
@@ -206,12 +203,11 @@ def steps(tracks: pl.DataFrame, rate: float) -> pl.DataFrame:
     return tracks.with_columns(**ahead, seconds=seconds).drop_nulls()
 
 
-def check_rate(tracks: pl.DataFrame, rate: float, path: Path, rates: Mapping[str, float] = {}) -> None:
+def check_rate(tracks: pl.DataFrame, rate: float, path: Path) -> None:
     """Refuse times or units by which road users come further, or less far, than their speeds say.
 
     :param tracks: id, frame, x, y [m], vx, vy [m/s].
     :param rate: frames a second.
-    :param rates: of the formats for which this one may be mistaken, by their names.
     """
     speed = (pl.col("vx") ** 2 + pl.col("vy") ** 2).sqrt()
     moving = steps(tracks, rate).with_columns(speed=speed).filter(pl.col("speed") > WALKING)
@@ -220,11 +216,9 @@ def check_rate(tracks: pl.DataFrame, rate: float, path: Path, rates: Mapping[str
     came = (moving["dx"] ** 2 + moving["dy"] ** 2).sqrt() / moving["seconds"]
     ratio = float(np.median((came / moving["speed"]).to_numpy()))
     if abs(ratio - 1.0) > RATE_TOLERANCE:
-        fits = [name for name, own in rates.items() if abs(rate / ratio / own - 1.0) < RATE_TOLERANCE]
-        hint = f"; this looks like {fits[0]}: give --format {fits[0]} for this folder" if fits else ""
         raise InvalidInput(
             f"{path}: by positions and times road users move {ratio:.3g} times as fast as their speeds say (median); "
-            f"frame rate ({rate:g} a second here) or units are others{hint}"
+            f"frame rate ({rate:g} a second here) or units are others"
         )
 
 
@@ -238,34 +232,14 @@ def _check_heading(cars: pl.DataFrame, layout: Layout, path: Path) -> None:
     if moved.is_empty():
         return
     direction = np.arctan2(moved["dy"].to_numpy(), moved["dx"].to_numpy())
-    heading = moved["heading"].to_numpy()
-    apart, as_degrees = median_angle(direction - heading), median_angle(direction - np.radians(heading))
-    if apart <= ASKEW and not (np.abs(heading).max() > 2.0 * np.pi and as_degrees < apart):
-        return
-    units = {"": heading}
-    if not layout.degrees and np.abs(heading).max() > 2.0 * np.pi:  # small numbers would fit whoever drives along x
-        units["they look like degrees"] = np.radians(heading)
-    if layout.degrees and np.degrees(np.abs(heading).max()) <= 2.0 * np.pi:
-        units["they look like radians"] = np.degrees(heading)
-    guesses = {}
-    for unit, angles in units.items():
-        guesses[unit or "they are measured otherwise"] = angles
-        as_given = -angles if layout.y_down and not layout.compass else angles
-        for axes, turned in (("y seems to point down", -angles), (_COMPASS, 0.5 * np.pi - as_given)):
-            guesses[" and ".join(filter(None, (unit, axes)))] = turned
-    off = {guess: median_angle(direction - angles) for guess, angles in guesses.items()}
-    best = min(off, key=off.__getitem__)
-    raise InvalidInput(
-        f"{path}: column {layout.columns['heading']}: headings differ from the direction of motion by {apart:.2f} rad "
-        f"(median); expected {'degrees' if layout.degrees else 'radians'} "
-        f"{'clockwise from north' if layout.compass else 'counter-clockwise from x'}; "
-        f"{best if off[best] < ASKEW else 'they are measured otherwise'}"
-    )
-
-
-def median_angle(difference: Floats) -> float:
-    """Return the median size of differences of angles [rad], whole turns left out."""
-    return float(np.median(np.abs(np.angle(np.exp(1j * difference)))))
+    apart = np.abs(np.angle(np.exp(1j * (direction - moved["heading"].to_numpy()))))
+    if np.median(apart) > ASKEW:
+        raise InvalidInput(
+            f"{path}: column {layout.columns['heading']}: headings differ from the direction of motion by "
+            f"{np.median(apart):.2f} rad (median); expected {'degrees' if layout.degrees else 'radians'} "
+            f"{'clockwise from north' if layout.compass else 'counter-clockwise from x'}; they may be in "
+            f"{'radians' if layout.degrees else 'degrees'}, measured from another axis, or with y down"
+        )
 
 
 def _forward(cars: pl.DataFrame) -> tuple[pl.DataFrame, int]:

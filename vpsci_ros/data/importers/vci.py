@@ -63,7 +63,7 @@ def find_clips(folder: str | Path) -> list[tuple[str, Path, Path]]:
 
 def read_clip(name: str, pedestrian_file: Path, vehicle_file: Path, frame_rate: float) -> Clip:
     """Read one clip; see `layout.clip_of`."""
-    vehicle = Layout(_VEHICLE, _KIND, frozenset(), frame_rate, rates=FRAME_RATES)
-    pedestrian = Layout(_PEDESTRIAN, frozenset(), _KIND, frame_rate, rates=FRAME_RATES)
+    vehicle = Layout(_VEHICLE, _KIND, frozenset(), frame_rate)
+    pedestrian = Layout(_PEDESTRIAN, frozenset(), _KIND, frame_rate)
     layouts = {pedestrian_file: pedestrian, vehicle_file: vehicle}
     return clip_of(name, {file: (read_csv(file), layout) for file, layout in layouts.items()})
