@@ -7,7 +7,7 @@ JOBS ?= 3
 PYTEST_ARGS ?=
 # Whether `make test` ends with test-engines, whose install and searches take minutes: ENGINES=yes.
 ENGINES ?=
-ENGINE_TESTS := $(addprefix test/,cosim/test_engines.py examples/test_motion_planner.py extras/carla extras/exam_extra \
+ENGINE_TESTS := $(addprefix test/,cosim/test_engines.py examples/test_motion_planner.py extras/carla \
 	extras/formats/test_carla_map.py extras/paper extending/test_network.py test_site.py)
 # CommonRoad's packages need another protobuf than osi's, so their tests run apart (tools/commonroad.txt).
 COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(BIN)/python -m pytest -q -rs -k commonroad test/extras/formats/test_commonroad.py test/cosim/test_engines.py

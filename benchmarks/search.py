@@ -25,9 +25,8 @@ from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.data.gathered import Tick, gathered
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.exam.config import MOVING
-from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.loops import loop_with
-from vpsci_ros.exam.prepare import prepare
+from vpsci_ros.exam.exam import Exam, prepare
+from vpsci_ros.exam.in_process import loop_with
 from vpsci_ros.extras.exam_extra.search.imitation import lessons
 from vpsci_ros.extras.exam_extra.search.run import plain
 from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, seek

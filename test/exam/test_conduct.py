@@ -10,9 +10,8 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.exam import in_graph
-from vpsci_ros.exam.collect import episodes_in_bag
-from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.prepare import prepare
+from vpsci_ros.exam.conduct import episodes_in_bag
+from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.nodes.graph import GraphResult
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.resources import params_dir
@@ -64,6 +63,11 @@ def test_an_exam_whose_nodes_miss_each_other_does_not_blame_the_ads(ended: Calla
 def test_an_exam_that_misses_the_ads_alone_says_so(ended: Callable[..., str]) -> None:
     waits = NodeStatus(awaited=["an external driving system"], counts=WorldCounts())
     assert ended(61.0, "no progress", world_simulator=waits).startswith("the ADS never published /vehicle/cmd_accel")
+
+
+def test_an_exam_whose_ads_leaves_ticks_unanswered_ends_and_says_for_how_many(ended: Callable[..., str]) -> None:
+    counts = WorldCounts(tick=30, vehicle_commands=3, vehicle_answers_missing=27)
+    assert "the ADS gave no usable command for" in ended(0.0, "", world_simulator=NodeStatus(counts=counts))
 
 
 def test_a_bag_with_another_graphs_episodes_is_refused_in_words(exam: Exam, own_bag: Path) -> None:

@@ -9,11 +9,11 @@ import pytest
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.gathered import gathered
-from vpsci_ros.exam.collect import episodes_in_bag
+from vpsci_ros.exam.conduct import episodes_in_bag
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.exam.loops import autopilot_run
+from vpsci_ros.exam.exam import prepare
+from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import RunResult, episode_table
-from vpsci_ros.exam.prepare import prepare
 from vpsci_ros.exam.report import Conduct, make_report
 from vpsci_ros.exam.sight import Sight, Watcher
 from vpsci_ros.runs.sections import Sections

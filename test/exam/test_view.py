@@ -1,4 +1,4 @@
-"""An exam's episodes as the page plays them: the driving system from its bags, the autopilot simulated again."""
+"""An exam's episodes as the page plays them: the driving system's from its bags, the autopilot's as it left them."""
 
 import shutil
 from pathlib import Path
@@ -7,12 +7,13 @@ import polars as pl
 import pytest
 
 from vpsci_ros.bags.episodes import read_episodes
+from vpsci_ros.data.kept import write_kept
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.exam.loops import autopilot_run
+from vpsci_ros.exam.exam import prepare
+from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import COLUMNS, RunResult, episode_table
-from vpsci_ros.exam.prepare import prepare
 from vpsci_ros.exam.report import BASELINE
 from vpsci_ros.exam.run import read_exam
 from vpsci_ros.exam.view import exam_sources
@@ -34,19 +35,22 @@ def rows(found, driver):
     return episode_table(RunResult(found), [], ExamConfig(), driver=driver, pedestrian="walker")
 
 
-def sources(table, autopilot, limit=1000, report=pytest.fail):
-    return exam_sources(table, {BASELINE: lambda _: autopilot}, limit, report)
+def sources(table, autopilot, limit=1000):
+    return exam_sources(table, {BASELINE: lambda _: autopilot}, limit)
 
 
-def test_an_exam_that_is_over_is_shown_from_its_bags_with_its_verdicts(own_bag, tmp_path: Path, capsys) -> None:
+def test_an_exam_that_is_over_is_shown_from_its_bags_with_its_verdicts(own_bag, autopilot, tmp_path: Path) -> None:
     shutil.copytree(own_bag, tmp_path / "runs/walker/bag")
     table = rows(list(read_episodes(own_bag)), "ads")
+    table = pl.concat([table, rows(autopilot, "autopilot")])
     write_parquet(table, tmp_path / "episodes.parquet", COLUMNS, content="episodes of an exam")
-    (source,) = read_exam(tmp_path, 1000)
-    assert "the autopilot is left out" in capsys.readouterr().err, "nothing says how the exam was made"
-    assert source.key == "ads-walker"
+    (tmp_path / "autopilot").mkdir()
+    write_kept(tmp_path / "autopilot" / "walker.npz", autopilot)
+    source, beside = read_exam(tmp_path, 1000)
+    assert (source.key, beside.key) == ("ads-walker", "autopilot-walker")
+    assert [each.episode.name for each in beside.episodes] == [each.name for each in autopilot]
     assert sorted(e.episode.name for e in source.episodes) == ["1:0", "1:2", "6:4"]
-    by_name = {f"{row['scenario']}:{row['episode']}": row for row in table.to_dicts()}
+    by_name = {f"{row['scenario']}:{row['episode']}": row for row in table.filter(driver="ads").to_dicts()}
     for episode in source.episodes:
         row = by_name[episode.episode.name]
         assert episode.yielded == row["yielded"]
@@ -58,13 +62,6 @@ def test_the_autopilots_episodes_are_those_of_the_exam(autopilot) -> None:
     (source,) = sources(rows(autopilot, "autopilot"), autopilot)
     assert source.key == "autopilot-walker"
     assert [each.episode for each in source.episodes] == autopilot
-
-
-def test_episodes_that_end_otherwise_now_are_left_out_and_it_is_said(autopilot) -> None:
-    changed = rows(autopilot, "autopilot").with_columns(outcome=pl.lit("none"))
-    said: list[str] = []
-    assert sources(changed, autopilot, report=said.append) == []
-    assert "simulated again, its episodes end otherwise" in said[0]
 
 
 def test_of_too_many_the_nearest_are_shown(autopilot) -> None:

@@ -16,7 +16,7 @@ pytest.importorskip("gymnasium", reason="needs gymnasium (extra: rl)")
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.envs.right_turn import RightTurnEnv
-from vpsci_ros.exam.prepare import prepare
+from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.resources import params_dir

@@ -19,7 +19,7 @@ from vpsci_msgs.msg import WorldState
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.exam.prepare import prepare
+from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor

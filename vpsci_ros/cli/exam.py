@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections, stoppable, writes_folder
-from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.errors import VpsciError
 
 if TYPE_CHECKING:
     from vpsci_ros.runs.sections import Sections
@@ -33,11 +33,7 @@ AdsClass = Annotated[
     ),
 ]
 Episodes = Annotated[
-    str | None,
-    typer.Option(
-        metavar="N|FILE",
-        help="Episodes in each scenario, with each pedestrian; or a list of episodes, as `vpsci ads-search` leaves it.",
-    ),
+    int | None, typer.Option(min=1, metavar="N", help="Episodes in each scenario, with each pedestrian.")
 ]
 Recorded = Annotated[
     Path | None,
@@ -52,8 +48,7 @@ FailIf = Annotated[
     ),
 ]
 Workers = Annotated[
-    int | None,
-    typer.Option(min=1, metavar="N", help="Graphs (or processes of a class) side by side; all else is equal."),
+    int, typer.Option(min=1, metavar="N", help="Graphs (or processes of a class) side by side; all else is equal.")
 ]
 
 
@@ -73,14 +68,8 @@ def ads_test(
             help="Folder of an earlier exam: say which of its episodes are fixed, newly broken, unchanged.",
         ),
     ] = None,
-    guard: Annotated[
-        int | None,
-        typer.Option(
-            min=0, metavar="N", help="With --baseline: drive its failures and N of its episodes again, not all."
-        ),
-    ] = None,
     fail_if: FailIf = None,
-    workers: Workers = None,
+    workers: Workers = 1,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
@@ -88,32 +77,26 @@ def ads_test(
 
     Exit status: 0 passed; 1 a --fail-if holds, or the driving system did not drive all episodes; 2 bad input.
     """
-    from vpsci_ros.exam.prepare import prepare
+    from vpsci_ros.exam.exam import prepare
     from vpsci_ros.exam.run import REPORT, run_exam
 
-    if guard is not None and baseline is None:
-        raise InvalidInput("--guard is of --baseline; --episodes N says how many episodes an exam has")
-    exam = prepare(examined_sections(params, settings, episodes, recorded), ads, ads_class, workers or 1)
+    exam = prepare(examined_sections(params, settings, episodes, recorded), ads, ads_class, workers)
     with stoppable(output), _demanded(output / REPORT):
-        failures = run_exam(exam, output, fail_if or [], workers=workers, against=baseline, guard=guard, quiet=quiet)
+        failures = run_exam(exam, output, fail_if or [], workers=workers, against=baseline, quiet=quiet)
     if failures:
         raise typer.Exit(1)
 
 
 def examined_sections(
-    params: Path, settings: list[str] | None, episodes: str | None, recorded: Path | None
+    params: Path, settings: list[str] | None, episodes: int | None, recorded: Path | None
 ) -> "Sections":
     """Return the parameters of an exam with its options applied.
 
-    :raises InvalidInput: the file, an override or the list of episodes is refused.
+    :raises InvalidInput: the file or an override is refused.
     """
-    from vpsci_ros.exam.episode_list import with_episode_list
-
     sections = read_sections(params, settings)
-    if episodes is not None and episodes.isdecimal():
-        sections = sections.changed("world_simulator", {"episodes": int(episodes)})
-    elif episodes is not None:
-        sections = with_episode_list(sections, Path(episodes))
+    if episodes is not None:
+        sections = sections.changed("world_simulator", {"episodes": episodes})
     return sections if recorded is None else sections.changed("ads_test", {"recorded": str(recorded)})
 
 

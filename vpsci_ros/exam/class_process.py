@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.exam.cockpit import Answer, Cockpit, Scene
-from vpsci_ros.exam.driver_class import find_driver
+from vpsci_ros.exam.driver_class import Answer, Cockpit, Scene, find_driver
 from vpsci_ros.exam.process import failure
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.processes import ChildProcess, stop
@@ -31,7 +30,6 @@ _MAIN = (
     "main(int(sys.argv[1]), sys.argv[2])"
 )
 _LOOK = 0.2  # [s] between looks whether the process still runs
-_SPARE = 10.0  # [s] beyond the class's own time for an answer: code that is compiled cannot be interrupted
 _LONGEST = 2**20  # [bytes] of an answer
 _LEAVES = 1.0  # [s] that the process has to end by itself
 
@@ -55,7 +53,7 @@ class ClassProcess:
         :raises InvalidInput: it cannot be made.
         """
         with contextlib.suppress(OSError):  # it has ended, which reading from it shows
-            self._connection.send((scenarios, seats, self._patience))
+            self._connection.send((scenarios, seats))
         self._first("while its objects were made")
 
     def answers(self, scenes: Sequence[Scene]) -> Iterator[Answer]:
@@ -78,13 +76,13 @@ class ClassProcess:
 
         :raises ValueError: it has ended, is silent, or what it sends is not JSON; `_ended` says so, if it is known.
         """
-        deadline = time.monotonic() + self._patience + _SPARE
+        deadline = time.monotonic() + self._patience
         while not self._connection.poll(_LOOK):
             if self._process.end and not self._connection.poll(0.0):
                 self._ended = self._how()
                 raise ValueError
             if time.monotonic() > deadline:
-                self._ended = f"it has not returned for {self._patience + _SPARE:g} s, and cannot be interrupted"
+                self._ended = f"no answer for {self._patience:g} s"
                 raise ValueError
         try:
             return json.loads(self._connection.recv_bytes(_LONGEST))

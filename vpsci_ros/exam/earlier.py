@@ -1,16 +1,10 @@
-"""The verdict against an earlier exam: its episodes driven again, and which are fixed, newly broken or unchanged.
+"""The verdict against an earlier exam: its episodes driven again, and which are fixed, newly broken or unchanged."""
 
-All of them are driven again, or, with a guard set, those that failed and so many drawn at random from all. Whatever
-says how much a measure has changed rests on the guard set alone: failures are not a fair sample of the episodes.
-"""
-
-import dataclasses
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import polars as pl
 
 from vpsci_ros.data.parquet import read_parquet
@@ -37,23 +31,18 @@ class Earlier(NamedTuple):
     """An earlier exam.
 
     :ivar rows: of its driving system, a row an episode.
-    :ivar guard: scenario and episode of those by which it and this one are compared: all, or some drawn at random.
     """
 
     folder: Path
     ads: str
     rows: pl.DataFrame
-    guard: pl.DataFrame
 
 
-def compared_with(
-    exam: Exam, identity: Mapping[str, Any], folder: Path, guard: int | None = None
-) -> tuple[Exam, Earlier]:
-    """Return the exam on the episodes that are driven again, and the earlier one with which it is compared.
+def compared_with(exam: Exam, identity: Mapping[str, Any], folder: Path) -> Earlier:
+    """Return the earlier exam with which an exam is compared.
 
     :param identity: of the exam.
     :param folder: of the earlier exam.
-    :param guard: episodes to draw; None: all are driven again.
     :raises InvalidInput: it is no exam that is over, or had other episodes, pedestrians or thresholds.
     """
     if not (folder / EPISODES).is_file():
@@ -64,16 +53,7 @@ def compared_with(
     require_same(f"--baseline {folder}", _conditions(stored), _conditions(identity), "is an exam", advice)
     table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS)
     rows = table.filter((pl.col("driver") == ADS) & pl.col("pedestrian").is_in(exam.config.opponents))
-    pool = rows.select(_KEY).unique().sort(_KEY)
-    if guard is None:
-        return exam, Earlier(folder, stored["ads"], rows, pool)
-    chosen = pool[np.random.default_rng(exam.run.seed).permutation(pool.height)[:guard]]
-    failed = rows.filter(pl.col(exam.config.failure)).select(_KEY)
-    wanted = set(pl.concat([chosen, failed]).iter_rows())
-    again = [key for key in exam.episodes if key in wanted]
-    if not again:
-        raise InvalidInput(f"--guard {guard}: nothing failed in {folder}, so no episode is left; give a larger number")
-    return dataclasses.replace(exam.only(again), whole=exam), Earlier(folder, stored["ads"], rows, chosen)
+    return Earlier(folder, stored["ads"], rows)
 
 
 def _conditions(identity: Mapping[str, Any]) -> dict[str, Any]:
@@ -106,18 +86,17 @@ def compare(table: pl.DataFrame, earlier: Earlier, exam: Exam) -> dict[str, Any]
         listed = {"fixed": failed & ~fails, "newly_failed": fails & ~failed, "still_failing": fails & failed}
         episodes = {kind: [f"{s}:{e}" for s, e in both.filter(which).select(_KEY).iter_rows()]
                     for kind, which in listed.items()}  # fmt: skip
-        guarded = both.filter(~failed).join(earlier.guard, on=_KEY, how="semi")
-        before = int(both[f"{failure}_before"].sum())
+        passed = both.filter(~failed)
         same = pl.all_horizontal(pl.col(column).eq_missing(pl.col(f"{column}_before")) for column in _SAME)
         out[name] = {
             "episodes": both.height,
             "same": both.filter(same).height,
             **episodes,
-            "fixed_rate": as_dict(statistics.share(len(episodes["fixed"]), before)),
-            "newly_failed_rate": as_dict(statistics.share(int(guarded[failure].sum()), guarded.height)),
-            "differences": differences(new.join(earlier.guard, on=_KEY, how="semi"), old),
+            "fixed_rate": as_dict(statistics.share(len(episodes["fixed"]), both.height - passed.height)),
+            "newly_failed_rate": as_dict(statistics.share(len(episodes["newly_failed"]), passed.height)),
+            "differences": differences(new, old),
         }
-    facts = {"folder": earlier.folder.name, "ads": earlier.ads, "failure": failure, "guard": earlier.guard.height}
+    facts = {"folder": earlier.folder.name, "ads": earlier.ads, "failure": failure}
     return facts | {"pedestrians": out}
 
 
@@ -131,8 +110,8 @@ def write_summary(path: Path, report: Mapping[str, Any], view: str) -> None:
     text += [f"- {reason}" for reason in report["failures"]] + [""] * bool(report["failures"])
     what = MEASURES[f"{found['failure']}_rate"].title
     text.append(
-        f"Compared with `{found['ads']}` in {found['folder']}. A failure: {what}. Changes are of {found['guard']} "
-        "episodes in pairs, new less old, with 95% intervals; bold where the interval leaves out 0.\n"
+        f"Compared with `{found['ads']}` in {found['folder']}. A failure: {what}. Changes are of the "
+        "same episodes in pairs, new less old, with 95% intervals; bold where the interval leaves out 0.\n"
     )
     heads = ["pedestrian", "episodes", "as before", "fixed", "newly broken", "still failing"]
     heads += [MEASURES[name].title for name in _SHOWN]

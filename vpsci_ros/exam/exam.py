@@ -1,28 +1,39 @@
-"""What is examined, on which episodes, and what each of its runs begins from."""
+"""What is examined, on which episodes and with whom; all that can be checked before anything runs is checked here."""
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.exam.config import ALONE, DRIVERS, ExamConfig, added_pedestrians
+from vpsci_ros.documents import read_json, require_form
+from vpsci_ros.episodes.sources import EXAM
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.class_process import files_of_class
+from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pedestrians
 from vpsci_ros.exam.driver_class import Driver
-from vpsci_ros.exam.episode_list import flat
+from vpsci_ros.exam.process import OWN, command_of, files_of
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns
+from vpsci_ros.policy.agent_types import AGENT_TYPES
 from vpsci_ros.policy.config import PolicyConfig
-from vpsci_ros.resources import weights_path
+from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
+from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.provenance import cpu_name, software_versions
 from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import CrowdConfig
 from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.perception import PerceptionConfig
+from vpsci_ros.world.safe_stop import ExternalConfig
 
+_CHECKED_AGAIN = ("fail_if", "failure")  # parameters that may change when an exam is checked again
 SIDE_BY_SIDE = 256  # episodes of a class
 PART = 100  # episodes of a run, at most: where there are more, its pedestrian has several runs
 
@@ -33,12 +44,10 @@ class Exam:
 
     :ivar sections: the parameters that the graphs are started with.
     :ivar part: which one of an exam in several parts, from 0.
-    :ivar whole: that exam; None: it is whole itself.
     :ivar files: of the driving system, each with its SHA-256.
     :ivar seat: seats another driver at the wheel, in this process and one episode at a time, for as long as the context
         lasts; it gets the log and the patience for an answer [s]. None: the system of `config` drives.
     :ivar person: a person drives: an episode a run, and none with nobody there.
-    :ivar motions: motion of pedestrians that the exam does not know, by their names.
     """
 
     sections: Sections
@@ -47,10 +56,8 @@ class Exam:
     world: WorldConfig
     files: Mapping[str, str] = dataclasses.field(default_factory=dict)
     part: int = 0
-    whole: "Exam | None" = None
     seat: Callable[[Path, float], AbstractContextManager[Callable[[], Driver]]] | None = None
     person: bool = False
-    motions: Mapping[str, Callable[["Exam"], Motion]] = dataclasses.field(default_factory=dict)
 
     @property
     def in_process(self) -> bool:
@@ -74,7 +81,7 @@ class Exam:
 
     def only(self, keys: Sequence[Key]) -> "Exam":
         """Return the exam on these episodes alone."""
-        listed = flat(keys)
+        listed = [number for key in keys for number in key]
         sections = self.sections.changed("world_simulator", {"only": listed})
         return dataclasses.replace(self, sections=sections, run=dataclasses.replace(self.run, only=listed))
 
@@ -84,7 +91,7 @@ class Exam:
         if len(keys) <= most:
             return [self]
         starts = enumerate(range(0, len(keys), most))
-        return [dataclasses.replace(self.only(keys[k : k + most]), part=n, whole=self.whole or self) for n, k in starts]
+        return [dataclasses.replace(self.only(keys[k : k + most]), part=n) for n, k in starts]
 
     @property
     def scenarios(self) -> list[Scenario]:
@@ -120,15 +127,106 @@ class Exam:
 
     def motion(self, pedestrian: str) -> Motion:
         """Return the motion of a pedestrian that is replayed: recorded people, or nobody."""
-        if pedestrian in self.motions:
-            return self.motions[pedestrian](self)
         if pedestrian == ALONE:
             return absent_pedestrians(self.spawns())
         path, world = self.config.recorded, self.with_pedestrian(pedestrian, "external")
-        begins = (self.whole or self).spawns()  # each person once before any twice, in whatever parts
-        motion = recorded_people(read_near_misses(path), begins, self.scenarios, world, self.run.seed, path)
-        return {key: motion[key] for key in self.episodes}
+        return recorded_people(read_near_misses(path), self.spawns(), self.scenarios, world, self.run.seed, path)
 
     def spawns(self, pedestrian: str = ALONE) -> NDArray[np.void]:
         """Return the episodes as they begin, EPISODE[n * P], P rows for each where there are several pedestrians."""
         return spawns(self.with_pedestrian(pedestrian, "external"), self.scenarios, self.episodes, self.run.seed)
+
+
+def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = None, workers: int = 1) -> Exam:
+    """Check everything that can be checked before anything runs.
+
+    :param ads, ads_class: the driving system, instead of the one that the parameters name: a command, or MODULE:CLASS.
+    :param workers: runs side by side.
+    :raises InvalidInput: a parameter, the command, the class, weights or recordings are refused.
+    """
+    if ads is not None and ads_class is not None:
+        raise InvalidInput("--ads and --ads-class exclude each other: a driving system is a program or a class")
+    given: dict[str, Any] = {"ads": ads, "ads_class": ""} if ads is not None else {}
+    given |= {"ads_class": ads_class} if ads_class else {}
+    chosen = sections.changed("ads_test", given).changed("world_simulator", {"batch": 1})
+    if "weights" not in chosen.values.get("pedestrian_policy", {}):
+        chosen = chosen.changed("pedestrian_policy", {"weights": "people"})
+    config = chosen.get(ExamConfig, "ads_test")
+    run, world = chosen.get(RunConfig, "world_simulator"), chosen.get(WorldConfig, "world_simulator")
+    exam = Exam(chosen, config, run, world)
+    if config.ads_class:
+        require_lock_step(exam)
+    if config.ads_class or config.baseline:
+        exam.engine.require_own("a class and the autopilot (ads_test.baseline) drive")
+    if workers > 1 and config.examined == EXTERNAL:
+        raise InvalidInput(f"--workers {workers}: a system that you start yourself (external) drives in one graph only")
+    if config.examined.strip() == OWN and world.pedestrians > 1 and not config.perception:
+        raise InvalidInput(
+            f"ads_test.ads = {OWN}: /pedestrian/odometry holds the first pedestrian only, and "
+            f"world_simulator.pedestrians = {world.pedestrians}; set ads_test.perception to true, which lists all"
+        )
+    if config.recorded:
+        exam.engine.require_own("recorded people are replayed")
+        read_near_misses(config.recorded)
+    _ = exam.weights, exam.scenarios
+    return dataclasses.replace(exam, files=driver_files(config))
+
+
+def require_lock_step(exam: Exam) -> None:
+    """Refuse real time for a system that is called at every tick, however long it takes.
+
+    :raises InvalidInput: the world would not wait for it.
+    """
+    if exam.sections.get(ExternalConfig, "world_simulator").external_mode != "lock_step":
+        raise InvalidInput(
+            "world_simulator.external_mode = real_time: a system that drives without ROS is called at every tick, "
+            "however long it takes; examine it as a program that speaks ROS, by --ads"
+        )
+
+
+def driver_files(config: ExamConfig) -> dict[str, str]:
+    """Return the files of the driving system, each with its SHA-256.
+
+    :raises InvalidInput: there is no such program or class.
+    """
+    if config.ads_class:
+        return files_of_class(config.ads_class)
+    if config.ads == EXTERNAL:
+        return {}
+    command_of(config.ads)
+    return files_of(config.ads)
+
+
+def identity_of(exam: Exam) -> dict[str, Any]:
+    """Return what identifies an exam: runs of exams with equal ones can be reused."""
+    examined = {name: value for name, value in dataclasses.asdict(exam.config).items() if name not in _CHECKED_AGAIN}
+    nodes = ("world_simulator", "safety_monitor", "pedestrian_policy", *(["perception"] if exam.perception else []))
+    return {
+        "ads": exam.config.examined,
+        "seat": exam.seat is not None,
+        "ads_files_sha256": dict(exam.files),
+        "parameters": {name: dict(exam.sections.values.get(name, {})) for name in nodes} | {"ads_test": examined},
+        "world": dataclasses.asdict(exam.world),
+        "scenarios_sha256": {scenario.name: scenario.sha256 for scenario in exam.scenarios},
+        "weights_sha256": sha256(exam.weights),
+        "agents": {name: AGENT_TYPES.origin(name) for name in exam.config.opponents if name in added_pedestrians()},
+        "recorded_sha256": sha256(near_misses_path(exam.config.recorded)) if exam.config.recorded else "",
+        "software": software_versions(),
+        "cpu": cpu_name(),
+    }
+
+
+def take_folder(folder: Path, identity: dict[str, Any], name: str = EXAM) -> None:
+    """Begin this exam in the folder, or go on with it there.
+
+    :param name: of the file that says what it is.
+    :raises InvalidInput: it holds something else.
+    """
+    path = folder / name
+    if not path.is_file():
+        require_empty_folder(folder)
+        write_json(path, identity)
+        return
+    stored = read_json(path)
+    require_form(stored, dict, f"{path}: not what an exam writes; choose another output folder")
+    require_same(folder, stored, identity, "holds an exam")

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.exam.collect import counts_of
 from vpsci_ros.exam.config import EXTERNAL, title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.process import command_of, failure, running
@@ -17,6 +16,7 @@ from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.failures import ADS, Silence, flood, never_came, second_publishers
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.runs.sections import Sections
+from vpsci_ros.world.counts import WorldCounts
 
 _STOPPED = "stopped on request"
 DYING = 1.0  # [s] from the last command of a system that ends to its end
@@ -70,6 +70,11 @@ def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) ->
         world = result.nodes.get("world_simulator", NodeStatus())
         asks = "; does the ADS publish /vehicle/cmd_accel or /vehicle/cmd_control?" if ADS in world.awaited else ""
         raise VpsciError(f"the run with {title_of(name)}: {result.error}{asks}")
+
+
+def counts_of(nodes: Mapping[str, NodeStatus]) -> WorldCounts | None:
+    """Return what the world of a graph has counted; None where it has reported nothing."""
+    return nodes["world_simulator"].counts if "world_simulator" in nodes else None
 
 
 def graph_sections(exam: Exam, name: str, run: Path) -> Sections:

@@ -1,4 +1,4 @@
-"""A run of an exam through the loop, without ROS: the driving system is a class, or has a seat in this process.
+"""A run of an exam through the loop, without ROS: the driving system is a class, has a seat here, or is the autopilot.
 
 A driver that raises, or answers with something that is no command, loses that episode and no other: which ones are lost
 does not depend on how many run side by side.
@@ -18,28 +18,63 @@ from vpsci_ros.data.episode import Key
 from vpsci_ros.data.gathered import Tick as Gathered
 from vpsci_ros.data.kept import KEPT, write_kept
 from vpsci_ros.exam.class_process import class_process
-from vpsci_ros.exam.cockpit import Answer, Answers, Cockpit, Scene
-from vpsci_ros.exam.collect import episodes_of, sight_record
 from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene
 from vpsci_ros.exam.exam import SIDE_BY_SIDE, Exam
-from vpsci_ros.exam.loops import loop_with
 from vpsci_ros.exam.measures import RunResult
-from vpsci_ros.exam.report import Conduct
-from vpsci_ros.exam.sight import Watcher
+from vpsci_ros.exam.report import BASELINE, Conduct
+from vpsci_ros.exam.sight import Watcher, episodes_of, sight_record
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.status import NodeStatus
+from vpsci_ros.policy.agent import PolicyAgent
+from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.compiling import compile_kernels
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.record import RECORD, write_record
-from vpsci_ros.world import ENDED, IDLE, RUNNING
+from vpsci_ros.world import ENDED, IDLE, RUNNING, Recorded, World
 from vpsci_ros.world.counts import WorldCounts
+from vpsci_ros.world.intervention import InterventionConfig, Interventions
 from vpsci_ros.world.loop import Loop
+from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.parked import parked_from
 from vpsci_ros.world.perception import PerceptionConfig, blank, perceive
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Step, Tick
 
 _SHOWN = 10  # tracebacks in the log
+_SIDE_BY_SIDE = 64  # episodes of the autopilot
+
+
+def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], batch: int) -> Loop:
+    """Return the loop in which a driver of the world's meets a pedestrian in this process.
+
+    :param vehicle: the world's `vehicle_driver`.
+    :param batch: episodes side by side, at most.
+    """
+    config = exam.with_pedestrian(pedestrian, vehicle)
+    recorded = None
+    if config.pedestrian_driver == "replay":
+        motion = exam.motion(pedestrian)
+        recorded = Recorded({key: (np.zeros((len(rows), 5)), rows) for key, rows in motion.items()})
+    agents = {}
+    if config.pedestrian_driver == "policy":
+        agents["pedestrian"] = agent = make_agent("pedestrian", exam.policy(pedestrian))
+        if isinstance(agent, PolicyAgent):
+            agent.load(load_policy(exam.weights), version=1)
+    world = World(config, exam.scenarios, episodes, min(batch, len(episodes)), exam.run.seed, recorded)
+    monitor = exam.sections.get(MonitorConfig, "safety_monitor")
+    changes = exam.sections.get(InterventionConfig, "world_simulator")
+    interventions = Interventions(changes, exam.scenarios, lane_following=config.lane_following)
+    return Loop(world, monitor, agents, interventions=interventions if vehicle == "external" else None)
+
+
+def autopilot_run(exam: Exam, pedestrian: str) -> RunResult:
+    """Return the result of the rule-based autopilot with one pedestrian, many episodes side by side."""
+    steps = loop_with(exam, pedestrian, "autopilot", exam.episodes, _SIDE_BY_SIDE)
+    ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
+    found, sight = episodes_of(ticks, exam.world.tick, exam.scenarios, Watcher(exam.scenarios), BASELINE)
+    return RunResult(found, Conduct(len(exam.episodes)), sight=sight)
 
 
 def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> RunResult:
@@ -64,7 +99,7 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
             write_ticks(_recorded(ticks, driven, seen), world, run / "bag", made_by, scenarios=exam.scenarios)
             ticks = iter(seen)
         watcher = Watcher(exam.scenarios, exam.perception, world.tick, world.pedestrians)
-        found, sight = episodes_of(exam, map(_gathered, ticks), watcher, str(run))
+        found, sight = episodes_of(map(_gathered, ticks), world.tick, exam.scenarios, watcher, str(run))
     episodes = [episode for episode in found if episode.key not in driven.lost]
     failure = driven.failure()
     counts = WorldCounts(vehicle_commands=driven.commands, vehicle_commands_refused=driven.refused)
@@ -90,7 +125,7 @@ def _seated(exam: Exam, loop: Loop, log: Path) -> Iterator[Answers]:
     seats = len(loop.world.state) // loop.world.config.pedestrians
     with contextlib.ExitStack() as stack:
         if exam.seat is not None:
-            yield Cockpit(stack.enter_context(exam.seat(log, patience)), exam.scenarios, seats, 0.0).answers
+            yield Cockpit(stack.enter_context(exam.seat(log, patience)), exam.scenarios, seats).answers
             return
         process = stack.enter_context(class_process(exam.config.ads_class, log, patience))
         process.seat(exam.scenarios, seats)

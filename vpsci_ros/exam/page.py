@@ -1,16 +1,19 @@
-"""An exam's report as one HTML page that needs nothing beside it: what came out first, how to read it last."""
+"""An exam's report for people: one HTML page that needs nothing beside it, and a table on the terminal."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import polars as pl
+from rich import box
+from rich.console import Console
+from rich.table import Table
 
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.exam.config import ALONE, PERSON, TITLES, added_pedestrians, title_of
 from vpsci_ros.exam.figures import save_one, save_overview
 from vpsci_ros.exam.measures import worst_first
-from vpsci_ros.exam.report import ADS, BASELINE
+from vpsci_ros.exam.report import ADS, BASELINE, FAILED_BEFORE
 from vpsci_ros.exam.scores import DIFFERENCES
 from vpsci_ros.exam.view import MARKS
 from vpsci_ros.policy.config import LEARNED
@@ -19,6 +22,16 @@ from vpsci_ros.report import html
 NAMES = {ADS: "The ADS", BASELINE: "The rule-based autopilot"}
 GROUPED = ("collision_rate", "moving_collision_rate", "conflict_rate", "hard_braking_rate", "time_lost")
 SLOW = 1.0  # [s] of time lost, from which on an episode is one to see
+_SHOWN = {
+    "collision_rate": "colli-\nsions",
+    "moving_collision_rate": "while\nmoving",
+    "conflict_rate": "con-\nflicts",
+    "arrived_rate": "arri-\nved",
+    "never_arrived_rate": "never\narri-\nved",
+    "stood_still_rate": "stood\nstill",
+    "time_lost": "time\nlost\n\\[s]",
+}
+"""Measures that are printed, and the heads of their columns."""
 _KEY = ["pedestrian", "scenario", "episode"]
 _TEMPLATE = Path(__file__).resolve().parent / "templates" / "exam.html"
 
@@ -110,3 +123,35 @@ def _pictured(
         save_one(next(each for each in episodes[row["pedestrian"]] if each.key == key), picture)
         out.append(row | {"picture": picture})
     return out
+
+
+def print_report(report: Mapping[str, Any], page: Path) -> None:
+    """Print the measures of both drivers with each pedestrian, and the verdict.
+
+    :param page: in which the rest stands.
+    """
+    console = Console()
+    view = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    view.add_column("", no_wrap=True)
+    for head in _SHOWN.values():
+        view.add_column(head, justify="right")
+    for driver, scores in report["drivers"].items():
+        view.add_section()
+        view.add_row({ADS: "the ADS", BASELINE: "rule-based autopilot"}[driver], style="bold")
+        for name, row in scores.items():
+            view.add_row(f"  {title_of(name)}", *(_cell(row[measure]["value"], measure) for measure in _SHOWN))
+    console.print(view)
+    for name, row in report.get("against", {}).get("pedestrians", {}).items():
+        counts = ", ".join(f"{len(row[kind])} {kind.replace('_', ' ')}" for kind in FAILED_BEFORE)
+        console.print(f"against {report['against']['folder']}, {title_of(name)}: {counts}", markup=False)
+    for text in report["failures"]:
+        console.print(f"FAILED  {text}", style="bold red", markup=False)
+    if not report["failures"]:
+        console.print("passed" if report["criteria"] else "no criterion was given (--fail-if)")
+    console.print(f"with intervals and differences: {page}", markup=False)
+
+
+def _cell(value: float | None, measure: str) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.2f}" if measure == "time_lost" else f"{100.0 * value:.1f}%"

@@ -63,7 +63,10 @@ def recorded_people(
     seed: int,
     where: str = "near misses",
 ) -> Motion:
-    """Return the motion of recorded people in episodes as they begin, EPISODE[n]: each person once before any twice.
+    """Return the motion of recorded people in episodes as they begin, EPISODE[n].
+
+    The number of an episode and its scenario's place decide who comes, so that an episode has the same person whatever
+    others are driven, and consecutive episodes have each person once before any twice.
 
     :param near_misses: a near-miss table, see `vpsci_ros.data.near_misses`.
     :param where: what it comes from, the opening of the error message.
@@ -74,11 +77,13 @@ def recorded_people(
     if not people:
         raise InvalidInput(f"{where}: no pedestrian crosses the path of its vehicle; give other recordings")
     order = np.random.default_rng(seed).permutation(len(people))
-    known = {scenario.number: scenario for scenario in scenarios}
+    numbers = [scenario.number for scenario in scenarios]
     motion: Motion = {}
-    for n, begin in enumerate(begins):
-        person = people[order[n % len(people)]]
-        motion[int(begin["scenario"]), int(begin["episode"])] = person.put(begin, known[int(begin["scenario"])], config)
+    for begin in begins:
+        key = int(begin["scenario"]), int(begin["episode"])
+        place = numbers.index(key[0])
+        person = people[order[(key[1] * len(numbers) + place) % len(people)]]
+        motion[key] = person.put(begin, scenarios[place], config)
     return motion
 
 

@@ -1,36 +1,33 @@
 """The exam of a driving system: conducted, scored and reported.
 
 In the output folder: exam.json (what is examined: parameters, hashes, versions), runs/PEDESTRIAN (what a run leaves),
-logs/, episodes.parquet, report.json, report.html, and view.html, in which the episodes play. The same command goes on
-with an exam that was stopped: runs that are done do not run again.
+logs/, autopilot/ (episodes of the baseline), episodes.parquet, report.json, report.html, and view.html, in which the
+episodes play. The same command goes on with an exam that was stopped: runs that are done do not run again.
 """
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 import polars as pl
 
+from vpsci_ros.data.kept import read_kept, write_kept
 from vpsci_ros.data.parquet import read_parquet, write_parquet
 from vpsci_ros.documents import read_json
 from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.collect import driven_episodes
-from vpsci_ros.exam.conduct import Crew, local_crew, run_with_all
+from vpsci_ros.exam.conduct import driven_episodes, run_with_all
 from vpsci_ros.exam.config import ALONE
-from vpsci_ros.exam.console import print_report
 from vpsci_ros.exam.criteria import check, parse
-from vpsci_ros.exam.earlier import Earlier, compare, compared_with, write_junit, write_summary
-from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.loops import autopilot_run
+from vpsci_ros.exam.earlier import compare, compared_with, write_junit, write_summary
+from vpsci_ros.exam.exam import Exam, identity_of, take_folder
+from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, RunResult, episode_table
-from vpsci_ros.exam.page import write_page
-from vpsci_ros.exam.prepare import exam_of, identity_of, take_folder
+from vpsci_ros.exam.page import print_report, write_page
 from vpsci_ros.exam.report import ADS, BASELINE, make_report
 from vpsci_ros.exam.view import Driven, exam_sources
-from vpsci_ros.runs.files import sha256, write_text
+from vpsci_ros.runs.files import write_text
 from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import LIMIT, Source
 
@@ -42,32 +39,31 @@ def run_exam(
     folder: Path,
     criteria: Sequence[str] = (),
     *,
-    workers: int | None = None,
-    crew: Crew = local_crew,
+    workers: int = 1,
     against: Path | None = None,
-    guard: int | None = None,
     quiet: bool = False,
 ) -> list[str]:
     """Conduct the exam, write and print its report, and return the reasons to fail: none where it is passed.
 
     :param criteria: as for --fail-if, in addition to those of the parameters.
-    :param workers: runs side by side, by the `crew`.
-    :param against: folder of an earlier exam to compare with; `guard`: see `compared_with`.
+    :param workers: runs side by side.
+    :param against: folder of an earlier exam to compare with.
     :raises InvalidInput: a criterion is refused, or `folder` holds something else; nothing has been run then.
     :raises VpsciError: a node has failed.
     """
     pedestrians = exam.config.opponents
     understood = partial(parse, opponents=pedestrians, compared=against is not None)
     parsed = [understood(text) for text in (*exam.config.fail_if, *criteria)]
-    earlier: Earlier | None = None
-    if against is not None:
-        exam, earlier = compared_with(exam, identity_of(exam), against, guard)
     identity = identity_of(exam)
+    earlier = None if against is None else compared_with(exam, identity, against)
     take_folder(folder, identity)
 
-    runs = {ADS: run_with_all(exam, folder, exam.opponents, workers=workers, crew=crew, quiet=quiet)}
+    runs = {ADS: run_with_all(exam, folder, exam.opponents, workers=workers, quiet=quiet)}
     if exam.config.baseline:
         runs[BASELINE] = {name: autopilot_run(exam, name) for name in (ALONE, *pedestrians)}
+        (folder / BASELINE).mkdir(exist_ok=True)
+        for name in pedestrians:
+            write_kept(_autopilot(folder, name), runs[BASELINE][name].episodes)
     table = pl.concat(_rows(exam, driver, runs[driver]) for driver in runs)
     report = make_report(table, {name: run.conduct for name, run in runs[ADS].items()}, exam.config, exam.perception)
     if earlier is not None:
@@ -82,7 +78,7 @@ def run_exam(
     view = VIEW if report["drivers"].get(ADS) else ""
     if view:
         drivers = {driver: _episodes_of(found) for driver, found in runs.items()}
-        sources = exam_sources(table, drivers, LIMIT, _note, report["failure"])
+        sources = exam_sources(table, drivers, LIMIT, report["failure"])
         write_view(folder / view, sources, f"Exam of {exam.config.examined}")
     write_page(folder / REPORT, report, table, {name: run.episodes for name, run in runs[ADS].items()}, view)
     if earlier is not None:
@@ -115,21 +111,15 @@ def read_exam(folder: Path, limit: int) -> list[Source]:
     """
     table = read_parquet(folder / EPISODES, "the episodes of an exam", COLUMNS)
     drivers: dict[str, Driven] = {ADS: partial(driven_episodes, folder)}
-    try:
-        identity = read_json(folder / EXAM)
-        exam = exam_of(identity)
-        if sha256(exam.weights) != identity["weights_sha256"]:
-            raise InvalidInput("the weights of its pedestrian are not those of the exam any more")
-        drivers[BASELINE] = lambda name: autopilot_run(exam, name).episodes
-    except (ValueError, LookupError, TypeError) as error:
-        _note(f"the autopilot is left out: {error}")
+    if (folder / BASELINE).is_dir():
+        drivers[BASELINE] = lambda name: read_kept(_autopilot(folder, name))
     path = folder / "report.json"
     failure = read_json(path).get("failure", "collision") if path.is_file() else "collision"
-    found = exam_sources(table, drivers, limit, _note, failure)
+    found = exam_sources(table, drivers, limit, failure)
     if not found:
         raise InvalidInput(f"{folder}: not one episode of this exam was driven, so there is nothing to show")
     return found
 
 
-def _note(text: str) -> None:
-    print(f"note: {text}", file=sys.stderr)
+def _autopilot(folder: Path, pedestrian: str) -> Path:
+    return folder / BASELINE / f"{pedestrian}.npz"

@@ -1,12 +1,16 @@
 """What a driver could see: was the pedestrian hidden as it became critical, and was it published to the ADS."""
 
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.data.episode import Episode, Key
+from vpsci_ros.data.gathered import Tick, gathered
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import IDLE, Scenario
 from vpsci_ros.world.kinds import KINDS
@@ -91,3 +95,25 @@ class Watcher:
         self._memory, objects = perceive(self._memory, state, self._perception, self._period, self._parked, self._most)
         published: NDArray[np.bool_] = objects["status"] == SEEN
         return published
+
+
+def sight_record(sight: Mapping[Key, Sight]) -> list[dict[str, Any]]:
+    """Return what could be seen, as a record has it."""
+    return [{"scenario": key[0], "episode": key[1]} | dataclasses.asdict(seen) for key, seen in sight.items()]
+
+
+def episodes_of(
+    ticks: Iterable[Tick], period: float, scenarios: Sequence[Scenario], watcher: Watcher, source: str
+) -> tuple[list[Episode], Mapping[Key, Sight]]:
+    """Return the episodes of ticks in the order of their keys, and what could be seen of each.
+
+    :param period: of a tick [s].
+    """
+
+    def watched() -> Iterator[Tick]:
+        for state, curvttc, distance in ticks:
+            watcher.add(state, curvttc)
+            yield state, curvttc, distance
+
+    found = gathered(watched(), period, scenarios, source=source)
+    return sorted(found, key=lambda episode: episode.key), watcher.found

@@ -13,7 +13,7 @@ from extras.carla.stand_in import StandInServer  # noqa: E402
 from vpsci_ros.cli.parameter_file import load  # noqa: E402
 from vpsci_ros.cosim import Vehicle, Walker  # noqa: E402
 from vpsci_ros.errors import InvalidInput, VpsciError  # noqa: E402
-from vpsci_ros.exam.prepare import prepare  # noqa: E402
+from vpsci_ros.exam.exam import prepare  # noqa: E402
 from vpsci_ros.exam.recorded_people import absent_pedestrians  # noqa: E402
 from vpsci_ros.extras.carla.server import Controls, LiveServer  # noqa: E402
 from vpsci_ros.extras.carla.world import EngineWorld  # noqa: E402

@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import signal
 import threading
 import time
 from collections.abc import Callable
@@ -132,19 +131,6 @@ def test_who_finishes_early_gets_a_report_of_what_was_driven_and_the_same_comman
     assert failures == []
     assert [each["which"] for each in seen if each["type"] == "episode"] == ["episode 2 of 2"]
     assert (tmp_path / "drive" / "runs" / "learned" / "run.json").stat().st_mtime_ns == kept
-
-
-def test_a_person_may_take_any_time_to_begin(tmp_path: Path) -> None:
-    left = []
-
-    def looks(message: dict[str, Any]) -> list[dict[str, Any]]:
-        if message.get("time") == 0.0:  # the driver waits to be answered
-            left.append(signal.getitimer(signal.ITIMER_REAL)[0])
-        return [{"finish": True}] if message.get("time") == 0.0 else []
-
-    failures, _ = driven(tmp_path / "drive", looks)
-    assert failures == ["nothing was driven"]
-    assert left[0] == 0.0, "no alarm is set, as it is for a class"
 
 
 def test_a_time_that_does_not_go_is_refused() -> None:

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from seated import seated_here
 
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.exam.episode_list import with_episode_list
-from vpsci_ros.exam.prepare import prepare
+from vpsci_ros.exam.exam import prepare
 from vpsci_ros.extras.exam_extra.search import plan
 from vpsci_ros.extras.exam_extra.search.run import run_search
 from vpsci_ros.extras.exam_extra.search.seek import SearchConfig
@@ -24,35 +24,29 @@ class Careless:
 """
 
 
-def test_a_search_finds_failures_and_lists_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_search_finds_failures_and_lists_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plan, "ROUNDS", 1)
     (tmp_path / "careless.py").write_text(CARELESS)
     monkeypatch.syspath_prepend(tmp_path)
     folder = tmp_path / "search"
-    found = load(params_dir() / "ads_test.yaml")
-    found = found.changed("world_simulator", {"scenarios": [1], "episode_time": 6.0})
-    search = SearchConfig("walker", 100, 40)
-    exam = prepare(found.changed("ads_test", {"baseline": False}), ads_class="careless:Careless")
-
-    assert run_search(exam, search, folder, quiet=True) == []
+    found = load(params_dir() / "ads_test.yaml").changed("world_simulator", {"scenarios": [1], "episode_time": 3.0})
+    found = found.changed("ads_test", {"baseline": False, "failure": "conflict", "conflict": 9.9})
+    search = SearchConfig("walker", 60, 40)
+    with seated_here():
+        exam = prepare(found, ads_class="careless:Careless")
+        assert run_search(exam, search, folder, quiet=True) == []
+        records = {path: path.stat().st_mtime_ns for path in folder.rglob("run.json")}
+        assert run_search(exam, search, folder, quiet=True) == []
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("run.json")} == records, "nothing is driven again"
 
     report = json.loads((folder / "report.json").read_text())
-    assert (report["driven"], report["pool"]) == (40, 100)
+    assert (report["driven"], report["pool"]) == (40, 60)
     table = pl.read_parquet(folder / "episodes.parquet")
     assert table.height == 40
     assert table.select("scenario", "episode").is_unique().all()
-    hits = table.filter("moving_collision")
-    assert hits.height == report["failures"] > 3
-    assert report["count"]["failures_low"] >= hits.height
-    listed = [entry["episode"] for entry in json.loads((folder / "failures.json").read_text())["episodes"]]
-    assert sorted(listed) == sorted(hits["episode"].to_list())
-    assert set(prepare(with_episode_list(found, folder / "failures.json")).episodes) == {(1, n) for n in listed}
-    assert "vpsci ads-test --episodes failures.json" in (folder / "report.html").read_text()
-
-    before = capfd.readouterr().out
-    records = {path: path.stat().st_mtime_ns for path in folder.rglob("run.json")}
-    assert run_search(exam, search, folder, quiet=True) == []
-    assert {path: path.stat().st_mtime_ns for path in folder.rglob("run.json")} == records, "nothing is driven again"
-    assert capfd.readouterr().out == before
+    failed = table.filter("conflict")
+    assert report["count"]["failures_low"] >= failed.height == len(report["failures"])
+    again = load(params_dir() / "ads_test.yaml", [report["again"]] if report["failures"] else [])
+    if report["failures"]:
+        assert set(prepare(again).episodes) == {(1, number) for number in failed["episode"]}
+    assert "vpsci ads-test --set" in (folder / "report.html").read_text() or not report["failures"]

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from seated import seated_here
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.failure_group import failure_group
-from vpsci_ros.exam.prepare import prepare
+from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.exam.sight import Sight
+from vpsci_ros.exam.view import failure_group
 from vpsci_ros.extras.exam_extra.explain import explain_exam
 from vpsci_ros.extras.exam_extra.factors import FACTORS, Span, case_of
 from vpsci_ros.extras.exam_extra.why import Search
@@ -25,22 +25,13 @@ from vpsci_ros.world.intervention import NOT_FORCED, Intervention, InterventionC
 from vpsci_ros.world.perception import PerceptionConfig, blank, perceive
 from vpsci_ros.world.state import EPISODE, RUNNING
 
-LATE = """
-import math
-
-class Late:
+CARELESS = """
+class Careless:
     def reset(self, begin):
         pass
 
     def act(self, observation):
-        car = observation.vehicle
-        for each in observation.pedestrians:
-            dx, dy = each.x - car.x, each.y - car.y
-            ahead = math.cos(car.yaw) * dx + math.sin(car.yaw) * dy - 2.35
-            aside = math.cos(car.yaw) * dy - math.sin(car.yaw) * dx
-            if 0.0 < ahead < 2.0 and abs(aside) < 1.3:
-                return -4.0
-        return 2.0 * (5.0 - car.speed)
+        return 2.0 * (5.0 - observation.vehicle.speed)
 """
 
 
@@ -60,7 +51,7 @@ BRAKES = episode([5.0, 4.9, 4.9, 4.9, 4.9, 4.7, 4.5, 4.5, 4.3], [9.0, 9.0, 4.0, 
 
 def exam(**perception: Any) -> Exam:
     sections = load(params_dir() / "ads_test.yaml").changed("ads_test", {"perception": bool(perception)})
-    return prepare(sections.changed("perception", perception), ads_class="vpsci_ros.nodes.example_driver:ExampleDriver")
+    return prepare(sections.changed("perception", perception), "external")
 
 
 def test_a_case_knows_its_onset_its_end_and_the_braking_before_it() -> None:
@@ -184,48 +175,44 @@ def test_from_the_frame_on_parked_vehicles_hide_nobody_in_that_episode() -> None
     assert found == [[False, False]] * 3 + [[True, False]] * 2
 
 
-def of_late_driver(**given: Any) -> Exam:
-    world = {"only": [3, 1, 3, 3], "scenarios": [3], "episode_time": 8.0}
-    sections = load(params_dir() / "ads_test.yaml").changed("world_simulator", world)
-    return prepare(sections.changed("ads_test", {"pedestrians": ["walker"], "baseline": False}), **given)
-
-
 @pytest.fixture(scope="module")
 def explained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of an exam of a driver that brakes late, with its two worst failures explained."""
+    """Folder of an exam of a driver that never brakes, to which whatever becomes critical is a failure, explained."""
     folder = tmp_path_factory.mktemp("why")
-    (folder / "drivers_of_why.py").write_text(LATE)
-    with pytest.MonkeyPatch.context() as patch:
+    (folder / "drivers_of_why.py").write_text(CARELESS)
+    world = {"scenarios": [3], "episodes": 6, "episode_time": 6.0}
+    own = {"pedestrians": ["walker"], "baseline": False, "failure": "conflict", "conflict": 9.9}
+    sections = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", own)
+    with pytest.MonkeyPatch.context() as patch, seated_here():
         patch.syspath_prepend(folder)
-        chosen = of_late_driver(ads_class="drivers_of_why:Late")
-        assert run_exam(chosen, folder / "exam", quiet=True) == []
-        own = folder / "exam" / "why"
-        assert explain_exam(folder / "exam", 2, workers=1, quiet=True) == own / "report.html"
-        before = (own / "report.json").read_bytes()
-        times = {path: path.stat().st_mtime_ns for path in own.rglob("run.json")}
-        explain_exam(folder / "exam", 2, workers=1, quiet=True)
-        assert (own / "report.json").read_bytes() == before
+        assert run_exam(prepare(sections, ads_class="drivers_of_why:Careless"), folder / "exam", quiet=True) == []
+        own_page = folder / "exam" / "why" / "report.html"
+        assert explain_exam(folder / "exam", 1, workers=1, quiet=True) == own_page
+        times = {path: path.stat().st_mtime_ns for path in own_page.parent.rglob("run.json")}
+        explain_exam(folder / "exam", 1, workers=1, quiet=True)
         assert {path: path.stat().st_mtime_ns for path in times} == times, "what is done is not done again"
-        (folder / "drivers_of_why.py").write_text(LATE + "\n")
+        (folder / "drivers_of_why.py").write_text(CARELESS + "\n")
         with pytest.raises(InvalidInput, match="ads_files_sha256"):
-            explain_exam(folder / "exam", 2, workers=1, quiet=True)
+            explain_exam(folder / "exam", 1, workers=1, quiet=True)
     return folder / "exam"
 
 
 def test_failures_are_explained_and_grouped(explained: Path) -> None:
     why = json.loads((explained / "why" / "report.json").read_text())
     table = pl.read_parquet(explained / "episodes.parquet")
-    failed = table.filter((pl.col("pedestrian") == "walker") & pl.col("moving_collision")).height
+    failed = table.filter((pl.col("pedestrian") == "walker") & pl.col("conflict")).height
     found = why["pedestrians"]["walker"]
-    assert (found["failures"], len(found["analysed"])) == (failed, 2)
-    assert all(row["repeats"] for row in found["analysed"])
-    by_name = {row["episode"]: row["factors"] for row in found["analysed"]}
-    assert 0.0 < by_name["3:3"]["harder"]["least"] < 2.0
-    assert by_name["3:3"]["harder"]["fails_at"] < by_name["3:3"]["harder"]["least"]
-    assert by_name["3:3"]["latency"]["reason"].startswith("nothing comes late")
-    assert why["budget"]["drives"] == len(list((explained / "why" / "walker").glob("1-*"))) * 2 + sum(
-        len(each["tried"]) for row in found["analysed"] for each in row["factors"].values()
-    )
+    (analysed,) = found["analysed"]
+    assert found["failures"] == failed
+    assert analysed["repeats"]
+    factors = analysed["factors"]
+    assert factors["latency"]["reason"].startswith("nothing comes late")
+    assert factors["earlier"]["reason"] == "it did not brake between the onset and the contact"
+    for factor in ("full", "slower"):
+        least = factors[factor]["least"]
+        assert len(factors[factor]["tried"]) >= 4
+        assert factors[factor]["reason"] if least is None else factors[factor]["fails_at"] < least
+    assert why["budget"]["drives"] == 1 + sum(len(each["tried"]) for each in factors.values())
     assert sum(len(group["episodes"]) for group in why["groups"]) == failed
     packed = re.search("id=episodes>(.*?)</script>", (explained / "why" / "view.html").read_text(), re.DOTALL)
     played = json.loads(packed[1])["sources"][0] if packed else {}
@@ -233,6 +220,6 @@ def test_failures_are_explained_and_grouped(explained: Path) -> None:
         same = [each["name"] for each in played["episodes"] if each.get("failure") == group["name"]]
         assert same == group["episodes"], "the page in which they play filters by the same groups"
     page = (explained / "why" / "report.html").read_text()
-    assert "view.html#a=ads-walker&amp;b=why-walker&amp;episode=3:3" in page
+    assert f"view.html#a=ads-walker&amp;b=why-walker&amp;episode={analysed['episode']}" in page
     assert "b=why-walker&amp;failure=3%3A%20" in page
     assert "vpsci export exam --episodes PEDESTRIAN/EPISODE" in page

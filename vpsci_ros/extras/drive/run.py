@@ -13,14 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.collect import is_done, label_of
-from vpsci_ros.exam.conduct import run_with
+from vpsci_ros.exam.conduct import is_done, label_of, run_with
 from vpsci_ros.exam.config import EXTERNAL, PERSON, title_of
 from vpsci_ros.exam.driver_class import Driver
-from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.loops import autopilot_run, loop_with
+from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
+from vpsci_ros.exam.in_process import autopilot_run, loop_with
 from vpsci_ros.exam.measures import RunResult
-from vpsci_ros.exam.prepare import identity_of, prepare, take_folder
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.extras.drive.page import Page
 from vpsci_ros.extras.drive.person import Person

@@ -1,4 +1,4 @@
-"""The commands of this branch: `vpsci ads-search`, `ads-why`, `ads-protocol`, `ads-socket` and `ads-hosts`."""
+"""The commands of this branch: `vpsci ads-search`, `ads-why` and `ads-socket`."""
 
 import sys
 from pathlib import Path
@@ -8,10 +8,9 @@ import typer
 
 from vpsci_ros.cli.exam import Ads, AdsClass, Episodes, ExamFolder, FailIf, Recorded, Workers, examined_sections
 from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections, stoppable, writes_folder
-from vpsci_ros.errors import InvalidInput
 
 PANEL = "Examine a driving system"  # of `vpsci --help`
-search_app, why_app, protocol_app, socket_app, hosts_app = (typer.Typer(add_completion=False) for _ in range(5))
+search_app, why_app, socket_app = (typer.Typer(add_completion=False) for _ in range(3))
 
 
 @search_app.command(rich_help_panel=PANEL, short_help="Find the episodes in which a system fails.")
@@ -26,19 +25,19 @@ def ads_search(
         int, typer.Option(min=100, max=10_000_000, help="Episodes to search: rehearsed in this process, not driven.")
     ] = 20_000,
     budget: Annotated[int, typer.Option(min=40, max=1_000_000, help="Episodes that the system drives.")] = 1000,
-    workers: Workers = None,
+    workers: Workers = 1,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
     """Find the episodes in which a driving system fails (ads_test.failure), and how often it does."""
-    from vpsci_ros.exam.prepare import prepare
+    from vpsci_ros.exam.exam import prepare
     from vpsci_ros.extras.exam_extra.search.run import run_search
     from vpsci_ros.extras.exam_extra.search.seek import SearchConfig
 
     search = SearchConfig(pedestrian, pool, budget)
-    exam = prepare(read_sections(params, settings), ads, ads_class, workers or 1)
+    exam = prepare(read_sections(params, settings), ads, ads_class, workers)
     with stoppable(output):
-        failures = run_search(exam, search, output, workers=workers or 1, quiet=quiet)
+        failures = run_search(exam, search, output, workers=workers, quiet=quiet)
     for reason in failures:
         print(f"failed: {reason}", file=sys.stderr)
     _end(failures)
@@ -48,7 +47,7 @@ def ads_search(
 def ads_why(
     exam: Annotated[Path, typer.Argument(metavar="EXAM", help="Folder of an exam of `vpsci ads-test` that is over.")],
     failures: Annotated[int, typer.Option("-n", min=1, help="Worst failures with each pedestrian to drive again.")] = 3,
-    workers: Workers = None,
+    workers: Workers = 1,
     quiet: Quiet = False,
 ) -> None:
     """Drive the worst failures of an exam again, one thing changed at a time, and say what would have avoided them.
@@ -58,33 +57,8 @@ def ads_why(
     from vpsci_ros.extras.exam_extra.explain import explain_exam
 
     with stoppable(exam):
-        page = explain_exam(exam, failures, workers=workers or 1, quiet=quiet)
+        page = explain_exam(exam, failures, workers=workers, quiet=quiet)
     print(f"report: {page}")
-
-
-@protocol_app.command(rich_help_panel=PANEL, short_help="Drive Euro NCAP's car-to-pedestrian tests.")
-@writes_folder
-def ads_protocol(
-    output: ExamFolder,
-    params: Params = Path("ads_test"),
-    ads: Ads = None,
-    ads_class: AdsClass = None,
-    beside: Annotated[
-        Path | None, typer.Option("--exam", metavar="EXAM", help="Set this exam of the same system beside it.")
-    ] = None,
-    fail_below: Annotated[float, typer.Option(metavar="POINTS", help="Exit with status 1 below so many points.")] = 0.0,
-    workers: Workers = None,
-    settings: Settings = None,
-    quiet: Quiet = False,
-) -> None:
-    """Drive Euro NCAP's car-to-pedestrian tests, as far as a kinematic world can, and give their points."""
-    from vpsci_ros.exam.prepare import prepare
-    from vpsci_ros.extras.exam_extra.protocol import run_protocol
-
-    exam = prepare(read_sections(params, settings), ads, ads_class, workers or 1)
-    with stoppable(output):
-        failures = run_protocol(exam, output, beside, fail_below, workers=workers or 1, quiet=quiet)
-    _end(failures)
 
 
 @socket_app.command(rich_help_panel=PANEL, short_help="Examine a program behind a socket: any language.")
@@ -100,7 +74,7 @@ def ads_socket(
     episodes: Episodes = None,
     recorded: Recorded = None,
     fail_if: FailIf = None,
-    workers: Workers = None,
+    workers: Workers = 1,
     settings: Settings = None,
     quiet: Quiet = False,
 ) -> None:
@@ -108,39 +82,9 @@ def ads_socket(
     from vpsci_ros.exam.run import run_exam
     from vpsci_ros.extras.exam_extra.socket_driver import prepare_socket
 
-    exam = prepare_socket(examined_sections(params, settings, episodes, recorded), ads, port, workers or 1)
+    exam = prepare_socket(examined_sections(params, settings, episodes, recorded), ads, port, workers)
     with stoppable(output):
         failures = run_exam(exam, output, fail_if or [], workers=workers, quiet=quiet)
-    _end(failures)
-
-
-@hosts_app.command(rich_help_panel=PANEL, short_help="Examine a system on the hosts of a Ray cluster.")
-@writes_folder
-def ads_hosts(
-    address: Annotated[str, typer.Argument(metavar="ADDRESS", help="Of a Ray cluster: its address, auto or local.")],
-    output: ExamFolder,
-    params: Params = Path("ads_test"),
-    ads: Ads = None,
-    ads_class: AdsClass = None,
-    episodes: Episodes = None,
-    recorded: Recorded = None,
-    fail_if: FailIf = None,
-    workers: Workers = None,
-    settings: Settings = None,
-    quiet: Quiet = False,
-) -> None:
-    """Put a driving system to the exam on the hosts of a Ray cluster; all of its cores unless --workers says."""
-    from vpsci_ros.exam.prepare import prepare
-    from vpsci_ros.exam.run import run_exam
-    from vpsci_ros.extras.exam_extra.on_hosts import hosts_crew
-
-    exam = prepare(examined_sections(params, settings, episodes, recorded), ads, ads_class)
-    if exam.config.examined == "external":
-        raise InvalidInput(
-            f"ads-hosts {address}: a system that you start yourself (external) drives on this machine only"
-        )
-    with stoppable(output):
-        failures = run_exam(exam, output, fail_if or [], workers=workers, crew=hosts_crew(exam, address), quiet=quiet)
     _end(failures)
 
 

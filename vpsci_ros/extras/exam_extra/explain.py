@@ -1,25 +1,30 @@
 """An exam's failures explained: driven again in EXAM/why, with a page, and another one in which they play."""
 
+import dataclasses
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import polars as pl
 
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.collect import joined, read_run
+from vpsci_ros.exam.conduct import joined, read_run
 from vpsci_ros.exam.config import title_of
-from vpsci_ros.exam.measures import COLUMNS, EPISODES
-from vpsci_ros.exam.prepare import exam_of, identity_of, take_folder
+from vpsci_ros.exam.exam import Exam, identity_of, prepare, take_folder
+from vpsci_ros.exam.measures import COLUMNS, EPISODES, RunResult
 from vpsci_ros.exam.report import ADS, definitions
-from vpsci_ros.exam.view import exam_sources
-from vpsci_ros.extras.exam_extra.failures import again_source, groups_of, why_reasons
-from vpsci_ros.extras.exam_extra.why import explain
+from vpsci_ros.exam.view import FailureGroup, exam_sources, failure_group
+from vpsci_ros.extras.exam_extra.factors import FACTORS
+from vpsci_ros.extras.exam_extra.why import Search, explain
 from vpsci_ros.report import html
 from vpsci_ros.runs.files import write_text
+from vpsci_ros.runs.sections import Sections
 from vpsci_ros.view.page import write_view
-from vpsci_ros.view.sources import LIMIT
+from vpsci_ros.view.sources import LIMIT, Shown, Source, shown
 
 FOLDER = "why"
 _TEMPLATE = Path(__file__).resolve().parent / "templates" / "why.html"
@@ -37,7 +42,8 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool) -> P
     require_form(stored, {"parameters": {"*": dict}}, f"{folder / EXAM}: not what an exam writes")
     if stored.get("seat"):
         raise InvalidInput(f"{folder}: a person, or a program behind a socket, drove it, and cannot be called again")
-    exam = exam_of(stored, examined=True)
+    failure = read_json(folder / "report.json")["failure"]
+    exam = prepare(Sections(stored["parameters"]).changed("ads_test", {"failure": failure}))
     exam.engine.require_own("failures are driven again from their seed, with commands and speeds changed")
     take_folder(folder, identity_of(exam))
     parts, own = exam.parts(), folder / FOLDER
@@ -50,7 +56,7 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool) -> P
     why["groups"] = groups_of(exam, runs, table)
     write_text(own / "report.json", json.dumps(why, indent=2, allow_nan=False) + "\n")
     driven = {ADS: lambda name: runs[name].episodes}
-    sources = exam_sources(table, driven, LIMIT, print, why["failure"])
+    sources = exam_sources(table, driven, LIMIT, why["failure"])
     mine = {name: [each for each in searches if each.pedestrian == name] for name in runs}
     sources += [source for name, found in mine.items() if (source := again_source(name, found))]
     write_view(own / "view.html", sources, f"Failures of {stored['ads']}")
@@ -65,3 +71,69 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool) -> P
     }
     html.write_page(own / "report.html", _TEMPLATE, title=f"Why {stored['ads']} fails", **values)
     return own / "report.html"
+
+
+def groups_of(exam: Exam, runs: Mapping[str, RunResult], table: pl.DataFrame) -> list[dict[str, Any]]:
+    """Return the failures by what they have in common, the largest group first, each with its smallest case.
+
+    That is the one with the fewest pedestrians, and of these the shortest.
+    """
+    failed = pl.col("pedestrian").is_in(exam.config.opponents) & pl.col(exam.config.failure)
+    episodes = {(name, each.key): each for name, run in runs.items() for each in run.episodes}
+    groups: dict[tuple[str, FailureGroup], list[dict[str, Any]]] = {}
+    for row in table.filter((pl.col("driver") == ADS) & failed).to_dicts():
+        episode = episodes[row["pedestrian"], (row["scenario"], row["episode"])]
+        groups.setdefault((row["pedestrian"], failure_group(row, episode)), []).append(row)
+    found = []
+    for (pedestrian, group), members in groups.items():
+        smallest = min(members, key=lambda row: (row["group_size"], row["duration"], row["episode"]))
+        names = [f"{row['scenario']}:{row['episode']}" for row in members]
+        found.append({"pedestrian": pedestrian, **group._asdict(), "name": str(group), "episodes": names,
+                      "smallest": f"{smallest['scenario']}:{smallest['episode']}"})  # fmt: skip
+    return sorted(found, key=lambda group: (-len(group["episodes"]), group["pedestrian"], group["scenario"]))
+
+
+def again_source(pedestrian: str, searches: Sequence[Search]) -> Source | None:
+    """Return the episodes that were driven again, for the page in which they play; None where there are none.
+
+    Its `changes` say which of them belongs to which failure, factor and amount, so that the page has a slider.
+    """
+    shown_ones: list[Shown] = []
+    changes: dict[str, list[dict[str, Any]]] = {}
+    period, named = 0.0, set[str]()
+    for search in searches:
+        steps, factor = [], FACTORS[search.factor]
+        for amount, episode in sorted(search.episodes.items(), key=lambda each: each[0]):
+            name = (
+                f"{search.case.name} {factor.title} by {amount:g} {factor.unit}"
+                if amount
+                else f"{search.case.name} as it was"
+            )
+            steps.append({"amount": amount, "name": name, "fails": search.failed[amount]})
+            if name in named:
+                continue
+            named.add(name)
+            renamed = dataclasses.replace(episode, listed=episode.listed._replace(name=name))
+            shown_ones.append(shown(renamed))
+            period = episode.period
+        if steps:
+            nearest = next((n for n, step in enumerate(steps) if not step["fails"]), len(steps) - 1)
+            changes.setdefault(search.case.name, []).append(
+                {"title": factor.title, "unit": factor.unit, "steps": steps, "nearest": nearest}
+            )
+    if not shown_ones:
+        return None
+    for each in changes.values():  # those that avoid it first
+        each.sort(key=lambda change: change["steps"][change["nearest"]]["fails"])
+    title = f"driven again, {title_of(pedestrian)}"
+    return Source(f"why-{pedestrian}", title, period, shown_ones, len(shown_ones), changes)
+
+
+def why_reasons(found: Mapping[str, Any], factor: str) -> dict[str, list[str]]:
+    """Return why a factor was not varied, each reason with the episodes that it is of."""
+    reasons: dict[str, list[str]] = {}
+    for row in found["analysed"]:
+        each = row["factors"][factor]
+        if row["repeats"] and not each["most"]:
+            reasons.setdefault(each["reason"], []).append(row["episode"])
+    return reasons

@@ -222,7 +222,6 @@ def _conductor(exam: Exam, folder: Path, pedestrian: str, cases: Mapping[Key, Ca
             changed = FACTORS[unit.factor].change(
                 changed, {key: (cases[key], amount) for key, amount in amounts.items()}
             )
-        changed = dataclasses.replace(changed, whole=exam.whole or exam)
         with domain_of(exam):
             return run_with(changed, pedestrian, folder / f"{unit.number}-{unit.factor or 'as_it_was'}", "", quiet=True)
 

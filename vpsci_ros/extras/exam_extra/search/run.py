@@ -1,8 +1,8 @@
-"""The search held with a driving system through the graph of nodes, and what is left of it in a folder.
+"""The search held with a driving system, and its files in a folder.
 
 search.json (what is searched, and by which parameters and versions), parts/ (the runs, as an exam's), episodes.parquet
-(a row for each that was driven), failures.json (a list for --episodes), report.json, report.html. The same command goes
-on with a search that was stopped.
+(a row for each that was driven), report.json (with the failures, the worst first, and the setting that drives them
+again), report.html. The same command goes on with a search that was stopped.
 """
 
 import dataclasses
@@ -21,20 +21,26 @@ from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, require
 from vpsci_ros.evaluation.statistics import wilson_interval
 from vpsci_ros.exam.conduct import run_with_all
-from vpsci_ros.exam.episode_list import write_episode_list
-from vpsci_ros.exam.exam import Exam
+from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, episode_table, worst_first
-from vpsci_ros.exam.prepare import identity_of, take_folder
 from vpsci_ros.exam.report import ADS
 from vpsci_ros.extras.exam_extra.search.imitation import lessons
-from vpsci_ros.extras.exam_extra.search.page import write_search_page
-from vpsci_ros.extras.exam_extra.search.plan import Plan
+from vpsci_ros.extras.exam_extra.search.plan import AT_RANDOM, Plan
 from vpsci_ros.extras.exam_extra.search.risk import Count
 from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, seek
+from vpsci_ros.report import html
 from vpsci_ros.runs.files import write_json, write_text
 from vpsci_ros.runs.progress import Bars
 
-IDENTITY, FAILURES = "search.json", "failures.json"
+IDENTITY = "search.json"
+TITLES = {
+    "moving_collision": "the vehicle hits the pedestrian while it moves",
+    "collision": "the footprints touch",
+    "conflict": "CurvTTC falls below the threshold of a conflict",
+    "severe_conflict": "CurvTTC falls below the threshold of a severe conflict",
+}
+_TEMPLATE = Path(__file__).resolve().parent / "templates" / "search.html"
 _LISTED = ("scenario", "episode", "outcome", "moving_collision", "impact_speed", "least_curvttc")
 _MORE = {
     "part": Column(
@@ -58,7 +64,7 @@ def run_search(exam: Exam, search: SearchConfig, folder: Path, *, workers: int =
     require("sklearn", "threadpoolctl")  # which are needed only after the first part has been driven
     failure = exam.config.failure
     if exam.run.only:
-        raise InvalidInput("ads-search and a list of episodes exclude each other; take the list out")
+        raise InvalidInput("ads-search and a list of episodes exclude each other; take world_simulator.only out")
     identity = identity_of(exam) | {"search": dataclasses.asdict(search) | {"failure": failure}}
     take_folder(folder, identity, IDENTITY)
     pool = _pool(exam, search.pool)
@@ -88,18 +94,28 @@ def run_search(exam: Exam, search: SearchConfig, folder: Path, *, workers: int =
     write_parquet(table, folder / EPISODES, COLUMNS | _MORE, content="episodes of a search", search=identity)
     failures = worst_first(table.filter(pl.col(failure)), "margin")
     rows = [{name: _plain(row[name]) for name in _LISTED} for row in failures.to_dicts()]
-    write_episode_list(folder / FAILURES, rows, exam.run, exam.world, exam.scenarios)
+    numbers = sorted((int(row["episode"]), int(row["scenario"])) for row in rows)
     report = {
         "search": identity,
         "driven": int(plan.driven.sum()),
-        "failures": len(rows),
+        "failures": rows,
+        "again": f"world_simulator.only={[number for episode, scenario in numbers for number in (scenario, episode)]}",
         "pool": len(pool),
         "count": count._asdict(),
         "by_part": _by_part(tables, failure),
         "plain": plain(count, int(plan.driven.sum())),
     }
     write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
-    write_search_page(folder / "report.html", report, rows)
+    html.write_page(
+        folder / "report.html",
+        _TEMPLATE,
+        title=f"Search for failures of {exam.config.examined}",
+        report=report,
+        count=report["count"],
+        failure=TITLES[failure],
+        pedestrian=title_of(search.pedestrian),
+        at_random=AT_RANDOM,
+    )
     _print(report, folder)
     return []
 
@@ -157,9 +173,9 @@ def _plain(value: Any) -> Any:
 def _print(report: Mapping[str, Any], folder: Path) -> None:
     count = report["count"]
     print(
-        f"{report['failures']} failures in {report['driven']} episodes driven; of the {report['pool']:,} searched "
+        f"{len(report['failures'])} failures in {report['driven']} episodes driven; of the {report['pool']:,} searched "
         f"{count['failures']:.0f} [{count['failures_low']:.0f}, {count['failures_high']:.0f}] fail\n"
         f"failure rate {count['rate']:.3%} [{count['rate_low']:.3%}, {count['rate_high']:.3%}]; drawn at random, an "
         f"interval as narrow takes {report['plain']['episodes']:,.0f}, {report['plain']['saving']:.1f} times as many"
     )
-    print(f"report: {folder / 'report.html'}; the failures as a list: {folder / FAILURES}")
+    print(f"report: {folder / 'report.html'}")

@@ -12,7 +12,7 @@ from vpsci_ros.data.episode import Key
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import DRIVERS, added_pedestrians
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.loops import loop_with
+from vpsci_ros.exam.in_process import loop_with
 from vpsci_ros.extras.exam_extra.search.imitation import Floats32, Imitation, Recent
 from vpsci_ros.extras.exam_extra.search.margin import Floats, LeastMargins, Watched
 from vpsci_ros.extras.exam_extra.search.plan import Plan

@@ -1,0 +1,43 @@
+"""Classes of driving systems seated in the process of a test: for tests that are not about a class's own process."""
+
+import contextlib
+import inspect
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vpsci_ros.exam.driver_class import Answers, Cockpit, find_driver
+from vpsci_ros.runs.files import sha256
+from vpsci_ros.world import Scenario
+
+
+class Seated:
+    """What `vpsci_ros.exam.class_process` yields, without a process."""
+
+    answers: Answers
+
+    def __init__(self, text: str) -> None:
+        self._driver = find_driver(text)
+
+    def seat(self, scenarios: Sequence[Scenario], seats: int) -> None:
+        self.answers = Cockpit(self._driver, scenarios, seats).answers
+
+
+@contextlib.contextmanager
+def seated_here() -> Iterator[None]:
+    """Have exams call a class in this process while the `with` block lasts."""
+
+    @contextlib.contextmanager
+    def seated(text: str, *_: Any) -> Iterator[Seated]:
+        yield Seated(text)
+
+    def files(text: str) -> dict[str, str]:
+        path = Path(inspect.getfile(find_driver(text)))
+        return {path.name: sha256(path)}
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("vpsci_ros.exam.in_process.class_process", seated)
+        patch.setattr("vpsci_ros.exam.exam.files_of_class", files)
+        yield
