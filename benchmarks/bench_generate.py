@@ -28,9 +28,8 @@ from typing import Any
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
 from vpsci_ros.generate import simulate
-from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import Job, Unit, job_from
-from vpsci_ros.generate.run import generate, simulators
+from vpsci_ros.generate.run import PARALLEL, generate, simulators
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.streaming import StreamingActor
 from vpsci_ros.resources import params_dir
@@ -78,11 +77,11 @@ def cpu_seconds() -> float:
     return sum(each.ru_utime + each.ru_stime for each in used)
 
 
-def end_to_end(job: Job, values: DatasetConfig, targets: Mapping[int, int], workers: int) -> dict[str, float]:
+def end_to_end(job: Job, targets: Mapping[int, int], workers: int) -> dict[str, float]:
     """Generate a dataset, of so many kept episodes by scenario, and return its rate, its times and the memory of it."""
     folder, used = Path(tempfile.mkdtemp()), cpu_seconds()
     begin = time.perf_counter()
-    done = generate(job, targets, folder / "d", values, lambda: simulators(job, values.parallel, workers))
+    done = generate(job, targets, folder / "d", lambda: simulators(job, PARALLEL, workers))
     wall = time.perf_counter() - begin
     rows = done.description["scenarios"].values()
     kept = sum(row["kept"] for row in rows)
@@ -181,10 +180,10 @@ def main() -> None:
     sections = load(params_dir() / "stage3_generate.yaml")
     for agent in ("vehicle", "pedestrian"):
         sections = sections.changed(f"{agent}_policy", {"weights": options.weights})
-    job, values = job_from(sections), sections.get(DatasetConfig, "dataset")
+    job = job_from(sections)
 
     targets = {scenario.number: options.episodes for scenario in job.scenarios}
-    run = end_to_end(job, values, targets, options.workers)
+    run = end_to_end(job, targets, options.workers)
     print(
         f"{run['kept']:,} kept of {run['simulated']:,} episodes in {run['wall_s']:.1f} s by {options.workers} workers"
         f" ({run['cpu_s']:.1f} s of CPU; writing {run['writing_s']:.1f} s, {run['parquet_mb']:.0f} MB)\n"
@@ -202,7 +201,7 @@ def main() -> None:
     watches.watch(simulate, "joined", "collecting")
     tables = []
     per_scenario = max(64, int(run["simulated"] / len(job.scenarios)))
-    for batch in BATCHES if options.batches else (values.parallel,):
+    for batch in BATCHES if options.batches else (PARALLEL,):
         tables.append(breakdown(job, batch, per_scenario, watches))
         print("  ".join(f"{k} {v:,.2f}" if isinstance(v, float) else f"{k} {v:,}" for k, v in tables[-1].items()))
     graph = through_graph(sections, per_scenario) if options.graph else None

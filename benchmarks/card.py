@@ -55,14 +55,13 @@ def dataset(rounds: int) -> list[Row]:
 
     from vpsci_ros.cli.parameter_file import load
     from vpsci_ros.data.published import TABLE_10
-    from vpsci_ros.generate.config import DatasetConfig
     from vpsci_ros.generate.job import job_from
 
     sections = load(params_dir() / "stage3_generate.yaml")
-    job, values = job_from(sections), sections.get(DatasetConfig, "dataset")
+    job = job_from(sections)
     workers = len(os.sched_getaffinity(0))
-    end_to_end(job, values, dict.fromkeys(TABLE_10, 8), workers)
-    run = end_to_end(job, values, {number: row.kept for number, row in TABLE_10.items()}, workers)
+    end_to_end(job, dict.fromkeys(TABLE_10, 8), workers)
+    run = end_to_end(job, {number: row.kept for number, row in TABLE_10.items()}, workers)
     took = f"{run['cpu_s']:,.0f} CPU s, {run['wall_s']:,.0f} s, {run['parquet_mb']:,.0f} MB written"
     return [
         Row(f"dataset: all of Table 10, {workers} workers", took),

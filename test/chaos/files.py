@@ -31,7 +31,6 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import read_near_misses, write_near_misses
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.generate.verify import job_of
@@ -271,8 +270,7 @@ def _weights(folder: Path) -> Path:
 def _dataset(folder: Path) -> Path:
     """Two episodes of the rule-based pair; what is damaged is the description."""
     sections = load("stage3_generate", RULES)
-    values = sections.get(DatasetConfig, "dataset")
-    generate(job_from(sections), {1: 2}, folder / "dataset", values, lambda: simulators(job_from(sections), 8, 1))
+    generate(job_from(sections), {1: 2}, folder / "dataset", lambda: simulators(job_from(sections), 8, 1))
     return folder / "dataset" / DESCRIPTION
 
 

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from generate.small import CONFIG, NETWORK, TARGETS
+from generate.small import NETWORK, PARALLEL, TARGETS, UNIT
 
-from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.job import Job, job_from
 from vpsci_ros.generate.run import Generated, generate, simulators
 from vpsci_ros.policy.shapes import weight_shapes
@@ -58,8 +57,10 @@ def job(sections: Sections) -> Job:
 def make(job: Job) -> Callable[..., Generated]:
     """Generate into a folder: by so many workers, with other sizes of units and batches, for another job."""
 
-    def run(folder: Path, workers: int = 1, *, of: Job = job, config: DatasetConfig = CONFIG, **options: Any):
-        return generate(of, TARGETS, folder, config, lambda: simulators(of, config.parallel, workers), **options)
+    def run(
+        folder: Path, workers: int = 1, *, of: Job = job, unit: int = UNIT, parallel: int = PARALLEL, **options: Any
+    ):
+        return generate(of, TARGETS, folder, lambda: simulators(of, parallel, workers), unit=unit, **options)
 
     return run
 

@@ -1,8 +1,7 @@
 """How large the datasets of these tests are."""
 
-from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.policy.config import NetworkConfig
 
 NETWORK = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 TARGETS = {1: 12, 6: 12}
-CONFIG = DatasetConfig(keep_rejected=True, unit=8, parallel=40)
+UNIT, PARALLEL = 8, 40

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 from bags.collected import collected
-from generate.small import CONFIG, NETWORK
+from generate.small import NETWORK, UNIT
 
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
@@ -39,7 +39,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         {"world_simulator": world, "vehicle_policy": policy, "pedestrian_policy": policy, "dataset": dataset}
     )
     job = job_from(sections)
-    generate(job, {1: 12}, folder / "dataset", CONFIG, lambda: simulators(job, 40, 1))
+    generate(job, {1: 12}, folder / "dataset", lambda: simulators(job, 40, 1), unit=UNIT)
     return folder / "dataset"
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 import yaml
-from generate.small import CONFIG
+from generate.small import UNIT
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.generate.job import job_from
@@ -21,7 +21,7 @@ def crowd(tmp_path_factory: pytest.TempPathFactory) -> Path:
     anything = {"critical_ttc": 60.0, "least_frames": 1, "vehicle_distance": 0.0, "pedestrian_distance": 0.0}
     job = job_from(Sections({"world_simulator": world, "dataset": anything}))
     folder = tmp_path_factory.mktemp("crowd") / "dataset"
-    generate(job, {104: 4}, folder, CONFIG, lambda: simulators(job, 40, 1))
+    generate(job, {104: 4}, folder, lambda: simulators(job, 40, 1), unit=UNIT)
     return folder
 
 

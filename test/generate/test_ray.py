@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from generate.small import CONFIG, TARGETS
+from generate.small import TARGETS, UNIT
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput
@@ -47,6 +47,7 @@ def test_a_cluster_of_two_nodes_gives_the_same_bytes_though_one_of_them_dies(job
                 self.alive = False
             return found
 
-    generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: OneDies(partial(computing, job, 8), cluster.address, 2))
+    workers = partial(OneDies, partial(computing, job, 8), cluster.address, 2)
+    generate(job, TARGETS, tmp_path / "d", workers, unit=UNIT)
     cluster.shutdown()
     assert Dataset(tmp_path / "d").description == Dataset(made).description

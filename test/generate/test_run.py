@@ -15,13 +15,14 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from generate.small import CONFIG, TARGETS
+from generate.small import TARGETS, UNIT
 
 from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.job import Unit
 from vpsci_ros.generate.journal import FOLDER, RECORD
+from vpsci_ros.generate.plan import DatasetPlan
 from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.generate.simulate import Simulator, computing
 from vpsci_ros.runs.files import sha256, written_whole
@@ -47,8 +48,7 @@ class Stopped(Serial):
 
 
 def test_two_processes_and_other_units_and_batches_give_the_same_bytes(make, made, tmp_path) -> None:
-    other = dataclasses.replace(CONFIG, unit=21, parallel=8)
-    make(tmp_path / "other", 2, config=other)
+    make(tmp_path / "other", 2, unit=21, parallel=8)
     assert hashes(tmp_path / "other") == hashes(made)
 
 
@@ -75,11 +75,11 @@ def test_a_finished_dataset_that_lost_something_is_not_said_to_be_there(make, ma
 
 def test_a_run_that_was_stopped_goes_on_and_gives_the_same_bytes(job, make, made, tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(partial(computing, job, 64)))
+        generate(job, TARGETS, tmp_path / "d", lambda: Stopped(partial(computing, job, 64)), unit=UNIT)
     assert [path.name for path in (tmp_path / "d").iterdir()] == [FOLDER]
     assert len(list((tmp_path / "d" / FOLDER).glob("*.npz"))) == 2
-    resumed = make(tmp_path / "d", config=dataclasses.replace(CONFIG, unit=1000))  # goes on in the units of old
-    assert resumed.computed == make(tmp_path / "once").computed - 2 * CONFIG.unit
+    resumed = make(tmp_path / "d", unit=1000)  # goes on in the units of old
+    assert resumed.computed == make(tmp_path / "once").computed - 2 * UNIT
     assert hashes(tmp_path / "d") == hashes(made)
 
 
@@ -100,7 +100,7 @@ def test_a_run_that_ended_between_its_last_file_and_its_record_writes_the_record
 
 def test_a_unit_that_the_disk_has_damaged_is_computed_again(job, make, made, tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(partial(computing, job, 64)))
+        generate(job, TARGETS, tmp_path / "d", lambda: Stopped(partial(computing, job, 64)), unit=UNIT)
     part = next((tmp_path / "d" / FOLDER).glob("*.npz"))
     data = bytearray(part.read_bytes())
     data[len(data) // 2] ^= 1
@@ -120,7 +120,7 @@ def test_a_killed_worker_costs_nothing_but_time(job, made, tmp_path) -> None:
                 os.kill(self.pids[0], signal.SIGKILL)
             return found
 
-    generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Murdered(partial(computing, job, 8), 2))
+    generate(job, TARGETS, tmp_path / "d", lambda: Murdered(partial(computing, job, 8), 2), unit=UNIT)
     assert hashes(tmp_path / "d") == hashes(made)
 
 
@@ -169,7 +169,7 @@ def test_another_configuration_is_refused_naming_what_differs(job, make, made, t
     with pytest.raises(InvalidInput, match="holds a dataset with seed = 3, and this one has 4"):
         make(made, of=other)
     with pytest.raises(KeyboardInterrupt):
-        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Stopped(partial(computing, job, 64)))
+        generate(job, TARGETS, tmp_path / "d", lambda: Stopped(partial(computing, job, 64)), unit=UNIT)
     world = dataclasses.replace(job.world, release_time=0.5)
     with pytest.raises(InvalidInput, match=r"unfinished run with .*release_time = 5\.0, and this one has 0\.5"):
         make(tmp_path / "d", of=dataclasses.replace(job, world=world))
@@ -201,16 +201,17 @@ def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(
     writer = "simulate" if here else "journal"
     monkeypatch.setattr(f"vpsci_ros.generate.{writer}.written_whole", full)
     with pytest.raises(VpsciError, match=r"cannot write \(No space left on device\); .* the same command"):
-        generate(job, TARGETS, tmp_path / "d", CONFIG, lambda: Workers(partial(computing, job, 64)))
+        generate(job, TARGETS, tmp_path / "d", lambda: Workers(partial(computing, job, 64)), unit=UNIT)
     monkeypatch.undo()
     make(tmp_path / "d")
     assert hashes(tmp_path / "d") == hashes(made)
 
 
-def test_hopeless_filters_end_the_run_with_the_reason(job, tmp_path) -> None:
+def test_hopeless_filters_end_the_run_with_the_reason(job, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("vpsci_ros.generate.run.DatasetPlan", partial(DatasetPlan, give_up=1.0))
     strict = dataclasses.replace(job, filters=dataclasses.replace(job.filters, vehicle_distance=1000.0))
     with pytest.raises(VpsciError, match=r"0 of \d+ episodes passed the filters, 12 are wanted"):
-        generate(strict, TARGETS, tmp_path, dataclasses.replace(CONFIG, give_up=1.0), lambda: simulators(strict, 64, 1))
+        generate(strict, TARGETS, tmp_path, lambda: simulators(strict, 64, 1), unit=UNIT)
 
 
 def test_counts_add_up(made) -> None:

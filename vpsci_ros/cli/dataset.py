@@ -46,6 +46,7 @@ def generate(
     from vpsci_ros.generate.config import DatasetConfig
     from vpsci_ros.generate.job import job_from
     from vpsci_ros.generate.progress import ProgressOfRun
+    from vpsci_ros.generate.run import PARALLEL
     from vpsci_ros.generate.run import generate as run
     from vpsci_ros.runs.config import RunConfig
 
@@ -64,8 +65,8 @@ def generate(
     first = sections.get(RunConfig, "world_simulator").first_episode
     names = {s.number: s.name for s in job.scenarios}
     with stoppable(output), ProgressOfRun(names, quiet=quiet) as progress:
-        start = partial(_workers(ray, workers), job, values.parallel)
-        done = run(job, targets, output, values, start, first=first, report=progress.show)
+        start = partial(_workers(ray, workers), job, PARALLEL)
+        done = run(job, targets, output, start, first=first, report=progress.show)
     kept = sum(row["kept"] for row in done.description["scenarios"].values())
     print(f"{kept:,} episodes kept; written: {output}, described in README.md and dataset.json")
     if done.computed:

@@ -7,12 +7,9 @@ from vpsci_ros.parameters import parameter
 
 @dataclass(frozen=True)
 class DatasetConfig:
-    """Content and computation of a dataset; the same section has the bounds of its filters."""
+    """Content of a dataset; the same section has the bounds of its filters."""
 
     kept: int = parameter(
         0, "kept episodes wanted in each scenario; 0: the counts of Table 10", low=0, high=1_000_000_000
     )
     keep_rejected: bool = parameter(False, "write rejected episodes to the folder rejected/")
-    unit: int = parameter(1024, "episodes in one unit of work", low=1, high=1_000_000)
-    parallel: int = parameter(1024, "parallel episodes of one worker", low=1, high=65536)
-    give_up: float = parameter(100.0, "stop when this many times the wanted episodes were rejected", low=1.0, high=1e9)

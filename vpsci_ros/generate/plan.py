@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.generate.job import Unit
 
+GIVE_UP = 100.0  # times the wanted episodes that may be rejected
+
 
 class ScenarioPlan:
     """One scenario: its units, handed out and computed.
@@ -88,7 +90,7 @@ class DatasetPlan:
     :param give_up: rejected episodes, in multiples of the target, after which a scenario fails.
     """
 
-    def __init__(self, targets: Mapping[int, int], first: int, size: int, give_up: float) -> None:
+    def __init__(self, targets: Mapping[int, int], first: int, size: int, give_up: float = GIVE_UP) -> None:
         self.scenarios = {number: ScenarioPlan(number, target, first, size) for number, target in targets.items()}
         self._give_up = give_up
 
@@ -109,6 +111,6 @@ class DatasetPlan:
         if scenario.simulated - scenario.kept > self._give_up * scenario.target + 100:
             raise VpsciError(
                 f"scenario {scenario.scenario}: {scenario.kept} of {scenario.simulated} episodes passed the filters, "
-                f"{scenario.target} are wanted; loosen the filters, or raise give_up"
+                f"{scenario.target} are wanted; loosen the filters"
             )
         return scenario.hand_out()

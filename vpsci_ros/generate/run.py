@@ -16,7 +16,6 @@ from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.data.episode_block import EpisodeBlock
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.generate.config import DatasetConfig
 from vpsci_ros.generate.datasheet import datasheet
 from vpsci_ros.generate.job import Job, Unit
 from vpsci_ros.generate.journal import RECORD, Journal, journal_of
@@ -28,6 +27,8 @@ from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.record import write_record
 from vpsci_ros.runs.workers import Workers, computed, local_workers
 
+UNIT = 1024  # episodes in a unit of work; small datasets have smaller ones
+PARALLEL = 1024  # episodes that a worker simulates side by side
 Report = Callable[[DatasetPlan], None]
 
 
@@ -54,9 +55,9 @@ def generate(
     job: Job,
     targets: Mapping[int, int],
     folder: Path,
-    config: DatasetConfig,
     workers: Callable[[], Workers[Unit, tuple[int, bytes]]],
     *,
+    unit: int = UNIT,
     first: int = 0,
     report: Report | None = None,
 ) -> Generated:
@@ -68,6 +69,7 @@ def generate(
     :param targets: kept episodes wanted by scenario number.
     :param folder: must be new or empty, or hold the same run, unfinished or complete.
     :param workers: called to start workers when a unit is missing.
+    :param unit: most episodes in a unit of work of a new run.
     :param report: called after each unit.
     :raises InvalidInput: `folder` has another content, or this dataset, damaged; or another process uses it.
     :raises VpsciError: a scenario keeps almost no episode, workers die repeatedly, or the disk is full.
@@ -79,12 +81,12 @@ def generate(
     }
     versions = {"versions": software_versions()}
     begin = time.monotonic()
-    with journal_of(folder, run | versions, _unit(config, targets)) as journal:
+    with journal_of(folder, run | versions, min(unit, max(32, 2 * max(targets.values())))) as journal:
         if journal is None:
             description = read_json(folder / DESCRIPTION)
             _require_whole(folder, description)
             return Generated(description, 0, (0.0, 0.0))
-        plan = DatasetPlan(targets, first, journal.unit, config.give_up)
+        plan = DatasetPlan(targets, first, journal.unit)
         for scenario in plan.scenarios.values():
             _resume(scenario, journal)
         if not plan.complete:
@@ -99,7 +101,7 @@ def generate(
                 begun=begin,
                 results={"episodes_computed": computed, "seconds": {"simulating": seconds[0], "writing": seconds[1]}},
                 inputs={policy.file: policy.digest for policy in job.policies.values()},
-                facts={"unit": journal.unit, "parallel": config.parallel},
+                facts={"unit": journal.unit},
             )
         except OSError as error:
             raise VpsciError(
@@ -120,11 +122,6 @@ def _require_whole(folder: Path, description: Mapping[str, Any]) -> None:
             f"{folder}: the dataset was finished, and {', '.join(lost)} {'are' if len(lost) > 1 else 'is'} missing or "
             "changed since; `vpsci dataset verify` says what; delete the folder to generate it again"
         )
-
-
-def _unit(config: DatasetConfig, targets: Mapping[int, int]) -> int:
-    """Return the size of a unit, smaller for small datasets."""
-    return min(config.unit, max(32, 2 * max(targets.values())))
 
 
 def _resume(scenario: ScenarioPlan, journal: Journal) -> None:
