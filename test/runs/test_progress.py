@@ -20,7 +20,7 @@ def test_a_command_that_has_nothing_new_to_say_says_what_is_left(capsys) -> None
         bars.bar("measuring", 0, 4)
         bars.bar("measuring", 2, 4)
         said = ""
-        while "s gone, some 10" not in said:  # the limit of every test ends what never comes
+        while "s left" not in said:  # the limit of every test ends what never comes
             said += capsys.readouterr().err
     assert said.startswith("  measuring; a line every 0.5 s says how long it still takes\n")
 

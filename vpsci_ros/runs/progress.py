@@ -34,6 +34,7 @@ class Bars:
         self._begun = self._said = time.monotonic()
         self._tasks: dict[str, TaskID] = {}
         self._shares: dict[str, tuple[float, float, float]] = {}  # done at first and now, wanted, by name
+        self._lasts = 0.0  # [s] in all, by the share that was done when it last grew; 0: not known
         self._text, self._over = title, threading.Event()
         self._progress = Progress(
             TextColumn("{task.description}"),
@@ -67,9 +68,7 @@ class Bars:
 
     def _times(self) -> str:
         gone = time.monotonic() - self._begun
-        wanted = sum(total - first for first, _, total in self._shares.values())
-        share = sum(done - first for first, done, _ in self._shares.values()) / wanted if wanted > 0.0 else 0.0
-        left = f", some {_duration(gone * (1.0 / share - 1.0))} left" if 0.0 < share < 1.0 else ""
+        left = f", some {_duration(self._lasts - gone)} left" if self._lasts > gone else ""
         return f"{_duration(gone)} gone{left}"
 
     def bar(self, name: str, done: float, total: float | None, note: str = "") -> None:
@@ -79,6 +78,9 @@ class Bars:
             self._tasks[name] = self._progress.add_task(name, total=total, **fields)
         if total is not None:
             self._shares[name] = (self._shares.get(name, (done, done, total))[0], done, total)
+            wanted = sum(total - first for first, _, total in self._shares.values())
+            made = sum(done - first for first, done, _ in self._shares.values())
+            self._lasts = (time.monotonic() - self._begun) * wanted / made if 0.0 < made < wanted else 0.0
         self._progress.update(self._tasks[name], completed=done, total=total, **fields)
 
     def clear(self) -> None:

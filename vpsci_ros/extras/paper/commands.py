@@ -238,15 +238,12 @@ def paper(
     --run; what is missing is named on the page, with the command that makes
     it. Leaves paper.html, paper.json and figure_N.png.
     """
-    from rich.console import Console
-
     from vpsci_ros.extras.paper.studies.paper import PAGE, write_paper
     from vpsci_ros.runs.output_folder import output_folder
+    from vpsci_ros.runs.progress import Bars
 
-    with output_folder(output), Console(stderr=True, quiet=quiet).status("reading") as status:
-        missing = write_paper(
-            dataset, output, near_misses=near_misses, rules=rules, runs=runs or (), notify=status.update
-        )
+    with output_folder(output), Bars("reading", quiet=quiet) as bars:
+        missing = write_paper(dataset, output, near_misses=near_misses, rules=rules, runs=runs or (), notify=bars.line)
     for name, command in missing.items():
         print(f"not given: {name.replace('_', ' ')} ({command})")
     print(f"written: {output / PAGE}; paper.json and figure_N.png beside it")

@@ -45,17 +45,16 @@ def report(
         --set world_simulator.vehicle_driver=autopilot
         --set world_simulator.pedestrian_driver=autopilot
     """
-    from rich.console import Console
-
     from vpsci_ros.extras.paper.section_4.page import PAGE, VIEW, sources_of_report, write_report
     from vpsci_ros.runs.output_folder import output_folder
+    from vpsci_ros.runs.progress import Bars
     from vpsci_ros.view.page import write_view
     from vpsci_ros.view.sources import read_source
 
     folder_of_report = output or folder / "report"
-    with output_folder(folder_of_report), Console(stderr=True, quiet=quiet).status("reading") as status:
-        write_report(folder, folder_of_report, near_misses=near_misses, beside=beside, view=VIEW, notify=status.update)
-        status.update("gathering episodes")
+    with output_folder(folder_of_report), Bars("reading", quiet=quiet) as bars:
+        write_report(folder, folder_of_report, near_misses=near_misses, beside=beside, view=VIEW, notify=bars.line)
+        bars.line("gathering episodes")
         inputs = sources_of_report(folder, near_misses, beside)
         shown = [replace(read_source(path), key=key, title=title) for key, title, path in inputs]
         write_view(folder_of_report / VIEW, shown, f"Episodes of {folder}")
