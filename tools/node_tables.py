@@ -12,7 +12,6 @@ from pathlib import Path
 
 from vpsci_ros.cli.parameter_file import ELSEWHERE
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
-from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.data.parquet import Column
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.generate.config import DatasetConfig
@@ -43,7 +42,8 @@ PARAMETERS = """# Parameters
 them; `--set NODE.NAME=VALUE`, `vpsci node NODE --ros-args -p NAME:=VALUE` and `ros2 run` override them. An unknown
 name, a wrong type, a value out of range, or a name that the stage does not read ends the command with a message. A
 dot marks a group, which a file may write as a mapping (`noise: {start: 0.1}`). The section `/**` holds what several
-nodes have. "(running)": may be set while the node runs.
+nodes have. "(running)": may be set while the node runs. What is not here is a constant with its source
+(`constant(...)` in each room's `config.py`), which Python alone sets.
 """
 
 NOTES = """
@@ -91,7 +91,7 @@ def page() -> str:
 GROUPS: dict[str, tuple[str, tuple[type, ...]]] = {
     "Simulated episodes and datasets": (
         "What happens in a simulated episode, and which episodes a dataset keeps.",
-        (RunConfig, WorldConfig, PolicyConfig, MonitorConfig, DatasetConfig, FilterConfig),
+        (RunConfig, WorldConfig, PolicyConfig, MonitorConfig, DatasetConfig),
     ),
     "Exams of a driving system": (
         "With which pedestrians a driving system is tested, what it perceives, and how its commands are used.",

@@ -1,16 +1,19 @@
 """Parameters as one table: a frozen dataclass per room, declared once, read from ROS 2 parameter files.
 
-A configuration class lists its fields with `parameter(...)`; a field whose type is another configuration class is a
-group, and its parameters are named with a dot (`noise.start`), as ROS 2 names nested ones. The same fields are checked
-here when a YAML file is read (`build`), declared on nodes, and printed in docs/parameters.md, so that name, default,
-unit and range are written down exactly once. Parameter files have the layout of ROS 2, so that the same file serves
-`ros2 run ... --ros-args --params-file FILE`, `vpsci graph --params FILE` and the commands that run in process.
+A configuration class lists its fields with `parameter(...)`, and with `constant(...)` those that only Python sets: a
+constant is recorded and checked as a parameter is, but no node declares it and no parameter file has it. A field whose
+type is another configuration class is a group, and its parameters are named with a dot (`noise.start`), as ROS 2 names
+nested ones. The same fields are checked here when a YAML file is read (`build`), declared on nodes, and printed in
+docs/parameters.md, so that name, default, unit and range are written down exactly once. Parameter files have the layout
+of ROS 2, so that the same file serves `ros2 run ... --ros-args --params-file FILE`, `vpsci graph --params FILE` and the
+commands that run in process.
 """
 
 import dataclasses
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -25,7 +28,7 @@ _TYPES = (bool, int, float, str, list[int], list[float], list[str])
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """One row of a parameter table: name, default, description, unit, inclusive range, choices, read-only."""
+    """One row of a parameter table: name, default, description, unit, inclusive range, choices, read-only, constant."""
 
     name: str
     type: Any
@@ -36,6 +39,7 @@ class Parameter:
     high: float | None
     choices: tuple[str, ...] | None
     read_only: bool
+    constant: bool
 
     def check(self, value: Any, where: str) -> Any:
         """Return `value` in the parameter's type.
@@ -79,6 +83,7 @@ def parameter(
     high: float | None = None,
     choices: tuple[str, ...] | None = None,
     read_only: bool = True,
+    constant: bool = False,
 ) -> Any:
     """Declare a configuration field that is also a ROS 2 parameter; a list default is given as a list."""
     metadata = {
@@ -88,20 +93,30 @@ def parameter(
         "high": high,
         "choices": choices,
         "read_only": read_only,
+        "constant": constant,
     }
     if isinstance(default, list):
         return dataclasses.field(default_factory=lambda: list(default), metadata=metadata, hash=False)
     return dataclasses.field(default=default, metadata=metadata)
 
 
+constant = partial(parameter, constant=True)
+"""Declare a configuration field that only Python sets; its description gives the source of the value."""
+
+
 def table(config: type) -> list[Parameter]:
     """Return the parameter table of a configuration class, in the order of its fields, those of its groups in place."""
+    return [row for row in with_constants(config) if not row.constant]
+
+
+def with_constants(config: type) -> list[Parameter]:
+    """Return the parameter table of a configuration class and its constants."""
     hints = get_type_hints(config)
     rows = []
     for field in dataclasses.fields(config):
         kind = hints[field.name]
         if dataclasses.is_dataclass(kind):
-            group = table(kind)  # type: ignore[arg-type]
+            group = with_constants(kind)  # type: ignore[arg-type]
             rows += [dataclasses.replace(row, name=f"{field.name}.{row.name}") for row in group]
             continue
         if kind not in _TYPES:
@@ -113,6 +128,11 @@ def table(config: type) -> list[Parameter]:
 
 
 def values_of(*configs: Any) -> dict[str, Any]:
+    """Return the values of configuration objects by the names of their parameters and constants."""
+    return {row.name: attrgetter(row.name)(config) for config in configs for row in with_constants(type(config))}
+
+
+def settings_of(*configs: Any) -> dict[str, Any]:
     """Return the values of configuration objects by the names of their parameters."""
     return {row.name: attrgetter(row.name)(config) for config in configs for row in table(type(config))}
 
@@ -123,7 +143,7 @@ def build(config: type[T], values: Mapping[str, Any], where: str) -> T:
     :param where: what the values come from ("params/x.yaml, node learner"), the opening of each error message.
     :raises InvalidInput: an unknown key, a wrong type, a value out of range, or fields that contradict each other.
     """
-    rows = {row.name: row for row in table(config)}
+    rows = {row.name: row for row in with_constants(config)}
     refuse_unknown(values, rows, where)
     checked = {name: rows[name].check(value, where) for name, value in values.items()}
     try:
@@ -134,7 +154,7 @@ def build(config: type[T], values: Mapping[str, Any], where: str) -> T:
 
 def pick(config: type[T], values: Mapping[str, Any], where: str) -> T:
     """Build one of a section's configuration classes from the section's values."""
-    names = {row.name for row in table(config)}
+    names = {row.name for row in with_constants(config)}
     return build(config, {name: value for name, value in values.items() if name in names}, where)
 
 
@@ -204,15 +224,19 @@ def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
 
 
 def check_sections(
-    sections: Mapping[str, Mapping[str, Any]], configs: Mapping[str, tuple[type, ...]], where: str | Path
+    sections: Mapping[str, Mapping[str, Any]],
+    configs: Mapping[str, tuple[type, ...]],
+    where: str | Path,
+    rows_of: Callable[[type], list[Parameter]] = table,
 ) -> dict[str, dict[str, Any]]:
     """Return the checked values of every section in `configs`, those of `/**` merged in where they belong.
 
     :param configs: section (node) name -> the configuration classes whose fields the section may hold.
     :param where: what the sections come from, the opening of each error message.
+    :param rows_of: `with_constants` for values that a program has recorded.
     :raises InvalidInput: an unknown section or key, wrong types or ranges.
     """
-    known = {name: {row.name: row for config in classes for row in table(config)} for name, classes in configs.items()}
+    known = {name: {row.name: row for kind in kinds for row in rows_of(kind)} for name, kinds in configs.items()}
     everywhere = {key: row for rows in known.values() for key, row in rows.items()}
     checked: dict[str, dict[str, Any]] = {}
     for name, values in sections.items():

@@ -119,7 +119,7 @@ def test_every_parameter_file_of_the_package_is_accepted(path: Path) -> None:
 def test_pretraining_writes_weights_that_evaluation_reads(
     vpsci: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
 ) -> None:
-    small = [f"learner.{name}" for name in ("episodes=2", "replay.batch_size=16", "evaluate_every=2")]
+    small = [f"learner.{name}" for name in ("episodes=2", "replay.batch_size=16")]
     from synthetic import synthetic_near_misses
 
     from vpsci_ros.data.near_misses import write_near_misses

@@ -23,7 +23,6 @@ SMALL_STAGE_1 = {
     "stage": "pretrain",
     "episodes": 2,
     "replay.batch_size": 16,
-    "evaluate_every": 2,
 }
 SMALL_NETWORK = {"hidden": 16, "heads": 2, "key_dimension": 8}
 SMALL_STAGE_2 = {
@@ -106,7 +105,7 @@ def test_the_bag_of_stage_one_holds_the_learners_parameters_and_says_why_there_i
     first: GraphResult,
 ) -> None:
     parameters = bag_run(Bag(first.bag)).parameters["learner"]
-    assert (parameters["stage"], parameters["evaluate_every"]) == ("pretrain", 2)
+    assert (parameters["stage"], parameters["replay.batch_size"]) == ("pretrain", 16)
     with pytest.raises(InvalidInput, match="of stage 1, in which a learner reads a table and nothing is simulated"):
         verify_bag(first.bag)
     said = (first.folder / "log" / "recorder.log").read_text()

@@ -19,7 +19,7 @@ from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.recorded import recorded_from_bag
 from vpsci_ros.bags.run_record import BagRun, bag_run
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import pick, refuse_unknown, table
+from vpsci_ros.parameters import pick, refuse_unknown, with_constants
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.config import PolicyConfig
@@ -133,7 +133,7 @@ class _Simulation:
                 f"{self._where}: it does not hold the parameters of the nodes, so no recorder of vpsci_ros wrote it"
             )
         for node, kinds in RECORDED.items():
-            known = {row.name: row for kind in (PeerConfig, *kinds) for row in table(kind)} | {"queue": None}
+            known = {row.name: row for kind in (PeerConfig, *kinds) for row in with_constants(kind)} | {"queue": None}
             refuse_unknown(run.parameters.get(node, {}), known, f"{self._where}: {node}")
         if (engine := pick(EngineConfig, world, "world_simulator").engine) != "vpsci":
             raise InvalidInput(
@@ -273,8 +273,6 @@ def _compare(where: str, message: Any, simulated: Fields, result: VerifiedBag) -
     """Return the first field in which a message differs from what was simulated, empty for none."""
     for name, values in simulated.items():
         recorded: Any = getattr(message, name, None)
-        if recorded is None and name in layout.NUMBERS:
-            continue  # recorded before states had them
         if values is None:
             return f"{where}: the policy answered, but not when simulated again"
         again = np.ascontiguousarray(values).astype(recorded.dtype)

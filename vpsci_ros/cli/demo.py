@@ -30,7 +30,6 @@ SMALL: dict[str, dict[str, dict[str, Any]]] = {
     "stage1_pretrain.yaml": {
         "learner": {
             "episodes": 100,
-            "evaluate_every": 50,
             "hidden": 64,
             "layers": 1,
             "heads": 4,

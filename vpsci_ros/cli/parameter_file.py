@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.documents import parse_yaml
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.config import ExamConfig
@@ -47,7 +46,7 @@ STAGES = {
         "stage 1 (learner.stage: pretrain)", _sections("graph", "recorder") | {"learner": LEARNER["pretrain"]}
     ),
     "refine": Stage("stage 2 (learner.stage: refine)", _sections(*SIMULATION) | {"learner": LEARNER["refine"]}),
-    "generate": Stage("stage 3", _sections(*SIMULATION) | {"dataset": (DatasetConfig, FilterConfig)}),
+    "generate": Stage("stage 3", _sections(*SIMULATION) | {"dataset": (DatasetConfig,)}),
     "exam": Stage("the exam", _sections(*SIMULATION) | {"ads_test": (ExamConfig,)}, sets=EXAM_SETS),
 }
 ELSEWHERE = (*STAGES.values(), Stage("the node replayer by itself", _sections("replayer")))

@@ -8,7 +8,7 @@ import polars as pl
 from vpsci_ros.data.near_misses import corpus_files, load_corpus
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig, require_learnable
-from vpsci_ros.parameters import values_of
+from vpsci_ros.parameters import settings_of
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation import SimulationConfig, simulation_of
 from vpsci_ros.policy.weights import Weights, load_weights
@@ -59,9 +59,9 @@ def stage_2_inputs(sections: Sections) -> Stage2Inputs:
     start = weights_path(sections.get(StartConfig, "learner").weights)
     resolved = {
         "learner": _without_output(learner, sections.get(StartConfig, "learner"), config),
-        "world_simulator": values_of(sections.get(RunConfig, "world_simulator"), simulation.world),
-        "safety_monitor": values_of(simulation.monitor),
-    } | {f"{agent}_policy": values_of(policy) for agent, policy in simulation.policies.items()}
+        "world_simulator": settings_of(sections.get(RunConfig, "world_simulator"), simulation.world),
+        "safety_monitor": settings_of(simulation.monitor),
+    } | {f"{agent}_policy": settings_of(policy) for agent, policy in simulation.policies.items()}
     files: list[str | Path] = [*corpus_files(learner.near_misses), start]
     return Stage2Inputs(learner, config, simulation, load_weights(start), _corpus(learner), files, Sections(resolved))
 
@@ -93,4 +93,4 @@ def _corpus(learner: LearnerConfig) -> pl.DataFrame:
 
 def _without_output(*configs: object) -> dict[str, object]:
     """Return the values of the learner's section without the output folder, no part of a run's identity."""
-    return {name: value for name, value in values_of(*configs).items() if name != "output"}
+    return {name: value for name, value in settings_of(*configs).items() if name != "output"}

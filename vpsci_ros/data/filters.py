@@ -12,7 +12,7 @@ import numpy as np
 from numba import float64
 
 from vpsci_ros.data.episode_block import KEPT, QUANTITIES, EpisodeBlock
-from vpsci_ros.parameters import parameter
+from vpsci_ros.parameters import constant
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.compiled import kernel
 
@@ -25,21 +25,21 @@ _TTC = QUANTITIES.index("CurvTTC")
 class FilterConfig:
     """The bounds of the four conditions; the defaults are the paper's."""
 
-    critical_ttc: float = parameter(
+    critical_ttc: float = constant(
         CRITICAL_TTC, "keep episodes whose least CurvTTC is below", unit="s", low=0.0, high=60.0
     )
-    missing_frames: int = parameter(
+    missing_frames: int = constant(
         10, "drop episodes with this many frames in a row without velocities", low=1, high=1000
     )
-    least_frames: int = parameter(100, "keep episodes of at least this many frames", low=1, high=100_000)
-    vehicle_distance: float = parameter(
+    least_frames: int = constant(100, "keep episodes of at least this many frames", low=1, high=100_000)
+    vehicle_distance: float = constant(
         10.0,
         "keep episodes whose last vehicle position is further than this from the first",
         unit="m",
         low=0.0,
         high=1e4,
     )
-    pedestrian_distance: float = parameter(4.0, "likewise for the pedestrian", unit="m", low=0.0, high=1e4)
+    pedestrian_distance: float = constant(4.0, "likewise for the pedestrian", unit="m", low=0.0, high=1e4)
 
 
 def apply_filters(block: EpisodeBlock, config: FilterConfig) -> EpisodeBlock:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import parameter
+from vpsci_ros.parameters import constant, parameter
 from vpsci_ros.policy.agent_types import AGENT_TYPES
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.safety import CONFLICT_TTC
@@ -73,14 +73,14 @@ class ExamConfig:
     silent_ticks: int = parameter(
         20, "an ADS that gives no usable command for so many ticks in a row has failed", low=1, high=1_000_000
     )
-    surplus_limit: int = parameter(
+    surplus_limit: int = constant(
         100, "an ADS that sends more commands a tick than this, beyond the first, has failed: it floods",
         low=1, high=1_000_000,
     )  # fmt: skip
-    conflict: float = parameter(
+    conflict: float = constant(
         CONFLICT_TTC, "an episode is a conflict where CurvTTC falls below (section 4.5)", unit="s", low=0.0, high=10.0
     )
-    hard_braking: float = parameter(
+    hard_braking: float = constant(
         3.5,
         "braking harder than this is hard: just above the 3.4 m/s2 that AASHTO's Policy on Geometric Design takes most "
         "drivers to be comfortable with",

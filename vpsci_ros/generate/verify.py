@@ -21,7 +21,7 @@ from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes, joined
 from vpsci_ros.documents import reason, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import RECORDED, Job, Unit, job_from
-from vpsci_ros.parameters import check_sections
+from vpsci_ros.parameters import check_sections, with_constants
 from vpsci_ros.runs.files import changed_files
 from vpsci_ros.runs.provenance import cpu_name
 from vpsci_ros.runs.sections import Sections
@@ -158,7 +158,7 @@ def job_of(data: Dataset) -> Job:
     """
     where, description = data.folder / DESCRIPTION, data.description
     try:
-        recorded = check_sections(dict(description["configuration"]), RECORDED, where)
+        recorded = check_sections(dict(description["configuration"]), RECORDED, where, with_constants)
         sections = Sections(recorded).changed("world_simulator", {"seed": description["seed"]})
         stored = description["weights"]
         weights = {agent: data.folder / entry["file"] for agent, entry in stored.items()}

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import parameter
+from vpsci_ros.parameters import constant, parameter
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import AGENTS
 
@@ -47,9 +47,9 @@ class UpdatesConfig:
 
     actor_learning_rate: float = parameter(1e-4, "step size of the actors", low=0.0, high=1.0)
     critic_learning_rate: float = parameter(2e-4, "step size of the critics", low=0.0, high=1.0)
-    discount: float = parameter(0.99, "discount factor", low=0.0, high=1.0)
-    target_update_rate: float = parameter(0.01, "soft update rate of the target networks", low=0.0, high=1.0)
-    importance_temperature: float = parameter(
+    discount: float = constant(0.99, "discount factor", low=0.0, high=1.0)
+    target_update_rate: float = constant(0.01, "soft update rate of the target networks", low=0.0, high=1.0)
+    importance_temperature: float = constant(
         100.0, "tau of (5), in units of the reward; the paper gives none", low=1e-3, high=1e9
     )
 
@@ -61,8 +61,8 @@ class UpdatesConfig:
 class SpeedRewardsConfig:
     """The speed rewards (14) and (15) in stage 1."""
 
-    speed_scaling: float = parameter(100.0, "factor on the speed rewards (14) and (15)", low=0.0, high=1e6)
-    least_speed_deviation: float = parameter(
+    speed_scaling: float = constant(100.0, "factor on the speed rewards (14) and (15)", low=0.0, high=1e6)
+    least_speed_deviation: float = constant(
         0.9,
         "lower bound of the deviations in (14) and (15), ours: a turning car's sideways speed varies by 0.04 m/s only, "
         "which would drown all else; 0.001: none, as printed",
@@ -91,8 +91,8 @@ class PretrainConfig:
         "clips kept out of training, as source/clip or how that begins, e.g. cqut-pvi/dev/; where the near misses hold "
         "none of them, the share is",
     )
-    evaluate_every: int = parameter(100, "iterations from one held-out error to the next", low=1, high=1_000_000)
-    checkpoint_every: int = parameter(500, "iterations from one checkpoint to the next", low=1, high=1_000_000)
+    evaluate_every: int = constant(100, "iterations from one held-out error to the next", low=1, high=1_000_000)
+    checkpoint_every: int = constant(500, "iterations from one checkpoint to the next", low=1, high=1_000_000)
     replay: ReplayConfig = ReplayConfig()
     updates: UpdatesConfig = UpdatesConfig()
     rewards: SpeedRewardsConfig = SpeedRewardsConfig()
@@ -105,12 +105,12 @@ class PretrainConfig:
 class OnlineReplayConfig(ReplayConfig):
     """The replay buffer of stage 2."""
 
-    capacity: int = parameter(
+    capacity: int = constant(
         10000, "steps at which the policies acted that the replay buffer holds", low=1, high=10_000_000
     )
-    priority_exponent: float = parameter(0.6, "alpha of the sampling probabilities (17)", low=0.0, high=2.0)
-    real_bonus: float = parameter(0.2, "beta of (17): extra priority of real experience", low=0.0, high=100.0)
-    real_share: float = parameter(0.3, "share of the buffer that real experience keeps", low=0.0, high=0.9)
+    priority_exponent: float = constant(0.6, "alpha of the sampling probabilities (17)", low=0.0, high=2.0)
+    real_bonus: float = constant(0.2, "beta of (17): extra priority of real experience", low=0.0, high=100.0)
+    real_share: float = constant(0.3, "share of the buffer that real experience keeps", low=0.0, high=0.9)
 
 
 @dataclass(frozen=True)
@@ -125,12 +125,12 @@ class RewardsConfig:
     """The rewards of stage 2 (25)-(28)."""
 
     collision: float = parameter(-200.0, "C_collision of (25)", low=-1e6, high=0.0)
-    goal: float = parameter(100.0, "C_goal of (26)", low=0.0, high=1e6)
-    speed_scaling: float = parameter(100.0, "factor on the speed reward", low=0.0, high=1e6)
-    weights: list[float] = parameter(
+    goal: float = constant(100.0, "C_goal of (26)", low=0.0, high=1e6)
+    speed_scaling: float = constant(100.0, "factor on the speed reward", low=0.0, high=1e6)
+    weights: list[float] = constant(
         [], "fixed w_1 (collision), w_2 (goal), w_3 (speed) of (27); empty: adaptive by (28)", low=0.0, high=1.0
     )
-    weight_temperature: float = parameter(
+    weight_temperature: float = constant(
         1e-4, "lambda of the adaptive weights (28); the paper gives none", low=0.0, high=10.0
     )
 
@@ -144,7 +144,7 @@ class RefreshConfig:
     """What stage 2 gives the policies to act by."""
 
     updates: int = parameter(50, "updates between two refreshes of the policies", low=1, high=1_000_000)
-    held_out_fraction: float = parameter(
+    held_out_fraction: float = constant(
         0.2, "share of near misses, by whole clips, for the held-out error; take that of stage 1", low=0.0, high=0.9
     )
 
@@ -153,10 +153,10 @@ class RefreshConfig:
 class ConvergenceConfig:
     """When stage 2 has converged (section 4.1)."""
 
-    gradient_tolerance: float = parameter(
+    gradient_tolerance: float = constant(
         1e-4, "converged where the policy gradient's norm stays below", low=0.0, high=1.0
     )
-    episodes: int = parameter(100, "for so many episodes in a row", low=1, high=1_000_000)
+    episodes: int = constant(100, "for so many episodes in a row", low=1, high=1_000_000)
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ def flood(counts: WorldCounts, limit: int, *, late: bool) -> str:
     if surplus > max(limit * (ticks + 1), LEAST_FLOOD):
         return (
             f"the ADS floods: {surplus} commands beyond the first one of a tick in {ticks} ticks, more than "
-            f"{limit} a tick (ads_test.surplus_limit)"
+            f"{limit} a tick"
         )
     if late and ticks == 0 and early > LEAST_FLOOD:
         return f"the ADS floods: {early} commands before the first tick, which never came"

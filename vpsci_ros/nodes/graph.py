@@ -27,7 +27,7 @@ from vpsci_ros.nodes.domain import only_graph, require_security
 from vpsci_ros.nodes.shared_memory import remove_left_behind
 from vpsci_ros.nodes.status import PIPE, NodeStatus, StatusPipe
 from vpsci_ros.nodes.watch import Watch
-from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, table, values_of
+from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, settings_of, table
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig
@@ -164,7 +164,7 @@ def resolve(sections: Sections, folder: Path) -> Sections:
     graph = sections.get(GraphConfig, "graph")
     if "world_simulator" not in graph.nodes and "learner" not in graph.nodes:
         raise InvalidInput(f"graph.nodes = {graph.nodes}: expected world_simulator or learner among them, to lead")
-    resolved = {"graph": values_of(graph)}
+    resolved = {"graph": settings_of(graph)}
     for node in graph.nodes:
         values = {**sections.values.get(node, {}), "peers": list(graph.nodes)}
         if node == "recorder":
@@ -173,7 +173,7 @@ def resolve(sections: Sections, folder: Path) -> Sections:
             values["output"] = str(folder / "learner")
         kinds = section_classes(node, values)
         refuse_unknown(values, {row.name: row for kind in kinds for row in table(kind)}, node)
-        resolved[node] = values_of(*(pick(kind, values, node) for kind in kinds))
+        resolved[node] = settings_of(*(pick(kind, values, node) for kind in kinds))
     chosen = Sections(resolved)
     if "world_simulator" in resolved and resolved.get("learner", {}).get("stage") == "refine":
         require_learnable(chosen.get(WorldConfig, "world_simulator"))

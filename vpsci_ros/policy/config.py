@@ -6,7 +6,7 @@ Where the paper's Table 8 gives a value, it is the default.
 from dataclasses import dataclass
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import parameter
+from vpsci_ros.parameters import constant, parameter
 
 SST = "sst"
 ACTOR_HIDDEN, CRITIC_HIDDEN = (64, 64), (64, 64)  # two hidden layers of an actor, and of a critic after both branches
@@ -27,11 +27,11 @@ class NetworkConfig:
     layers: int = parameter(2, "SST layers", low=1, high=8)
     heads: int = parameter(8, "attention heads", low=1, high=64)
     key_dimension: int = parameter(32, "keys and queries of one head; heads * key_dimension = hidden", low=1, high=256)
-    attention_window: int = parameter(10, "steps that attention looks back over, this one included", low=1, high=64)
+    attention_window: int = constant(10, "steps that attention looks back over, this one included", low=1, high=64)
     risk_input: bool = parameter(
         False, "CurvTTC's risk enters the networks with the observation, and does not only gate their attention"
     )
-    action_limit: float = parameter(
+    action_limit: float = constant(
         5.0, "accelerations are clipped to plus and minus this, in training, too", unit="m/s2", low=0.1, high=50.0
     )
 
@@ -48,8 +48,8 @@ class NoiseConfig:
     """The exploration noise N(t) = N_0 exp(-beta t) + N_min (16)."""
 
     start: float = parameter(0.06, "N_0 of (16)", unit="of the action limit", low=0.0, high=2.0, read_only=False)
-    decay: float = parameter(0.001, "beta of (16), per training episode", low=0.0, high=1.0, read_only=False)
-    floor: float = parameter(0.01, "N_min of (16)", unit="of the action limit", low=0.0, high=2.0, read_only=False)
+    decay: float = constant(0.001, "beta of (16), per training episode", low=0.0, high=1.0)
+    floor: float = constant(0.01, "N_min of (16)", unit="of the action limit", low=0.0, high=2.0)
 
 
 @dataclass(frozen=True)

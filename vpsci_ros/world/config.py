@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import parameter
+from vpsci_ros.parameters import constant, parameter
 from vpsci_ros.world.crowd import MOST, CrowdConfig
 from vpsci_ros.world.kinds import KindMixture
 
@@ -45,10 +45,10 @@ class WorldConfig:
         low=0.0,
         high=1.0,
     )
-    walk_on: bool = parameter(
+    walk_on: bool = constant(
         True, "a pedestrian who has reached the goal walks on, out of the scene; false: it stands there"
     )
-    proximity_distance: float = parameter(
+    proximity_distance: float = constant(
         4.0, "the autopilot brakes fully for a pedestrian this near ahead of its front", unit="m", low=0.0, high=50.0
     )
     lane_following: bool = parameter(

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import parameter
+from vpsci_ros.parameters import constant, parameter
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_CROWD, draw, normal_pair, unit
@@ -41,9 +41,9 @@ class CrowdConfig:
     sizes: list[float] = parameter(
         [], "parts of the episodes with 1, 2, ... pedestrians; empty: all have `pedestrians`", low=0.0, high=1e6
     )
-    group: float = parameter(0.7, "share of the further ones who walk with the first one", low=0.0, high=1.0)
-    opposite: float = parameter(0.14, "share who come from the other side", low=0.0, high=1.0)
-    follower: float = parameter(
+    group: float = constant(0.7, "share of the further ones who walk with the first one", low=0.0, high=1.0)
+    opposite: float = constant(0.14, "share who come from the other side", low=0.0, high=1.0)
+    follower: float = constant(
         0.06, "share who wait at the kerb and step off because the first one did", low=0.0, high=1.0
     )
 

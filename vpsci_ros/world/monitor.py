@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.parameters import parameter
+from vpsci_ros.parameters import constant, parameter
 from vpsci_ros.safety import (
     CRITICAL_TTC,
     HORIZON,
@@ -30,10 +30,10 @@ _PAIR = (
 class MonitorConfig:
     """The threshold of critical, between the simulated Model 3 and a pedestrian's disc."""
 
-    critical_threshold: float = parameter(
+    critical_threshold: float = constant(
         CRITICAL_TTC, "an episode is critical below this CurvTTC", unit="s", low=0.0, high=60.0
     )
-    horizon: float = parameter(HORIZON, "time of prediction", unit="s", low=0.1, high=60.0)
+    horizon: float = constant(HORIZON, "time of prediction", unit="s", low=0.1, high=60.0)
     method: str = parameter("footprint", "definition of CurvTTC", choices=("footprint", "center"))
 
 

@@ -19,7 +19,7 @@ from numba import uint64
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import parameter
+from vpsci_ros.parameters import constant, parameter
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_PERCEPTION, draw, normal_pair, unit
 from vpsci_ros.world.parked import EYE_FORWARD, Parked, visible
@@ -68,15 +68,15 @@ class PerceptionConfig:
     )  # fmt: skip
     position_noise: float = parameter(0.0, "standard deviation of x and of y", unit="m", low=0.0, high=10.0)
     velocity_noise: float = parameter(0.0, "standard deviation of vx and of vy", unit="m/s", low=0.0, high=10.0)
-    noise_time: float = parameter(1.0, "correlation time of the noise; 0: none", unit="s", low=0.0, high=60.0)
+    noise_time: float = constant(1.0, "correlation time of the noise; 0: none", unit="s", low=0.0, high=60.0)
     missed: float = parameter(0.0, "share of frames that miss a visible pedestrian", low=0.0, high=1.0)
     latency: float = parameter(
         0.0, "delay of published objects, in whole ticks; the stamp is the time of sight",
         unit="s", low=0.0, high=2.0,
     )  # fmt: skip
     lost_rate: float = parameter(0.0, "rate of losing a track", unit="1/s", low=0.0, high=10.0)
-    lost_time: float = parameter(0.5, "time until a lost pedestrian is found again", unit="s", low=0.05, high=60.0)
-    swap_rate: float = parameter(
+    lost_time: float = constant(0.5, "time until a lost pedestrian is found again", unit="s", low=0.05, high=60.0)
+    swap_rate: float = constant(
         0.0, "rate of changing a track's number: swapped with another one, or a new one",
         unit="1/s", low=0.0, high=10.0,
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import parameter
+from vpsci_ros.parameters import constant, parameter
 from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.events import NO_EVENTS
 from vpsci_ros.world.state import EPISODE, EVENT, RUNNING, SAFE_STOP
@@ -38,8 +38,8 @@ class ExternalConfig:
         high=60.0,
         read_only=False,
     )
-    safe_stop_deceleration: float = parameter(
-        5.0, "real time: final deceleration of a safe stop", unit="m/s2", low=0.5, high=8.88, read_only=False
+    safe_stop_deceleration: float = constant(
+        5.0, "real time: final deceleration of a safe stop", unit="m/s2", low=0.5, high=8.88
     )
 
 

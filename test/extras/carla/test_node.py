@@ -31,6 +31,7 @@ from vpsci_ros.nodes.recorder import Recorder  # noqa: E402
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor  # noqa: E402
 from vpsci_ros.resources import params_dir  # noqa: E402
 from vpsci_ros.world import load_scenario  # noqa: E402
+from vpsci_ros.world.monitor import MonitorConfig  # noqa: E402
 
 BARE = {"pedestrians": ["learned"], "baseline": False}
 PEERS = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
@@ -50,7 +51,9 @@ def test_policies_monitor_and_recorder_work_on_the_car_of_a_server_and_the_bag_h
     world = CarlaWorld(server=server, **given(**run))
     recorder = Recorder(**given(bag=str(tmp_path / "bag")))
     policies = VehiclePolicy(**given(weights=weights)), PedestrianPolicy(**given(weights=weights))
-    nodes = world, SafetyMonitor(**given(critical_threshold=9.9)), *policies, recorder
+    monitor = SafetyMonitor(**given())
+    monitor._config = MonitorConfig(critical_threshold=9.9)
+    nodes = world, monitor, *policies, recorder
     session = closed(Stage(context, *nodes, executor=EventsExecutor))
     session.spin_until(lambda: world.finished)
     session.spin_until(lambda: recorder.quiet)
