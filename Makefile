@@ -17,7 +17,7 @@ VPSCI_DATA ?= $(wildcard ../shared/data)
 # Nodes talk to nodes on this machine only, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: help setup demo test test-engines check docs dist chaos clean
+.PHONY: help setup demo test test-engines check docs dist clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -55,10 +55,6 @@ dist: setup  ## make the source distribution and from it the wheel, in out/dist,
 	@$(BIN)/python -W ignore setup.py -q sdist -d out/dist
 	@$(BIN)/python -m pip -q wheel --no-deps --no-build-isolation -w out/dist out/dist/*.tar.gz
 	@$(BIN)/twine check --strict out/dist/*
-
-chaos: setup  ## damage thousands of files, hundreds of commands and graphs, and count what does not hold (hours)
-	@for name in files bags folders again processes; do \
-		$(BIN)/python test/chaos/campaign.py $$name -o out/chaos/$$name || exit 1; done
 
 clean:  ## remove .venv and whatever was built, keep out/; says how much that frees
 	@built="$(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis"; \

@@ -8,7 +8,6 @@ kinds that carry checksums, another value than the whole file's.
 import contextlib
 import hashlib
 import io
-import json
 import random
 import shutil
 import signal
@@ -19,7 +18,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import polars as pl
 from chaos.mutate import mutated
 from rich.console import Console
 from synthetic import synthetic_near_misses
@@ -196,49 +194,6 @@ def _near_misses(folder: Path) -> Path:
     return path
 
 
-def _types(folder: Path) -> Path:
-    """Columns of other types and absurd values, which no flipped byte gets past Parquet's own checks."""
-    path = folder / "changes.json"
-    path.write_text(
-        json.dumps(
-            {"veh_id": "UInt64", "ped_id": "UInt8", "step": "Int32", "time": "Float32", "clip": "Categorical"}, indent=1
-        )
-    )
-    return path
-
-
-def _read_types(path: Path) -> None:
-    try:
-        changes = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError):
-        raise InvalidInput("the case itself cannot be read: nothing is damaged by it") from None
-    table = synthetic_near_misses(3).table
-    for name, value in changes.items() if isinstance(changes, dict) else ():
-        kind = getattr(pl, value, None) if isinstance(value, str) and value.isidentifier() else None
-        with contextlib.suppress(Exception):
-            if isinstance(kind, type) and issubclass(kind, pl.DataType):
-                table = table.with_columns(pl.col(name).cast(kind, strict=False))
-            else:
-                column = pl.Series(name, [*table[name].to_list()[:-1], value], strict=False)
-                table = table.with_columns(column)
-    changed = path.with_name("changed.parquet")
-    table.write_parquet(changed)
-    read_near_misses(changed)
-
-
-def _tracks(folder: Path) -> Path:
-    """A clip of VCI-CITR's form: a car and a pedestrian."""
-    frames = range(60)
-    car = [f"1,{k},car,{0.2 * k:.3f},0.0,0.0,6.0" for k in frames]
-    (folder / "a_traj_veh_filtered.csv").write_text(
-        "\n".join(["id,frame,label,x_est,y_est,psi_est,vel_est", *car]) + "\n"
-    )
-    walk = [f"2,{k},ped,9.0,{-3.0 + 0.05 * k:.3f},0.0,1.5" for k in frames]
-    path = folder / "a_traj_ped_filtered.csv"
-    path.write_text("\n".join(["id,frame,label,x_est,y_est,vx_est,vy_est", *walk]) + "\n")
-    return path
-
-
 def _layout(folder: Path) -> Path:
     rows = [f"1,{k},car,{0.6 * k:.2f},0,6,0,0" for k in range(40)] + [
         f"2,{k},person,9,{0.15 * k - 3:.2f},0,1.5,0" for k in range(40)
@@ -272,10 +227,6 @@ def _dataset(folder: Path) -> Path:
     sections = load("stage3_generate", RULES)
     generate(job_from(sections), {1: 2}, folder / "dataset", lambda: simulators(job_from(sections), 8, 1))
     return folder / "dataset" / DESCRIPTION
-
-
-def _dataset_rows(folder: Path) -> Path:
-    return next(path for path in _dataset(folder).parent.glob("Location*.parquet"))
 
 
 def _read_dataset(path: Path) -> None:
@@ -314,13 +265,10 @@ DRIVERS = ("vehicle_driver", "pedestrian_driver")
 RULES = ["world_simulator.scenarios=[1]", *(f"world_simulator.{driver}=autopilot" for driver in DRIVERS)]
 KINDS = {
     "dataset": Kind(_dataset, _read_dataset, text=True),
-    "dataset_rows": Kind(_dataset_rows, _read_dataset, text=False),
     "parameters": Kind(_parameters, load, text=True),
     "scenario": Kind(_scenario, _read_scenario, text=True),
     "opendrive": Kind(_map, _read_map, text=True),
     "near_misses": Kind(_near_misses, read_near_misses, text=False),
-    "column_types": Kind(_types, _read_types, text=True),
-    "tracks": Kind(_tracks, lambda path: import_trajectories(path.parent, "vci-citr"), text=True),
     "layout": Kind(_layout, lambda path: import_trajectories(path.parent, "described"), text=True),
     "described": Kind(_described_clip, lambda path: import_trajectories(path.parent, "described"), text=True),
     "weights": Kind(_weights, lambda path: load_weights(path).digest(), text=False, sealed=True),

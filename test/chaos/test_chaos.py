@@ -1,17 +1,15 @@
-"""The short campaigns of every test run, and everything that a long one has ever found."""
+"""Damaged files, files made to harm, and writes that fail: read as they were, whole, or refused in words."""
 
 import io
 import sqlite3
 from pathlib import Path
 
 import pytest
-from chaos import bags, bombs, commands, disks, files, processes, taken, writes
+from chaos import bombs, files, writes
 from rich.console import Console
 
 from vpsci_ros.bags.info import bag_info, print_info
-from vpsci_ros.bags.reader import Bag
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import sha256, write_json
 
 CASES = 20
 CORPUS = sorted(path for path in files.CORPUS.rglob("*") if path.is_file())
@@ -62,48 +60,6 @@ def test_a_topic_whose_name_a_terminal_obeys_is_printed_escaped(tmp_path: Path) 
     assert not {"\x1b", "\x9b"} & set(text.getvalue())
 
 
-@pytest.fixture(scope="module")
-def whole_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A bag of two episodes by rules."""
-    return bags.bag(tmp_path_factory.mktemp("bag"))
-
-
-def test_a_bag_whose_messages_were_forged_is_never_called_the_same(whole_bag: Path) -> None:
-    found = [bags.case(seed, whole_bag) for seed in range(2 * len(bags.WAYS))]
-    assert [verdict for _, verdict in found] == ["told"] * len(found), found
-
-
-def test_a_forged_bag_that_is_called_the_same_would_be_noticed(
-    whole_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(bags, "verify_bag", lambda _: bags.VerifiedBag(ticks=7))
-    forged = bags.written(whole_bag, list(Bag(whole_bag).messages())[:-20], tmp_path / "bag")
-    assert bags.judged(forged, same=False) == "verified as the same to the bit, 7 ticks"
-
-
-def test_what_a_command_left_behind_would_be_noticed(tmp_path: Path) -> None:
-    assert taken.in_words(commands.Ended(1, "Traceback (most recent call last):\nKeyError")) == [
-        "a traceback: KeyError"
-    ]
-    assert taken.in_words(commands.Ended(-11, "")) == ["ended by signal 11: "]
-    assert taken.in_words(commands.Ended(1, "")) == ["ended without a word"]
-    (tmp_path / "a.json").write_text('{"seconds": 1, "n": 2}')
-    before = taken.left(tmp_path)
-    (tmp_path / "a.json").write_text('{"seconds": 3, "n": 2}')
-    assert taken.left(tmp_path) == before
-    (tmp_path / "a.json").write_text('{"seconds": 3, "n": 3}')
-    assert taken.left(tmp_path) != before
-    write_json(tmp_path / "run.json", {"outputs_sha256": {"a.json": sha256(tmp_path / "a.json")}})
-    before = taken.left(tmp_path)
-    (tmp_path / "a.json").write_text('{"seconds": 4, "n": 3}')
-    assert taken.left(tmp_path) != before, "the record has the hash of another file"
-    write_json(tmp_path / "run.json", {"outputs_sha256": {"a.json": sha256(tmp_path / "a.json")}})
-    assert taken.left(tmp_path) == before
-    (tmp_path / "run.json").unlink()
-    assert disks.defects(1, "error", tmp_path) == ["status 1, but a.json is there"]
-    assert disks.defects(0, "", tmp_path / "..") == []
-
-
 def test_a_defect_would_be_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def breaks(path: Path) -> None:
         raise KeyError(path.name)
@@ -116,20 +72,6 @@ def test_a_defect_would_be_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         files.KINDS, "parameters", files.KINDS["parameters"]._replace(read=Path.read_bytes, sealed=True)
     )
     assert "without a word" in files.verdict_of("parameters", b"a: 1", whole, target)
-
-
-@pytest.fixture(scope="module")
-def undisturbed() -> tuple[dict[str, str], float]:
-    """What the bag of an undisturbed graph holds, and the seconds that it took."""
-    return processes.undisturbed()
-
-
-def test_a_disturbed_graph_is_complete_or_says_what_it_lacks(
-    tmp_path: Path, undisturbed: tuple[dict[str, str], float]
-) -> None:
-    whole, lasts = undisturbed
-    disturbed = processes.disturbance(3, lasts)  # SIGSTOP to a policy, for 2.7 s in the middle of it
-    assert processes.defects(processes.run(tmp_path, disturbed), disturbed, whole) == [], disturbed
 
 
 @pytest.mark.parametrize("name", writes.WRITERS)
