@@ -15,7 +15,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from typer.testing import CliRunner
 
 from vpsci_ros.bags import verify
-from vpsci_ros.bags.export import Selection, export_bag
+from vpsci_ros.bags.export import export_bag
 from vpsci_ros.bags.info import bag_info, print_info
 from vpsci_ros.bags.plot import save_episode
 from vpsci_ros.bags.reader import Bag
@@ -350,8 +350,7 @@ def test_verify_cannot_simulate_another_tools_bag(foreign: Path) -> None:
 
 def test_chosen_episodes_are_exported_whatever_the_filters_say(own_bag: Path, tmp_path: Path) -> None:
     chosen = next(e for e in bag_info(own_bag)["episodes"] if e["least_curvttc"] is not None)
-    selection = Selection(chosen["name"])
-    export_bag(own_bag, tmp_path / "out", selection=selection, console=Console(file=io.StringIO()))
+    export_bag(own_bag, tmp_path / "out", episodes=chosen["name"], console=Console(file=io.StringIO()))
     (table,) = (pl.read_parquet(path) for path in (tmp_path / "out").glob("Location*.parquet"))
     assert table["count"].unique().to_list() == [chosen["episode"]]
     assert table.height == chosen["end_tick"] - chosen["start_tick"] + 1

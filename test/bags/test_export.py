@@ -1,4 +1,4 @@
-"""A bag becomes a dataset with a summary and a picture, and says how it was made."""
+"""A bag becomes a dataset with a summary, and says how it was made."""
 
 import io
 from pathlib import Path
@@ -28,14 +28,13 @@ def bag(tmp_path: Path, simulate, monkeypatch: pytest.MonkeyPatch) -> Path:
     return run / "bag"
 
 
-def test_an_exported_bag_is_a_dataset_with_table_and_picture(bag: Path, tmp_path: Path) -> None:
+def test_an_exported_bag_is_a_dataset_with_a_summary(bag: Path, tmp_path: Path) -> None:
     text = io.StringIO()
     description = export_bag(bag, tmp_path / "dataset", console=Console(width=80, file=text))
     assert {path.name for path in (tmp_path / "dataset").iterdir()} == {
         "LocationA_PedCross_S-N.parquet",
         "dataset.json",
         "episodes.parquet",
-        "trajectories.png",
     }
     assert description["scenarios"]["LocationA_PedCross_S-N"]["kept"] == 2
     assert description["period"] == 0.05

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.paper.panels import typical_episodes
 from vpsci_ros.report import trajectories as figures
-from vpsci_ros.report.panels import typical_episodes
 from vpsci_ros.report.trajectories import BLUES, save_trajectories
 from vpsci_ros.world import load_scenarios
 

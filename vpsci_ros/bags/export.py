@@ -1,8 +1,7 @@
-"""From a bag to a dataset: the episodes that a graph recorded, filtered, as tables, with a summary and a picture."""
+"""From a bag to a dataset: the episodes that a graph recorded, filtered, as tables, with a summary."""
 
 import itertools
 from collections.abc import Collection
-from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,30 +14,14 @@ from vpsci_ros.bags.run_record import bag_run, scenarios_of
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset import DatasetWriter
-from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.data.gathered import NO_SCENARIO, group_of
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.report.panels import typical_episodes
 from vpsci_ros.report.summary import print_info
-from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.runs.files import sha256
 
-PICTURE = "trajectories.png"
-
-
-@dataclass(frozen=True)
-class Selection:
-    """Which episodes of a bag are wanted: see `vpsci_ros.bags.episodes.choose`; as it stands, all."""
-
-    numbers: str = ""
-    outcome: str = ""
-    curvttc_below: float | None = None
-
-
-ALL = Selection()
 KEEP_ALL = FilterConfig(
     critical_ttc=1e9, missing_frames=10**9, least_frames=1, vehicle_distance=-1.0, pedestrian_distance=-1.0
 )
@@ -50,24 +33,26 @@ def export_bag(
     folder: str | Path,
     *,
     filters: FilterConfig | None = None,
-    selection: Selection = ALL,
+    episodes: str = "",
+    outcome: str = "",
+    curvttc_below: float | None = None,
     keep_rejected: bool = False,
     console: Console | None = None,
 ) -> dict[str, Any]:
-    """Write the episodes of a bag as a dataset with a picture, print what it holds, and return its description.
+    """Write the episodes of a bag as a dataset, print what it holds, and return its description.
 
     :param bag: rosbag2 folder; what it says of its making goes into the dataset's description.
     :param folder: output folder; must be new or empty.
-    :param selection: only these episodes, and all of them: filters that are not given then let everything pass, and
-        those that never were critical go to `rejected/`.
+    :param episodes, outcome, curvttc_below: only these episodes, see `vpsci_ros.bags.episodes.choose`, and all of them:
+        filters that are not given then let everything pass, and those that never were critical go to `rejected/`.
     :raises InvalidInput: no bag of a graph, no episode that ended in it or is as chosen, or the folder is not empty.
     """
     console = console or Console()
     bag = opened(bag)
     scenarios = scenarios_of(bag)
     ticks = read_bag(bag)
-    if selection != ALL:
-        chosen = choose(bag_episodes(bag), *astuple(selection))
+    if episodes or outcome or curvttc_below is not None:
+        chosen = choose(bag_episodes(bag), episodes, outcome, curvttc_below)
         wanted = {episode.key for episode in chosen}
         ticks = (_alone(tick, wanted) for tick in episode_ticks(bag, chosen))
         filters = filters or KEEP_ALL
@@ -89,7 +74,7 @@ def export_bag(
         if writer.empty:
             raise InvalidInput(f"{bag}: not one of its {frames.unfinished} episodes ended while it was recorded")
         description = writer.close(unfinished=frames.unfinished)
-    report(folder, console)
+    print_info(folder, console)
     if unseen:
         console.print(f"the bag lacks states, or the monitor's answers to them, of {unseen} frames: empty cells")
     return description
@@ -100,15 +85,6 @@ def _alone(tick: RecordedTick, wanted: Collection[Key]) -> RecordedTick:
     held = zip(tick.state["scenario"].tolist(), tick.state["episode"].tolist(), strict=True)
     tick.state[[key not in wanted for key in held]] = 0
     return tick
-
-
-def report(folder: str | Path, console: Console) -> None:
-    """Print the summary of a dataset and draw its typical episodes into it."""
-    print_info(folder, console)
-    if any(counts["kept"] for counts in Dataset(folder).scenarios.values()):
-        save_trajectories(typical_episodes(folder), Path(folder) / PICTURE)
-    else:
-        console.print("no episode was kept, so there is no picture")
 
 
 def provenance_of(bag: str | Path | Bag) -> dict[str, Any]:

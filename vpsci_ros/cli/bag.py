@@ -55,18 +55,24 @@ def export(
     recover: Recover = False,
     topic_prefix: Prefix = None,
 ) -> None:
-    """Write a bag's episodes as a dataset (Tables 6 and 7), with a summary and a picture.
+    """Write a bag's episodes as a dataset (Tables 6 and 7), with a summary.
 
     Without a selection the paper's four filters decide. A selection by number, outcome or CurvTTC overrides them.
     """
-    from vpsci_ros.bags.export import Selection, export_bag
+    from vpsci_ros.bags.export import export_bag
     from vpsci_ros.bags.reader import Bag
     from vpsci_ros.runs.progress import Bars
 
-    selection = Selection(episodes, outcome, curvttc_below)
     opened = Bag(bag, recover=recover, topic_prefix=topic_prefix)
     with Bars(f"reading {bag}"):
-        export_bag(opened, output, selection=selection, keep_rejected=keep_rejected)
+        export_bag(
+            opened,
+            output,
+            episodes=episodes,
+            outcome=outcome,
+            curvttc_below=curvttc_below,
+            keep_rejected=keep_rejected,
+        )
 
 
 @bag_app.command()

@@ -15,7 +15,7 @@ from vpsci_ros.data.interactions import table_hash
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.free import as_near_misses
-from vpsci_ros.evaluation.realism.run import RealismConfig, measure_realism
+from vpsci_ros.evaluation.realism.run import measure_realism
 from vpsci_ros.evaluation.realism.simulators import policy
 from vpsci_ros.evaluation.realism.table import print_realism
 from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
@@ -78,7 +78,9 @@ def run_realism(
         result = measure_realism(
             table,
             simulators,
-            RealismConfig(clean=clean, seed=seed, episodes=episodes),
+            clean=clean,
+            seed=seed,
+            episodes=episodes,
             library=read_near_misses(library or near_misses_path(data)),
             dataset=made,
             parts=output,

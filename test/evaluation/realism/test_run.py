@@ -15,7 +15,7 @@ from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.realism.free import as_near_misses, free
 from vpsci_ros.evaluation.realism.onsets import Onsets, borrowable, find_onsets
-from vpsci_ros.evaluation.realism.run import RealismConfig, measure_realism
+from vpsci_ros.evaluation.realism.run import measure_realism
 from vpsci_ros.evaluation.realism.same_start import CONTROLS, SameStart
 from vpsci_ros.evaluation.realism.samplers import constant_turn, constant_velocity
 from vpsci_ros.evaluation.realism.two_sample import two_sample
@@ -29,16 +29,13 @@ def noisy(onsets: Onsets) -> np.ndarray:
 
 
 @pytest.fixture
-def one_repetition(monkeypatch: pytest.MonkeyPatch) -> RealismConfig:
+def one_repetition(monkeypatch: pytest.MonkeyPatch) -> None:
     """The least that a classifier does: nothing here asserts how well it tells anything apart."""
     monkeypatch.setattr("vpsci_ros.evaluation.realism.same_start.FAMILY_REPETITIONS", 1)
     monkeypatch.setattr("vpsci_ros.evaluation.realism.two_sample.FOLDS", 2)
-    return RealismConfig(repetitions=1)
 
 
-def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(
-    tmp_path: Path, one_repetition: RealismConfig
-) -> None:
+def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(tmp_path: Path, one_repetition: None) -> None:
     place = pl.when(pl.col("interaction") < 8).then(pl.lit("here")).otherwise(pl.lit("there"))
     table = synthetic_near_misses(interactions=16, seed=3).table.with_columns(source=place)
     reported: list[str] = []
@@ -46,7 +43,7 @@ def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(
     def measure() -> dict[str, Any]:
         options = {"parts": tmp_path, "inputs": {"weights": "1f"}}
         options |= {"notify": lambda name, *_: reported.append(name)}
-        return measure_realism(table, {"noisy": noisy}, one_repetition, **options)["same_start"]
+        return measure_realism(table, {"noisy": noisy}, repetitions=1, **options)["same_start"]
 
     found = measure()
     models = found["models"]
@@ -93,7 +90,7 @@ def test_the_mean_turn_repeats_a_motion_that_everybody_has() -> None:
 def test_a_model_must_not_have_a_controls_name() -> None:
     table = synthetic_near_misses(interactions=4, seed=3).table
     with pytest.raises(InvalidInput, match="recorded is the name of a control"):
-        measure_realism(table, {"recorded": noisy}, RealismConfig(repetitions=1))
+        measure_realism(table, {"recorded": noisy}, repetitions=1)
 
 
 def test_rejected_critical_episodes_belong_to_free_simulation(tmp_path: Path) -> None:

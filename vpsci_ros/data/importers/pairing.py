@@ -5,14 +5,14 @@ The whole joint track of a near miss is kept; `vpsci_ros.data.reference` says wh
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
 
 from vpsci_ros.data.importers.importer import Clip
 from vpsci_ros.data.importers.result import ImportResult, SourceSummary, least_quartiles
-from vpsci_ros.data.importers.tracks import Floats, Track, slope
+from vpsci_ros.data.importers.tracks import Track, slope
 from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS
 from vpsci_ros.data.reference import causal_curvttc, flags, trailing_slope
 from vpsci_ros.errors import InvalidInput
@@ -41,8 +41,8 @@ def near_misses_of(
         vehicles, pedestrians = vehicles + len(clip.vehicles), pedestrians + len(clip.pedestrians)
         left_out.update(clip.left_out)
         assumed |= dict.fromkeys(clip.assumed)
-        for joint in _joint_tracks(clip):
-            near_miss = _near_miss(joint, *(joint.vehicle.size or (length, width)), critical)
+        for vehicle, pedestrian in _together(clip):
+            near_miss = _near_miss(vehicle, pedestrian, *(vehicle.size or (length, width)), critical)
             pairs += 1
             if near_miss is not None:
                 number = pl.lit(len(parts), pl.Int64)
@@ -92,34 +92,24 @@ def _require_metres(source: str, clip: Clip) -> None:
         )
 
 
-@dataclass(frozen=True)
-class _Joint:
-    """The grid steps that a vehicle and a pedestrian have in common."""
-
-    first: int
-    vehicle: Track
-    pedestrian: Track
-    veh: dict[str, Floats]
-    ped: dict[str, Floats]
-
-
-def _joint_tracks(clip: Clip) -> Iterable[_Joint]:
+def _together(clip: Clip) -> Iterable[tuple[Track, Track]]:
+    """Yield each vehicle, with its yaw rates, and each pedestrian that is there at some of its steps."""
     begins, ends = (np.array([getattr(each, end) for each in clip.pedestrians], int) for end in ("first", "last"))
     for vehicle in clip.vehicles:
         together = np.flatnonzero((begins <= vehicle.last) & (ends >= vehicle.first))  # of thousands, a few
-        if not len(together):
-            continue
-        heading = vehicle.values["heading"]
-        values = vehicle.values | {"yaw_rate": slope(heading), "yaw_rate_causal": trailing_slope(heading)}
-        for pedestrian in (clip.pedestrians[number] for number in together):
-            first, last = max(vehicle.first, pedestrian.first), min(vehicle.last, pedestrian.last)
-            veh = {k: v[first - vehicle.first : last - vehicle.first + 1] for k, v in values.items()}
-            ped = {k: v[first - pedestrian.first : last - pedestrian.first + 1] for k, v in pedestrian.values.items()}
-            yield _Joint(first, vehicle, pedestrian, veh, ped)
+        if len(together):
+            heading = vehicle.values["heading"]
+            rates = {"yaw_rate": slope(heading), "yaw_rate_causal": trailing_slope(heading)}
+            turning = replace(vehicle, values=vehicle.values | rates)
+            yield from ((turning, clip.pedestrians[number]) for number in together)
 
 
-def _near_miss(joint: _Joint, length: float, width: float, critical: float) -> pl.DataFrame | None:
-    veh, ped = joint.veh, joint.ped
+def _near_miss(vehicle: Track, pedestrian: Track, length: float, width: float, critical: float) -> pl.DataFrame | None:
+    first, last = max(vehicle.first, pedestrian.first), min(vehicle.last, pedestrian.last)
+    veh, ped = (
+        {name: values[first - track.first : last - track.first + 1] for name, values in track.values.items()}
+        for track in (vehicle, pedestrian)
+    )
     curvature = curvature_from_yaw_rate(veh["yaw_rate"], veh["speed"])
     ttc = curvttc(
         *(veh["x"], veh["y"], veh["heading"], veh["speed"], curvature),
@@ -138,9 +128,9 @@ def _near_miss(joint: _Joint, length: float, width: float, critical: float) -> p
     return pl.DataFrame(
         {
             "step": steps,
-            "time": (joint.first + steps) * STEP,
-            "veh_id": np.full(len(ttc), joint.vehicle.number),
-            "ped_id": np.full(len(ttc), joint.pedestrian.number),
+            "time": (first + steps) * STEP,
+            "veh_id": np.full(len(ttc), vehicle.number),
+            "ped_id": np.full(len(ttc), pedestrian.number),
             **columns,
             "curvttc": ttc,
             "distance": np.hypot(veh["x"] - ped["x"], veh["y"] - ped["y"]),

@@ -2,7 +2,6 @@
 
 import contextlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,27 +22,14 @@ from vpsci_ros.runs.files import write_json
 Notify = Callable[[str, int, int], None]
 
 
-@dataclass(frozen=True)
-class RealismConfig:
-    """What is measured.
-
-    :ivar clean: only interactions whose vehicle drives and whose onset was seen (`vpsci_ros.data.reference.clean`).
-    :ivar seed: of everything that is drawn.
-    :ivar episodes: of a dataset that are looked at, the same number of each scenario.
-    :ivar repetitions: of the classifier's test from the same start, with draws and folds of their own.
-    """
-
-    clean: bool = False
-    seed: int = 0
-    episodes: int = 2000
-    repetitions: int = REPETITIONS
-
-
 def measure_realism(
     table: pl.DataFrame,
     simulators: Mapping[str, Simulator],
-    config: RealismConfig,
     *,
+    clean: bool = False,
+    seed: int = 0,
+    episodes: int = 2000,
+    repetitions: int = REPETITIONS,
     library: pl.DataFrame | None = None,
     dataset: Dataset | None = None,
     parts: Path | None = None,
@@ -54,7 +40,10 @@ def measure_realism(
 
     :param table: near misses to be scored on; library: those whose residuals the control borrows, else `table`'s own.
     :param simulators: name -> what answers onsets; the controls are added.
-    :param dataset: generated episodes, for B.
+    :param clean: only interactions whose vehicle drives and whose onset was seen (`vpsci_ros.data.reference.clean`).
+    :param seed: of everything that is drawn.
+    :param dataset: generated episodes, for B; `episodes` of them at most, the same number of each scenario.
+    :param repetitions: of the classifier's test from the same start, with draws and folds of their own.
     :param parts: folder that keeps each measured part, from which a stopped run goes on.
     :param inputs: SHA-256 of what all this was read from, by name; a part of other inputs is measured again.
     :param notify: called with what is being measured, how many are done, and of how many.
@@ -63,10 +52,10 @@ def measure_realism(
     require("sklearn")  # which is needed only after much else
     if taken := sorted(set(simulators) & set(CONTROLS)):
         raise InvalidInput(f"models: {taken[0]} is the name of a control; call the model something else")
-    chosen = [reference.clean(t) if config.clean else t for t in (table, library) if t is not None]
+    chosen = [reference.clean(t) if clean else t for t in (table, library) if t is not None]
     onsets = find_onsets(chosen[0])
     borrowed = find_onsets(chosen[1]) if len(chosen) > 1 else onsets
-    same_start = SameStart(onsets, borrowed, config.seed, config.repetitions)
+    same_start = SameStart(onsets, borrowed, seed, repetitions)
     wanted = same_start.controls() | dict(simulators)
     kept = partial(_kept, parts, dict(inputs or {}))
     models: dict[str, Any] = {}
@@ -78,7 +67,7 @@ def measure_realism(
     part = {"interactions": len(onsets), "clips": clips, "not_in_library": missing, "models": models}
     result: dict[str, Any] = {"same_start": part}
     if dataset is not None:
-        result["free"] = kept("free", lambda: free(chosen[0], dataset, config.episodes, config.seed))
+        result["free"] = kept("free", lambda: free(chosen[0], dataset, episodes, seed))
     return result
 
 

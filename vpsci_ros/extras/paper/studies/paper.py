@@ -22,6 +22,7 @@ from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.published import TABLE_10
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.paper.panels import typical_episodes
 from vpsci_ros.extras.paper.published import TABLE_3, TABLE_5, TABLE_9
 from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters
 from vpsci_ros.extras.paper.section_4.figures import SIDES, save_conflicts, save_nearness, save_yielding
@@ -30,7 +31,6 @@ from vpsci_ros.learning import online
 from vpsci_ros.report import html
 from vpsci_ros.report.canvas import new_figure, save_png, show_all
 from vpsci_ros.report.learning import draw_rewards
-from vpsci_ros.report.panels import typical_episodes
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.report.world_figures import GROUND, PEDESTRIAN, VEHICLE, draw_ground
 from vpsci_ros.runs.files import write_text
