@@ -6,9 +6,11 @@ adjusted for how the moments differ, and keep their velocities for `BEYOND` step
 all of these touch, the nearest moment of the bank is taken by which they do not; if there is none, the one that touches
 last. A reaction is chosen again when it ends, and as soon as the rest of it would touch.
 
-Driver and pedestrian draw by the same numbers and see the same, so they are lent two halves of one reaction, and what
-they do together stays together. If the other one leaves what was lent by `LEFT`, it is a stranger (a driving system, a
-walker who does not look): from then on it is assumed to keep its velocity, and only the own half is chosen.
+Driver and pedestrian draw by the same numbers and see the same, so they are lent two halves of one reaction. If the
+other one leaves what was lent by `LEFT`, it is a stranger (a driving system, a walker who does not look): from then on
+it is assumed to keep its velocity, and only the own half is chosen. The world's limit of jerk makes strangers of two
+lent halves, too: in one of seven encounters they come apart. Forgiving it was no more like people, and walkers who do
+not look were hit in 7.9% for 5.5%.
 """
 
 import math
