@@ -1,6 +1,5 @@
 """The driver in anybody's engine: its lane, whom it faces, time steps, and what is refused."""
 
-import math
 import re
 from typing import Any
 
@@ -43,24 +42,6 @@ def test_the_policy_drives_while_somebody_crosses_and_gives_back(weights: Policy
     assert steps[controlled.index(True)].curvttc < 5.0
 
 
-def test_at_another_time_step_it_does_nearly_the_same(weights: Policy) -> None:
-    people = lambda t: {"he": Walker(0.0, -6.0 + t, 0.0, 1.0)}  # noqa: E731
-    usual = driven(Driver(weights, seed=2, lane=LANE), 8.0, people=people)
-    for period in (0.1, 0.02):
-        other = driven(Driver(weights, seed=2, lane=LANE), 8.0, period, people)
-        assert other[-1].x == pytest.approx(usual[-1].x, abs=0.1)
-        assert any(step.controlled for step in other)
-
-
-def test_of_more_than_eight_pedestrians_the_nearest_count_and_keep_their_places(weights: Policy) -> None:
-    crowd = {k: Walker(-10.0 + 2.0 * k, 8.0, 0.0, 0.0) for k in range(12)}
-    first, straight = Driver(weights, seed=2, lane=LANE), BEGINS._replace(y=0.0, curvature=0.0)
-    first.step(straight, crowd)
-    he = {99: Walker(-8.0, -3.0, 0.0, 1.0)}
-    assert first.step(straight, crowd | he).faces == 99
-    assert first.step(straight, {}).faces is None
-
-
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
@@ -73,8 +54,3 @@ def test_of_more_than_eight_pedestrians_the_nearest_count_and_keep_their_places(
 def test_a_driver_that_cannot_be_is_refused(bad: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidInput, match=re.escape(message)):
         Driver(**bad)
-
-
-def test_one_that_reverses_is_refused(weights: Policy) -> None:
-    with pytest.raises(InvalidInput, match=re.escape("own: speed = -1 m/s: expected 0 or more")):
-        Driver(weights, lane=LANE).step(Vehicle(0.0, 0.0, math.pi, -1.0), {})

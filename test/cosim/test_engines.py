@@ -11,7 +11,6 @@ from vpsci_ros.extras.formats.run import export
 from vpsci_ros.safety import clearance
 
 EXAMPLES, BAGS = (Path(__file__).parents[2] / name for name in ("examples", "bags"))
-ENGINES = {"sumo_crossing": "sumo", "highway_crossing": "highway", "commonroad_crossing": "commonroad"}
 
 
 def example(name: str) -> ModuleType:
@@ -21,13 +20,6 @@ def example(name: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-@pytest.mark.parametrize(("name", "extra"), ENGINES.items())
-def test_an_example_has_at_most_a_hundred_lines_and_names_its_extra(name: str, extra: str) -> None:
-    lines = (EXAMPLES / f"{name}.py").read_text("utf-8").splitlines()
-    assert len(lines) <= 100
-    assert any(f"'.[{extra}]'" in line for line in lines)
 
 
 def test_in_sumo_both_pedestrians_cross_before_a_car_that_sumo_stops_for_them(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """Both agents, one at a time and fed by another engine, do in an episode of ours what they did there, to the bit."""
 
-import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -41,7 +40,7 @@ def car(record: np.void) -> Vehicle:
     return Vehicle(*(float(record[name]) for name in CAR))
 
 
-@pytest.mark.parametrize(("scenario", "episode"), [(1, 0), (2, 3), (104, 2)])  # 104: parked cars hide them at first
+@pytest.mark.parametrize(("scenario", "episode"), [(1, 0), (104, 2)])  # 104: parked cars hide them at first
 def test_both_agents_alone_play_an_episode_of_ours_to_the_bit(weights: Policy, scenario: int, episode: int) -> None:
     pedestrian = Pedestrian(weights, seed=SEED, episode=episode, scenario=scenario)
     driver = Driver(weights, seed=SEED, episode=episode, scenario=scenario)
@@ -62,16 +61,7 @@ def test_both_agents_alone_play_an_episode_of_ours_to_the_bit(weights: Policy, s
     assert seen > 40, "the policies have acted"
 
 
-def test_its_acceleration_is_that_of_the_world_to_the_bit(weights: Policy) -> None:
-    pedestrian = Pedestrian(weights, seed=SEED, scenario=1)
-    rows = [state[0] for state in ticks(weights, 1, 0, WorldConfig())]
-    for now, then in itertools.pairwise(rows):
-        walk = pedestrian.step(walker(now), {0: car(now)})
-        assert (walk.vx, walk.vy) == (then["pedestrian_vx"], then["pedestrian_vy"])
-        assert (walk.ax, walk.ay) == (then["pedestrian_ax"], then["pedestrian_ay"])
-
-
-@pytest.mark.parametrize("number", [0, 2])
+@pytest.mark.parametrize("number", [2])
 def test_one_of_several_pedestrians_of_several_kinds_is_the_same_to_the_bit(weights: Policy, number: int) -> None:
     config = WorldConfig(pedestrians=3, crowd=CrowdConfig(group=0.3, opposite=0.2, follower=0.2), kinds=MIXED)
     pedestrian = Pedestrian(weights, seed=SEED, episode=5, scenario=1, config=config, number=number)

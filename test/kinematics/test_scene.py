@@ -32,15 +32,6 @@ def test_observations_are_those_of_the_world():
         np.testing.assert_allclose(a.numpy(), b, atol=1e-5)
 
 
-def test_without_acceleration_both_keep_their_velocity():
-    scene = scenes()
-    none = torch.zeros(6, 2, dtype=torch.float64)
-    after = advance(scene, {"vehicle": none, "pedestrian": none})
-    torch.testing.assert_close(after.vehicle, scene.vehicle + 0.1 * scene.vehicle_velocity)
-    torch.testing.assert_close(after.pedestrian, scene.pedestrian + 0.1 * scene.pedestrian_velocity)
-    torch.testing.assert_close(after.heading, scene.heading)
-
-
 def test_the_next_velocities_are_those_of_equations_8_and_9():
     scene = scenes()
     action = torch.tensor([[1.0, 0.1]] * 6, dtype=torch.float64)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.cli.parameter_file import load
-from vpsci_ros.learning.config import PretrainConfig, RefineConfig, StartConfig
-from vpsci_ros.learning.pretrain import WEIGHTS
+from vpsci_ros.learning.config import PretrainConfig, RefineConfig
 from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.policy.exploration import amplitude
@@ -81,15 +80,6 @@ def test_the_papers_policies_explore_by_the_numbers_of_equation_16(agent):
     limit = NetworkConfig().action_limit
     assert limit * amplitude([0, 125], config.noise) == pytest.approx([0.35, 0.3 * np.exp(-1.0) + 0.05])
     assert config.explore
-
-
-def test_the_papers_second_stage_begins_with_what_the_papers_first_one_makes():
-    """By the commands in the heads of both files."""
-    lines = (params_dir() / "stage1_pretrain.yaml").read_text().splitlines()
-    (command,) = [line for line in lines if "vpsci pretrain" in line]
-    folder = command.split(" -o ")[1].split()[0]
-    start = load(params_dir() / "stage2_online.yaml").get(StartConfig, "learner").weights
-    assert start == f"{folder}/{WEIGHTS}"
 
 
 def test_the_papers_second_stage_simulates_three_thousand_episodes():

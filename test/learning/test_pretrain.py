@@ -1,12 +1,10 @@
 import csv
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import polars as pl
 import pytest
 
-from vpsci_ros.data.near_misses import clips_of, split_by_clip
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.learning.config import PretrainConfig, ReplayConfig, SpeedRewardsConfig
 from vpsci_ros.learning.divergence import DivergedError
@@ -69,12 +67,6 @@ def test_weights_and_log_say_how_they_came_about(tmp_path, near_misses):
     assert reports[-1]["control_closed_loop_ade"] > 0.0
 
 
-def test_clips_are_held_out_by_name(tmp_path, near_misses):
-    clips = clips_of(split_by_clip(near_misses, 0.3, seed=8)[1])
-    config = replace(SHORT, episodes=1, held_out_clips=clips)
-    assert pretrain(near_misses, config, SMALL, seed=1, out_dir=tmp_path).facts["data"]["held_out_clips"] == clips
-
-
 def test_a_loss_that_is_not_a_number_stops_the_run_and_leaves_no_weights(tmp_path, near_misses):
     config = replace(SHORT, rewards=SpeedRewardsConfig(1e6, exploration=5.0), held_out_fraction=0.0)
     table = near_misses.with_columns(
@@ -83,14 +75,3 @@ def test_a_loss_that_is_not_a_number_stops_the_run_and_leaves_no_weights(tmp_pat
     with pytest.raises(DivergedError, match=r"update \d+: expected finite values, got .*critic_loss = "):
         pretrain(table, config, SMALL, seed=5, out_dir=tmp_path)
     assert not (tmp_path / "pretrained.safetensors").exists()
-
-
-def test_a_stop_before_the_first_iteration_leaves_nothing_that_a_later_run_would_go_on_from(tmp_path, near_misses):
-    @contextmanager
-    def stopped():
-        yield
-        raise Stopped
-
-    with pytest.raises(Stopped):
-        pretrain(near_misses, SHORT, SMALL, seed=1, out_dir=tmp_path, beginning=stopped)
-    assert list(tmp_path.iterdir()) == []

@@ -9,7 +9,6 @@ from vpsci_ros.learning.replay import (
     collate,
     draw_recorded,
     recorded_steps,
-    up_to_capacity,
 )
 from vpsci_ros.world.observation import AGENTS
 
@@ -41,20 +40,6 @@ def test_steps_are_drawn_with_the_probabilities_of_equation_17():
     assert np.mean(first) == pytest.approx(0.4 / 6.4, abs=0.012)
 
 
-def test_a_draw_holds_the_steps_requested_in_distinct_histories():
-    buffer = ReplayBuffer(1000, [], 0.6, 0.2)
-    for _ in range(20):
-        buffer.append(made(7))
-    drawn = buffer.draw(50, np.random.default_rng(0))
-    assert 50 <= sum(map(len, drawn)) < 57
-    assert len({id(h) for h in drawn}) == len(drawn)
-
-
-def test_a_draw_takes_all_there_is_where_that_is_less():
-    buffer = ReplayBuffer(1000, [made(4, real=True)], 0.6, 0.2)
-    assert len(buffer.draw(256, np.random.default_rng(0))) == 1
-
-
 def test_old_simulated_histories_make_room_and_real_ones_stay():
     buffer = ReplayBuffer(30, [made(10, real=True, mark=-1.0)], 0.6, 0.2)
     for mark in range(5):
@@ -70,21 +55,6 @@ def test_new_experience_has_the_highest_priority_so_far():
     buffer.append(made(2))
     assert buffer.histories[1].priority.tolist() == [7.0, 7.0]
     assert buffer.histories[0].priority.tolist() == [0.5, 7.0, 0.1]
-
-
-def test_the_practical_buffer_holds_whole_histories_up_to_its_capacity():
-    histories = [made(n) for n in (5, 6, 7, 8)]
-    kept = up_to_capacity(histories, 20, np.random.default_rng(0))
-    assert 0 < sum(len(histories[i]) for i in kept) <= 20
-    assert sorted(up_to_capacity(histories, 1000, np.random.default_rng(0))) == [0, 1, 2, 3]
-
-
-def test_padding_is_marked_as_absent():
-    batch = collate([made(3), made(5)])
-    assert batch.present.sum(dim=1).tolist() == [3, 5]
-    assert batch.terminal.tolist() == [True, True]
-    assert batch.length.tolist() == [3, 5]
-    assert batch.curvttc[0, 4:].isinf().all()
 
 
 def test_steps_in_which_the_rule_based_pair_drove_are_neither_counted_nor_drawn():

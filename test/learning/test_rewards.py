@@ -3,14 +3,12 @@ import pytest
 import torch
 
 from vpsci_ros.data.interactions import from_table
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import RewardsConfig, SpeedRewardsConfig
-from vpsci_ros.learning.replay import collate, draw_recorded, recorded_histories
+from vpsci_ros.learning.replay import draw_recorded
 from vpsci_ros.learning.rewards import (
     RecordedRewards,
     RewardWeights,
     SimulatedRewards,
-    predicted_velocity,
     speed_reward,
 )
 from vpsci_ros.learning.transitions import TRANSITION
@@ -25,39 +23,12 @@ def test_speed_reward_is_that_of_equation_14():
     assert reward.item() == pytest.approx(-0.2)
 
 
-def test_speed_reward_is_zero_where_the_prediction_is_right():
-    velocity, action = torch.tensor([3.0, 0.5]), torch.tensor([-2.0, 1.0])
-    predicted = predicted_velocity(velocity, action)
-    torch.testing.assert_close(predicted, torch.tensor([2.8, 0.6]))
-    assert speed_reward(predicted, predicted, torch.ones(2)).item() == 0.0
-
-
 def test_weights_adapt_as_equation_28_says_each_agents_by_its_own_rewards():
     weights = RewardWeights(RewardsConfig(weight_temperature=0.1))
     weights.episode(np.array([[0.0, 50.0, -2.0], [-20.0, 0.0, -2.0]]))
     for own, means in zip(weights.values, ([0.0, 50.0, 2.0], [20.0, 0.0, 2.0]), strict=True):
         grown = np.exp(0.1 * np.array(means))
         np.testing.assert_allclose(own, grown / grown.sum())
-
-
-def test_weights_stay_a_share_of_one_whatever_the_rewards():
-    weights = RewardWeights(RewardsConfig(weight_temperature=10.0))
-    for _ in range(50):
-        weights.episode(np.array([[-200.0, 100.0, -1e4]] * 2))
-    assert weights.values.sum(axis=1) == pytest.approx([1.0, 1.0])
-    assert np.isfinite(weights.values).all()
-    assert (weights.values >= 0.0).all()
-
-
-def test_fixed_weights_do_not_adapt():
-    weights = RewardWeights(RewardsConfig(weights=[0.6, 0.2, 0.2]))
-    weights.episode(np.array([[-200.0, 100.0, -1e4]] * 2))
-    np.testing.assert_allclose(weights.values, [[0.6, 0.2, 0.2]] * 2)
-
-
-def test_weights_that_do_not_add_up_are_refused():
-    with pytest.raises(InvalidInput, match="add up to 1"):
-        RewardsConfig(weights=[0.5, 0.2, 0.2])
 
 
 @pytest.fixture
@@ -97,17 +68,6 @@ def test_collisions_and_goals_are_rewarded_as_equations_25_and_26_say(rewards):
     assert history.terminal
 
 
-def test_histories_of_several_lengths_are_those_that_each_would_be_alone(rewards):
-    long, short = experienced(), experienced()[:4]
-    short["next_vehicle_observation"][-1] = 7.0
-    for history, rows in zip(rewards.histories([long, short]), (long, short), strict=True):
-        (alone,) = rewards.histories([rows])
-        assert len(history) == len(rows)
-        assert history.observation["vehicle"][-1].tolist() == rows["next_vehicle_observation"][-1].tolist()
-        for agent in ("vehicle", "pedestrian"):
-            np.testing.assert_allclose(history.next_velocity[agent], alone.next_velocity[agent], atol=1e-6)
-
-
 def test_what_the_rule_based_pair_does_has_no_speed_reward_and_what_comes_of_it_has(rewards):
     rows = experienced(pedestrian_goal_at=6)
     rows["acting"][5:] = 0
@@ -129,11 +89,3 @@ def test_the_successor_of_an_explored_action_is_what_it_leads_to_by_the_kinemati
     after, turned = scored.batch.observation["pedestrian"][rows, last + 1, :2], walked + STEP * tried
     torch.testing.assert_close(after.norm(dim=1), turned.norm(dim=1), atol=1e-4, rtol=1e-4)  # its frame has turned
     assert torch.equal(scored.batch.action["pedestrian"][rows, last], tried), "and its history has that action"
-
-
-def test_real_experience_is_scored_as_recorded(networks, near_misses):
-    batch = collate(recorded_histories(from_table(near_misses))[:3])
-    scored = SimulatedRewards(RewardsConfig(), networks()).score(batch, {}, np.random.default_rng(0))
-    for agent in AGENTS:
-        assert torch.equal(scored.action[agent], batch.action[agent])
-        assert scored.reward[agent].abs().max() < 1e-3

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.learning.assembly import STALE, HistoryAssembler
-from vpsci_ros.learning.transitions import STEPS, TRANSITION, TransitionBuilder, usable
+from vpsci_ros.learning.transitions import TRANSITION, TransitionBuilder, usable
 from vpsci_ros.world import COLLISION, ENDED, EPISODE, GOAL, RUNNING, World, WorldConfig, load_scenarios
 from vpsci_ros.world.events import NO_EVENTS
 from vpsci_ros.world.loop import Loop
@@ -29,33 +29,11 @@ def run():
     return np.concatenate([tick.transitions for tick in made]), ticks, builder, [h for t in made for h in t.histories]
 
 
-def test_transitions_are_numbered_without_gaps(run):
-    rows, _, builder, _ = run
-    assert len(rows) > 100
-    assert np.array_equal(rows["number"], np.arange(len(rows)))
-    assert builder.count == len(rows)
-
-
-def test_only_the_last_transition_of_a_history_says_what_the_step_after_sees(run):
-    rows, *_ = run
-    last = rows["last"] == 1
-    for agent in ("vehicle", "pedestrian"):
-        assert not rows[~last][f"next_{agent}_observation"].any()
-        assert rows[last][f"next_{agent}_observation"].any(axis=1).all()
-    assert not rows[~last]["next_curvttc"].any()
-
-
 def test_histories_in_process_are_those_that_the_transitions_make(run):
     rows, _, _, histories = run
     again = HistoryAssembler().add(rows)
     assert len(again) == len(histories) > 10
     assert all(np.array_equal(mine, theirs) for mine, theirs in zip(histories, again, strict=True))
-
-
-def test_versions_of_the_policies_are_stamped(run):
-    rows, *_ = run
-    assert (rows["vehicle_policy_version"] == 3).all()
-    assert (rows["pedestrian_policy_version"] == 4).all()
 
 
 def one_slot(frame):
@@ -69,14 +47,6 @@ def acting(frame, actions):
     yes = np.ones(1, bool)
     tick = Tick(number=frame, state=one_slot(frame), policy_frame=yes)
     return Step(tick, tick.assessed(np.ones(1), np.ones(1), yes), actions, NO_EVENTS)
-
-
-def driven_by_the_autopilot(frame, status=RUNNING, outcome=0, goals=(0, 0)):
-    state = one_slot(frame)
-    state["status"], state["outcome"] = status, outcome
-    state["vehicle_goal"], state["pedestrian_goal"] = goals
-    tick = Tick(number=frame, state=state, policy_frame=state["status"] == RUNNING)
-    return Step(tick, tick.assessed(np.full(1, np.inf), np.zeros(1), np.zeros(1, bool)), Actions(), NO_EVENTS)
 
 
 def test_a_history_is_an_episode_from_its_first_hand_over_to_its_end_with_every_policy_frame(run):
@@ -105,14 +75,6 @@ def test_a_history_is_an_episode_from_its_first_hand_over_to_its_end_with_every_
     assert len(rows) >= sum(map(len, histories))
 
 
-def test_a_history_may_be_longer_than_the_memory_that_it_begins_with():
-    builder, action = TransitionBuilder(), np.ones((1, 2))
-    for step in range(STEPS + 2):
-        assert not builder.observe(acting(step, Actions(action, action))).histories
-    (whole,) = builder.observe(driven_by_the_autopilot(step + 1, ENDED, GOAL)).histories
-    assert whole["step"].tolist() == list(range(STEPS + 2))
-
-
 def test_the_vehicle_brakes_as_requested_in_the_frame_of_the_step(run):
     """-1 m/s2 for 0.1 s by (20): the next speed is 0.1 m/s lower, along the lane."""
     *_, histories = run
@@ -134,37 +96,6 @@ def test_what_the_rule_based_pair_did_is_the_acceleration_that_its_motion_shows(
     assert seen > 20
 
 
-def test_where_an_answer_is_missing_the_history_goes_on_and_says_that_the_policies_did_not_act():
-    builder, action = TransitionBuilder(), np.ones((1, 2))
-    builder.observe(acting(0, Actions(action, action)))
-    builder.observe(acting(2, Actions(pedestrian=action)))
-    builder.observe(acting(4, Actions(action, action)))
-    (whole,) = builder.observe(driven_by_the_autopilot(6, ENDED, COLLISION)).histories
-    assert whole["acting"].tolist() == [1, 0, 1]
-    assert whole["vehicle_action"][1].tolist() == [0.0, 0.0], "it kept its speed"
-
-
-def test_goals_that_the_rule_based_pair_reaches_come_at_the_step_in_which_it_does():
-    builder, action = TransitionBuilder(), np.ones((1, 2))
-    builder.observe(acting(0, Actions(action, action)))
-    for step in (driven_by_the_autopilot(2), driven_by_the_autopilot(4, goals=(0, 1))):
-        assert not builder.observe(step).histories
-    (whole,) = builder.observe(driven_by_the_autopilot(6, ENDED, GOAL, (1, 1))).histories
-    assert whole["acting"].tolist() == [1, 0, 0]
-    assert (whole["vehicle_goal"].tolist(), whole["pedestrian_goal"].tolist()) == ([0, 0, 1], [0, 1, 0])
-    assert (whole["last"].tolist(), whole["terminal"].tolist()) == ([0, 0, 1], [0, 0, 1])
-
-
-def test_the_next_episode_of_a_slot_has_a_history_of_its_own():
-    builder, action = TransitionBuilder(), np.ones((1, 2))
-    builder.observe(acting(6, Actions(action, action)))
-    builder.observe(driven_by_the_autopilot(8, ENDED, COLLISION))
-    other = driven_by_the_autopilot(0)
-    other.tick.state["episode"] = 10
-    assert not len(builder.observe(other).transitions)
-    assert not builder._open.any(), "its first hand-over is to come"
-
-
 def history(episode, steps, first_number=0):
     rows = np.zeros(steps, TRANSITION)
     rows["number"] = first_number + np.arange(steps)
@@ -175,24 +106,6 @@ def history(episode, steps, first_number=0):
     )
     rows["last"][-1] = 1
     return rows
-
-
-def test_interleaved_transitions_become_whole_histories():
-    first, second = history(1, 4), history(2, 4)
-    mixed = np.concatenate([rows for pair in zip(first, second, strict=True) for rows in ([pair[0]], [pair[1]])])
-    mixed["number"] = np.arange(8)
-    mixed["collision"][-1] = mixed["terminal"][-1] = 1
-    assembler = HistoryAssembler()
-    finished = assembler.add(mixed[:5]) + assembler.add(mixed[5:])
-    assert [len(h) for h in finished] == [4, 4]
-    assert finished[0]["vehicle_observation"][:, 0].tolist() == [0, 1, 2, 3]
-    assert finished[1]["collision"].tolist() == [0, 0, 0, 1]
-    assert assembler.lost == 0
-
-
-def test_a_history_of_one_step_is_a_history():
-    (finished,) = HistoryAssembler().add(history(1, 1))
-    assert len(finished) == 1
 
 
 def test_a_lost_transition_is_counted_and_its_history_dropped():
@@ -213,19 +126,11 @@ def test_a_history_whose_last_row_was_lost_is_dropped_once_nothing_can_end_it():
     assert assembler.dropped == 4
 
 
-def test_every_transition_of_the_world_may_be_learned_from(run):
-    rows, *_ = run
-    assert usable(rows).all()
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [
         ("vehicle_observation", np.nan),
-        ("pedestrian_action", np.inf),
         ("next_vehicle_observation", 1e30),
-        ("curvttc", np.nan),
-        ("next_curvttc", -1.0),
         ("collision", 2),
     ],
 )

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from vpsci_ros.policy import compiling
-from vpsci_ros.policy.compiling import PARTS
 
 CALLED = """
 import json, sys
@@ -46,10 +45,7 @@ def called(program: str) -> set[str]:
 
 
 def test_episodes_with_policies_call_no_kernel_that_was_not_compiled_beforehand():
-    parts = {name: called(f"from vpsci_ros.policy.compiling import PARTS\nPARTS['{name}']()") for name in PARTS}
-    for kernel, name in ((".spawn_all ", "spawn"), (".move_one ", "move"), (".lend ", "act")):
-        assert [part for part, kernels in parts.items() if kernel in str(kernels)] == [name], "the longest, once each"
-    beforehand = set().union(*parts.values())
+    beforehand = called("from vpsci_ros.policy.compiling import PARTS\nfor part in PARTS.values():\n    part()")
     later = {kernel for kernel in called(EPISODE) if ".tick._all_finite " not in kernel}  # a fifth of a second
     assert any(".engine.move_one " in kernel for kernel in later)
     assert any(".choice.lend " in kernel for kernel in later)

@@ -7,7 +7,7 @@ import pytest
 
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.agent import PolicyAgent, policies
+from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.bank import (
     ACTIONS,
     FEATURES,
@@ -18,16 +18,14 @@ from vpsci_ros.policy.bank import (
     bank_from_bytes,
     bank_to_bytes,
     describe,
-    moments_in,
     save_bank,
 )
 from vpsci_ros.policy.choice import NEAREST, Lender
 from vpsci_ros.policy.draws import keys
-from vpsci_ros.policy.make_bank import actions_of, bank_of_tables, fitted
+from vpsci_ros.policy.make_bank import actions_of, fitted
 from vpsci_ros.policy.policy_file import load_policy
-from vpsci_ros.world import EPISODE, RUNNING, World, WorldConfig, load_scenarios
+from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
-from vpsci_ros.world.tick import Tick
 
 APART = np.array([[2.0, -0.5, 0.1, 6.0, 9.0, 0.1, 0.5]])  # the pedestrian is to the left and walks away
 MEETS = np.array([[5.0, 0.0, 0.0, 10.0, -2.0, 0.0, 1.0]])  # both at the same place after 2 s
@@ -70,12 +68,6 @@ def test_each_of_the_nearest_moments_is_lent_as_often_and_no_other() -> None:
     assert counts[:NEAREST].min() > 4000 / NEAREST - 5 * np.sqrt(4000 / NEAREST)
 
 
-def test_driver_and_pedestrian_are_lent_two_halves_of_one_reaction() -> None:
-    vehicle, pedestrian = (lent(reactions(), agent, APART, 100)[0] for agent in (0, 1))
-    np.testing.assert_allclose(vehicle[:, 1] / 2.0**2, pedestrian[:, 0] / 10.0)  # a curvature at 2 m/s; k of both
-    assert len(set(pedestrian[:, 0])) > 8
-
-
 def test_left_and_right_are_exchanged_where_the_pedestrian_is_on_the_other_side() -> None:
     mirrored = APART * np.array([1, 1, -1, 1, -1, 1, -1])
     left, right = lent(reactions(), 0, APART, 50)[0], lent(reactions(), 0, mirrored, 50)[0]
@@ -101,15 +93,6 @@ def test_the_one_reaction_that_does_not_touch_is_chosen() -> None:
     steps[17, :, 0] = -4.0  # brakes: 5 m/s is gone after 3.1 m, which leaves 4 m to the pedestrian's line
     own = own._replace(steps=steps.reshape(-1, ACTIONS))
     assert (lent(own, 0, MEETS, 200)[0, :, 0] == -4.0).all()
-
-
-def test_where_all_touch_the_one_that_touches_last_is_chosen() -> None:
-    own = reactions(count=32)
-    steps = np.zeros((32, 35, ACTIONS))
-    steps[:, :, 0] = 1.0
-    steps[5, :, 0] = -0.1
-    own = own._replace(steps=steps.reshape(-1, ACTIONS))
-    assert (lent(own, 0, MEETS, 100)[0, :, 0] == -0.1).all()
 
 
 def test_who_meets_a_car_that_does_not_brake_as_lent_takes_it_to_keep_its_velocity() -> None:
@@ -144,16 +127,6 @@ def test_a_row_has_the_same_bits_in_any_batch() -> None:
         assert part.tobytes() == whole[[row]].tobytes()
 
 
-def test_a_moment_of_the_world_is_that_of_its_record() -> None:
-    state = np.zeros(1, EPISODE)
-    state["vehicle_heading"], state["vehicle_speed"] = np.pi / 2, 3.0
-    state["vehicle_curvature"], state["vehicle_acceleration"] = 0.1, -1.0
-    state["pedestrian_x"], state["pedestrian_y"], state["pedestrian_vx"] = -2.0, 5.0, 1.5
-    out = np.zeros((1, MOMENT))
-    moments_in(state, np.ones(1, bool), out)
-    np.testing.assert_allclose(out, [[3.0, -1.0, 0.3, 5.0, 2.0, 0.0, -1.5]], atol=1e-12)
-
-
 def test_a_bank_comes_back_from_its_file_and_damage_is_refused(tmp_path: Path) -> None:
     bank = Bank({"here": reactions()}, {"data": {"clips": 3}})
     save_bank(tmp_path / "own.safetensors", bank)
@@ -183,16 +156,6 @@ def test_recorded_actions_lead_along_the_recorded_way() -> None:
     assert np.abs(actions_of(fit)[..., 0]).max() < 6.0
 
 
-def test_a_bank_leaves_out_the_clips_that_are_named(tmp_path: Path) -> None:
-    bank = bank_of_tables(["right_turns/dev"], ["cqut-pvi/dev/corner1"])
-    assert set(bank.reactions) == {"cqut"}
-    held = bank.facts["data"]["held_out_clips"]
-    assert held
-    assert all(clip.startswith("cqut-pvi/dev/corner1") for clip in held)
-    with pytest.raises(InvalidInput, match="leave some to learn from"):
-        bank_of_tables(["right_turns/dev"], ["cqut-pvi"])
-
-
 def test_the_shipped_bank_knows_right_turns_and_the_campus_and_holds_no_clip_to_measure_on() -> None:
     bank = load_policy("people")
     assert isinstance(bank, Bank)
@@ -211,15 +174,3 @@ def test_shipped_people_hardly_ever_collide() -> None:
     for step in Loop(world, agents=policies(load_policy("people"), world)):
         struck += int(step.tick.state["struck"][step.tick.state["status"] != RUNNING].sum())
     assert struck <= 4
-
-
-def test_another_bank_acts_from_the_next_step_on() -> None:
-    state, yes = np.zeros(1, EPISODE), np.ones(1, bool)
-    state["status"], state["vehicle_speed"], state["pedestrian_x"], state["pedestrian_y"] = RUNNING, 2.0, 6.0, 9.0
-    tick = Tick(0, state, yes)
-    agent, seen = PolicyAgent("vehicle", 1, explore=False), []
-    for version, along in enumerate((0.25, -0.5)):
-        agent.load(Bank({"here": reactions(vehicle=along)}), version)
-        seen.append(float(agent.act(tick, tick.assessed(yes, yes, yes))[0, 0]))
-    assert seen == [0.25, -0.5]
-    assert agent.lent(0) >= 0

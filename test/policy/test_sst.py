@@ -1,7 +1,6 @@
 import pytest
 import torch
 
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.policy.config import ACTOR_HIDDEN, CRITIC_ACTION, CRITIC_HIDDEN, CRITIC_STATE, NetworkConfig
 from vpsci_ros.policy.sst import SSTLayer, risk
@@ -61,38 +60,6 @@ def test_the_future_does_not_matter(actor):
     difference = (actor(observation, before, curvttc) - actor(changed, before, curvttc)).abs().amax(dim=(0, 2))
     assert difference[:20].max() == 0.0
     assert difference[20:].min() > 0.0
-
-
-def test_the_gate_turns_attention_towards_risk():
-    torch.manual_seed(0)
-    layer = SSTLayer(SMALL)
-    with torch.no_grad():
-        layer.query.weight.zero_()  # all steps alike, but for the gate
-        layer.risk_gain.fill_(50.0)
-    x = torch.randn(1, 8, 16)
-    risks = torch.zeros(1, 8)
-    risks[0, 3] = 1.0
-    h = torch.zeros(16)
-    a = layer.decay()
-    for t in range(4):
-        h = a * h + torch.sqrt(1 - a * a) * (layer.input.weight @ x[0, t])
-        if t == 3:
-            risky = h
-    for t in range(4, 8):
-        h = a * h + torch.sqrt(1 - a * a) * (layer.input.weight @ x[0, t])
-    y = layer.readout.weight @ h + layer.skip * x[0, 7]
-    expected = layer.norm(x[0, 7] + y + layer.attended.weight @ risky)
-    torch.testing.assert_close(layer(x, risks)[0, 7], expected, atol=1e-4, rtol=1e-3)
-
-
-def test_an_untrained_actor_keeps_its_velocity(networks):
-    actor = networks(gain=1.0).actor["vehicle"]
-    assert actor(*history()).abs().max() < 0.1
-
-
-def test_heads_and_keys_must_fill_the_state():
-    with pytest.raises(InvalidInput, match="heads"):
-        NetworkConfig(hidden=256, heads=7)
 
 
 def test_table_8_is_the_default():

@@ -1,6 +1,3 @@
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 import torch
@@ -66,34 +63,6 @@ def test_rows_that_are_not_active_keep_their_history_and_return_zero(networks):
             assert not action[int(active[0])].any()
 
 
-def test_reset_begins_an_empty_history(networks):
-    weights = networks().weights({}, {}).actor("vehicle")
-    observation, curvttc = episode(1, 12)
-    actor = StreamingActor(weights, 1)
-    every = np.ones(1, bool)
-    for t in range(12):
-        action = actor.step(observation[:, t], curvttc[:, t], np.array([t in (0, 7)]), every)
-    assert np.array_equal(action, streamed(weights, observation[:, 7:], curvttc[:, 7:])[:, -1])
-
-
-def test_the_executed_action_enters_the_history(networks):
-    weights = networks().weights({}, {}).actor("vehicle")
-    observation, curvttc = episode(1, 2)
-    results = []
-    for executed in (0.0, 2.0):
-        actor, every = StreamingActor(weights, 1), np.ones(1, bool)
-        actor.step(observation[:, 0], curvttc[:, 0], every, every)
-        actor.executed(np.full((1, 2), executed, np.float32), every)
-        results.append(actor.step(observation[:, 1], curvttc[:, 1], ~every, every))
-    assert not np.array_equal(*results)
-
-
-def test_actions_are_clipped_to_the_limit(networks):
-    made = networks(gain=1e5)
-    actions = streamed(made.weights({}, {}).actor("vehicle"), *episode(4, 10))
-    assert np.abs(actions).max() == SMALL.action_limit
-
-
 def test_an_observation_that_is_not_a_number_is_refused_by_row(networks):
     actor = StreamingActor(networks().weights({}, {}).actor("vehicle"), 3)
     observation = np.zeros((3, 6), np.float32)
@@ -103,12 +72,3 @@ def test_an_observation_that_is_not_a_number_is_refused_by_row(networks):
         actor.step(observation, np.zeros(3), every, every)
     with pytest.raises(InvalidInput, match=r"observation: expected shape \(3, 6\), got \(2, 6\)"):
         actor.step(observation[:2], np.zeros(3), every, every)
-
-
-def test_a_policy_runs_without_torch():
-    code = (
-        "import sys; sys.modules['torch'] = None\n"
-        "import vpsci_ros.policy.streaming, vpsci_ros.policy.weights, vpsci_ros.policy.exploration\n"
-        "import vpsci_ros.learning.transitions\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

@@ -1,5 +1,3 @@
-import re
-
 import numpy as np
 import pytest
 from safetensors.numpy import save
@@ -42,13 +40,6 @@ def test_equal_weights_give_equal_bytes(networks):
     assert weights_from_bytes(weights_to_bytes(weights)).facts["two"] == {"é": "two"}
 
 
-def test_networks_come_back_from_weights(networks):
-    made = networks()
-    again = Networks.from_weights(made.weights({}, {}))
-    for (name, a), (_, b) in zip(made.actor.state_dict().items(), again.target_actor.state_dict().items(), strict=True):
-        assert (a == b).all(), name
-
-
 def changed(networks, **tensors):
     weights = networks().weights({}, {})
     return Weights(weights.network, {k: v for k, v in (weights.tensors | tensors).items() if v is not None})
@@ -67,11 +58,6 @@ def changed(networks, **tensors):
 def test_a_tensor_that_does_not_fit_is_named(networks, tensor, message):
     with pytest.raises(InvalidInput, match=message):
         weights_to_bytes(changed(networks, **{"vehicle_actor.head.4.bias": tensor}))
-
-
-def test_an_unknown_tensor_is_named(networks):
-    with pytest.raises(InvalidInput, match="unknown tensor surplus"):
-        weights_to_bytes(changed(networks, surplus=np.zeros(1, np.float32)))
 
 
 def test_tensors_are_checked_against_the_configuration_in_the_file(networks):
@@ -101,12 +87,6 @@ def test_other_files_are_refused(tmp_path, data, message):
     assert "w.safetensors" in str(error.value)
 
 
-def test_a_truncated_file_is_refused(networks):
-    data = weights_to_bytes(networks().weights({}, {}))
-    with pytest.raises(InvalidInput, match="damaged|expected"):
-        weights_from_bytes(data[: len(data) // 2])
-
-
 def test_a_file_with_a_flipped_bit_in_any_tensor_is_refused(networks):
     data = weights_to_bytes(networks().weights({}, {}))
     first = 8 + int.from_bytes(data[:8], "little")
@@ -116,30 +96,3 @@ def test_a_file_with_a_flipped_bit_in_any_tensor_is_refused(networks):
         damaged[place] ^= 1  # the value stays finite, its last bits or its neighbours' change
         with pytest.raises(InvalidInput, match="damaged file: its tensors are not those"):
             weights_from_bytes(bytes(damaged))
-
-
-def test_a_file_without_a_checksum_is_refused(networks):
-    data = weights_to_bytes(networks().weights({}, {}))
-    stripped = re.sub(
-        rb'"tensors_sha256":"[0-9a-f]{64}"', lambda m: b'"other":"0.' + b"1" * (len(m[0]) - 12) + b'"', data
-    )
-    assert len(stripped) == len(data)
-    with pytest.raises(InvalidInput, match="damaged file"):
-        weights_from_bytes(stripped)
-
-
-def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InvalidInput, match="nowhere.safetensors"):
-        load_weights(tmp_path / "nowhere.safetensors")
-
-
-def test_an_unknown_agent_is_refused(networks):
-    with pytest.raises(InvalidInput, match="cyclist"):
-        networks().weights({}, {}).actor("cyclist")
-
-
-def test_half_precision_is_named_and_not_called_damage(networks):
-    data = weights_to_bytes(networks().weights({}, {})).replace(b'"dtype":"F32"', b'"dtype":"BF16"', 1)
-    length = int.from_bytes(data[:8], "little") + 1
-    with pytest.raises(InvalidInput, match="expected tensors of F32, got BF16; convert them to F32"):
-        weights_from_bytes(length.to_bytes(8, "little") + data[8:])

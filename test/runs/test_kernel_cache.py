@@ -31,10 +31,7 @@ def cut_behind_a_byte_that_ends_pickles(data: bytes) -> bytes:
     return data[: data.rindex(b".", 0, -1) + 1]
 
 
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
-@pytest.mark.parametrize(
-    "spoil", [lambda _: b"", lambda data: data[:30], cut_behind_a_byte_that_ends_pickles, lambda data: bytes(len(data))]
-)
+@pytest.mark.parametrize(("kind", "spoil"), [("nbi", lambda _: b""), ("nbc", cut_behind_a_byte_that_ends_pickles)])
 def test_a_kernel_whose_kept_file_was_cut_is_compiled_again(
     cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, spoil: Callable[[bytes], bytes]
 ) -> None:

@@ -20,7 +20,7 @@ from vpsci_ros.cli.main import app
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words
 from vpsci_ros.runs import output_folder as output_folders
-from vpsci_ros.runs.files import FAILURE, inherited_claims, require_empty_folder, write_text
+from vpsci_ros.runs.files import FAILURE, inherited_claims, require_empty_folder
 from vpsci_ros.runs.output_folder import output_folder
 
 
@@ -55,7 +55,7 @@ def test_every_command_refuses_a_folder_that_another_process_writes(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("away", ["deleted", "moved", "link"])
+@pytest.mark.parametrize("away", ["moved", "link"])
 def test_a_folder_that_was_taken_away_ends_the_command_and_nothing_is_written_in_its_place(away, tmp_path) -> None:
     out, other = tmp_path / "out", tmp_path / "other"
     other.mkdir()
@@ -65,16 +65,6 @@ def test_a_folder_that_was_taken_away_ends_the_command_and_nothing_is_written_in
         if away == "link":
             out.symlink_to(other)
     assert list(other.iterdir()) == []
-
-
-def test_no_file_is_written_through_a_link_that_took_the_folders_place(tmp_path: Path) -> None:
-    out, other = tmp_path / "out", tmp_path / "other"
-    (other / "inside").mkdir(parents=True)
-    with pytest.raises(VpsciError, match="out: this folder was deleted, moved or replaced"), output_folder(out):
-        out.rename(tmp_path / "moved")
-        out.symlink_to(other)
-        write_text(out / "inside" / "late", "late")
-    assert [path for path in other.rglob("*") if path.is_file()] == []
 
 
 def test_what_a_failed_command_left_says_so_until_the_command_succeeds(tmp_path: Path) -> None:
@@ -115,17 +105,13 @@ def test_a_refused_command_leaves_no_folder_and_nothing_in_somebody_elses(tmp_pa
     ("error", "text"),
     [
         (OSError(errno.EROFS, "", "a.png"), "a.png: Read-only file system; choose another place"),
-        (OSError(errno.EMFILE, ""), "Too many open files; allow more open files (ulimit -n) and try again"),
         (pl.exceptions.ComputeError("write: No space left on device (os error 28)"), "No space left on device; free"),
         (SafetensorError('IoError(Os { code: 27, kind: FileTooLarge, message: "" })'), "File too large; allow larger"),
         (MemoryError(), "not enough memory; free some memory"),
         (ImportError("libarrow.so: failed to map segment from shared object"), "not enough memory; free some memory"),
-        (ImportError("No module named torch"), ""),
         (RuntimeError("can't start new thread"), "no further thread; allow more processes (ulimit -u)"),
         (pa.ArrowException(f"Failed to launch worker thread: {os.strerror(errno.EAGAIN)}"), "no further thread; allow"),
         (RuntimeError("a defect"), ""),
-        (OSError("cannot identify image"), "cannot identify image"),
-        (KeyError("code: 5"), ""),
     ],
 )
 def test_what_the_system_refuses_is_said_in_words_and_a_defect_is_not(error: Exception, text: str) -> None:

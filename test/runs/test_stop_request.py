@@ -64,27 +64,6 @@ def test_signals_in_the_middle_of_the_handler_of_another_signal_stop_a_process_a
         assert process.returncode == 0
 
 
-AT_EVERY_LINE = """
-import signal, sys
-from vpsci_ros.runs.stop_request import stop_requested_by_signals
-
-def interrupt(frame, event, _):
-    if event == "line":
-        signal.raise_signal(signal.SIGTERM)  # its handler runs before the line does
-    return interrupt
-
-with stop_requested_by_signals() as request:
-    sys.settrace(interrupt)
-    signal.raise_signal(signal.SIGINT)
-    sys.settrace(None)
-    assert request.is_set()
-"""
-
-
-def test_a_signal_before_any_line_of_another_signals_handler_does_not_block_it() -> None:
-    subprocess.run([sys.executable, "-c", AT_EVERY_LINE], timeout=60, check=True)
-
-
 ENDING = """
 import os, signal, sys
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
@@ -111,10 +90,3 @@ def test_a_block_of_which_a_half_is_worth_nothing_is_left_in_its_middle() -> Non
         os.kill(os.getpid(), signal.SIGTERM)  # outside of it, a flag alone
         assert stop.is_set()
     assert time.monotonic() - begun < 20.0
-
-
-def test_a_block_is_not_begun_where_a_stop_was_requested_before() -> None:
-    with stop_requested_by_signals() as stop:
-        stop.set()
-        with pytest.raises(Stopped), stop.at_once():
-            pytest.fail("it was begun")

@@ -43,11 +43,6 @@ def test_pet_is_undefined_when_the_pedestrian_stops_before_the_path_however_near
     assert math.isnan(arrival)
 
 
-def test_pet_is_undefined_when_the_record_ends_before_the_second_arrives():
-    series = [part[:30] for part in crossing()]
-    assert math.isnan(post_encroachment_time(*series, dt=DT)[0])
-
-
 def test_a_padded_batch_is_its_episodes_one_by_one():
     episodes = [crossing(walker_start=-12.0), [part[:60] for part in crossing(walker_start=-2.0)]]
     batch = np.full((5, 2, 100), np.nan)
@@ -57,12 +52,3 @@ def test_a_padded_batch_is_its_episodes_one_by_one():
     pets, arrivals = post_encroachment_time(*batch, dt=DT, lengths=[100, 60])
     for row, episode in enumerate(episodes):
         assert (pets[row], arrivals[row]) == post_encroachment_time(*episode, dt=DT)
-
-
-def test_headings_may_wrap_between_steps():
-    # straight on along heading pi, written as pi and -pi in turns
-    x, y, heading, ped_x, ped_y = crossing(walker_start=-12.0)
-    wrapped = np.where(np.arange(100) % 2, math.pi, -math.pi)
-    assert post_encroachment_time(-x, y, wrapped, ped_x, ped_y, dt=DT)[0] == pytest.approx(
-        post_encroachment_time(x, y, heading, ped_x, ped_y, dt=DT)[0], abs=1e-6
-    )

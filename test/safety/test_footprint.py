@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from vpsci_ros.safety import clearance, clearance_pair
@@ -26,8 +25,3 @@ def test_clearance_is_the_distance_between_the_outlines(ped_x, ped_y, expected):
 def test_clearance_turns_with_the_vehicle():
     assert clearance(3, 4, math.pi / 2, 3, 9) == pytest.approx(5.0 - 2.345 - 0.3)
     assert clearance_pair(3.0, 4.0, math.pi / 2, 3.0, 9.0, 4.69, 1.85, 0.3) == clearance(3, 4, math.pi / 2, 3, 9)
-
-
-def test_clearance_of_a_batch_has_the_sizes_of_each_row():
-    got = clearance(np.zeros(3), 0, 0, 10, 0, length=[4.0, 6.0, 8.0], radius=0.5)
-    np.testing.assert_allclose(got, [7.5, 6.5, 5.5])

@@ -13,16 +13,6 @@ from vpsci_ros.safety.line_of_sight import touches_box
 WALL = [5.0, 0.0, math.pi / 2, 4.0, 0.2]  # across the way, from y = -2 to 2, its near face at x = 4.9
 
 
-def test_nothing_in_the_way_hides_nothing() -> None:
-    assert visible_share(0.0, 0.0, [10.0, -3.0], [0.0, 4.0], np.zeros((0, 5))).tolist() == [1.0, 1.0]
-
-
-def test_a_wall_between_hides_all_and_one_behind_nothing() -> None:
-    assert visible_share(0.0, 0.0, 10.0, 0.0, [WALL]) == 0.0
-    assert visible_share(0.0, 0.0, 3.0, 0.0, [WALL]) == 1.0
-    assert visible_share(0.0, 0.0, -10.0, 0.0, [WALL]) == 1.0
-
-
 def test_a_pedestrian_on_the_line_of_the_walls_end_is_half_seen() -> None:
     # The shadow's edge goes from the origin through the near corner (4.9, 2); a disc centred on it is seen by half.
     edge = np.array([4.9, 2.0]) / math.hypot(4.9, 2.0)
@@ -36,19 +26,6 @@ def test_the_share_is_that_of_the_angle() -> None:
     wall = [2.0, 0.5 * (2.0 * math.tan(shadow) - 5.0), math.pi / 2, 5.0 + 2.0 * math.tan(shadow), 1e-9]
     expected = (half - shadow) / (2.0 * half)
     assert visible_share(0.0, 0.0, 10.0, 0.0, [wall], radius=1.0) == pytest.approx(expected, abs=1e-8)
-
-
-def test_two_that_overlap_hide_no_more_than_their_union() -> None:
-    one, other = [5.0, 1.05, 0.0, 1.0, 2.0], [6.0, 1.15, 0.0, 1.0, 2.0]
-    alone = visible_share(0.0, 0.0, 20.0, 0.0, [one])
-    assert 0.0 < alone < 1.0
-    assert visible_share(0.0, 0.0, 20.0, 0.0, [one, other]) == pytest.approx(alone)
-    assert visible_share(0.0, 0.0, 20.0, 0.0, [other, one]) == pytest.approx(alone)
-
-
-def test_from_inside_of_a_vehicle_nothing_is_seen_and_within_the_disc_all() -> None:
-    assert visible_share(5.0, 0.0, 10.0, 0.0, [WALL]) == 0.0
-    assert visible_share(10.1, 0.0, 10.0, 0.0, [WALL]) == 1.0
 
 
 def by_rays(eye: NDArray, disc: NDArray, boxes: NDArray, radius: float, rays: int = 4001) -> float:

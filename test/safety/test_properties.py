@@ -1,11 +1,11 @@
-"""What must hold of CurvTTC whatever the numbers: symmetries, monotony, and the passing of time. 20,000 pairs each."""
+"""What must hold of CurvTTC whatever the numbers: symmetries, monotony, and the passing of time."""
 
 import numpy as np
 import pytest
 
-from vpsci_ros.safety import HORIZON, clearance, curvttc
+from vpsci_ros.safety import curvttc
 
-PAIRS = 20_000
+PAIRS = 10_000
 CLOSE = 1e-6  # [s]
 
 
@@ -36,46 +36,6 @@ def test_turning_and_moving_the_whole_scene_changes_nothing(pairs, method):
         *(cos * ped_vx - sin * ped_vy, sin * ped_vx + cos * ped_vy),
     )
     np.testing.assert_allclose(curvttc(*moved, method=method), curvttc(*pairs, method=method), atol=CLOSE, rtol=0)
-
-
-@pytest.mark.parametrize("method", ["footprint", "center"])
-def test_the_mirror_image_has_the_same_curvttc(pairs, method):
-    x, y, heading, speed, curvature, ped_x, ped_y, ped_vx, ped_vy = pairs
-    mirrored = (x, -y, -heading, speed, -curvature, ped_x, -ped_y, ped_vx, -ped_vy)
-    np.testing.assert_allclose(curvttc(*mirrored, method=method), curvttc(*pairs, method=method), atol=CLOSE, rtol=0)
-
-
-@pytest.mark.parametrize(("size", "small", "large"), [("radius", 0.2, 0.5), ("length", 3.0, 6.0), ("width", 1.2, 2.4)])
-def test_larger_bodies_never_touch_later(pairs, size, small, large):
-    before, after = curvttc(*pairs, **{size: small}), curvttc(*pairs, **{size: large})
-    assert (after <= before + CLOSE).all()
-    assert (after < before).any()
-
-
-def test_a_longer_horizon_only_adds_contacts(pairs):
-    near, far = curvttc(*pairs, horizon=3.0), curvttc(*pairs, horizon=HORIZON)
-    seen = np.isfinite(near)
-    np.testing.assert_allclose(near[seen], far[seen], atol=CLOSE, rtol=0)
-    assert (far[~seen] > 3.0 - CLOSE).all()
-
-
-def test_curvttc_falls_by_dt_when_both_move_as_predicted(pairs):
-    ttc = curvttc(*pairs)
-    state, ttc = pairs[:, np.isfinite(ttc)], ttc[np.isfinite(ttc)]
-    dt = 0.9 * ttc
-    np.testing.assert_allclose(curvttc(*moved_on(state, dt)), ttc - dt, atol=CLOSE, rtol=0)
-
-
-def test_the_footprints_touch_at_curvttc_and_not_before(pairs):
-    ttc = curvttc(*pairs)
-    state, ttc = pairs[:, np.isfinite(ttc)], ttc[np.isfinite(ttc)]
-    x, y, heading, _, _, ped_x, ped_y, _, _ = moved_on(state, ttc)
-    then = clearance(x, y, heading, ped_x, ped_y)[ttc > 0.0]
-    assert then.max() < 1e-8  # they touch
-    assert then.min() > -1e-6  # and no more than that: a tenth of a microsecond at 10 m/s
-    for part in np.linspace(0.0, 0.999, 50):
-        x, y, heading, _, _, ped_x, ped_y, _, _ = moved_on(state, part * ttc)
-        assert (clearance(x, y, heading, ped_x, ped_y)[ttc > 0.0] > 0.0).all()
 
 
 def test_the_order_and_size_of_the_batch_change_no_bit(pairs):

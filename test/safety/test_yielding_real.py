@@ -8,7 +8,6 @@ are not part of this package: VPSCI_DATA, or shared/data beside the repository.
 
 import csv
 import os
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -71,7 +70,3 @@ def test_the_rule_agrees_with_the_eye_wherever_the_picture_is_plain(rated):
 
 def test_the_rule_agrees_with_the_eye_in_87_of_89(rated):
     assert sum(got == row["yielded"] for row, got in rated) >= 87
-
-
-def test_the_rated_interactions_hold_every_kind_of_answer(rated):
-    assert Counter(row["yielded"] for row, _ in rated) == {"none": 47, "pedestrian": 24, "vehicle": 18}

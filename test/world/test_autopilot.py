@@ -4,15 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from world.helpers import AUTOPILOT, SCENARIOS, episodes
+from world.helpers import SCENARIOS, episodes
 
 from vpsci_ros.world import GOAL, World, WorldConfig
 from vpsci_ros.world.autopilot import (
     COMFORT_ACCELERATION,
     COMFORT_DECELERATION,
     LATERAL_COMFORT,
-    WALK_ACCELERATION,
-    comfortable_speeds,
 )
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 
@@ -38,15 +36,13 @@ def apart(scenario):
 @pytest.fixture(scope="module")
 def alone():
     """40 s of every scenario, vehicle and pedestrian each alone on the road."""
-    return episodes(
-        World(ALONE, [apart(s) for s in SCENARIOS], [(s, e) for e in range(12) for s in range(1, 9)], 96, 1)
-    )
+    return episodes(World(ALONE, [apart(s) for s in SCENARIOS], [(s, e) for e in range(2) for s in range(1, 9)], 16, 1))
 
 
-@pytest.mark.parametrize("throttle", [0.6, 0.75, 0.9])
+@pytest.mark.parametrize("throttle", [0.6, 0.9])
 def test_lateral_error_stays_below_0_3_metres_at_every_throttle(throttle):
     scenarios = [at_throttle(apart(s), throttle) for s in SCENARIOS]
-    found = episodes(World(ALONE, scenarios, [(s, e) for e in range(4) for s in range(1, 9)], 32, 2))
+    found = episodes(World(ALONE, scenarios, [(s, 0) for s in range(1, 9)], 8, 2))
     worst = 0.0
     for (number, _), frames in found.items():
         path = SCENARIOS[number - 1].vehicle.path
@@ -92,27 +88,6 @@ def test_the_autopilot_drives_within_comfort_when_nobody_is_in_its_way(alone):
         assert frames["vehicle_acceleration"].min() >= -COMFORT_DECELERATION - 1e-9
 
 
-def test_the_throttle_sets_the_speed_on_the_straight(alone):
-    for (number, _), frames in alone.items():
-        fastest = SCENARIOS[number - 1].vehicle.full_throttle_speed * frames["cruise_throttle"][0]
-        assert frames["vehicle_speed"].max() <= fastest + 1e-9
-        assert frames["vehicle_speed"].max() > 0.97 * fastest
-
-
-def test_a_walker_changes_its_velocity_no_faster_than_people_do(alone):
-    for frames in alone.values():
-        change = np.hypot(np.diff(frames["pedestrian_vx"]), np.diff(frames["pedestrian_vy"])) / ALONE.tick
-        assert change.max() <= WALK_ACCELERATION + 1e-9
-
-
-def test_comfortable_speed_in_a_bend_is_the_root_of_acceleration_times_radius():
-    path = SCENARIOS[0].vehicle.path
-    tightest = int(np.argmax(np.abs(path.curvature())))
-    assert comfortable_speeds(path)[tightest] == pytest.approx(
-        np.sqrt(LATERAL_COMFORT / np.abs(path.curvature()[tightest]))
-    )
-
-
 def standing_in_the_way(proximity: float):
     """Scenario 3 with the pedestrian standing on the lane, 4 m beyond where it is crossed; return the frames."""
     config = WorldConfig(
@@ -137,20 +112,6 @@ def test_the_autopilot_brakes_fully_at_the_fixed_distance_and_stops_for_a_standi
     assert frames["vehicle_acceleration"][near[0]] == pytest.approx(-MAX_DECELERATION)
     assert frames["vehicle_speed"][-1] == 0.0
     assert frames["outcome"][-1] != 1
-
-
-def test_with_no_proximity_distance_it_runs_into_a_standing_pedestrian():
-    assert standing_in_the_way(0.0)["outcome"][-1] == 1
-
-
-def test_the_walker_does_not_react_to_the_vehicle():
-    with_car = episodes(World(AUTOPILOT, SCENARIOS, [(7, e) for e in range(8)], 8, 4))
-    slow = [dataclasses.replace(s, vehicle=dataclasses.replace(s.vehicle, full_throttle_speed=0.5)) for s in SCENARIOS]
-    without = episodes(World(AUTOPILOT, slow, [(7, e) for e in range(8)], 8, 4))
-    for key, frames in with_car.items():
-        both = min(len(frames), len(without[key]))
-        for name in ("pedestrian_x", "pedestrian_y"):
-            assert np.array_equal(frames[name][:both], without[key][name][:both])
 
 
 @pytest.mark.parametrize("aside", [-2.5, 2.5])

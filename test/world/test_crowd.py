@@ -4,14 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
-from world.helpers import SCENARIOS, alarm, calm, cautious, frames
+from world.helpers import SCENARIOS, calm, cautious, frames
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import build
 from vpsci_ros.world import COLLISION, ENDED, GOAL, IDLE, RUNNING, World, WorldConfig
-from vpsci_ros.world.crowd import FOLLOWER, GROUP, OPPOSITE, ROLES, CrowdConfig
-from vpsci_ros.world.loop import Loop
-from vpsci_ros.world.sharing import leading_rows
+from vpsci_ros.world.crowd import FOLLOWER, CrowdConfig
 from vpsci_ros.world.state import EPISODE, FINISHED, HANDED_OVER, STARTED
 from vpsci_ros.world.tick import Actions
 
@@ -92,47 +90,6 @@ def test_sizes_of_episodes_are_distributed_as_set_and_the_last_rows_stay_idle():
     assert set(state[state["status"] == IDLE].tobytes()) == {0}
 
 
-def test_shares_of_groups_opposite_ones_and_followers_are_as_set():
-    pairs = [(scenario, number) for number in range(100) for scenario in range(1, 9)]
-    state = spawned(WorldConfig(pedestrians=4, crowd=CrowdConfig(group=0.5, opposite=0.2, follower=0.2)), pairs)
-    shares = np.bincount(state["role"][:, 1:].reshape(-1), minlength=len(ROLES)) / (3 * len(pairs))
-    assert shares == pytest.approx([0.1, 0.5, 0.2, 0.2], abs=0.04)
-    assert (state["role"][:, 0] == 0).all()
-
-
-def test_a_group_walks_in_the_same_direction_at_a_similar_speed_and_near():
-    state = spawned(WorldConfig(pedestrians=2, crowd=CrowdConfig(group=1.0, opposite=0.0, follower=0.0)))
-    first, second = state[:, 0], state[:, 1]
-    assert (second["role"] == GROUP).all()
-    assert np.abs(second["walking_speed"] / first["walking_speed"] - 1.0).max() <= 0.07
-    gap = np.hypot(second["pedestrian_x"] - first["pedestrian_x"], second["pedestrian_y"] - first["pedestrian_y"])
-    assert gap.min() > 0.6
-    assert np.quantile(gap, 0.9) < 2.5
-
-
-def test_opposite_ones_come_from_the_other_side_and_arrive_where_the_first_ones_begin():
-    config = WorldConfig(
-        spawn="human",
-        pedestrians=2,
-        crowd=CrowdConfig(group=0.0, opposite=1.0, follower=0.0),
-        vehicle_driver="external",
-        pedestrian_driver="autopilot",
-    )
-    world = World(config, SCENARIOS, PAIRS, len(PAIRS), 1)
-    begin = world.state.reshape(-1, 2).copy()
-    assert (begin["role"][:, 1] == OPPOSITE).all()
-    along = begin["pedestrian_vx"][:, 0] * begin["pedestrian_vx"][:, 1]
-    along += begin["pedestrian_vy"][:, 0] * begin["pedestrian_vy"][:, 1]
-    moving = (begin["start_delay"] == 0.0).all(axis=1)
-    assert moving.mean() > 0.8
-    assert (along[moving] < 0.0).all()
-    still = Actions(vehicle=np.tile([-5.0, 0.0], (2 * len(PAIRS), 1)))
-    while not (world.state["status"] == ENDED).any() and world.now.number < 500:
-        world.advance(calm(world), still)
-    arrived = world.state.reshape(-1, 2)["pedestrian_goal"][:, 1]
-    assert arrived.mean() > 0.5
-
-
 def test_a_follower_waits_until_the_first_one_has_passed_and_sets_off_after_its_delay():
     config = WorldConfig(spawn="human", pedestrians=2, crowd=CrowdConfig(group=0.0, opposite=0.0, follower=1.0))
     seen = {}
@@ -178,14 +135,6 @@ def test_a_pedestrian_is_handed_over_by_its_own_pair_and_the_vehicle_by_any():
     assert world.state["vehicle_held"].tolist() == [1, 1, 1]
 
 
-def test_leading_rows_are_the_least_critical_ttc_among_those_who_act():
-    state = np.zeros(7, EPISODE)
-    state["pedestrian"] = [0, 1, 2, 0, 1, 0, 1]
-    acting = np.array([True, True, False, False, False, False, True])
-    curvttc = np.array([3.0, 2.0, 1.0, 1.0, 1.0, 1.0, np.inf])
-    assert leading_rows(state, acting, curvttc).tolist() == [1, 1, 1, 3, 4, 6, 6]
-
-
 def test_the_autopilot_brakes_for_whichever_pedestrian_stands_before_it():
     config = WorldConfig(pedestrians=3, vehicle_driver="autopilot", pedestrian_driver="constant_velocity")
     braking = []
@@ -225,40 +174,15 @@ def test_the_goal_is_reached_when_all_have_arrived():
     assert world.state["outcome"].tolist() == [GOAL] * 3
 
 
-def test_environments_place_whole_episodes_and_leave_the_others_alone():
-    world = World(WorldConfig(pedestrians=3), SCENARIOS, [], 4, 0)
-    world.place([0, 2], PAIRS[:2])
-    before = world.state[:3].copy()
-    started = world.place([2], PAIRS[5:6], seeds=[7])
-    assert started["slot"].tolist() == [6, 7, 8]
-    assert world.state["status"].tolist() == [RUNNING] * 3 + [IDLE] * 3 + [RUNNING] * 3 + [IDLE] * 3
-    assert world.state[:3].tobytes() == before.tobytes()
-    with pytest.raises(InvalidInput, match="slots from 0 to 3"):
-        world.place([4], PAIRS[:1])
-
-
-def test_a_world_with_several_pedestrians_is_done_when_its_queue_is():
-    world = World(THREE, SCENARIOS, PAIRS[:5], 2, 1)
-    loop = Loop(world)
-    ended = sum(np.count_nonzero(step.events["kind"] == FINISHED) for step in loop)
-    assert ended == 15
-    assert not world.state["status"].any()
-
-
 @pytest.mark.parametrize(
     ("values", "message"),
     [
         ({"pedestrians": 9}, "pedestrians = 9 is out of range; expected 1 to 8"),
-        ({"pedestrians": 0}, "pedestrians = 0 is out of range"),
         ({"pedestrians": 2, "crowd.sizes": [1.0, 0.0, 1.0]}, "crowd.sizes gives parts for up to 3 pedestrians"),
         ({"crowd.sizes": [0.0]}, "crowd.sizes: expected a part above 0"),
-        ({"crowd.sizes": [-1.0]}, "crowd.sizes = -1.0 is out of range"),
         ({"crowd.group": 0.7, "crowd.opposite": 0.7}, "shares that come to 1 at most, got group = 0.7"),
-        ({"crowd.groups": 0.5}, "unknown parameter 'crowd.groups'"),
         ({"pedestrians": 2, "pedestrian_driver": "replay"}, "pedestrian_driver = replay"),
         ({"kinds.adult": 0.0}, "kinds: expected a part above 0"),
-        ({"kinds.older": -0.1}, "kinds.older = -0.1 is out of range"),
-        ({"kinds.dog": 1.0}, "unknown parameter 'kinds.dog'"),
     ],
 )
 def test_parameters_that_make_no_crowd_are_refused_by_name(values, message):
@@ -279,8 +203,3 @@ def test_pedestrians_keep_apart_and_nobody_is_inside_another_for_long():
                 inside[key] = inside.get(key, 0) + 1
                 longest = max(longest, inside[key])
     assert longest <= 10  # ticks of 0.05 s
-
-
-def test_every_row_acts_where_everything_is_critical():
-    world = World(THREE, SCENARIOS, PAIRS, 2, 1)
-    assert alarm(world).acting.all()

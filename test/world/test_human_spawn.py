@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from world.helpers import SCENARIOS, frames, run
 
-from vpsci_ros.world import GOAL, RUNNING, World, WorldConfig, people
+from vpsci_ros.world import RUNNING, World, WorldConfig, people
 from vpsci_ros.world.drivers import RUNNING_SPEED
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.monitor import MonitorConfig, assess
-from vpsci_ros.world.tick import Actions
 
 HUMAN = WorldConfig(spawn="human", vehicle_driver="autopilot", pedestrian_driver="autopilot")
 PAIRS = [(scenario, number) for number in range(60) for scenario in range(1, 9)]
@@ -69,24 +68,6 @@ def test_nobody_leaps_off_the_kerb(approaches):
         assert (change < rows["stride"][0] + 1e-9).all()
 
 
-def test_each_speeds_up_with_an_acceleration_of_its_own_as_recorded(approaches):
-    for name, recorded in (("drive_on", people.DRIVES_ON), ("stride", people.STRIDES)):
-        drawn = at_onset(approaches, name)
-        assert len(np.unique(drawn)) == len(drawn)
-        assert np.quantile(drawn, (0.25, 0.5, 0.75)) == pytest.approx(recorded[3:6], abs=0.15)
-
-
-def test_a_car_turns_as_slowly_as_its_driver_likes(approaches):
-    sideways = [(rows["vehicle_speed"] ** 2 * np.abs(rows["vehicle_curvature"]) - rows["lateral_comfort"]).max()
-                for rows in approaches]  # fmt: skip
-    assert np.percentile(sideways, 95) < 0.3
-
-
-def test_both_reach_the_other_side_in_time_where_nothing_happens():
-    ends = [rows["outcome"][-1] for rows in run(PAIRS[:96], batch=96, config=HUMAN).values()]
-    assert np.mean(np.array(ends) == GOAL) > 0.3
-
-
 def test_accelerations_never_jump_though_the_policies_brake_at_once_when_they_take_over():
     config = WorldConfig(spawn="human")
     world = World(config, SCENARIOS, PAIRS[:160], 160, 1)
@@ -104,21 +85,3 @@ def test_accelerations_never_jump_though_the_policies_brake_at_once_when_they_ta
             held += int((moving & (state["controlled"] > 0)).sum())
         before = state
     assert held > 1000
-
-
-def test_the_papers_spawn_draws_its_walking_speeds_and_throttles():
-    config = WorldConfig(spawn="paper", vehicle_driver="autopilot", pedestrian_driver="autopilot")
-    state = World(config, SCENARIOS, PAIRS, len(PAIRS), 1).state
-    assert (state["walking_speed"].min() > 0.99) & (state["walking_speed"].max() <= 4.0)
-    assert state["walking_speed"].max() > 3.9
-    assert (state["cruise_throttle"].min() >= 0.6) & (state["cruise_throttle"].max() <= 0.9)
-    assert not any(state[f"{agent}"].any() for agent in ("meeting_s", "walk_slope", "lane_sine"))
-
-
-def test_an_external_pedestrian_is_not_held_back_by_human_jerk():
-    config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="external")
-    world = World(config, SCENARIOS, [(4, 0)], 1, 1)
-    before = world.state.copy()
-    world.advance(world.now.unassessed(), Actions(pedestrian=np.array([[8.0, 0.0]])))
-    change = np.hypot(*(world.state[n][0] - before[n][0] for n in ("pedestrian_vx", "pedestrian_vy")))
-    assert change == pytest.approx(0.5 * 8.0 * config.tick)

@@ -16,7 +16,7 @@ from vpsci_ros.world.intervention import (
     from_parameter,
 )
 from vpsci_ros.world.kinematics import MAX_DECELERATION
-from vpsci_ros.world.tick import NO_ACTIONS, Actions
+from vpsci_ros.world.tick import Actions
 
 SCENARIOS = load_scenarios([1, 2])
 ONE, TWO = (1, 0), (2, 0)
@@ -42,10 +42,6 @@ def test_one_episode_is_changed_and_no_other() -> None:
     assert changed[:, 1] == pytest.approx(as_it_is[:, 1], abs=0.0)
     assert changed[:6, 0] == pytest.approx(as_it_is[:6, 0], abs=0.0)
     assert changed[6:, 0] == pytest.approx(as_it_is[6:, 0] - 0.7, abs=1e-12)
-
-
-def test_a_speed_does_not_fall_below_rest() -> None:
-    assert speeds({ONE: Intervention(frame=3, speed=-50.0)}, lambda _: (0.0, 0.0))[4, 0] == 0.0
 
 
 def test_braking_is_firmer_from_1_m_s2_on_up_to_what_the_car_can() -> None:
@@ -78,27 +74,6 @@ def test_robots_hold_the_first_speed_until_the_system_brakes_firmly_and_then_let
     found = speeds({}, lambda k: (-3.0 if k == 6 else -2.9 if k < 6 else -1.0, 0.0), 10, held_until=3.0)[:, 0]
     assert found[:7] == pytest.approx([first] * 7, abs=0.0)
     assert np.diff(found[6:]) / 0.05 == pytest.approx([-3.0, -1.0, -1.0])
-
-
-def test_robots_keep_the_lane_of_a_system_that_steers_by_itself() -> None:
-    for lane_following in (True, False):
-        world = World(
-            WorldConfig(spawn="paper", vehicle_driver="external", lane_following=lane_following), SCENARIOS[:1], [ONE],
-            1, 1,
-        )  # fmt: skip
-        between = Interventions(InterventionConfig(held_until=3.0), SCENARIOS, lane_following=lane_following)
-        form = {"vehicle": np.array([[0.0, 40.0]])} if not lane_following else {"vehicle_control": [[1.0, 0.2, 0.0]]}
-        for _ in range(80):
-            given = Actions(**{name: np.array(value) for name, value in form.items()})
-            world.advance(world.now.unassessed(), between.applied(world.state, given))
-        at = world.state[0]
-        assert abs(SCENARIOS[0].vehicle.path.locate(at["vehicle_x"], at["vehicle_y"])[1]) < 0.2
-
-
-def test_without_a_command_there_is_none_to_change() -> None:
-    world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
-    between = Interventions(InterventionConfig(held_until=3.0), SCENARIOS, lane_following=True)
-    assert between.applied(world.state, NO_ACTIONS) is NO_ACTIONS
 
 
 def test_a_list_comes_back_as_it_was_and_one_that_is_cut_is_refused() -> None:

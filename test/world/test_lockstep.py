@@ -10,7 +10,7 @@ from vpsci_ros.world import EPISODE, RUNNING, WorldConfig
 from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.lockstep import LockStep, LockStepConfig
 from vpsci_ros.world.safe_stop import ExternalConfig, ExternalDriver
-from vpsci_ros.world.tick import Actions, Assessment, Tick
+from vpsci_ros.world.tick import Assessment, Tick
 
 PATIENT = LockStepConfig(action_timeout=2.0, replay_window=100)
 
@@ -67,20 +67,6 @@ def test_at_a_policy_tick_the_world_goes_on_with_the_last_answer(session: Sessio
     assert len(events) == 0
 
 
-def test_between_policy_ticks_nobody_waits_for_policies(session: Session) -> None:
-    session.begin(1)
-    session.monitor(1)
-    assert session.lock_step.may_advance()
-
-
-def test_answers_to_earlier_ticks_are_passed_over(session: Session) -> None:
-    session.begin(4)
-    session.answer(2)
-    assert session.lock_step.assessment is None
-    assert session.lock_step.actions == Actions()
-    assert not session.counts.nonzero()
-
-
 @pytest.mark.parametrize("begun", [False, True], ids=["before the first tick", "at a tick"])
 def test_an_answer_to_a_tick_that_is_still_to_come_is_refused_and_counted(session: Session, begun: bool) -> None:
     if begun:
@@ -93,32 +79,6 @@ def test_an_answer_to_a_tick_that_is_still_to_come_is_refused_and_counted(sessio
     session.answer(3)
     assert session.lock_step.may_advance()
     assert session.lock_step.versions == {"vehicle": 7, "pedestrian": 7}
-
-
-def test_a_tick_forgets_the_answers_to_the_last_one(session: Session) -> None:
-    session.begin()
-    session.answer()
-    session.begin(2)
-    assert not session.lock_step.may_advance()
-    assert session.lock_step.versions == {}
-    assert not session.lock_step.answers()[0].answered
-
-
-def test_at_the_first_tick_the_graphs_own_nodes_have_ten_seconds(session: Session) -> None:
-    session.begin(now=10.0)
-    session.monitor()
-    session.agent("vehicle")
-    assert not session.lock_step.may_advance(20.0)
-    assert session.lock_step.may_advance(20.1)
-
-
-def test_at_the_first_tick_an_external_driver_has_its_timeout() -> None:
-    session = Session(ExternalDriver(ExternalConfig(), 0.05, WorldCounts()), vehicle_driver="external")
-    session.begin(now=10.0)
-    session.monitor()
-    session.agent("pedestrian")
-    assert not session.lock_step.may_advance(12.0)
-    assert session.lock_step.may_advance(12.1)
 
 
 def test_who_does_not_answer_is_waited_for_until_the_timeout_and_left_out(session: Session) -> None:
@@ -163,23 +123,6 @@ def test_a_second_answer_that_differs_is_refused_and_counted_and_the_first_stand
     assert session.lock_step.assessment.curvttc.max() == 1.0  # type: ignore[union-attr]
 
 
-def test_the_same_answer_once_more_is_no_contradiction(session: Session) -> None:
-    session.begin()
-    session.answer()
-    session.answer()
-    session.begin(2)
-    session.answer(0)
-    assert not session.counts.nonzero()
-
-
-def test_a_good_answer_after_a_refused_one_is_taken(session: Session) -> None:
-    session.begin()
-    with pytest.raises(InvalidInput, match="actions.vehicle of slot 0"):
-        session.agent("vehicle", value=np.inf)
-    session.agent("vehicle")
-    assert session.lock_step.actions.vehicle is not None
-
-
 def test_a_paused_world_takes_one_tick_for_each_step_and_nobody_is_late_meanwhile(session: Session) -> None:
     session.begin()
     session.lock_step.pause(True, 5.0)
@@ -192,18 +135,6 @@ def test_a_paused_world_takes_one_tick_for_each_step_and_nobody_is_late_meanwhil
     assert not session.lock_step.may_advance()
     session.lock_step.pause(False, 1001.0)
     assert session.lock_step.may_advance()
-
-
-def test_steps_are_refused_unless_it_is_paused_and_running(session: Session) -> None:
-    assert not session.lock_step.step(0.0)
-    session.begin()
-    assert not session.lock_step.step(0.0)
-    session.lock_step.pause(True, 0.0)
-    assert session.lock_step.step(0.0)
-    session.begin(2)
-    session.lock_step.end()
-    assert not session.lock_step.step(0.0)
-    assert not session.lock_step.running
 
 
 def test_paced_by_the_wall_clock_a_tick_waits_for_its_beat_and_late_ones_are_counted(session: Session) -> None:

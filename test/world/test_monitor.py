@@ -35,18 +35,3 @@ def test_the_last_frame_of_an_episode_has_a_curvttc_but_is_not_critical(states):
     ttc, _, critical = assess(last, MonitorConfig())
     assert (ttc[last["outcome"] == 1] == 0.0).all()
     assert not critical.any()
-
-
-def test_threads_change_no_bit(states, monkeypatch):
-    whole = [assess(state, MonitorConfig()) for state in states[::50]]
-    monkeypatch.setattr("vpsci_ros.world.monitor.PER_THREAD", 3)
-    monkeypatch.setattr("vpsci_ros.safety.compiled._pool.size", 4)
-    for state, expected in zip(states[::50], whole, strict=True):
-        for a, b in zip(assess(state, MonitorConfig()), expected, strict=True):
-            assert a.tobytes() == b.tobytes()
-
-
-def test_the_threshold_is_the_configurations(states):
-    state = states[60]
-    assert assess(state, MonitorConfig())[2].any()
-    assert not assess(state, MonitorConfig(critical_threshold=0.0))[2].any()

@@ -7,7 +7,6 @@ import pytest
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import EPISODE, observe, observe_arrays
-from vpsci_ros.world.observation import from_heading_frame, to_heading_frame
 
 
 def record(**values):
@@ -36,14 +35,6 @@ def test_numbers_by_hand_for_a_vehicle_driving_north():
     assert pedestrian[0] == pytest.approx([0, 1.5, 6, -3, -4, 1.5], abs=1e-6)
 
 
-def test_the_pedestrian_sees_the_same_distances_with_the_sign_changed():
-    rng = np.random.default_rng(1)
-    vehicle, pedestrian = observe_arrays(*rng.normal(size=(9, 100)))
-    assert np.array_equal(vehicle[:, 2:], -pedestrian[:, 2:])
-    # (10)-(13): relative velocities are the differences of the velocities
-    assert np.allclose(vehicle[:, 4:], vehicle[:, :2] - pedestrian[:, :2], atol=1e-6)
-
-
 def test_turning_and_moving_the_whole_scene_changes_nothing():
     rng = np.random.default_rng(2)
     x, y, heading, vx, vy, px, py, pvx, pvy = rng.normal(size=(9, 50))
@@ -64,23 +55,6 @@ def test_turning_and_moving_the_whole_scene_changes_nothing():
         assert np.allclose(a, b, atol=1e-5)
 
 
-def test_records_and_plain_arrays_give_the_same_observation():
-    state = record(vehicle_x=3, vehicle_y=-2, vehicle_heading=0.7, vehicle_speed=5, pedestrian_vy=1.0, pedestrian_x=9)
-    h = state["vehicle_heading"]
-    arrays = observe_arrays(
-        state["vehicle_x"],
-        state["vehicle_y"],
-        h,
-        5 * np.cos(h),
-        5 * np.sin(h),
-        *(state[f"pedestrian_{n}"] for n in ("x", "y", "vx", "vy")),
-    )
-    for a, b in zip(observe(state), arrays, strict=True):
-        assert a.dtype == np.float32
-        assert np.allclose(a, b, atol=1e-6)
-    assert observe(state)[0][0, 1] == 0.0  # the simulated vehicle does not slip
-
-
 def test_a_rows_bits_do_not_depend_on_its_place_or_its_neighbours():
     rng = np.random.default_rng(3)
     columns = rng.normal(size=(9, 65)) * 30
@@ -89,11 +63,6 @@ def test_a_rows_bits_do_not_depend_on_its_place_or_its_neighbours():
         own_vehicle, own_pedestrian = observe_arrays(*columns[:, i])
         assert own_vehicle.tobytes() == vehicle[i].tobytes()
         assert own_pedestrian.tobytes() == pedestrian[i].tobytes()
-
-
-def test_the_frame_turns_there_and_back():
-    assert from_heading_frame(0.3, *to_heading_frame(0.3, 2.0, -1.0)) == pytest.approx((2.0, -1.0))
-    assert to_heading_frame(math.pi, 1.0, 0.0) == pytest.approx((-1.0, 0.0))
 
 
 def test_arrays_of_different_shapes_are_refused():

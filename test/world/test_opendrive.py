@@ -1,6 +1,5 @@
 """Maps: lanes and crosswalks as OpenDRIVE describes them, on a real map and on small ones with known answers."""
 
-import dataclasses
 import json
 import math
 import os
@@ -8,11 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-from world.helpers import AUTOPILOT, episodes
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.world import World, load_scenario
 from vpsci_ros.world.opendrive import OpenDriveMap
 
 DATA = Path(os.environ.get("VPSCI_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")) / "town10hd"
@@ -48,12 +44,6 @@ def test_lanes_lie_beside_the_reference_line_and_are_driven_on_the_right(tmp_pat
     assert np.allclose(left[[0, -1]], [[20, 1.5], [0, 1.5]])  # half of 3 m, against the reference line
     second = found.lane_centre(1, -2)
     assert np.allclose(second[[0, -1]], [[0, -5], [20, -6]])  # 4 m and half of 2 m, growing by 0.1 m a metre
-
-
-def test_a_lane_offset_shifts_all_lanes(tmp_path):
-    offset = '<laneOffset s="0" a="1" b="0" c="0" d="0"/><laneOffset s="10" a="2" b="0.1" c="0" d="0"/>'
-    points = OpenDriveMap(write(tmp_path, straight(offset=offset))).lane_centre(1, -1, 5.0)
-    assert np.allclose(points[:, 1], [-1, -1, 0, 0.5, 1])
 
 
 def test_an_arc_is_a_circle(tmp_path):
@@ -94,17 +84,6 @@ def test_a_route_joins_lanes_in_the_order_of_driving(tmp_path):
         OpenDriveMap(path).route([(2, -1), (3, -1)])
 
 
-def test_an_object_lies_at_its_place_turned_with_the_road(tmp_path):
-    corners = "".join(
-        f'<cornerLocal u="{u}" v="{v}" z="0"/>' for u, v in [(-3, -1), (3, -1), (3, 1), (-3, 1), (-3, -1)]
-    )
-    item = f'<object id="7" type="crosswalk" s="10" t="2" hdg="{math.pi / 2}"><outline>{corners}</outline></object>'
-    found = OpenDriveMap(write(tmp_path, straight(hdg=math.pi / 2, objects=item)))
-    assert found.crosswalks() == ["7"]
-    # the road goes north: (s, t) = (10, 2) is (-2, 10), u points west and v south
-    assert np.allclose(found.crosswalk(7), [[1, 11], [-5, 11], [-5, 9], [1, 9]])
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -119,13 +98,6 @@ def test_a_file_that_is_no_map_is_refused(tmp_path, content, message):
         path.write_text(content, encoding="utf-8")
     with pytest.raises(InvalidInput, match=message):
         OpenDriveMap(path)
-
-
-def test_a_pipe_and_a_device_are_refused_as_maps_and_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "map.xodr")
-    for path in (tmp_path / "map.xodr", "/dev/zero"):
-        with pytest.raises(InvalidInput, match="expected a file, found a pipe, a device or a socket"):
-            OpenDriveMap(path)
 
 
 def test_what_the_map_does_not_have_is_refused(tmp_path):
@@ -160,54 +132,3 @@ def test_reading_town10_reproduces_the_right_turns_within_five_centimetres():
             route, width = town.route(lanes, 0.5)
             assert width == pytest.approx(turn["lane_width_m"])
             assert distances(np.array(turn["centreline"]), route).max() < 0.05
-
-
-def sampled_place(town, object_id):
-    """Outline as right_turns.json has it: at the nearest of the samples, 0.5 m apart, of the reference line."""
-    for element in town._roads.values():
-        for item in element.iterfind("objects/object"):
-            if item.get("id") == object_id:
-                pieces = [(float(g.get("s")), float(g.get("length"))) for g in element.iterfind("planView/geometry")]
-                samples = np.concatenate([np.linspace(s, s + n, max(1, int(n / 0.5)) + 1) for s, n in pieces])
-                item.set("s", str(samples[np.abs(samples - float(item.get("s"))).argmin()]))
-    return town.crosswalk(object_id)
-
-
-@real_map
-def test_reading_town10_reproduces_the_crosswalks():
-    """To 5 cm where right_turns.json places them, on a grid along the road; exactly placed, they lie within 25 cm."""
-    town = OpenDriveMap(DATA / "Town10HD.xodr")
-    outlines = {name: town.crosswalk(name) for name in town.crosswalks()}
-    for location in right_turns().values():
-        for expected in map(np.array, location["crosswalks"].values()):
-            name = min(outlines, key=lambda n: np.abs(outlines[n].mean(axis=0) - expected.mean(axis=0)).max())
-            assert np.linalg.norm(outlines[name] - expected, axis=1).max() < 0.25
-            assert np.linalg.norm(sampled_place(town, name) - expected, axis=1).max() < 0.05
-
-
-@real_map
-def test_a_scenario_names_its_route_and_crosswalk_in_a_map(tmp_path):
-    document = {
-        "number": 41,
-        "name": "corner",
-        "location": "Town10HD",
-        "opendrive": str(DATA / "Town10HD.xodr"),
-        "vehicle": {"lanes": [[5, -2], [763, -1], [18, -2]], "spawn": [85, 92], "goal": 127},
-        "pedestrian": {"crosswalk": 1135, "reverse": True, "arrival": [2, 5.5]},
-    }
-    file = tmp_path / "corner.yaml"
-    file.write_text(yaml.safe_dump(document), encoding="utf-8")
-    scenario, own = load_scenario(file), load_scenario(3)
-    assert scenario.vehicle.lane_width == pytest.approx(3.5)
-    for point in own.vehicle.path.points[10:90:5]:
-        assert abs(scenario.vehicle.path.locate(*point)[1]) < 0.05
-    ends = scenario.pedestrian.path.at(0.0), scenario.pedestrian.path.at(scenario.pedestrian.goal)
-    assert ends[0][0] > -98.0  # from the east kerb
-    assert ends[1][0] < -117.0  # to the west kerb
-    config = dataclasses.replace(AUTOPILOT, spawn="paper")  # whose cars all drive on
-    found = episodes(World(config, [scenario], [(41, e) for e in range(4)], 2, 1))
-    assert all(rows["vehicle_path"][-1] > 5.0 for rows in found.values())
-    document["vehicle"].pop("lanes")
-    file.write_text(yaml.safe_dump(document), encoding="utf-8")
-    with pytest.raises(InvalidInput, match=r"give vehicle.lanes .* and pedestrian.crosswalk"):
-        load_scenario(file)

@@ -33,23 +33,9 @@ def test_a_point_is_located_by_arc_length_and_distance_to_the_left():
     assert path.locate(4.0, -1.5) == pytest.approx((4.0, -1.5))
 
 
-def test_a_path_goes_on_straight_beyond_its_ends():
-    path = resample(np.array([[0.0, 0.0], [10.0, 0.0]]))
-    assert path.at(12.5) == pytest.approx((12.5, 0.0))
-    assert path.locate(-3.0, 0.2) == pytest.approx((-3.0, 0.2))
-
-
 def test_location_undoes_the_point_at_an_arc_length():
     path = resample(arc(9.0, 1.5))
     for s in np.linspace(0.0, path.length, 23):
         found, left = path.locate(*path.at(s))
         assert found == pytest.approx(s, abs=1e-6)
         assert left == pytest.approx(0.0, abs=1e-6)
-
-
-def test_a_band_has_its_width_on_both_sides():
-    path = resample(np.array([[0.0, 0.0], [10.0, 0.0]]))
-    band = path.band(3.0)
-    assert band.shape == (2 * len(path.points), 2)
-    assert np.allclose(np.unique(band[:, 1]), [-1.5, 1.5])
-    assert path.beside(4.0, 1.0) == pytest.approx((4.0, 1.0))

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import load_scenarios
 from vpsci_ros.world.parked import EYE_FORWARD, parked_from
 from vpsci_ros.world.perception import (
     ABSENT,
     HIDDEN,
     LOST,
-    MISSED,
     OUT_OF_VIEW,
     SEEN,
     PerceptionConfig,
@@ -53,12 +51,6 @@ def test_by_default_everybody_is_listed_as_they_are_from_the_first_frame() -> No
     assert (listed["track"] == 1).all()
     for name in ("x", "y", "vx", "vy"):
         assert (listed[name] == state[f"pedestrian_{name}"]).all()
-
-
-def test_an_idle_row_has_nobody() -> None:
-    state = scene(2)
-    state["status"][1] = 0
-    assert watch(state, 3, PerceptionConfig())["status"].tolist() == [[SEEN, ABSENT]] * 3
 
 
 @pytest.mark.parametrize(
@@ -106,12 +98,6 @@ def test_noise_has_its_size_and_its_correlation_in_time() -> None:
     assert abs(np.corrcoef(listed["x"][0], listed["y"][0])[0, 1]) < 0.07
     white = watch(scene(4000), 2, PerceptionConfig(position_noise=0.3, noise_time=0.0))["x"]
     assert abs(np.corrcoef(white[0], white[1])[0, 1]) < 0.07
-
-
-def test_detections_are_missed_at_their_share_and_the_track_keeps_its_number() -> None:
-    listed = watch(scene(500), 40, PerceptionConfig(missed=0.2))
-    assert (listed["status"] == MISSED).mean() == pytest.approx(0.2, abs=0.012)
-    assert set(np.unique(listed["track"][listed["status"] == SEEN])) == {1}
 
 
 def test_a_lost_track_is_found_again_after_its_time_under_another_number() -> None:
@@ -167,26 +153,3 @@ def test_a_row_is_perceived_alike_in_every_batch_and_again() -> None:
     for row in (0, 4, 8):
         assert whole[:, row].tolist() == watch(scene(9)[row : row + 1], 30, ALL)[:, 0].tolist()
     assert whole.tolist() != watch(scene(9), 30, PerceptionConfig(**{**vars(ALL), "seed": 6})).tolist()
-
-
-def test_another_pedestrian_of_the_episode_changes_nothing_of_the_first_but_numbers() -> None:
-    two = scene(2)
-    two["episode"] = 0
-    both, one = watch(two, 30, ALL, pedestrians=2), watch(scene(1), 30, ALL)
-    assert both["status"][:, 0].tolist() == one["status"][:, 0].tolist()
-    assert both["x"][:, 0].tolist() == one["x"][:, 0].tolist()
-    assert both["x"][:, 0].tolist() != both["x"][:, 1].tolist()
-
-
-def test_memory_is_not_touched() -> None:
-    memory = blank(2, ALL, TICK)
-    before = memory.trackers.tobytes() + memory.late.tobytes()
-    perceive(memory, scene(2), ALL, TICK)
-    assert memory.trackers.tobytes() + memory.late.tobytes() == before
-
-
-def test_rows_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(InvalidInput, match="expected 3 rows, 1 for each episode, got 2"):
-        perceive(blank(3, ALL, TICK), scene(2), ALL, TICK)
-    with pytest.raises(InvalidInput, match="expected 3 rows, 2 for each episode, got 3"):
-        perceive(blank(3, ALL, TICK), scene(3), ALL, TICK, pedestrians=2)

@@ -36,7 +36,3 @@ def test_two_who_would_meet_are_pushed_to_the_side_and_those_who_part_are_left_a
     assert ay > 3.0
     assert abs(ax) < 0.1 * ay
     assert math.hypot(*repulsion(1.2, 0.2, 2.6, 0.0)) < 0.15
-
-
-def test_two_at_the_same_place_are_not_pushed_to_infinity():
-    assert repulsion(0.0, 0.0, 0.0, 0.0) == (0.0, 0.0)

@@ -2,7 +2,6 @@
 
 import itertools
 import os
-import sys
 
 import numpy as np
 import pytest
@@ -10,10 +9,9 @@ from world.helpers import AUTOPILOT, SCENARIOS, alarm, calm, frames, nothing, ru
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import clearance
-from vpsci_ros.world import COLLISION, ENDED, GOAL, IDLE, RUNNING, TIMEOUT, World, WorldConfig
+from vpsci_ros.world import COLLISION, ENDED, GOAL, RUNNING, TIMEOUT, World, WorldConfig
 from vpsci_ros.world.state import (
     FINISHED,
-    HANDED_OVER,
     PEDESTRIAN_ACTION_MISSING,
     SAFETY_MISSING,
     STARTED,
@@ -45,23 +43,6 @@ def test_the_last_frame_is_shown_for_exactly_one_tick(history):
     assert sum((state["status"] == ENDED).sum() for state, _ in history) == len(PAIRS)
 
 
-def test_fresh_episodes_enter_at_policy_ticks_only(history):
-    entered = [tick for tick, (_, events) in enumerate(history) if (events["kind"] == STARTED).any()]
-    assert len(entered) > 10
-    assert all((tick + 1) % 2 == 0 for tick in entered)
-
-
-def test_an_idle_slot_is_all_zeros(history):
-    idle = np.concatenate([state[state["status"] == IDLE] for state, _ in history])
-    assert len(idle) > 10
-    assert set(idle.tobytes()) == {0}
-
-
-def test_slots_take_episodes_in_the_order_of_the_queue(history):
-    first = history[0][0]
-    assert list(zip(first["scenario"].tolist(), first["episode"].tolist(), strict=True)) == PAIRS[:10]
-
-
 def test_all_three_ends_occur_and_are_what_they_say():
     found = set()
     for key, rows in run(PAIRS, config=WorldConfig()).items():
@@ -86,21 +67,6 @@ def test_all_three_ends_occur_and_are_what_they_say():
     assert found == {COLLISION, GOAL, TIMEOUT}
 
 
-def test_paths_add_up_what_was_moved():
-    for rows in run(PAIRS[:16]).values():
-        for agent in ("vehicle", "pedestrian"):
-            moved = np.hypot(np.diff(rows[f"{agent}_x"]), np.diff(rows[f"{agent}_y"])).sum()
-            assert rows[f"{agent}_path"][-1] == pytest.approx(moved, rel=2e-3)
-
-
-def test_curvature_is_that_of_the_path_driven():
-    for rows in run(PAIRS[:16]).values():
-        moving = rows["vehicle_speed"][1:] > 0.5
-        driven = np.diff(rows["vehicle_path"])[moving]
-        turned = np.diff(rows["vehicle_heading"])[moving]
-        assert np.allclose(turned, rows["vehicle_curvature"][1:][moving] * driven, atol=1e-9)
-
-
 def test_actions_hold_for_two_ticks_in_the_frame_in_which_they_were_given():
     world = World(WorldConfig(spawn="paper", pedestrian_gain=1.0, lane_following=False), SCENARIOS, [(3, 0)], 1, 1)
     heading = float(world.state["vehicle_heading"][0])
@@ -115,20 +81,6 @@ def test_actions_hold_for_two_ticks_in_the_frame_in_which_they_were_given():
     assert world.state["vehicle_acceleration"][0] == pytest.approx(2.0)
 
 
-def test_lane_following_keeps_the_lane_under_a_policy_that_knows_no_road():
-    errors = {}
-    for lane_following in (True, False):
-        config = WorldConfig(lane_following=lane_following, pedestrian_driver="constant_velocity")
-        world = World(config, SCENARIOS, [(1, 0)], 1, 1)
-        world.state["pedestrian_x"] -= 50.0
-        while world.state["status"][0] == RUNNING:
-            world.advance(alarm(world), nothing(world))
-        path = SCENARIOS[0].vehicle.path
-        errors[lane_following] = abs(path.locate(world.state["vehicle_x"][0], world.state["vehicle_y"][0])[1])
-    assert errors[True] < 0.2
-    assert errors[False] > 5.0  # straight on
-
-
 def test_a_missing_answer_is_reported_and_the_rule_based_driver_acts_until_the_next():
     world = World(WorldConfig(), SCENARIOS, [(3, 0)], 1, 1)
     alone = World(AUTOPILOT, SCENARIOS, [(3, 0)], 1, 1)
@@ -141,35 +93,11 @@ def test_a_missing_answer_is_reported_and_the_rule_based_driver_acts_until_the_n
         assert world.state[name] == alone.state[name]
 
 
-def test_one_missing_answer_leaves_the_other_agent_to_its_policy():
-    world = World(WorldConfig(spawn="paper"), SCENARIOS, [(3, 0)], 1, 1)
-    events = world.advance(alarm(world), Actions(vehicle=np.array([[-8.88, 0.0]])))
-    assert world.state["brake"][0] == 1.0
-    assert PEDESTRIAN_ACTION_MISSING in events["kind"]
-    assert VEHICLE_ACTION_MISSING not in events["kind"]
-
-
 def test_without_curvttc_nothing_is_critical_and_an_event_says_so():
     world = World(WorldConfig(), SCENARIOS, [(3, 0)], 1, 1)
     assert world.advance(world.now.unassessed(), nothing(world))["kind"].tolist() == [SAFETY_MISSING]
     assert world.state["controlled"][0] == 0
     assert world.state["least_curvttc"][0] == np.inf
-
-
-def test_the_queue_is_read_as_slots_get_free():
-    taken = []
-
-    def endless():
-        for number in itertools.count():
-            taken.append(number)
-            yield 1, number
-
-    world = World(AUTOPILOT, SCENARIOS, endless(), 4, 1)
-    assert len(taken) == 4
-    for _ in range(600):
-        world.advance(calm(world))
-    assert 8 <= len(taken) <= 40
-    assert not world.done
 
 
 def test_an_environment_can_place_episodes_itself_and_others_do_not_notice():
@@ -192,36 +120,6 @@ def test_an_environment_can_place_episodes_itself_and_others_do_not_notice():
             world.place(slots, [(1, 0)] * len(slots))
     while not world.done:
         world.advance(calm(world))
-
-
-def test_an_empty_queue_is_done_at_once():
-    world = World(AUTOPILOT, SCENARIOS, [], 3, 1)
-    assert world.done
-    assert len(world.take_started()) == 0
-
-
-def test_memory_does_not_grow_with_the_episodes_done():
-    world = World(AUTOPILOT, SCENARIOS, ((s, e) for e in itertools.count() for s in range(1, 9)), 64, 1)
-
-    def held() -> int:
-        return sum(sys.getsizeof(value) for value in vars(world).values()) + world.state.nbytes
-
-    for _ in range(300):
-        world.advance(calm(world))
-    before = held()
-    for _ in range(1500):
-        world.advance(calm(world))
-    assert held() <= before + 4096
-
-
-def test_other_ticks_than_the_default_are_possible():
-    config = WorldConfig(tick=0.02, policy_period=0.1, episode_time=4.0)
-    taken = []
-    for state, events in frames(World(config, SCENARIOS, PAIRS[:24], 7, 1)):
-        assert state["frame"].max() <= 200
-        taken += events["frame"][events["kind"] == HANDED_OVER].tolist()
-    assert taken
-    assert not any(frame % 5 for frame in taken)
 
 
 @pytest.mark.parametrize(
