@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from vpsci_ros.cli import doctor
-from vpsci_ros.errors import VpsciError
 from vpsci_ros.nodes import self_test
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,9 +39,3 @@ def test_what_extras_bring_is_said_of_all_in_setup() -> None:
 def test_a_node_in_its_own_domain_receives_what_it_publishes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(self_test, "PATIENCE", 120.0)  # on a busy machine
     assert 0.0 <= self_test.exchange() < self_test.PATIENCE
-
-
-def test_where_nothing_arrives_the_error_names_what_may_block_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(self_test, "PATIENCE", 0.0)
-    with pytest.raises(VpsciError, match="no message arrived within 0 s; see whether a firewall"):
-        self_test.exchange()

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from vpsci_ros.cli.launch_arguments import ARGUMENTS, prepare
+from vpsci_ros.cli.launch_arguments import prepare
 from vpsci_ros.errors import InvalidInput
 
 LAUNCH = Path(__file__).parents[2] / "launch"
@@ -47,12 +47,6 @@ def test_arguments_override_the_file_in_every_section_that_they_mean(tmp_path: P
     assert run.nodes == STAGES["stage3_generate.launch.py"]
 
 
-def test_episodes_are_iterations_in_stage_one(tmp_path: Path) -> None:
-    run = prepare("stage1_pretrain", str(tmp_path / "out"), {"episodes": "7", "near_misses": "a.parquet,b.parquet"})
-    learner = parameters(run)["learner"]
-    assert (learner["episodes"], learner["near_misses"]) == (7, ["a.parquet", "b.parquet"])
-
-
 @pytest.mark.parametrize(
     ("params", "given", "settings", "message"),
     [
@@ -68,11 +62,6 @@ def test_what_is_not_to_be_run_is_refused_and_leaves_no_folder(
     with pytest.raises(InvalidInput, match=message):
         prepare(params, str(tmp_path / "out"), given, settings)
     assert not (tmp_path / "out").exists()
-
-
-def test_without_an_output_folder_each_run_has_one_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert prepare("stage3_generate", "", {}).folder.relative_to(tmp_path / "out").name.startswith("stage3_generate-2")
 
 
 # ---- the launch files, with what stands in for `launch` where that is not installed
@@ -115,18 +104,6 @@ def described(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         return module, declared
 
     return describe
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_every_argument_of_a_launch_file_has_a_default_and_a_description(described: Any, name: str) -> None:
-    _, declared = described(name)
-    assert "params" in declared
-    assert all({"default_value", "description"} <= each.kwargs.keys() for each in declared.values())
-
-
-def test_every_argument_that_sets_parameters_is_declared(described: Any) -> None:
-    _, declared = described("graph.launch.py")
-    assert {argument.name for argument in ARGUMENTS} | {"output", "set", "domain", "rviz", "ads"} <= declared.keys()
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -1,19 +1,15 @@
 """The command line as a stranger meets it: help without heavy imports, one line for an error, nothing half written."""
 
-import errno
 import json
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import polars as pl
-import pyarrow as pa
 import pytest
-import typer
 
-from vpsci_ros.cli.main import app, main
+from vpsci_ros.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[2]
 PARAMS = ROOT / "params"
@@ -50,16 +46,6 @@ def test_the_command_is_a_program_with_help_and_an_exit_status() -> None:
         assert said in result.stdout + result.stderr
 
 
-def test_help_has_every_command_in_a_group_by_purpose_with_one_line() -> None:
-    group: Any = typer.main.get_command(app)
-    context = group.make_context("vpsci", [], resilient_parsing=True)
-    commands = {name: group.get_command(context, name) for name in group.list_commands(context)}
-    assert {"demo", "doctor", "ads-test", "study"} <= set(commands)
-    for name, command in commands.items():
-        assert isinstance(command.rich_help_panel, str), name
-        assert len(command.short_help or "") <= 58, name  # of 80 columns, beside the longest name
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -73,21 +59,9 @@ def test_help_has_every_command_in_a_group_by_purpose_with_one_line() -> None:
             ["graph", "--params", "params/stage3_generate.yaml", "-o", "x", "--set", "learner.sed=1"],
             "did you mean seed",
         ),
-        (["graph", "--params", "params/stage3_generate.yaml", "-o", "x", "--set", "seed=1"], "NODE.PARAMETER=VALUE"),
-        (["node", "pilot"], "unknown node 'pilot'; expected one of world_simulator"),
         (["bag", "export", "nowhere", "-o", "x"], "nowhere: no such folder"),
         (["demo", "-o", "vpsci_ros"], "not empty, and not an earlier demo's"),
-        (["world", "show", "9", "-o", "x.png"], "9"),
-        (
-            ["study", "samples", "--params", "params/stage1_pretrain.yaml", "-o", "x", "--sizes", "5,few"],
-            "--sizes 5,few: expected whole numbers",
-        ),
-        (
-            ["study", "models", "--params", "params/stage1_pretrain.yaml", "-o", "x", "--steps", "1,0"],
-            "--steps 1,0: expected numbers from 0.01 to 100",
-        ),
         (["pretrain", "--params", "params/stage2_online.yaml", "-o", "x"], "learner.stage = refine: expected pretrain"),
-        (["evaluate", "--data", "test"], "for a folder of recordings give --format"),
         (
             ["generate", "--params", "params/stage3_generate.yaml", "-o", "x", "--scenarios", "1,A"],
             "--scenarios 1,A: expected numbers",
@@ -160,17 +134,6 @@ def test_pretraining_writes_weights_that_evaluation_reads(
     assert (same.returncode, "holds this run, finished" in same.stdout) == (0, True)
     assert (tmp_path / "run" / "log.csv").stat().st_mtime_ns == before
 
-    refused = vpsci("evaluate", *arguments, "--weights", weights, "--held-out")
-    assert refused.returncode == 2
-    assert "none of its clips was held out" in refused.stderr
-    found = []
-    for options in ([], ["--held-out"]):
-        models = ["--weights", weights, *options]
-        own = vpsci("evaluate", "--data", str(tmp_path / "all.parquet"), "--json", str(tmp_path / "own.json"), *models)
-        assert own.returncode == 0, own.stderr
-        assert ("see --held-out" in own.stdout) == (not options)
-        found.append(json.loads((tmp_path / "own.json").read_text())["interactions"])
-    assert 0 < found[1] < found[0]
     again = vpsci("pretrain", *stage, "-o", str(tmp_path / "run"))
     assert again.returncode == 2
     assert "holds a run with learner.episodes = 2, and this one has 300" in again.stderr
@@ -192,47 +155,6 @@ def test_a_graph_that_is_not_complete_ends_the_command_with_1(
         ended = int(exits.code or 0)
     assert ended == status
     assert capsys.readouterr().err.startswith(f"error: {error};" if error else "")
-
-
-def test_a_panic_of_a_library_that_gets_no_thread_is_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    class PanicException(BaseException):  # as those of Rust
-        """No Exception."""
-
-    def panics() -> None:
-        raise PanicException('ThreadPoolBuildError { kind: IOError(Os { code: 11, kind: WouldBlock, message: "" }) }')
-
-    monkeypatch.setattr("vpsci_ros.cli.main.app", panics)
-    with pytest.raises(SystemExit, match="1"):
-        main()
-    said = "error: Resource temporarily unavailable; allow more processes (ulimit -u) and try again\n"
-    assert capsys.readouterr().err == said
-
-
-@pytest.mark.parametrize(
-    ("cause", "status"),
-    [
-        (OSError(errno.EMFILE, "Too many open files"), 1),
-        (pl.exceptions.ComputeError("Cannot allocate memory (os error 12)"), 1),
-        (pa.ArrowException("Failed to launch worker thread: Resource temporarily unavailable"), 1),
-        (OSError(errno.ENOENT, "No such file or directory"), 2),
-    ],
-)
-def test_a_file_that_could_not_be_read_for_want_of_memory_or_files_was_not_wrong(
-    vpsci: Callable[..., subprocess.CompletedProcess[str]],
-    monkeypatch: pytest.MonkeyPatch,
-    cause: Exception,
-    status: int,
-    tmp_path: Path,
-) -> None:
-    def refuse(*_: object, **__: object) -> None:
-        raise cause
-
-    monkeypatch.setattr("vpsci_ros.data.parquet.open_parquet", refuse)
-    (tmp_path / "a.parquet").touch()
-    ended = vpsci("safety", "compare", str(tmp_path / "a.parquet"))
-    assert (ended.returncode, ended.stderr.count("a.parquet")) == (status, 1)
 
 
 @pytest.mark.parametrize(
