@@ -70,28 +70,13 @@ def test_y_is_taken_from_the_right_turns_and_not_assumed(published, changed):
     assert canonical(north / name).equals(canonical(published / name))
 
 
-def test_frames_may_count_from_anywhere_and_missing_ones_were_not_seen(changed):
-    folder = changed(frame=pl.col("frame") + 41_000)
-    path = folder / "LocationA_PedCross_S-N.csv"
-    table = pl.read_csv(path)
-    table.filter(pl.col("frame") != 41_003).write_csv(path)
-    rows = canonical(path)
-    first = rows.filter(pl.col("count") == rows["count"][0])
-    assert first["frame"].to_list() == list(range(first.height))
-    assert np.isnan(first["position_x_av"][3])
-    assert first.drop_nans("position_x_av").height == first.height - 1
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         ({f"velocity_{axis}_av": pl.col(f"velocity_{axis}_av") * 3.6 for axis in "xy"}, "0.278 times as fast"),
-        ({"frame": pl.col("frame") * 2}, "positions_av move 0.5 times as fast as velocities_av say"),
         ({"distance": pl.col("distance") + 2.0}, "column distance is 2.00 m off"),
         ({"frame": pl.col("frame") // 2}, "line 2: frame 0 of episode [0-9]+ comes twice"),
-        ({"veh_id": pl.col("frame")}, "episode [0-9]+ has several veh_id"),
         ({"CurvTTC": pl.lit(-1.0)}, "line 2, column CurvTTC: expected a time"),
-        ({"count": pl.col("count") + 0.5}, r"line 2, column count: expected a whole number, got [0-9]+\.5"),
         ({f"velocity_{axis}_av": pl.lit(0.0) for axis in "xy"}, "turns by 0.00 rad; expected right turns"),
     ],
 )  # fmt: skip
@@ -100,26 +85,15 @@ def test_a_file_that_contradicts_the_layout_is_refused(changed, change, said):
         canonical(changed(**change) / "LocationA_PedCross_S-N.csv")
 
 
-def test_a_missing_column_is_named(changed):
-    path = changed() / "LocationA_PedCross_S-N.csv"
-    pl.read_csv(path).drop("velocity_x_ped").write_csv(path)
-    with pytest.raises(InvalidInput, match="velocity_x_ped is missing, the file has count, frame"):
-        canonical(path)
-
-
-def test_report_view_info_and_import_take_what_the_files_become(published, near_misses_file, tmp_path):
+def test_view_and_import_take_what_the_files_become(published, tmp_path):
     data = str(tmp_path / "data")
     for command in (
         ["published", str(published), "-o", data],
         ["view", data, "-o", str(tmp_path / "view.html")],
-        ["report", data, "--near-misses", str(near_misses_file), "-o", str(tmp_path / "report")],
-        ["dataset", "info", data],
         ["import", str(published), "--format", "vpsci", "-o", str(tmp_path / "near.parquet")],
     ):
         result = CliRunner().invoke(app, command)
         assert result.exit_code == 0, result.output
-        if "info" in command:
-            assert "0.00%" not in result.output, "nobody knows how these episodes ended"
     near = pl.read_parquet(tmp_path / "near.parquet")
     made = {episode.label.rpartition("_")[0]: episode for bag in BAGS for episode in read_episodes(bag)}
     assert set(near["clip"]) == {f"{name}/{episode.number}" for name, episode in made.items()}
@@ -169,7 +143,6 @@ def test_hdi_becomes_near_misses_in_metres_with_y_up(tmp_path):
     ("text", "said"),
     [
         ("frame_rate: 50\nmetres: 0.05\n", "move 2 times as fast as their speeds say"),
-        ("frame_rate: 25\nmetres: 0.1\n", "move 2 times as fast as their speeds say"),
         ("frame_rate: 25\n", "expected frame_rate .* and metres in a pixel"),
         (None, "say neither their frame rate nor how large a pixel is"),
     ],

@@ -2,21 +2,15 @@
 
 import json
 import re
-import shutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
 import pytest
 from synthetic import synthetic_near_misses
-from typer.testing import CliRunner
 
-from vpsci_ros.cli.main import app
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.section_4.encounters import SCHEMA
-from vpsci_ros.extras.paper.section_4.figures import LEAST_IN_BIN, PEDESTRIAN_SPEED, VEHICLE_SPEED, shares
 from vpsci_ros.extras.paper.section_4.page import NUMBERS, PAGE, write_report
 
 Written = tuple[Path, dict[str, Any]]
@@ -73,55 +67,9 @@ def test_a_report_compares_every_source_with_recorded_people(written: Written) -
     assert report["distance"]["generated"] == report["distance"]["beside"]
 
 
-def test_a_report_without_recorded_people_says_so_and_has_the_same_numbers_of_the_dataset(
-    dataset: Path, written: Written, tmp_path: Path
-) -> None:
-    report = write_report(dataset, tmp_path)
-    assert report["distance"] == {}
-    assert report["sources"]["generated"] == written[1]["sources"]["generated"]
-    assert "Not compared with people" in (tmp_path / PAGE).read_text(encoding="utf-8")
-
-
-def test_what_is_no_dataset_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"dataset\.json: no such file; expected the folder of a dataset"):
-        write_report(tmp_path / "nothing", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_dataset_without_a_kept_episode_is_refused_before_anything_is_written(
     harmless_dataset: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(InvalidInput, match="generated: no interaction with CurvTTC of 5 s or less"):
         write_report(harmless_dataset, tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_a_share_is_drawn_only_where_enough_interactions_lie_in_a_bin() -> None:
-    n = LEAST_IN_BIN + 1
-    columns = {name: [0.0] * n if kind == pl.Float64 else [False] * n for name, kind in SCHEMA.items()}
-    columns |= {"group": ["a"] * n, "vehicle_speed": [0.2] * (n - 1) + [4.8], "pedestrian_speed": [1.2] * n}
-    columns["conflict"] = [True] * 4 + [False] * (n - 4)
-    found = shares(pl.DataFrame(columns, schema=SCHEMA), VEHICLE_SPEED, PEDESTRIAN_SPEED, "conflict")
-    assert found.shape == (10, 8)
-    assert found[0, 2] == pytest.approx(0.4)
-    assert np.isnan(found).sum() == 79
-
-
-def test_the_command_writes_into_the_dataset_where_no_folder_is_given(dataset: Path, tmp_path: Path) -> None:
-    mine = shutil.copytree(dataset, tmp_path / "mine")
-    result = CliRunner().invoke(app, ["report", str(mine), "--quiet"])
-    assert result.exit_code == 0, result.output
-    assert (mine / "report" / PAGE).is_file()
-    assert "LocationA_PedCross_S-N" in (mine / "report/view.html").read_text(encoding="utf-8")
-
-
-def test_the_numbers_open_their_episodes_where_there_is_a_page_of_them(
-    dataset: Path, near_misses: Path, written: Written, tmp_path: Path
-) -> None:
-    write_report(dataset, tmp_path, near_misses=near_misses, view="view.html")
-    page = (tmp_path / PAGE).read_text(encoding="utf-8")
-    assert 'href="view.html#a=generated&amp;b=recorded&amp;mark=conflict">' in page
-    assert 'href="view.html#a=recorded&amp;b=&amp;mark=pedestrian_yields">' in page
-    assert 'href="view.html#a=generated&amp;b=recorded&amp;group=LocationA_PedCross_S-N">4</a>' in page
-    assert set(re.findall(r"view\.html#a=(\w+)", page)) == {"generated", "recorded"}, "sources that the page has"
-    assert "view.html" not in (written[0] / PAGE).read_text(encoding="utf-8")

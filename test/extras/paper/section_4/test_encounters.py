@@ -41,10 +41,6 @@ def test_a_generated_episode_is_described_at_its_first_critical_frame(dataset: P
     assert not found["pedestrian_yields"].any()
 
 
-def test_episodes_that_were_not_kept_do_not_count(dataset: Path) -> None:
-    assert generated_encounters(Dataset(dataset)).height == 6
-
-
 def test_a_recorded_near_miss_is_described_by_the_same_columns(tmp_path: Path) -> None:
     found = recorded_encounters(pl.concat([near_miss(0, 1.5, braking=1.0), near_miss(1, 2.5)]))
     assert found.schema == SCHEMA
@@ -55,22 +51,3 @@ def test_a_recorded_near_miss_is_described_by_the_same_columns(tmp_path: Path) -
     assert found["vehicle_speed"].to_list() == pytest.approx([4.5, 5.0])
     assert found["vehicle_acceleration"].to_list() == pytest.approx([-1.0, 0.0])
     assert found["vehicle_yields"].to_list() == [True, False]
-
-
-def test_an_interaction_that_is_critical_from_its_first_row_takes_its_acceleration_from_the_rows_after() -> None:
-    found = recorded_encounters(near_miss(0, 2.0, braking=2.0).filter(pl.col("time") > 0.45))
-    assert found["vehicle_speed"].to_list() == pytest.approx([4.0])
-    assert found["vehicle_acceleration"].to_list() == pytest.approx([-2.0])
-
-
-def test_a_table_without_a_critical_row_has_no_encounter() -> None:
-    harmless = near_miss(0, 2.0).with_columns(curvttc=pl.lit(np.inf), curvttc_causal=pl.lit(np.inf))
-    assert recorded_encounters(harmless).height == 0
-    assert recorded_encounters(harmless.head(0)).schema == SCHEMA
-
-
-def test_a_recorded_onset_is_found_by_what_was_known_then_and_the_least_curvttc_by_the_whole_track() -> None:
-    late = pl.when(pl.col("time") > 0.75).then(pl.col("curvttc")).otherwise(float("inf"))
-    found = recorded_encounters(near_miss(0, 1.5).with_columns(curvttc_causal=late)).row(0, named=True)
-    assert found["distance"] == pytest.approx(float(np.hypot(4.0 - 20.0, -4.5 + 1.4 * 0.8)))  # at t = 0.8 s
-    assert found["least_curvttc"] == pytest.approx(1.5)

@@ -1,5 +1,3 @@
-import dataclasses
-
 import numpy as np
 import polars as pl
 import pytest
@@ -7,21 +5,14 @@ from synthetic import synthetic_near_misses
 
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.evaluation.errors import CONTROLS, evaluate
-from vpsci_ros.extras.paper.studies.cross_validation import Refinement, cross_validate
+from vpsci_ros.extras.paper.studies.cross_validation import cross_validate
 from vpsci_ros.extras.paper.studies.folds import folds_by_clip
 from vpsci_ros.learning.config import (
-    OnlineReplayConfig,
     PretrainConfig,
-    RefineConfig,
-    RefreshConfig,
     ReplayConfig,
 )
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.world import WorldConfig, load_scenarios
-
-pytestmark = pytest.mark.usefixtures("one_thread")
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 CONFIG = PretrainConfig(episodes=3, replay=ReplayConfig(batch_size=10))
@@ -49,11 +40,6 @@ def test_every_clip_is_held_out_once_and_never_learned_from_in_that_fold(table):
     assert folds_by_clip(table, 3, seed=1)[0][1].equals(parts[0][1])
 
 
-def test_more_folds_than_clips_are_refused(table):
-    with pytest.raises(InvalidInput, match="expected 2 to .*, the number of clips"):
-        folds_by_clip(table, 1000, seed=1)
-
-
 def test_pooled_errors_are_the_folds_own_and_controls_those_of_the_whole_data(tmp_path, table):
     result = cross_validate(table, CONFIG, SMALL, folds=2, seed=1, out_dir=tmp_path)
     assert set(result["models"]) == {"pretrained", *CONTROLS}
@@ -68,27 +54,6 @@ def test_pooled_errors_are_the_folds_own_and_controls_those_of_the_whole_data(tm
         ade.append(evaluate(held, {"own": weights})["models"]["own"]["closed_loop"]["ade"])
     shares = [f["interactions"] / result["interactions"] for f in result["folds"]]
     assert result["models"]["pretrained"]["closed_loop"]["ade"] == pytest.approx(np.dot(shares, ade))
-
-
-def test_with_a_refinement_every_fold_goes_on_in_simulation_from_its_own_weights_and_clips(tmp_path):
-    table = synthetic_near_misses(interactions=60, seed=3).table
-    config = RefineConfig(replay=OnlineReplayConfig(batch_size=20), refresh=RefreshConfig(updates=2))
-    simulation = SimulationConfig(
-        load_scenarios([1]), [(1, e) for e in range(6)], batch=4, seed=3, world=WorldConfig(pedestrian_gain=0.5)
-    )
-    refinement = Refinement(config, simulation, learner_seed=4)
-    result = cross_validate(table, CONFIG, SMALL, folds=2, seed=1, out_dir=tmp_path, refinement=refinement)
-    assert set(result["models"]) == {"pretrained", "refined", *CONTROLS}
-    for number, (_, held) in enumerate(folds_by_clip(table, 2, seed=1), 1):
-        refined = load_weights(tmp_path / f"fold_{number}" / "refined" / "refined.safetensors")
-        assert refined.facts["learned"]["updates"] > 0
-        assert not clips(held) & set(refined.facts["data"]["held_out_clips"])  # what guards it is its own
-        error = evaluate(held, {"own": refined}, seed=1)["models"]["own"]["closed_loop"]["ade_ratio"]
-        assert result["folds"][number - 1]["closed_loop_ade_ratio"]["refined"] == pytest.approx(error)
-    assert result == cross_validate(table, CONFIG, SMALL, folds=2, seed=1, out_dir=tmp_path, refinement=refinement)
-    other = dataclasses.replace(refinement, learner_seed=5)
-    with pytest.raises(InvalidInput, match="a run with learner_seed = "):
-        cross_validate(table, CONFIG, SMALL, folds=2, seed=1, out_dir=tmp_path, refinement=other)
 
 
 def test_a_stopped_cross_validation_goes_on_with_the_fold_that_is_missing(tmp_path, table):

@@ -1,7 +1,6 @@
 """One page of all the paper's figures and tables: what is given is drawn, what is not is named with its command."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,6 @@ from extras.paper.turing.raters import simulated
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
-from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.extras.paper.section_4.figures import DISTANCE, PEDESTRIAN_SPEED, surface
-from vpsci_ros.extras.paper.section_4.snapshots import HALF, moments
 from vpsci_ros.extras.paper.studies.paper import CAPTIONS
 from vpsci_ros.extras.paper.turing.page import write_result
 
@@ -73,30 +69,3 @@ def test_what_is_not_given_is_named_and_a_folder_of_nothing_refused(
         app, ["study", "paper", str(dataset), "-o", str(tmp_path / "x"), "--run", str(tmp_path)]
     )
     assert "expected the folder of a finished run" in str(result.exception)
-
-
-def test_a_surface_is_the_share_around_each_point_and_nothing_where_nobody_is() -> None:
-    rng = np.random.default_rng(2)
-    distance = rng.uniform(0.0, 20.0, 20_000)
-    table = pl.DataFrame(
-        {"distance": distance, "pedestrian_speed": rng.uniform(0.0, 2.0, 20_000), "flag": distance < 10.0}
-    )
-    share, along, high = surface(table, DISTANCE, PEDESTRIAN_SPEED, "flag")
-    at = {metres: share[np.abs(along - metres).argmin(), np.abs(high - 1.0).argmin()] for metres in (5.0, 10.0, 15.0)}
-    assert at[5.0] == pytest.approx(1.0, abs=0.01)
-    assert at[10.0] == pytest.approx(0.5, abs=0.1)
-    assert at[15.0] == pytest.approx(0.0, abs=0.01)
-    assert np.isnan(share[:, high > 3.0]).all()
-    assert np.isnan(surface(table[:9], DISTANCE, PEDESTRIAN_SPEED, "flag")[0]).all(), "nine are too few"
-
-
-def test_snapshots_are_before_at_the_onset_at_the_least_and_when_both_leave(dataset: Path) -> None:
-    pair = next(Dataset(dataset).read()).pair()
-    ttc = np.full((1, len(pair)), np.inf)
-    ttc[0, 60:100] = np.abs(np.arange(60, 100) - 80) / 10.0 + 1.0
-    walker = np.linspace(-40.0, 40.0, len(pair))[None]
-    (before, onset, least, last), middle = moments(replace(pair, curvttc=ttc, ped_x=walker, ped_y=0.0 * walker,
-                                                           x=0.0 * pair.x, y=0.0 * pair.y))  # fmt: skip
-    assert (before, onset, least) == (40, 60, 80)
-    assert middle == (pytest.approx(0.5 * walker[0, 80]), 0.0)
-    assert abs(walker[0, last] - middle[0]) < HALF - 2.0 < abs(walker[0, last + 1] - middle[0])

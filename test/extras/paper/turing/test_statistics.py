@@ -5,9 +5,9 @@ import pytest
 from extras.paper.turing.raters import simulated
 from scipy import stats
 
-from vpsci_ros.extras.paper.turing.agreement import d_prime, icc_2k, mean_d_prime
+from vpsci_ros.extras.paper.turing.agreement import icc_2k, mean_d_prime
 from vpsci_ros.extras.paper.turing.crossed import over_both, over_raters, over_scenes, p_value, share_of, tost, welch
-from vpsci_ros.extras.paper.turing.score import cohens_d, conclusion, correct, knowing_raters, not_concluded, score
+from vpsci_ros.extras.paper.turing.score import conclusion, correct, knowing_raters, score
 
 SHROUT_FLEISS = np.array([[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]], float)
 """Four judges of six targets, table 2 of their paper."""
@@ -19,11 +19,6 @@ def test_icc_2k_is_that_of_the_example_of_shrout_and_fleiss() -> None:
     assert (low, high) == (pytest.approx(0.07, abs=0.01), pytest.approx(0.93, abs=0.01))
 
 
-def test_icc_is_one_where_all_agree_and_nothing_where_nobody_tells_clips_apart() -> None:
-    assert icc_2k(np.tile([1.0, 3.0, 5.0], (4, 1)))[0] == pytest.approx(1.0)
-    assert np.isnan(icc_2k(np.full((4, 3), 2.0))[0])
-
-
 def test_paired_t_and_its_p_are_those_of_scipy() -> None:
     answers = simulated(np.random.default_rng(1))
     one, other = answers.realism[..., 2], answers.realism[..., 1]
@@ -33,13 +28,6 @@ def test_paired_t_and_its_p_are_those_of_scipy() -> None:
     assert p_value(mine) == pytest.approx(theirs.pvalue)
     interval = theirs.confidence_interval()
     assert (mine.low, mine.high) == (pytest.approx(interval.low), pytest.approx(interval.high))
-
-
-def test_equivalence_is_the_larger_of_the_two_one_sided_p_values_of_scipy() -> None:
-    difference = np.random.default_rng(2).normal(0.1, 0.6, (12, 1))
-    one_sided = (stats.ttest_1samp(difference[:, 0], bound, alternative=side).pvalue
-                 for bound, side in ((-0.5, "greater"), (0.5, "less")))  # fmt: skip
-    assert tost(over_raters(difference), 0.5) == pytest.approx(max(one_sided))
 
 
 def test_welch_and_its_equivalence_are_those_of_scipy() -> None:
@@ -69,17 +57,6 @@ def test_the_papers_own_analysis_leaves_out_raters_without_variance_and_with_bia
     theirs = stats.ttest_ind(kept[..., 2].ravel(), kept[..., 1].ravel(), equal_var=False)
     assert (row["t"], row["freedom"]) == (pytest.approx(theirs.statistic), pytest.approx(theirs.df))
     assert row["conclusion"] == "different"
-
-
-def test_cohens_d_is_the_difference_in_pooled_deviations() -> None:
-    assert cohens_d(np.array([2.0, 4.0]), np.array([1.0, 3.0, 5.0])) == pytest.approx(0.0)
-    assert cohens_d(np.array([1.0, 2.0, 3.0]), np.array([2.0, 3.0, 4.0])) == pytest.approx(-1.0)
-
-
-def test_d_prime_of_known_rates_and_of_extreme_ones() -> None:
-    many = d_prime(np.array([841_345]), np.array([158_655]), 1_000_000, 1_000_000)
-    assert many[0] == pytest.approx(2.0, abs=1e-4)
-    assert np.isfinite(d_prime(np.array([8]), np.array([0]), 8, 8)).all()
 
 
 def test_intervals_cover_the_truth_as_often_as_they_promise() -> None:
@@ -115,18 +92,6 @@ def test_intervals_of_shares_stay_within_0_and_1_and_cover_the_truth_as_often() 
                 assert 0.0 <= of["low"] <= of["value"] <= of["high"] <= 1.0
 
 
-def test_where_all_agree_the_interval_is_wilsons_of_as_many_judgements() -> None:
-    found = share_of(over_raters(np.ones((9, 4))), 9)
-    assert (found.low, found.high) == (pytest.approx(1.0 / (1.0 + stats.t.ppf(0.975, 8) ** 2 / 9.0)), 1.0)
-
-
-def test_an_interval_over_raters_alone_misses_the_truth_where_scenes_differ() -> None:
-    rng = np.random.default_rng(4)
-    tables = [rng.normal(0.0, 0.4, (1, 8)) + rng.normal(0.0, 0.8, (30, 8)) for _ in range(300)]
-    missed = [not found.low <= 0.0 <= found.high for found in map(over_raters, tables)]
-    assert np.mean(missed) > 0.2, "the control: what taking scenes for fixed comes to"
-
-
 def test_guessing_raters_score_at_chance_and_are_not_found_out() -> None:
     rng = np.random.default_rng(5)
     found = [simulated(rng, skill=0.0) for _ in range(100)]
@@ -136,21 +101,6 @@ def test_guessing_raters_score_at_chance_and_are_not_found_out() -> None:
     assert np.mean([any(row["knows"] for row in knowing_raters(answers)) for answers in found]) <= 0.06
     d = [mean_d_prime(answers.real[..., 0], answers.real[..., 1]).value for answers in found]
     assert np.mean(d) == pytest.approx(0.0, abs=0.05)
-
-
-def test_knowing_raters_are_found_among_guessing_ones() -> None:
-    skill = np.where(np.arange(20) < 3, 6.0, 0.0)
-    rows = knowing_raters(simulated(np.random.default_rng(6), scenes=12, skill=skill))
-    assert [row["knows"] for row in rows] == [True] * 3 + [False] * 17
-
-
-def test_raters_who_see_a_difference_are_distinguished_from_chance() -> None:
-    result = score(simulated(np.random.default_rng(7), skill=1.5))
-    assert result["recognised"]["generated"]["accuracy"]["low"] > 0.6
-    assert result["recognised"]["generated"]["d_prime"]["value"] == pytest.approx(1.4, abs=0.3)
-    assert (
-        result["recognised"]["rule_based"]["accuracy"]["value"] > result["recognised"]["generated"]["accuracy"]["value"]
-    )
 
 
 @pytest.mark.parametrize(
@@ -171,13 +121,3 @@ def test_false_equivalence_is_concluded_no_more_often_than_its_level() -> None:
         answers = simulated(rng, 20, 8, (0.0, -0.5, 0.0), by_rater=0.2, by_scene=0.2)
         concluded += "equivalent" in conclusion(over_both(answers.realism[..., 1] - answers.realism[..., 0]))
     assert concluded / 200 <= 0.08
-
-
-def test_what_few_raters_leave_open_is_said() -> None:
-    few = simulated(np.random.default_rng(10), 3, 4)
-    texts = " ".join(not_concluded(few))
-    assert "generated clips and recorded clips look equally real" in texts
-    assert "accuracy" in texts
-    alone = simulated(np.random.default_rng(11), 1, 4)
-    assert "One rater only" in not_concluded(alone)[0]
-    assert score(alone)["table_11"][0]["p_both"] is None
