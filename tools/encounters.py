@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from beside import AFTER, BEFORE, draw_at_random
 from matplotlib.patches import Circle, Polygon
 from PIL import Image
 
@@ -22,7 +23,6 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.evaluation.realism.free import as_near_misses
-from vpsci_ros.report.beside import AFTER, BEFORE, draw_at_random
 from vpsci_ros.report.canvas import blank_figure
 from vpsci_ros.report.world_figures import PEDESTRIAN, VEHICLE, outlines
 from vpsci_ros.resources import TO_MEASURE_ON

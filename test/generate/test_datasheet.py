@@ -2,9 +2,7 @@
 
 from pathlib import Path
 
-import polars as pl
 import pytest
-import yaml
 from generate.small import UNIT
 
 from vpsci_ros.data.dataset_reader import Dataset
@@ -46,17 +44,3 @@ def test_the_datasheet_of_a_crowd_among_parked_vehicles_says_so(crowd: Path) -> 
     assert "- One vehicle of one type and one to three pedestrians; no other traffic, signals or weather.\n" in text
     assert "- Parked vehicles hide pedestrians in Town10HD_Parked;" in text
     assert "All road users are rule-based." in text
-
-
-def test_the_datasheet_begins_with_the_card_that_dataset_hubs_read(made: Path) -> None:
-    _, front, _ = (made / "README.md").read_text().split("---\n", 2)
-    card = yaml.safe_load(front)
-    assert card["license"] == "apache-2.0"
-    for config, info in zip(card["configs"], card["dataset_info"], strict=True):
-        for file, split in zip(config["data_files"], info["splits"], strict=True):
-            rows = pl.read_parquet(made / file["path"])
-            assert file["split"] == split["name"]
-            assert rows.height == split["num_examples"]
-            assert rows.columns == [column["name"] for column in info["features"]]
-            assert [str(kind).lower() for kind in rows.dtypes] == [column["dtype"] for column in info["features"]]
-    assert [config["config_name"] for config in card["configs"]] == list(Dataset(made).scenarios)

@@ -9,17 +9,14 @@ from pathlib import Path
 import polars as pl
 from rich.console import Console
 
-from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.interactions import table_hash
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.realism.free import as_near_misses
 from vpsci_ros.evaluation.realism.run import measure_realism
 from vpsci_ros.evaluation.realism.simulators import policy
 from vpsci_ros.evaluation.realism.table import print_realism
 from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
-from vpsci_ros.report.beside import save_beside
 from vpsci_ros.resources import near_misses_path, weights_path
 from vpsci_ros.runs.files import sha256, write_json
 from vpsci_ros.runs.folder import RunFolder
@@ -27,7 +24,7 @@ from vpsci_ros.runs.progress import Bars
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.sections import Sections
 
-RESULT, BESIDE = "realism.json", "beside.png"
+RESULT = "realism.json"
 
 
 def run_realism(
@@ -95,9 +92,6 @@ def run_realism(
         }
         if output is not None:
             write_json(output / RESULT, result)
-            if made is not None:
-                own = as_near_misses(made, episodes, seed)
-                save_beside(reference.clean(table), own, output / BESIDE, seed)
     if json_path is not None:
         write_json(json_path, result)
     print_realism(result, Console(width=None if sys.stdout.isatty() else 130))

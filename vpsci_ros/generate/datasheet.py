@@ -1,7 +1,6 @@
 """The datasheet of a generated dataset: content, origin and limits, in its own numbers.
 
-It is the folder's README.md, and begins with what dataset hubs read: licence, files by scenario and split, columns.
-Its words are in `templates/datasheet.md`.
+It is the folder's README.md. Its words are in `templates/datasheet.md`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,14 +9,10 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
-from vpsci_ros.data.dataset_files import DATASET_COLUMNS
-from vpsci_ros.data.dataset_index import REJECTED
 from vpsci_ros.data.episode_block import REASONS
 from vpsci_ros.data.published import LEAST_CURVTTC, TABLE_10
-from vpsci_ros.documents import dump_yaml
 from vpsci_ros.world import Scenario
 
-LICENCE = "apache-2.0"  # that of the package and of the weights it ships; who publishes a dataset may choose another
 _TEMPLATES = Path(__file__).resolve().parent / "templates"
 _NUMBERS = ("", "one", "two", "three", "four", "five", "six", "seven", "eight")
 
@@ -41,7 +36,6 @@ def datasheet(description: Mapping[str, Any], scenarios: Sequence[Scenario]) -> 
     return environment.get_template("datasheet.md").render(
         d=description,
         rows=rows,
-        card=dump_yaml(_card(description)),
         kept=sum(row["kept"] for row in rows.values()),
         simulated=sum(row["simulated"] for row in rows.values()),
         collided=sum(row["kept_outcomes"]["collision"] for row in rows.values()),
@@ -66,31 +60,3 @@ def _drivers(everybody: str, learned: Sequence[str]) -> str:
     return (
         f"{everybody} road users are learned policies" if len(learned) > 1 else f"The {learned[0]} is a learned policy"
     )
-
-
-def _card(description: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the front matter: a configuration a scenario, with the splits `kept` and, where they are, `rejected`."""
-    names = list(description["scenarios"])
-    columns = [{"name": name, "dtype": str(column.dtype).lower()} for name, column in DATASET_COLUMNS.items()]
-    configs, info = [], []
-    for name in names:
-        splits = {
-            split: (path, description["files"][path])
-            for split, path in (("kept", f"{name}.parquet"), ("rejected", f"{REJECTED}/{name}.parquet"))
-            if path in description["files"]
-        }
-        files = [{"split": split, "path": path} for split, (path, _) in splits.items()]
-        counts = [
-            {"name": split, "num_bytes": entry["bytes"], "num_examples": entry["rows"]}
-            for split, (_, entry) in splits.items()
-        ]
-        if splits:
-            configs.append({"config_name": name, "data_files": files})
-            info.append({"config_name": name, "features": columns, "splits": counts})
-    return {
-        "license": LICENCE,
-        "pretty_name": "Vehicle-pedestrian safety-critical interactions, simulated",
-        "tags": ["trajectories", "automated driving", "pedestrians", "simulation"],
-        "configs": configs,
-        "dataset_info": info,
-    }

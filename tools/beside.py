@@ -1,15 +1,25 @@
-"""Recorded and generated near misses beside each other, drawn at random and drawn alike."""
+#!/usr/bin/env python
+"""Recorded and generated near misses beside each other, drawn at random and drawn alike: a picture for docs/realism.md.
 
+tools/beside.py DATASET docs/beside.png [--data right_turns/dev] [--episodes 2000]
+"""
+
+import argparse
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vpsci_ros.data import reference
+from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import RECORDED, Episode, Listed
+from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.realism.free import as_near_misses
 from vpsci_ros.report.canvas import blank_figure, save_png
 from vpsci_ros.report.trajectories import draw_episode, draw_speed_bars
+from vpsci_ros.resources import TO_MEASURE_ON
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.observation import STEP
 
@@ -80,3 +90,19 @@ def _turned(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
     cos, sin = np.cos(angle), np.sin(angle)
     turned: NDArray[np.float64] = points @ np.array([[cos, sin], [-sin, cos]])
     return turned
+
+
+def main() -> None:
+    """Draw the picture."""
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("dataset", type=Path)
+    arguments.add_argument("picture", type=Path)
+    arguments.add_argument("--data", default=TO_MEASURE_ON)
+    arguments.add_argument("--episodes", type=int, default=2000)
+    options = arguments.parse_args()
+    made = as_near_misses(Dataset(options.dataset), options.episodes, 0)
+    save_beside(reference.clean(read_near_misses(options.data)), made, options.picture)
+
+
+if __name__ == "__main__":
+    main()
