@@ -1,11 +1,9 @@
 """Criteria for failing: parsed without evaluating anything, refused with a hint, compared with a report."""
 
-import math
-
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.criteria import NAMES, check, parse
+from vpsci_ros.exam.criteria import NAMES, check, parse, sentence
 
 PEDESTRIANS = ["learned", "walker"]
 
@@ -20,7 +18,7 @@ def report(**rates: float | None) -> dict:
 
 
 def failed(text: str, **rates: float | None) -> list[str]:
-    return [v.pedestrian for v in check([parse(text, PEDESTRIANS)], report(**rates), PEDESTRIANS) if v.failed]
+    return [v["pedestrian"] for v in check([parse(text, PEDESTRIANS)], report(**rates), PEDESTRIANS) if v["failed"]]
 
 
 def test_a_criterion_holds_for_any_pedestrian_unless_it_names_one():
@@ -38,8 +36,8 @@ def test_what_could_not_be_measured_fails():
     assert failed("collision_rate > 0.05 @learned", learned=None, walker=0.0) == ["learned"]
     assert failed("evasion_success_rate < 0.9 @walker", learned=0.0, walker=0.0) == ["walker"]
     verdict = check([parse("collision_rate > 1 @learned", PEDESTRIANS)], report(learned=None), PEDESTRIANS)[0]
-    assert math.isnan(verdict.value)
-    assert verdict.sentence() == "collision_rate > 1 @learned: not measured with learned, failed"
+    assert verdict["value"] is None
+    assert sentence(verdict) == "collision_rate > 1 @learned: not measured with learned, failed"
 
 
 def test_increases_compare_with_the_learned_pedestrian_and_counts_are_those_of_the_run():

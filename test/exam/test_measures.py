@@ -179,9 +179,9 @@ def test_a_report_counts_refused_commands_and_unanswered_ticks():
 
 
 def test_definitions_quote_the_thresholds_in_use():
-    text = definitions(ExamConfig(conflict=2.5, hard_braking=4.0))
+    text = definitions(ExamConfig(conflict=2.5))
     assert "below 2.5 s" in text["conflict_rate"]["definition"]
-    assert "above 4 m/s2" in text["hard_braking_rate"]["definition"]
+    assert "above 3.5 m/s2" in text["hard_braking_rate"]["definition"]
 
 
 def test_an_exam_without_a_pedestrian_or_an_ads_is_refused():

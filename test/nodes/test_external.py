@@ -88,13 +88,12 @@ def test_full_brake_by_control_decelerates_as_the_model_3_does(drive: Callable[.
     assert session.speed[0] - session.speed[1] == pytest.approx(0.05 * 8.88)
 
 
-def test_the_node_holds_a_protocols_speed_and_drives_what_an_intervention_forces(drive: Callable[..., Drive]) -> None:
+def test_the_node_drives_what_an_intervention_forces(drive: Callable[..., Drive]) -> None:
     changes = as_parameter({(1, 0): Intervention(frame=4, forced=(-4.0, -4.0))})
-    session = drive(held_until=3.0, interventions=changes, episode_time=0.5)
+    session = drive(interventions=changes, episode_time=0.5)
     session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: acceleration(odometry, -1.0))
     session.run()
-    assert session.speed[:5] == [session.speed[0]] * 5, "the robots hold it"
-    assert np.diff(session.speed[4:]) / 0.05 == pytest.approx([-4.0] * 2 + [-1.0] * 4)
+    assert np.diff(session.speed) / 0.05 == pytest.approx([-1.0] * 4 + [-4.0] * 2 + [-1.0] * 4)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e6])

@@ -13,6 +13,7 @@ import pytest
 from nodes.stage import Stage, overrides, state_bytes
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
+from seated import seated_here
 from sensor_msgs.msg import PointCloud2
 
 from vpsci_msgs.msg import WorldState
@@ -157,7 +158,8 @@ def test_the_exams_ads_receives_objects_and_never_the_truth(examined: Path) -> N
 
 def test_the_examples_class_perceives_the_same_and_drives_the_same(examined: Path, tmp_path: Path) -> None:
     exam = prepare(sections(), ads_class="vpsci_ros.nodes.example_driver:ExampleDriver")
-    assert run_exam(exam, tmp_path, quiet=True) == []
+    with seated_here():
+        assert run_exam(exam, tmp_path, quiet=True) == []
     assert pl.read_parquet(tmp_path / "episodes.parquet").equals(pl.read_parquet(examined / "episodes.parquet"))
 
 

@@ -1,4 +1,4 @@
-"""What is changed between a driving system's command and the car: by robots, and in one episode at a time."""
+"""What is changed between a driving system's command and the car: one episode at a time."""
 
 from typing import Any
 
@@ -16,17 +16,17 @@ from vpsci_ros.world.intervention import (
     from_parameter,
 )
 from vpsci_ros.world.kinematics import MAX_DECELERATION
-from vpsci_ros.world.tick import Actions
+from vpsci_ros.world.tick import NO_ACTIONS, Actions
 
 SCENARIOS = load_scenarios([1, 2])
 ONE, TWO = (1, 0), (2, 0)
 
 
-def speeds(changes: dict[tuple[int, int], Intervention], commands: Any, ticks: int = 20, **config: Any) -> np.ndarray:
+def speeds(changes: dict[tuple[int, int], Intervention], commands: Any, ticks: int = 20) -> np.ndarray:
     """Return the speeds of the cars of 1:0 and 2:0, float64[ticks, 2], under one command to both at each tick."""
     world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
-    changed = InterventionConfig(interventions=as_parameter(changes), **config)
-    between = Interventions(changed, SCENARIOS, lane_following=True)
+    changed = InterventionConfig(interventions=as_parameter(changes))
+    between = Interventions(changed)
     found = []
     for tick in range(ticks):
         found.append(world.state["vehicle_speed"].copy())
@@ -64,16 +64,14 @@ def test_throttle_and_brake_are_changed_as_accelerations_are_and_steering_is_lef
     assert found == pytest.approx([-(0.25 * 8.88 + 1.0), 0.0, -4.44])
     command = Actions(vehicle_control=np.array([[0.3, 0.5, 0.0]] * 2))
     world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
-    between = Interventions(InterventionConfig(interventions=as_parameter({ONE: Intervention(forced=(-8.88,))})),
-                            SCENARIOS, lane_following=True)  # fmt: skip
+    between = Interventions(InterventionConfig(as_parameter({ONE: Intervention(forced=(-8.88,))})))
     assert between.applied(world.state, command).vehicle_control.tolist() == [[0.3, 0.0, 1.0], [0.3, 0.5, 0.0]]
 
 
-def test_robots_hold_the_first_speed_until_the_system_brakes_firmly_and_then_let_go_for_good() -> None:
-    first = speeds({}, lambda _: (0.0, 0.0), 1)[0, 0]
-    found = speeds({}, lambda k: (-3.0 if k == 6 else -2.9 if k < 6 else -1.0, 0.0), 10, held_until=3.0)[:, 0]
-    assert found[:7] == pytest.approx([first] * 7, abs=0.0)
-    assert np.diff(found[6:]) / 0.05 == pytest.approx([-3.0, -1.0, -1.0])
+def test_without_a_command_there_is_none_to_change() -> None:
+    world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
+    between = Interventions(InterventionConfig(as_parameter({ONE: Intervention(firmer=1.0)})))
+    assert between.applied(world.state, NO_ACTIONS) is NO_ACTIONS
 
 
 def test_a_list_comes_back_as_it_was_and_one_that_is_cut_is_refused() -> None:

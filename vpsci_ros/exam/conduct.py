@@ -26,7 +26,7 @@ from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.data.gathered import Tick
 from vpsci_ros.data.kept import KEPT, read_kept
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import EXTERNAL, title_of
+from vpsci_ros.exam.config import EXTERNAL, SILENT_TICKS, title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_graph import counts_of, domain_of, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
@@ -201,7 +201,6 @@ def _conduct(exam: Exam, name: str, record: Mapping[str, Any]) -> Conduct:
 
 
 def _read_bag(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
-    silent_ticks = exam.config.silent_ticks
     if conduct.failure and not bag.is_dir():
         return RunResult([], conduct)  # it failed before the recorder wrote anything
     recording = Bag(bag, recover=bool(conduct.failure))
@@ -219,9 +218,9 @@ def _read_bag(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
         if not conduct.failure:
             raise
         return RunResult([], conduct)  # whose failure says why, such as another graph's states among its own
-    own = [episode for episode in found if unanswered[episode.key] < silent_ticks]
+    own = [episode for episode in found if unanswered[episode.key] < SILENT_TICKS]
     if len(own) < len(found) and not conduct.failure:
-        left = f"{len(found) - len(own)} episodes were left to the autopilot for {silent_ticks} ticks or more"
+        left = f"{len(found) - len(own)} episodes were left to the autopilot for {SILENT_TICKS} ticks or more"
         conduct = dataclasses.replace(conduct, failure=left)
     return RunResult(own, conduct, dict(+unanswered), sight)
 

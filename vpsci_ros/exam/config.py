@@ -11,6 +11,9 @@ from vpsci_ros.safety import CONFLICT_TTC
 SEVERE_TTC = 1.0  # [s] a severe conflict is one with a CurvTTC below
 MOVING = 0.5  # [m/s] a vehicle slower than this at the contact stood: the pedestrian walked into it
 STANDS = 0.1  # [m/s] a vehicle slower than this stands
+HARD_BRAKING = 3.5  # [m/s2] just above the 3.4 with which most drivers are comfortable (AASHTO, Geometric Design)
+SILENT_TICKS = 20  # in a row without a usable command, after which an ADS has failed
+SURPLUS_LIMIT = 100  # commands a tick beyond the first one; an ADS that sends more floods, and has failed
 EXTERNAL = "external"  # an ADS that the user starts himself
 PERSON = "you"  # a person drives (`vpsci drive`)
 ALONE = "alone"  # the reference of the time lost: nobody there
@@ -70,23 +73,8 @@ class ExamConfig:
         "perception gives, and not on /pedestrian/odometry",
     )
     baseline: bool = parameter(True, "put the rule-based autopilot to the same exam, for comparison")
-    silent_ticks: int = parameter(
-        20, "an ADS that gives no usable command for so many ticks in a row has failed", low=1, high=1_000_000
-    )
-    surplus_limit: int = constant(
-        100, "an ADS that sends more commands a tick than this, beyond the first, has failed: it floods",
-        low=1, high=1_000_000,
-    )  # fmt: skip
     conflict: float = constant(
         CONFLICT_TTC, "an episode is a conflict where CurvTTC falls below (section 4.5)", unit="s", low=0.0, high=10.0
-    )
-    hard_braking: float = constant(
-        3.5,
-        "braking harder than this is hard: just above the 3.4 m/s2 that AASHTO's Policy on Geometric Design takes most "
-        "drivers to be comfortable with",
-        unit="m/s2",
-        low=0.1,
-        high=20.0,
     )
     fail_if: list[str] = parameter([], "criteria as for --fail-if, checked in addition")
     failure: str = parameter("moving_collision", "what counts as a failure of an episode", choices=FAILURES)

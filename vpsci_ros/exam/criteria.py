@@ -4,9 +4,8 @@ import difflib
 import math
 import operator
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.report import CHANGES, COUNTS, FAILED_BEFORE, INCREASES, value_of
@@ -25,8 +24,7 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _FORM = re.compile(rf"\s*(\w+)\s*(>=|<=|>|<)\s*({_NUMBER})\s*(?:@\s*(\w+)\s*)?")
 
 
-@dataclass(frozen=True)
-class Criterion:
+class Criterion(NamedTuple):
     """A reason to fail: a measure compared with a limit, with one pedestrian, or (None) with any of them."""
 
     text: str
@@ -34,31 +32,6 @@ class Criterion:
     operator: str
     limit: float
     pedestrian: str | None
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What a criterion came to with one pedestrian; a measure without a value (NaN) counts as a failure."""
-
-    criterion: Criterion
-    pedestrian: str
-    value: float
-
-    @property
-    def failed(self) -> bool:
-        """Whether the criterion for failing holds, or cannot be shown not to be."""
-        return math.isnan(self.value) or OPERATORS[self.criterion.operator](self.value, self.criterion.limit)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the verdict as JSON values."""
-        value = None if math.isnan(self.value) else self.value
-        text, pedestrian = self.criterion.text, self.pedestrian
-        return {"criterion": text, "pedestrian": pedestrian, "value": value, "failed": self.failed}
-
-    def sentence(self) -> str:
-        """Return the verdict in words."""
-        value = "not measured" if math.isnan(self.value) else f"{self.value:.4g}"
-        return f"{self.criterion.text}: {value} with {self.pedestrian}, {'failed' if self.failed else 'passed'}"
 
 
 def parse(text: str, opponents: Sequence[str], *, compared: bool = False) -> Criterion:
@@ -89,12 +62,25 @@ def parse(text: str, opponents: Sequence[str], *, compared: bool = False) -> Cri
     return Criterion(" ".join(text.split()), measure, sign, float(number), pedestrian)
 
 
-def check(criteria: Sequence[Criterion], report: dict[str, Any], opponents: Sequence[str]) -> list[Verdict]:
-    """Return a verdict for each criterion and pedestrian that it speaks of."""
+def check(criteria: Sequence[Criterion], report: dict[str, Any], opponents: Sequence[str]) -> list[dict[str, Any]]:
+    """Return a verdict for each criterion and pedestrian that it speaks of, as JSON values.
+
+    A measure without a value counts as a failure: the criterion cannot be shown not to hold.
+    """
     verdicts = []
-    for criterion in criteria:
-        among = [criterion.pedestrian] if criterion.pedestrian else list(opponents)
-        if criterion.measure in INCREASES:
-            among = [name for name in among if name != LEARNED]
-        verdicts += [Verdict(criterion, name, value_of(report, criterion.measure, name)) for name in among]
+    for text, measure, sign, limit, pedestrian in criteria:
+        among = [pedestrian] if pedestrian else list(opponents)
+        for name in among if pedestrian or measure not in INCREASES else [each for each in among if each != LEARNED]:
+            value = value_of(report, measure, name)
+            failed = math.isnan(value) or OPERATORS[sign](value, limit)
+            known = None if math.isnan(value) else value
+            verdicts.append({"criterion": text, "pedestrian": name, "value": known, "failed": failed})
     return verdicts
+
+
+def sentence(verdict: Mapping[str, Any]) -> str:
+    """Return a verdict in words."""
+    value = "not measured" if verdict["value"] is None else f"{verdict['value']:.4g}"
+    return (
+        f"{verdict['criterion']}: {value} with {verdict['pedestrian']}, {'failed' if verdict['failed'] else 'passed'}"
+    )

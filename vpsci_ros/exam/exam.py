@@ -15,7 +15,7 @@ from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.class_process import files_of_class
-from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, ExamConfig, added_pedestrians
+from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, PERSON, ExamConfig, added_pedestrians
 from vpsci_ros.exam.driver_class import Driver
 from vpsci_ros.exam.process import OWN, command_of, files_of
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns
@@ -47,7 +47,6 @@ class Exam:
     :ivar files: of the driving system, each with its SHA-256.
     :ivar seat: seats another driver at the wheel, in this process and one episode at a time, for as long as the context
         lasts; it gets the log and the patience for an answer [s]. None: the system of `config` drives.
-    :ivar person: a person drives: an episode a run, and none with nobody there.
     """
 
     sections: Sections
@@ -57,7 +56,11 @@ class Exam:
     files: Mapping[str, str] = dataclasses.field(default_factory=dict)
     part: int = 0
     seat: Callable[[Path, float], AbstractContextManager[Callable[[], Driver]]] | None = None
-    person: bool = False
+
+    @property
+    def person(self) -> bool:
+        """Whether a person drives: an episode a run, and none with nobody there."""
+        return self.config.ads == PERSON
 
     @property
     def in_process(self) -> bool:

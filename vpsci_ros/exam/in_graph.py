@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.errors import VpsciError
-from vpsci_ros.exam.config import EXTERNAL, title_of
+from vpsci_ros.exam.config import EXTERNAL, SILENT_TICKS, SURPLUS_LIMIT, title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.process import command_of, failure, running
 from vpsci_ros.exam.recorded_people import write_motion
@@ -40,7 +40,7 @@ def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) ->
     """
     from vpsci_ros.nodes.graph import run_graph
 
-    silent = Silence(exam.config.silent_ticks)
+    silent = Silence(SILENT_TICKS)
     patience = exam.sections.get(GraphConfig, "graph").progress_timeout
     reasons: list[str] = []
     begun = time.monotonic()
@@ -54,7 +54,7 @@ def run_in_graph(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) ->
             reason = f"another graph, or the ADS, publishes beside its nodes: {', '.join(second)}" if second else ""
             if counts is not None and not reason:
                 late = time.monotonic() - begun > patience
-                reason = flood(counts, exam.config.surplus_limit, late=late)
+                reason = flood(counts, SURPLUS_LIMIT, late=late)
                 awaited = statuses["world_simulator"].awaited
                 reason = reason or (never_came(counts, idle, patience, awaited) if ads else "") or silent(counts)
             if reason and ads and not failure(ads):

@@ -6,8 +6,9 @@ does not depend on how many run side by side.
 
 import contextlib
 import dataclasses
+import itertools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,7 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
     world = World(config, exam.scenarios, episodes, min(batch, len(episodes)), exam.run.seed, recorded)
     monitor = exam.sections.get(MonitorConfig, "safety_monitor")
     changes = exam.sections.get(InterventionConfig, "world_simulator")
-    interventions = Interventions(changes, exam.scenarios, lane_following=config.lane_following)
+    interventions = Interventions(changes)
     return Loop(world, monitor, agents, interventions=interventions if vehicle == "external" else None)
 
 
@@ -95,8 +96,8 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
         ticks = driven.ticks(lambda done: bars.bar(title_of(name), done, len(exam.episodes)))
         if config.bags:
             made_by = {"made_by": "vpsci ads-test", "ads": config.examined}
-            seen: list[Step] = []
-            write_ticks(_recorded(ticks, driven, seen), world, run / "bag", made_by, scenarios=exam.scenarios)
+            seen = list(ticks)
+            write_ticks(_recorded(seen, driven.lost), world, run / "bag", made_by, scenarios=exam.scenarios)
             ticks = iter(seen)
         watcher = Watcher(exam.scenarios, exam.perception, world.tick, world.pedestrians)
         found, sight = episodes_of(map(_gathered, ticks), world.tick, exam.scenarios, watcher, str(run))
@@ -136,19 +137,14 @@ def _gathered(step: Step) -> Gathered:
     return step.tick.state, step.assessment.curvttc, step.assessment.distance
 
 
-def _recorded(steps: Iterator[Step], driven: "InProcess", seen: list[Step]) -> Iterator[Step]:
-    """Yield the ticks of one episode after another for a bag, numbered anew; of a lost one, those before it was lost.
-
-    :param seen: gets all of them.
-    """
-    number = 0
+def _recorded(steps: Iterable[Step], lost: Collection[Key]) -> Iterator[Step]:
+    """Yield the ticks of one episode after another for a bag, numbered anew, without those that were lost."""
+    number = itertools.count()
     for step in steps:
-        seen.append(step)
         first = step.tick.state[0]
-        if first["status"] != IDLE and (int(first["scenario"]), int(first["episode"])) not in driven.lost:
+        if first["status"] != IDLE and (int(first["scenario"]), int(first["episode"])) not in lost:
             actions = step.actions.pedestrian if step.tick.policy_frame.any() else None
-            yield step._replace(tick=step.tick._replace(number=number), actions=Actions(pedestrian=actions))
-            number += 1
+            yield step._replace(tick=step.tick._replace(number=next(number)), actions=Actions(pedestrian=actions))
 
 
 class InProcess:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import YIELDED, Episode, Key, yields
 from vpsci_ros.data.parquet import Column
-from vpsci_ros.exam.config import MOVING, SEVERE_TTC, STANDS, ExamConfig
+from vpsci_ros.exam.config import HARD_BRAKING, MOVING, SEVERE_TTC, STANDS, ExamConfig
 from vpsci_ros.exam.report import Conduct
 from vpsci_ros.exam.sight import Sight
 from vpsci_ros.safety import CRITICAL_TTC, HORIZON
@@ -119,7 +119,7 @@ def episode_table(
                 "conflict": least < config.conflict,
                 "severe_conflict": least < SEVERE_TTC,
                 "hardest_braking": braking,
-                "hard_braking": braking > config.hard_braking,
+                "hard_braking": braking > HARD_BRAKING,
                 "yielded": YIELDED[code],
                 "time_lost": lost,
                 "parked_collision": crashed,

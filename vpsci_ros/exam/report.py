@@ -9,7 +9,7 @@ import polars as pl
 
 from vpsci_ros.evaluation import statistics
 from vpsci_ros.evaluation.statistics import Estimate
-from vpsci_ros.exam.config import SEVERE_TTC, ExamConfig
+from vpsci_ros.exam.config import HARD_BRAKING, SEVERE_TTC, ExamConfig
 from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, difference, estimate
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.world.perception import PerceptionConfig
@@ -24,23 +24,6 @@ CHANGES = {
 """Criterion against an earlier exam -> the measure, and which number of its difference."""
 FAILED_BEFORE = ("fixed", "newly_failed", "still_failing")
 COUNTS = ("commands_refused", "commands_surplus", "ticks_unanswered", "safe_stops")
-
-
-@dataclass(frozen=True)
-class Group:
-    """What the results are also given by.
-
-    :ivar among: which episodes count.
-    :ivar names: of the values False and True; empty: the values speak for themselves.
-    """
-
-    title: str
-    among: pl.Expr
-    names: tuple[str, ...] = ()
-
-    def name_of(self, value: Any) -> str:
-        """Return what a report calls a value of the column."""
-        return self.names[int(value)] if self.names else str(value)
 
 
 @dataclass(frozen=True)
@@ -62,11 +45,12 @@ class Conduct:
 
 
 GROUPS = {
-    "kind": Group("kind of the pedestrian that became critical first", pl.col("critical")),
-    "group_size": Group("pedestrians of the episode", pl.col("critical")),
-    "hidden": Group("hidden by parked vehicles as it became critical", pl.col("critical"), ("in sight", "hidden")),
+    "kind": "kind of the pedestrian that became critical first",
+    "group_size": "pedestrians of the episode",
+    "hidden": "hidden by parked vehicles as it became critical",
 }
-"""Column of the table of episodes -> what the results are given by, where it has more than one value."""
+"""Column of the table of episodes -> what the results of critical episodes are given by, where values differ."""
+_HIDDEN = {False: "in sight", True: "hidden"}
 
 
 def make_report(
@@ -106,7 +90,7 @@ def make_report(
 
 def definitions(config: ExamConfig) -> dict[str, dict[str, str]]:
     """Return measure -> title, unit and definition, with the thresholds of `config` in it."""
-    limits = {"conflict": config.conflict, "severe": SEVERE_TTC, "hard_braking": config.hard_braking}
+    limits = {"conflict": config.conflict, "severe": SEVERE_TTC, "hard_braking": HARD_BRAKING}
     return {
         name: {"title": row.title, "unit": row.unit, "definition": row.definition.format(**limits)}
         for name, row in MEASURES.items()
@@ -175,20 +159,19 @@ def _reliance(table: pl.DataFrame) -> dict[str, Any]:
 
 def _groups(table: pl.DataFrame, opponents: Sequence[str]) -> dict[str, Any]:
     """Return column of `GROUPS` -> title, and driver -> pedestrian -> value -> scores, where values differ."""
-    out = {}
-    for column, group in GROUPS.items():
-        rows = table.filter(group.among & pl.col("pedestrian").is_in(opponents))
-        values = sorted(rows[column].unique().to_list())
-        if len(values) < 2:
+    rows = table.filter(pl.col("critical") & pl.col("pedestrian").is_in(opponents))
+    out: dict[str, Any] = {}
+    for column, title in GROUPS.items():
+        if rows[column].n_unique() < 2:
             continue
-        out[column] = {"title": group.title} | {
-            driver: {
-                name: {group.name_of(value): _scores(part) for value in values
-                       if (part := _of(rows, driver, name).filter(pl.col(column) == value)).height}
-                for name in opponents if _of(rows, driver, name).height
-            }
-            for driver in (ADS, BASELINE) if _of(rows, driver).height
-        }  # fmt: skip
+        found: dict[str, Any] = {driver: {} for driver in (ADS, BASELINE) if _of(rows, driver).height}
+        for driver, by_pedestrian in found.items():
+            for name in opponents:
+                parts = _of(rows, driver, name).sort(column).partition_by(column, as_dict=True)
+                if parts:
+                    by_pedestrian[name] = {str(_HIDDEN.get(value, value)): _scores(part)
+                                           for (value,), part in parts.items()}  # fmt: skip
+        out[column] = {"title": title} | found
     return out
 
 

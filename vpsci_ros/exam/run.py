@@ -19,7 +19,7 @@ from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import driven_episodes, run_with_all
 from vpsci_ros.exam.config import ALONE
-from vpsci_ros.exam.criteria import check, parse
+from vpsci_ros.exam.criteria import check, parse, sentence
 from vpsci_ros.exam.earlier import compare, compared_with, write_junit, write_summary
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import autopilot_run
@@ -70,8 +70,8 @@ def run_exam(
         report["against"] = compare(table, earlier, exam)
     verdicts = check(parsed, report, pedestrians)
     failures = [run.conduct.failure for run in runs[ADS].values() if run.conduct.failure]
-    failures += [verdict.sentence() for verdict in verdicts if verdict.failed]
-    report = {"exam": identity, "failures": failures, "criteria": [each.as_json() for each in verdicts]} | report
+    failures += [sentence(verdict) for verdict in verdicts if verdict["failed"]]
+    report = {"exam": identity, "failures": failures, "criteria": verdicts} | report
 
     write_parquet(table, folder / EPISODES, COLUMNS, content="episodes of an exam", exam=identity)
     write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")

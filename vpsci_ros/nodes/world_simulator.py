@@ -61,11 +61,10 @@ class WorldSimulator(GraphNode):
         self._engine = None if name == "vpsci" else ENGINES.find(name)
         if self._engine and changed != InterventionConfig():
             raise InvalidInput(
-                f"engine = {engine.engine}: held_until and interventions change the car by our kinematics; "
-                "leave them out"
+                f"engine = {engine.engine}: interventions change the car by our kinematics; leave them out"
             )
         self._server = server or (self._engine.connect(address, self._config.tick) if self._engine else None)
-        changes = Interventions(changed, scenarios, lane_following=self._config.lane_following)
+        changes = Interventions(changed)
         self._loop = Loop(self._new_world(), interventions=changes)
         self.counts = WorldCounts()
         external = None

@@ -1,8 +1,7 @@
 """Changes between a driving system's command and the car, for tests of what a change would have done.
 
-A protocol's robot holds the initial speed and the lane until the system brakes firmly; then the system drives. An
-intervention changes one episode: the speed of the car at one frame, the firmness of its braking, or braking forced from
-a frame on. Pedestrians, draws and the system are not changed.
+An intervention changes one episode: the speed of the car at one frame, the firmness of its braking, or braking forced
+from a frame on. Pedestrians, draws and the system are not changed.
 """
 
 from collections.abc import Sequence
@@ -14,21 +13,17 @@ from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
-from vpsci_ros.world.autopilot import pursuit_curvature
 from vpsci_ros.world.kinematics import (
     MAX_ACCELERATION,
     MAX_DECELERATION,
     brake_for,
-    steer_to,
     throttle_for,
 )
-from vpsci_ros.world.scenario import Scenario
 from vpsci_ros.world.state import RUNNING
 from vpsci_ros.world.tick import Actions
 
 BRAKING = 1.0  # [m/s2] from which a deceleration counts as braking, as in Euro NCAP's definition of T_AEB
 NOT_FORCED = 50.0  # [m/s2] above any command: at this frame the system drives
-_SAME = 1e-9  # [m/s] by which a speed that is held may differ from itself
 _HEAD = 6  # numbers of an intervention before its accelerations
 
 
@@ -36,12 +31,6 @@ _HEAD = 6  # numbers of an intervention before its accelerations
 class InterventionConfig:
     """Changes between the driving system and the car; none by default."""
 
-    held_until: float = parameter(
-        0.0,
-        "the speed at which an episode begins is held and the lane kept until a command brakes this firmly, as a "
-        "protocol's robots do; 0: the system drives from the beginning",
-        unit="m/s2", low=0.0, high=MAX_DECELERATION,
-    )  # fmt: skip
     interventions: list[float] = parameter(
         [],
         "set by `vpsci ads-why`; of each episode: scenario, number, frame, change of speed [m/s], by what its "
@@ -94,63 +83,42 @@ def from_parameter(numbers: Sequence[float]) -> dict[tuple[int, int], Interventi
 
 
 class Interventions:
-    """The changes of a run.
+    """The changes of a run."""
 
-    :param lane_following: the world keeps the lane for systems that command accelerations.
-    """
-
-    def __init__(self, config: InterventionConfig, scenarios: Sequence[Scenario], *, lane_following: bool) -> None:
-        self._held_until, self._lane_following = config.held_until, lane_following
+    def __init__(self, config: InterventionConfig) -> None:
         self._changes = from_parameter(config.interventions)
-        self._lanes = {scenario.number: scenario.vehicle.path for scenario in scenarios}
-        self._begun: dict[tuple[int, int], float] = {}  # [m/s] at which an episode began
 
     def applied(self, state: NDArray[np.void], actions: Actions) -> Actions:
         """Return the commands that reach the car at a tick, and set changed speeds in `state`, EPISODE[B].
 
         A missing command stays missing.
         """
-        if not self._held_until and not self._changes:
+        if not self._changes:
             return actions
         form = "vehicle" if actions.vehicle is not None else "vehicle_control"
         given = getattr(actions, form)
         values = None if given is None else given.copy()
         for row in np.flatnonzero(state["status"] == RUNNING):
             key = int(state["scenario"][row]), int(state["episode"][row])
-            change = self._changes.get(key)
-            if change is not None and change.speed and state["frame"][row] == change.frame:
+            if (change := self._changes.get(key)) is None:
+                continue
+            if change.speed and state["frame"][row] == change.frame:
                 state["vehicle_speed"][row] = max(0.0, state["vehicle_speed"][row] + change.speed)
             if values is not None:
-                self._change(values[row], state[row], change or Intervention())
+                _change(values[row], int(state["frame"][row]), change)
         return actions if values is None else replace(actions, **{form: values})
 
-    def _change(self, command: NDArray[np.float64], episode: np.void, change: Intervention) -> None:
-        """Change a command in place, (longitudinal, lateral) or (steer, throttle, brake)."""
-        key = int(episode["scenario"]), int(episode["episode"])
-        if episode["frame"] == 0:
-            self._begun[key] = float(episode["vehicle_speed"])
-        along = float(command[0]) if len(command) == 2 else _along(command)
-        changed = along
-        if change.firmer and along <= -BRAKING:
-            changed = max(-MAX_DECELERATION, along - change.firmer)
-        if 0 <= (place := int(episode["frame"]) - change.frame) < len(change.forced):
-            changed = min(changed, change.forced[place])
-        held = self._held_until and episode["vehicle_speed"] >= self._begun.get(key, np.inf) - _SAME
-        if held and changed > -self._held_until:
-            self._hold(command, episode)
-        elif changed != along:
-            command[-2:] = (changed, command[1]) if len(command) == 2 else (throttle_for(changed), brake_for(changed))
 
-    def _hold(self, command: NDArray[np.float64], episode: np.void) -> None:
-        """Keep speed and lane, as the world's lane keeping does."""
-        lane, speed = self._lanes[int(episode["scenario"])], float(episode["vehicle_speed"])
-        place = float(episode["vehicle_x"]), float(episode["vehicle_y"]), float(episode["vehicle_heading"])
-        path = lane.points[None], 0, len(lane.points), lane.step
-        keeping = pursuit_curvature(*path, float(episode["route_s"]), 0.0, *place, speed)
-        if len(command) == 2:
-            command[:] = 0.0, 0.0 if self._lane_following else keeping * speed * speed
-        else:
-            command[:] = steer_to(keeping), 0.0, 0.0
+def _change(command: NDArray[np.float64], frame: int, change: Intervention) -> None:
+    """Change a command in place, (longitudinal, lateral) or (steer, throttle, brake)."""
+    along = float(command[0]) if len(command) == 2 else _along(command)
+    changed = along
+    if change.firmer and along <= -BRAKING:
+        changed = max(-MAX_DECELERATION, along - change.firmer)
+    if 0 <= (place := frame - change.frame) < len(change.forced):
+        changed = min(changed, change.forced[place])
+    if changed != along:
+        command[-2:] = (changed, command[1]) if len(command) == 2 else (throttle_for(changed), brake_for(changed))
 
 
 def _along(control: NDArray[np.float64]) -> float:

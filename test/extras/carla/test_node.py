@@ -111,7 +111,7 @@ def test_what_changes_commands_and_drives_again_is_refused_on_a_server(context: 
     with pytest.raises(InvalidInput, match="engine = carla"):
         exam.engine.require_own("tests change commands and speeds by our kinematics")
     server = LiveServer("", 0.05, connect=lambda host, port: StandInServer())
-    for change in ({"interventions": [1.0, 0.0, 5.0, 1.0, 0.0, 0.0]}, {"held_until": 3.0}):
-        parameters = overrides(peers=PEERS, scenarios=[1], batch=1, spawn="paper", **change)
-        with pytest.raises(InvalidInput, match="engine = carla: .*interventions.* our kinematics"):
-            CarlaWorld(server=server, context=context, parameter_overrides=parameters)
+    changed = [1.0, 0.0, 5.0, 1.0, 0.0, 0.0]
+    parameters = overrides(peers=PEERS, scenarios=[1], batch=1, spawn="paper", interventions=changed)
+    with pytest.raises(InvalidInput, match="engine = carla: interventions .* our kinematics"):
+        CarlaWorld(server=server, context=context, parameter_overrides=parameters)

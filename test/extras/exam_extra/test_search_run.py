@@ -29,8 +29,10 @@ def test_a_search_finds_failures_and_lists_them(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "careless.py").write_text(CARELESS)
     monkeypatch.syspath_prepend(tmp_path)
     folder = tmp_path / "search"
-    found = load(params_dir() / "ads_test.yaml").changed("world_simulator", {"scenarios": [1], "episode_time": 3.0})
-    found = found.changed("ads_test", {"baseline": False, "failure": "conflict", "conflict": 9.9})
+    found = load(params_dir() / "ads_test.yaml").changed(
+        "world_simulator", {"scenarios": [1], "episode_time": 3.0, "spawn": "paper"}
+    )
+    found = found.changed("ads_test", {"baseline": False, "failure": "conflict"})
     search = SearchConfig("walker", 60, 40)
     with seated_here():
         exam = prepare(found, ads_class="careless:Careless")

@@ -180,8 +180,8 @@ def explained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of an exam of a driver that never brakes, to which whatever becomes critical is a failure, explained."""
     folder = tmp_path_factory.mktemp("why")
     (folder / "drivers_of_why.py").write_text(CARELESS)
-    world = {"scenarios": [3], "episodes": 6, "episode_time": 6.0}
-    own = {"pedestrians": ["walker"], "baseline": False, "failure": "conflict", "conflict": 9.9}
+    world = {"scenarios": [3], "episodes": 8, "episode_time": 6.0, "spawn": "paper"}
+    own = {"pedestrians": ["walker"], "baseline": False, "failure": "conflict"}
     sections = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", own)
     with pytest.MonkeyPatch.context() as patch, seated_here():
         patch.syspath_prepend(folder)

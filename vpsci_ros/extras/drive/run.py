@@ -41,7 +41,7 @@ def prepare_person(sections: Sections) -> tuple[Exam, float]:
     if factor <= 0.0:
         raise InvalidInput("world_simulator.real_time_factor = 0: a person drives in real time; set it to 1.0")
     config = dataclasses.replace(exam.config, ads=PERSON, bags=True)
-    return dataclasses.replace(exam, config=config, person=True), factor
+    return dataclasses.replace(exam, config=config), factor
 
 
 def run_drive(exam: Exam, factor: float, folder: Path, page: Page) -> list[str]:
