@@ -20,15 +20,12 @@ from vpsci_ros.bags.info import bag_info, print_info
 from vpsci_ros.bags.plot import save_episode
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import NODE, bag_run, node_record
-from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.cli.bag import bag_app
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage, known_types
 from vpsci_ros.wire.layout import WORLD
-from vpsci_ros.world import World, WorldConfig, load_scenarios
-from vpsci_ros.world.loop import Loop
 
 ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
 SHIPPED = Path(__file__).parents[2] / "bags" / "LocationA_PedCross_N-S"
@@ -105,37 +102,12 @@ def test_info_tells_topics_rates_of_simulated_time_episodes_and_counts(own_bag: 
     assert info["missing"] == []
 
 
-def test_info_prints_weights_hashes_and_fits_eighty_columns(own_bag: Path, tmp_path: Path) -> None:
-    policy = {"vehicle_policy": {"weights": "people"}}
-    bag = changed(own_bag, tmp_path / "bag", nodes=bag_run(Bag(own_bag)).parameters | policy)
-    text = io.StringIO()
-    print_info(bag_info(bag), Console(file=text, width=80))
-    assert bag_run(Bag(bag)).weights["vehicle_policy"] in text.getvalue()
-    assert len(bag_run(Bag(bag)).weights["vehicle_policy"]) == 64
-    assert "3 episodes" in text.getvalue()
-    table = [line for line in text.getvalue().splitlines() if line.startswith(" /")]
-    assert len(table) >= 4
-    assert all(len(line) <= 80 for line in table)
-
-
 def test_info_of_another_tools_bag_says_what_is_missing(foreign: Path) -> None:
     info = bag_info(foreign)
     assert info["time"] == "of receipt"
     assert [episode["outcome"] for episode in info["episodes"]] == ["none"] * 3
     assert info["messages_seen"] is None
     assert info["missing"] == ["/world/state: episodes and CurvTTC come from odometry, outcomes are unknown; no verify"]
-
-
-def test_info_of_a_bag_of_something_else_lists_its_topics(tmp_path: Path) -> None:
-    bag = BagWriter(tmp_path / "bag", [BagTopic("/chatter", "std_msgs/msg/String", "string data\n", "RIHS01_0")])
-    bag.write("/chatter", b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00", 0, 0)
-    bag.close({})
-    info = bag_info(tmp_path / "bag")
-    assert [topic["name"] for topic in info["topics"]] == ["/chatter"]
-    assert "no export, no plot, no verify" in info["missing"][0]
-    result = run("plot", tmp_path / "bag", 1, "-o", tmp_path / "x.png")
-    assert isinstance(result.exception, InvalidInput)
-    assert not (tmp_path / "x.png").exists()
 
 
 def test_info_of_a_cut_off_bag_tells_what_is_readable_and_that_it_is_damaged(own_bag: Path, tmp_path: Path) -> None:
@@ -168,18 +140,6 @@ def test_plot_draws_both_ways_and_series(own_bag: Path, foreign: Path, tmp_path:
         assert ((red > blue + 0.2) & (red > green + 0.2)).sum() > 200  # the pedestrian
 
 
-def test_plot_draws_every_pedestrian_of_a_crowd(tmp_path: Path) -> None:
-    reds = []
-    for several in (1, 4):
-        config = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", pedestrians=several)
-        world = World(config, load_scenarios([101]), [(101, 3)], 1, 1)
-        write_ticks(Loop(world), config, tmp_path / f"bag{several}", {}, scenarios=world.scenarios)
-        save_episode(tmp_path / f"bag{several}", "3", tmp_path / "one.png")
-        red, green, blue = np.moveaxis(imread(tmp_path / "one.png")[:, :575, :3], -1, 0)
-        reds.append(((red > blue + 0.2) & (red > green + 0.2)).sum())
-    assert reds[1] > 2 * reds[0]
-
-
 def test_plot_of_an_episode_that_is_not_there_names_those_that_are(own_bag: Path, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"episode 9: not in the bag; it has 1:0 \(.*6:4 \("):
         save_episode(own_bag, "9", tmp_path / "x.png")
@@ -209,57 +169,6 @@ def test_verify_names_tick_and_field_of_a_flipped_bit_and_exits_with_1(own_bag: 
     assert "40 ticks before it are the same" in result.stdout
 
 
-def test_verify_takes_messages_that_were_written_late_and_fails_where_one_was_not_compared(
-    own_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def late(messages: list[RawMessage]) -> list[RawMessage]:  # as a recorder writes that was stopped for a while
-        return sorted(messages, key=lambda raw: raw.topic == "/safety/state")
-
-    bag = changed(own_bag, tmp_path / "bag", edit=late)
-    whole, result = verify_bag(own_bag), verify_bag(bag)
-    assert (result.difference, result.uncompared) == ("", ())
-    assert (result.ticks, result.values) == (whole.ticks, whole.values)
-    monkeypatch.setattr(verify, "_LATE", 10)
-    result = verify_bag(bag)
-    assert (result.difference, result.ticks) == ("", whole.ticks)
-    assert "stand more than 10 ticks late in the file" in result.uncompared[0]
-    assert run("verify", bag).exit_code == 3
-
-
-@pytest.mark.parametrize("topic", [WORLD, "/safety/state", "/vehicle/action"])
-def test_verify_fails_where_a_message_of_a_tick_is_repeated(tmp_path: Path, topic: str) -> None:
-    def repeated(messages: list[RawMessage]) -> list[RawMessage]:
-        first = next(raw for raw in messages if raw.topic == topic)
-        return [*messages, first]
-
-    bag = changed(SHIPPED, tmp_path / "bag", edit=repeated)
-    assert f", {topic}: 2 messages in the bag, one simulated" in verify_bag(bag).difference
-
-
-def test_verify_compares_what_follows_a_repeated_state(own_bag: Path, tmp_path: Path) -> None:
-    def shifted(messages: list[RawMessage]) -> list[RawMessage]:
-        """The state of tick 2 twice, and from the second one on all pedestrians 7 m to the east."""
-        out = []
-        for raw in messages:
-            if raw.topic == WORLD and tick_of(raw) == 2:
-                out += [raw, raw]
-            else:
-                out.append(with_state(raw, pedestrian_x=7.0) if raw.topic == WORLD and tick_of(raw) > 2 else raw)
-        return out
-
-    result = run("verify", changed(own_bag, tmp_path / "bag", edit=shifted))
-    assert result.exit_code == 1
-    assert "differs at tick 2, /world/state" in result.stdout
-
-
-def test_verify_fails_at_states_that_are_no_numbers_behind_the_last_tick(own_bag: Path, tmp_path: Path) -> None:
-    def forged(messages: list[RawMessage]) -> list[RawMessage]:
-        first = next(raw for raw in messages if raw.topic == WORLD)
-        return messages + [with_state(first, pedestrian_x=np.nan)] * 20
-
-    assert run("verify", changed(own_bag, tmp_path / "bag", edit=forged)).exit_code != 0
-
-
 @pytest.mark.parametrize(
     ("topic", "edit", "status", "said"),
     [
@@ -281,17 +190,6 @@ def test_verify_misses_what_was_taken_out_and_finds_what_was_put_in(
     result = run("verify", changed(SHIPPED, tmp_path / "bag", edit=edited))
     assert result.exit_code == status
     assert said in result.stdout
-
-
-def test_verify_does_not_succeed_where_ticks_are_absent(own_bag: Path, tmp_path: Path) -> None:
-    def lossy(messages: list[RawMessage]) -> list[RawMessage]:
-        return [raw for raw in messages if tick_of(raw) != 30]
-
-    bag = changed(own_bag, tmp_path / "bag", edit=lossy)
-    assert verify_bag(bag).uncompared == ("the bag lacks 1 tick between its first and its last one",)
-    result = run("verify", bag)
-    assert result.exit_code == 3
-    assert "not compared: the bag lacks 1 tick" in result.stdout
 
 
 def test_verify_finds_another_seed(own_bag: Path, tmp_path: Path) -> None:
@@ -362,13 +260,3 @@ def test_another_tools_bag_is_exported_from_its_odometry(foreign: Path, tmp_path
     files = sorted(path.name for path in (tmp_path / "out").rglob("odometry.*"))
     assert files
     assert not any(name.endswith(".csv") for name in files)
-
-
-def test_every_episode_that_info_lists_of_odometry_is_exported_the_first_one_too(foreign: Path, tmp_path: Path) -> None:
-    episodes = bag_info(foreign)["episodes"]
-    assert episodes[0]["name"] == "0:0"
-    result = run("export", foreign, "-o", tmp_path / "all", "--episodes", "0-9")
-    assert result.exit_code == 0, result.output
-    tables = [pl.read_parquet(path) for path in (tmp_path / "all").rglob("odometry.parquet")]
-    assert pl.concat(tables)["count"].unique().sort().to_list() == [episode["episode"] for episode in episodes]
-    assert run("export", foreign, "-o", tmp_path / "first", "--episodes", "0:0").exit_code == 0

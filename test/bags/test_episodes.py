@@ -49,37 +49,12 @@ def test_episodes_are_chosen_by_number_outcome_and_curvttc(conditions: tuple, ex
     assert names(choose(EPISODES, *conditions)) == expected
 
 
-@pytest.mark.parametrize(
-    ("conditions", "message"),
-    [
-        (("seven",), "'seven': expected a number, a range or SCENARIO:NUMBER"),
-        (("3-",), None),
-        (("", "crash"), "expected one of none, collision, goal, timeout"),
-        (("99",), r"no episode of the bag is as chosen; it has 1:3 \(goal\)"),
-        (("3,99",), r"no episode 99 in the bag; it has 1:3 \(goal\)"),
-    ],
-)
-def test_a_choice_that_nothing_satisfies_says_what_there_is(conditions: tuple, message: str | None) -> None:
-    if message is None:
-        assert names(choose(EPISODES, *conditions)) == ["1:3", "6:3"]  # an open range is its beginning
-        return
-    with pytest.raises(InvalidInput, match=message):
-        choose(EPISODES, *conditions)
-
-
 def test_a_number_in_two_scenarios_needs_its_scenario() -> None:
     assert chosen_episode(EPISODES, "7").name == "1:7"
     with pytest.raises(InvalidInput, match=r"in several scenarios; name one of 1:3 \(goal\), 6:3 \(timeout\)"):
         chosen_episode(EPISODES, "3")
     with pytest.raises(InvalidInput, match="not in the bag"):
         chosen_episode(EPISODES, "6:7")
-
-
-def test_a_record_gives_the_episode_back() -> None:
-    for one in EPISODES:
-        assert BagEpisode.from_record(one.to_record()) == one
-    with pytest.raises(InvalidInput, match="record of an episode is damaged"):
-        BagEpisode.from_record({"scenario": "1"})
 
 
 def test_events_make_episodes_and_one_whose_beginning_was_not_seen_is_left_out() -> None:

@@ -1,6 +1,5 @@
 """Bags of any ROS 2 tool: MCAP and sqlite3, one file or several, whole or in part, with definitions or without."""
 
-import re
 import shutil
 import sqlite3
 from dataclasses import replace
@@ -9,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-from zstandard import ZstdCompressor
 
 from vpsci_ros.bags.info import bag_info
 from vpsci_ros.bags.reader import Bag, bag_files
@@ -101,13 +99,6 @@ def test_a_bag_that_lost_a_file_is_refused_until_it_is_repaired(tmp_path: Path, 
     assert bag_info(folder)["damage"] == []
 
 
-def test_a_file_that_an_older_one_has_replaced_is_noticed(tmp_path: Path) -> None:
-    folder, older = split_bag(tmp_path / "bag"), split_bag(tmp_path / "older" / "bag", 57)
-    shutil.copy(bag_files(older)[-1], bag_files(folder)[-1])
-    with pytest.raises(InvalidInput, match="of the 60 messages of /a that were recorded"):
-        bag_run(Bag(folder))
-
-
 def test_a_graph_in_a_namespace_is_read_by_its_prefix(own_bag: Path, tmp_path: Path) -> None:
     messages = list(Bag(own_bag).messages())
     kinds = {raw.topic: BagTopic(raw.topic, raw.type, raw.definition, "RIHS01_0") for raw in messages}
@@ -127,36 +118,6 @@ def test_a_graph_in_a_namespace_is_read_by_its_prefix(own_bag: Path, tmp_path: P
         Bag(tmp_path / "two", topic_prefix="/up").topics()
 
 
-def test_files_that_rosbag2_has_compressed_are_read(foreign: Path) -> None:
-    plain = [raw.data for raw in Bag(foreign).messages()]
-    for file in bag_files(foreign):
-        file.with_name(f"{file.name}.zstd").write_bytes(ZstdCompressor().compress(file.read_bytes()))
-        file.unlink()
-    assert [raw.data for raw in Bag(foreign).messages()] == plain
-
-
-def test_messages_that_rosbag2_has_compressed_are_read(own_bag: Path, tmp_path: Path) -> None:
-    folder = copied(own_bag, tmp_path / "bag", StoragePlugin.SQLITE3)
-    plain = [raw.data for raw in Bag(folder).messages()]
-    with sqlite3.connect(next(folder.glob("*.db3"))) as database:
-        database.create_function("packed", 1, ZstdCompressor().compress)
-        database.execute("UPDATE messages SET data = packed(data)")
-    database.close()
-    metadata = folder / "metadata.yaml"
-    metadata.write_text(re.sub("compression_mode: .*", "compression_mode: MESSAGE", metadata.read_text()))
-    assert [raw.data for raw in Bag(folder).messages()] == plain
-
-
-@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
-def test_what_was_recorded_before_the_first_clock_does_not_make_a_bag_last_decades(
-    own_bag: Path, tmp_path: Path, storage: StoragePlugin
-) -> None:
-    bag = bag_info(copied(own_bag, tmp_path / "bag", storage, early=True))
-    without = bag_info(copied(own_bag, tmp_path / "without", storage))
-    assert bag["duration"] == without["duration"]
-    assert bag["messages"] == without["messages"] + 1
-
-
 def test_rows_of_a_sqlite_bag_that_are_no_messages_are_refused_and_left_out(own_bag: Path, tmp_path: Path) -> None:
     folder = copied(own_bag, tmp_path / "bag", StoragePlugin.SQLITE3)
     count = len(list(Bag(folder).messages()))
@@ -169,12 +130,6 @@ def test_rows_of_a_sqlite_bag_that_are_no_messages_are_refused_and_left_out(own_
     bag = Bag(folder, recover=True)
     assert sum(topic.messages for topic in bag.topics().values()) == count == len(list(bag.messages()))
     assert bag.damage == ["bag.db3: 3 of its messages have no listed topic, time or data"]
-
-
-def test_files_are_in_the_order_of_their_numbers_not_of_their_letters(tmp_path: Path) -> None:
-    for number in (10, 9, 1):
-        (tmp_path / f"bag_{number}.mcap").touch()
-    assert [path.name for path in bag_files(tmp_path)] == ["bag_1.mcap", "bag_9.mcap", "bag_10.mcap"]
 
 
 def test_repair_completes_the_last_file_of_a_split_bag_and_keeps_the_others(tmp_path: Path) -> None:
@@ -191,21 +146,6 @@ def test_repair_completes_the_last_file_of_a_split_bag_and_keeps_the_others(tmp_
         assert reader.message_count == len(times)
 
 
-def test_only_the_chunks_of_the_wanted_time_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import mcap.reader
-
-    topic = BagTopic("/a", "std_msgs/msg/String", "string data\n", "RIHS01_0")
-    bag = BagWriter(tmp_path / "bag", [topic], chunk_size=1024)
-    for i in range(400):
-        bag.write("/a", b"\x00\x01\x00\x00" + bytes(500), i, i)
-    bag.close({})
-    read = []
-    breakup = mcap.reader.breakup_chunk
-    monkeypatch.setattr(mcap.reader, "breakup_chunk", lambda *a, **k: read.append(1) or breakup(*a, **k))
-    assert [raw.time for raw in Bag(tmp_path / "bag").messages(None, 200, 203)] == [200, 201, 202, 203]
-    assert 0 < len(read) < 5
-
-
 def test_odometry_of_another_tool_gives_the_motion_and_curvttc_of_the_graph(own_bag: Path, foreign: Path) -> None:
     graph = [tick for tick in read_bag(own_bag) if tick.state["status"][0]]
     other = list(read_bag(foreign))
@@ -220,23 +160,11 @@ def test_odometry_of_another_tool_gives_the_motion_and_curvttc_of_the_graph(own_
     np.testing.assert_allclose(np.array(found)[both], np.array(expected)[both], atol=1e-6)
 
 
-def test_odometry_is_cut_into_episodes_where_it_jumps(own_bag: Path, foreign: Path) -> None:
-    starts = [tick.number for tick in read_bag(own_bag) if tick.state["status"][0] and tick.state["frame"][0] == 0]
-    other = list(read_bag(foreign))
-    assert len(starts) == 3
-    assert [int(tick.state["episode"][0]) for tick in other if tick.state["frame"][0] == 0] == [0, 1, 2]
-
-
 def test_a_sqlite_bag_without_its_metadata_file_is_read(own_bag: Path, tmp_path: Path) -> None:
     folder = copied(own_bag, tmp_path / "bag", StoragePlugin.SQLITE3)
     (folder / "metadata.yaml").unlink()
     assert set(Bag(folder).topics()) == set(ODOMETRY)
     assert len(list(read_bag(folder))) > 100
-
-
-def test_a_single_file_is_a_bag(own_bag: Path) -> None:
-    (file,) = own_bag.glob("*.mcap")
-    assert len(list(read_bag(file))) == len(list(read_bag(own_bag)))
 
 
 def test_one_of_the_two_odometry_topics_alone_is_not_enough_and_what_is_missing_is_said(
@@ -284,7 +212,6 @@ def test_a_damaged_sqlite_file_is_refused_and_read_as_far_as_it_goes(own_bag: Pa
         ("bag_0.db3", b"", "not a whole sqlite3 bag file"),
         ("bag_0.mcap", b"count,frame\n", "not an MCAP file"),
         ("bag_0.mcap", b"", "not completed"),
-        ("bag_0.db3.zstd", b"not zstd at all", "cannot be unpacked"),
         ("notes.txt", b"", r"no \.mcap file and no \.db3"),
     ],
 )
@@ -292,13 +219,6 @@ def test_what_is_no_bag_is_named(tmp_path: Path, name: str, content: bytes, mess
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InvalidInput, match=message):
         Bag(tmp_path).topics()
-
-
-def test_two_kinds_of_files_in_a_folder_are_not_one_bag(tmp_path: Path) -> None:
-    (tmp_path / "a_0.db3").touch()
-    (tmp_path / "a_0.mcap").touch()
-    with pytest.raises(InvalidInput, match="more than one bag"):
-        bag_files(tmp_path)
 
 
 def test_a_recorded_goal_is_read_from_a_bag_without_definitions_of_vpsci_msgs(

@@ -69,18 +69,6 @@ def test_rosbags_reads_it_as_a_rosbag2_folder(tmp_path) -> None:
         assert [bytes(data) for _, _, data in reader.messages()] == sent
 
 
-def test_metadata_counts_and_times_what_is_in_the_file(tmp_path) -> None:
-    write(tmp_path / "bag")
-    text = (tmp_path / "bag" / "metadata.yaml").read_text()
-    information = yaml.safe_load(text)["rosbag2_bagfile_information"]
-    assert information["message_count"] == 3
-    assert information["duration"] == {"nanoseconds": 2}
-    assert information["starting_time"] == {"nanoseconds_since_epoch": 1000}
-    assert information["custom_data"]["seed"] == "7"
-    assert information["custom_data"]["messages_written"] == "3"
-    assert "&id" not in text
-
-
 def test_messages_that_nobody_could_read_are_counted_as_seen_and_refused(tmp_path) -> None:
     bag = BagWriter(tmp_path / "bag", topics())
     bag.write("/a", b"\x00\x01\x00\x00", log_time=1, publish_time=1)
@@ -110,12 +98,6 @@ def test_a_disk_that_refuses_a_part_is_an_error_at_once_and_when_the_bag_is_clos
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not (tmp_path / "bag" / "metadata.yaml").exists()
-
-
-def test_a_bag_without_messages_is_still_a_bag(tmp_path) -> None:
-    write(tmp_path / "bag", 0)
-    with Reader(tmp_path / "bag") as reader:
-        assert reader.message_count == 0
 
 
 def test_full_chunks_are_on_disk_before_the_bag_is_closed(tmp_path) -> None:

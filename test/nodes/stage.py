@@ -12,6 +12,7 @@ from rclpy.context import Context
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 
 from vpsci_msgs.msg import AgentAction, SafetyState
@@ -20,6 +21,7 @@ from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import SerializedSafety, write_safety_state
 from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.odometry import write_odometry
 from vpsci_ros.wire.world_state import SerializedState, write_world_state
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Tick
@@ -53,7 +55,9 @@ def safety_bytes(tick: int, curvttc: Any, distance: Any, critical: Any) -> bytes
 
 def odometry_messages(record: np.void, header: Header, prefix: str = "") -> list[Odometry]:
     """Return vehicle and pedestrian of one EPISODE record as odometry; `prefix` comes before their frames' names."""
-    return [convert.odometry(layout.motion_of(record, agent), f"{prefix}{agent}", header) for agent in AGENTS]
+    at = WireHeader(header.stamp.sec, header.stamp.nanosec, header.frame_id)
+    written = (write_odometry(layout.motion_of(record, agent), f"{prefix}{agent}", at) for agent in AGENTS)
+    return [deserialize_message(data, Odometry) for data in written]
 
 
 class Stage:

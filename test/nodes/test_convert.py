@@ -8,7 +8,6 @@ from nodes.stage import odometry_messages, state_bytes
 from rclpy.serialization import deserialize_message, serialize_message
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, SafetyState, WorldState
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.nodes import convert
 from vpsci_ros.wire import layout
@@ -62,17 +61,6 @@ def test_ros_reads_what_a_node_writes_of_an_answer_and_writes_the_same(batch: in
         assert (message.tick, message.header.frame_id, message.header.stamp.nanosec) == (7, "left/map", 5)
     assert message.longitudinal.tolist() == pairs[:, 0].tolist()
     assert message.policy_version == 9
-
-
-def test_simulated_time_is_exact_over_many_ticks() -> None:
-    at = convert.stamp(123_456_789, 0.05)
-    assert (at.sec, at.nanosec) == (6_172_839, 450_000_000)
-
-
-def test_an_action_for_another_batch_is_refused() -> None:
-    message = AgentAction(longitudinal=[0.0], lateral=[0.0])
-    with pytest.raises(InvalidInput, match="expected 2 entries in longitudinal, got 1; are two graphs in one domain"):
-        layout.action(message, 2, "/vehicle/action")
 
 
 def test_events_come_back_bit_for_bit() -> None:

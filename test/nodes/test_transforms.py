@@ -7,18 +7,17 @@ import numpy as np
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from nodes.stage import odometry_messages
-from rclpy.serialization import serialize_message
-from rosbags.highlevel import AnyReader
+from rclpy.serialization import deserialize_message, serialize_message
 from tf2_msgs.msg import TFMessage
 
 from vpsci_ros.nodes import convert
-from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.nodes.recorder import is_own
 from vpsci_ros.nodes.topics import TOPICS
 from vpsci_ros.resources import robot_description
-from vpsci_ros.runs.sections import Sections
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.layout import motion_of
+from vpsci_ros.wire.odometry import write_transforms
 from vpsci_ros.world import EPISODE
 from vpsci_ros.world.observation import AGENTS
 
@@ -26,12 +25,17 @@ pytestmark = pytest.mark.usefixtures("forked_nodes")
 RVIZ = Path(__file__).resolve().parents[2] / "rviz" / "vpsci.rviz"
 
 
+def moving(record: np.void, prefix: str) -> TFMessage:
+    """Return the transforms of vehicle and pedestrian of an EPISODE record."""
+    movers = {f"{prefix}{agent}": motion_of(record, agent) for agent in AGENTS}
+    return deserialize_message(write_transforms(movers, WireHeader(0, 0, "map")), TFMessage)
+
+
 def test_transforms_are_the_poses_of_the_odometry() -> None:
     state = np.zeros(1, EPISODE)
     state["vehicle_x"], state["vehicle_y"], state["vehicle_heading"] = 3.0, -4.0, 0.5
     state["pedestrian_x"], state["pedestrian_vy"] = 7.0, 1.5
-    odometry = odometry_messages(state[0], convert.Header(frame_id="map"), "left/")
-    vehicle, pedestrian = convert.transforms(odometry).transforms
+    vehicle, pedestrian = moving(state[0], "left/").transforms
     assert (vehicle.header.frame_id, vehicle.child_frame_id) == ("map", "left/vehicle/base_link")
     assert pedestrian.child_frame_id == "left/pedestrian/base_link"
     at, turned = vehicle.transform.translation, vehicle.transform.rotation
@@ -77,10 +81,10 @@ def test_rviz_shows_topics_of_the_graph_in_their_types() -> None:
 @pytest.mark.parametrize(("prefix", "own"), [("", False), ("left/", True), ("right/", False)])
 def test_of_a_topic_that_graphs_share_each_takes_its_own(prefix: str, own: bool) -> None:
     state = np.zeros(1, EPISODE)
-    moving = convert.transforms(odometry_messages(state[0], convert.Header(frame_id="map"), "left/"))
+    poses = moving(state[0], "left/")
     status = DiagnosticArray(status=[DiagnosticStatus(name="left/world_simulator")])
     for topic, message in (
-        ("/tf", moving),
+        ("/tf", poses),
         ("/tf_static", convert.fixed_transforms("left/")),
         ("/diagnostics", status),
     ):
@@ -89,40 +93,3 @@ def test_of_a_topic_that_graphs_share_each_takes_its_own(prefix: str, own: bool)
     for names in (["left/somebody_else"], []):
         other = DiagnosticArray(status=[DiagnosticStatus(name=name) for name in names])
         assert not is_own("/diagnostics", serialize_message(other), "left/")
-
-
-def test_a_graph_in_a_namespace_records_its_transforms_and_nothing_of_its_names_is_lost(
-    domain: int, tmp_path: Path
-) -> None:
-    world = {"scenarios": [3], "episodes": 1, "batch": 1, "vehicle_driver": "autopilot", "episode_time": 2.0}
-    sections = {
-        "graph": {
-            "nodes": ["world_simulator", "safety_monitor", "recorder"],
-            "namespace": "/left",
-            "progress_timeout": 240.0,
-        },
-        "world_simulator": world | {"pedestrian_driver": "autopilot"},
-    }
-    result = run_graph(Sections(sections), tmp_path / "run", quiet=True)
-    assert result.error == ""
-    counts = result.nodes["world_simulator"].counts
-    assert counts is not None
-    assert counts.tick > 10
-    frames: dict[str, set[str]] = {"/tf": set(), "/tf_static": set()}
-    odometry = dict.fromkeys(("/vehicle/odometry", "/pedestrian/odometry"), 0)
-    transforms = 0
-    with AnyReader([result.bag]) as reader:
-        for connection, _, data in reader.messages():
-            if connection.topic in frames:
-                found = reader.deserialize(data, connection.msgtype).transforms
-                frames[connection.topic] |= {each.child_frame_id for each in found}
-            transforms += connection.topic == "/tf"
-            if connection.topic in odometry:
-                odometry[connection.topic] += 1
-    assert frames["/tf"] == {"left/vehicle/base_link", "left/pedestrian/base_link"}
-    assert frames["/tf_static"] == {"left/vehicle/rear_axle"}
-    assert set(odometry.values()) == {transforms}
-    assert transforms > 10
-    log = (result.folder / "log/world_simulator.log").read_text()
-    assert "ready: 1 episodes of scenarios [3], 1 at once" in log
-    assert "3:0 ended: " in log

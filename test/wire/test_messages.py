@@ -117,27 +117,6 @@ def test_a_state_of_another_version_is_refused_in_words() -> None:
         read_world_state(written(running()), "BAG", other)
 
 
-def older(state: NDArray[np.void]) -> tuple[bytes, str]:
-    """Return a state of three slots, serialized, and its definition, without the numbers of its pedestrians."""
-    definition, data = layout.own_definition("WorldState"), written(state)
-    at = data.index(struct.pack("<d", PERIOD)) + 8
-    begins = {}
-    for name, kind in layout.sequences(definition).items():
-        size, begins[name] = np.dtype(kind).itemsize, at
-        at += 4 + (4 if size == 8 and at % 8 == 4 else 0) + -(-3 * size // 4) * 4
-    cut = data[: begins["kind"]] + data[begins["pedestrians"] + 16 :]
-    lines = definition.splitlines(True)
-    return cut, "".join(line for line in lines if not set(line.split()[1:2]) & set(layout.NUMBERS))
-
-
-def test_a_state_of_before_pedestrians_had_numbers_is_read_where_an_episode_has_one() -> None:
-    back = read_world_state(older(running(3))[0], "BAG", older(running(3))[1]).tick.state
-    assert back["vehicle_x"].tolist() == running(3)["vehicle_x"].tolist()
-    assert (back["pedestrians"].tolist(), back["pedestrian"].tolist()) == ([1, 1, 1], [0, 0, 0])
-    with pytest.raises(InvalidInput, match="BAG: a WorldState of before November 2026"):
-        read_world_state(*older(running(3, scenario=1, episode=1))[:1], "BAG", older(running(3))[1])
-
-
 def test_a_curvttc_that_is_not_a_number_is_refused() -> None:
     none = SerializedSafety(HEADER, 1, np.array([np.nan]), np.ones(1), np.ones(1, np.uint8))
     with pytest.raises(InvalidInput, match="curvttc of slot 0 is not a number"):

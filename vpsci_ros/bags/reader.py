@@ -1,32 +1,23 @@
 """A recorded bag, this package's or another ROS 2 tool's: MCAP or sqlite3, one file or several, whole or in part."""
 
-import atexit
 import contextlib
-import hashlib
 import re
-import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any
-
-from zstandard import ZstdDecompressor, ZstdError
 
 from vpsci_ros.bags.mcap_file import McapFile
 from vpsci_ros.bags.sqlite_file import SqliteFile
 from vpsci_ros.bags.topic_info import TopicInfo, by_name
 from vpsci_ros.documents import read_yaml, require_regular
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import written_whole
 from vpsci_ros.wire.decoder import RawMessage
 from vpsci_ros.wire.layout import WORLD
 
 VEHICLE = "/vehicle/odometry"
-PACKED = ".zstd"  # ends the name of a file that is compressed as a whole
-MOST_UNPACKED = 2**28, 200  # [bytes] of a message; of a file, times its size
 _STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {".mcap": McapFile, ".db3": SqliteFile}
 
 
@@ -127,11 +118,13 @@ class Bag:
         :raises InvalidInput: see `topics`.
         """
         chosen = [name for name, plain in self._plain.items() if topics is None or plain in topics]
-        packed = str(self._information.get("compression_mode", "")).lower() == "message"
+        if str(self._information.get("compression_mode", "")).lower() == "message":
+            raise InvalidInput(
+                f"{self.path}: its messages are compressed one by one; have `ros2 bag convert` unpack them"
+            )
         for file in self.files:
             for raw in file.select(chosen, start, stop, ordered=ordered):
-                data = _unpacked_message(raw.data, self.path) if packed else raw.data
-                yield raw._replace(topic=self._plain[raw.topic], data=data)
+                yield raw._replace(topic=self._plain[raw.topic])
 
 
 def opened(bag: str | Path | Bag) -> Bag:
@@ -140,26 +133,26 @@ def opened(bag: str | Path | Bag) -> Bag:
 
 
 def bag_files(path: str | Path) -> list[Path]:
-    """Return the files of a bag in the order of recording; one that is compressed as a whole is unpacked elsewhere.
+    """Return the files of a bag in the order of recording.
 
     :raises InvalidInput: no such folder or file, or none in it.
     """
     path = Path(path)
     require_regular(path)
-    if path.is_file() and _is_of_bag(path):
-        return [_unpacked_file(path)]
+    if path.is_file() and path.suffix in _STORAGES:
+        return [path]
     if not path.is_dir():
         raise InvalidInput(f"{path}: no such folder; expected a rosbag2 folder with an .mcap or .db3 file")
     inside = [file for file in path.iterdir() if not file.name.startswith(".")]
-    files = [file for file in inside if _is_of_bag(file)]
+    files = [file for file in inside if file.suffix in _STORAGES]
     if not files:
-        raise InvalidInput(f"{path}: no .mcap file and no .db3; expected a rosbag2 folder as a recorder writes it")
+        raise InvalidInput(
+            f"{path}: no .mcap file and no .db3; expected a rosbag2 folder, with files unpacked by zstd -d"
+        )
     for file in files:
         require_regular(file)
         if file.is_dir():
             raise InvalidInput(f"{file}: expected a file of a bag, found a folder")
-    plain = {file.name for file in files}  # beside which the packed one stays
-    files = [_unpacked_file(file) for file in files if file.suffix != PACKED or file.stem not in plain]
     if len(kinds := Counter(file.suffix for file in files)) > 1:
         raise InvalidInput(f"{path}: expected one kind of file, got {' and '.join(kinds)}; this is more than one bag")
     return sorted(files, key=_number)
@@ -168,49 +161,9 @@ def bag_files(path: str | Path) -> list[Path]:
 def lost_files(path: Path) -> str:
     """Say which files metadata.yaml lists that are not in the folder; nothing where all are."""
     listed = bag_information(path).get("relative_file_paths")
-    names = [Path(str(name)).name.removesuffix(PACKED) for name in listed] if isinstance(listed, list) else []
-    lost = [name for name in names if not any((path / each).exists() for each in (name, f"{name}{PACKED}"))]
+    names = [Path(str(name)).name for name in listed] if isinstance(listed, list) else []
+    lost = [name for name in names if not (path / name).exists()]
     return f"metadata.yaml lists {', '.join(lost)}, which the folder lacks" if lost else ""
-
-
-def _is_of_bag(file: Path) -> bool:
-    return Path(file.name.removesuffix(PACKED)).suffix in _STORAGES
-
-
-@cache
-def _room() -> Path:
-    """Return a folder for unpacked files, which goes with the process."""
-    room = Path(tempfile.mkdtemp(prefix="vpsci_bag_"))
-    atexit.register(shutil.rmtree, room, ignore_errors=True)
-    return room
-
-
-def _unpacked_file(path: Path) -> Path:
-    """Return a file, unpacked if it is compressed as a whole.
-
-    :raises InvalidInput: it cannot be unpacked.
-    """
-    if path.suffix != PACKED:
-        return path
-    status = path.stat()
-    folder = _room() / hashlib.sha256(f"{path.resolve()} {status.st_mtime_ns}".encode()).hexdigest()[:16]
-    folder.mkdir(exist_ok=True)
-    if not (unpacked := folder / path.stem).exists():
-        try:
-            with path.open("rb") as packed, written_whole(unpacked) as part, part.open("wb") as file:
-                for block in ZstdDecompressor().read_to_iter(packed):
-                    if file.write(block) and file.tell() > MOST_UNPACKED[0] + MOST_UNPACKED[1] * status.st_size:
-                        raise ZstdError(f"to more than {MOST_UNPACKED[1]} times its size")
-        except ZstdError as error:
-            raise InvalidInput(f"{path}: cannot be unpacked: {error}; copy it again") from None
-    return unpacked
-
-
-def _unpacked_message(data: bytes, where: Path) -> bytes:
-    try:
-        return ZstdDecompressor().decompress(data, max_output_size=MOST_UNPACKED[0])
-    except ZstdError as error:
-        raise InvalidInput(f"{where}: a message cannot be unpacked: {error}; copy the bag again") from None
 
 
 def bag_information(path: Path) -> dict[str, Any]:

@@ -57,8 +57,7 @@ def _repaired(folder: Path, paths: list[Path]) -> Repair:
     custom: dict[str, str] = {}
     if paths[0].suffix != ".mcap" or paths[0].parent != folder:
         raise InvalidInput(
-            f"{folder}: only a folder of MCAP files, not compressed as a whole, is repaired; "
-            "what is whole of another is read with --recover"
+            f"{folder}: only a folder of MCAP files is repaired; what is whole of another is read with --recover"
         )
     if lost := lost_files(folder):
         damage.append(lost)

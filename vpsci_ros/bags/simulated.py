@@ -5,7 +5,6 @@ One episode after the other in one slot, so that the odometry topics, which view
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +14,9 @@ from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, scenario_records
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action, write_safety_state
-from vpsci_ros.wire.decoder import describe, known_types
+from vpsci_ros.wire.decoder import describe
 from vpsci_ros.wire.header import WireHeader
+from vpsci_ros.wire.odometry import write_odometry
 from vpsci_ros.wire.world_state import SerializedState, write_world_state
 from vpsci_ros.world import Scenario
 from vpsci_ros.world.config import WorldConfig
@@ -82,32 +82,8 @@ def _messages(step: Step, config: WorldConfig, time: int) -> Iterator[tuple[str,
             yield f"/{agent}/action", write_action(answer)
     if tick.state[0]["status"]:
         for agent in AGENTS:
-            yield f"/{agent}/odometry", _odometry(header, agent, layout.motion_of(tick.state[0], agent))
+            yield f"/{agent}/odometry", write_odometry(layout.motion_of(tick.state[0], agent), agent, header)
     for record in tick.state if config.pedestrians > 1 else ():
         if record["status"]:
             motion = layout.motion_of(record, "pedestrian")
-            yield "/pedestrians/odometry", _odometry(header, f"pedestrian_{record['pedestrian']}", motion)
-
-
-def _odometry(header: WireHeader, frame: str, motion: layout.PlanarMotion) -> bytes:
-    z, w = motion.quaternion
-    stamp = _make("builtin_interfaces/msg/Time", sec=header.seconds, nanosec=header.nanoseconds)
-    at = _make("geometry_msgs/msg/Point", x=motion.x, y=motion.y, z=0.0)
-    turned = _make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=z, w=w)
-    along = _make("geometry_msgs/msg/Vector3", x=motion.speed, y=0.0, z=0.0)
-    turning = _make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=motion.yaw_rate)
-    pose = _make("geometry_msgs/msg/Pose", position=at, orientation=turned)
-    twist = _make("geometry_msgs/msg/Twist", linear=along, angular=turning)
-    unknown = np.zeros(36)
-    message = _make(
-        "nav_msgs/msg/Odometry",
-        header=_make("std_msgs/msg/Header", stamp=stamp, frame_id=header.frame_id),
-        child_frame_id=f"{frame}/base_link",
-        pose=_make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=unknown),
-        twist=_make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=unknown),
-    )
-    return bytes(known_types().serialize_cdr(message, "nav_msgs/msg/Odometry"))
-
-
-def _make(kind: str, **fields: Any) -> Any:
-    return known_types().types[kind](**fields)
+            yield "/pedestrians/odometry", write_odometry(motion, f"pedestrian_{record['pedestrian']}", header)

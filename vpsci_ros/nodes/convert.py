@@ -12,8 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point, Pose, Quaternion, TransformStamped, Vector3
-from nav_msgs.msg import Odometry
+from geometry_msgs.msg import Quaternion, TransformStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
@@ -79,34 +78,13 @@ def objects_message(objects: Array, at: Time) -> PointCloud2:
     return cloud
 
 
-def odometry(motion: layout.PlanarMotion, frame: str, header: Header) -> Odometry:
-    """Return a motion as the odometry of who has this frame, such as "vehicle"."""
-    message = Odometry(header=header, child_frame_id=f"{frame}/base_link")
-    message.pose.pose.position = Point(x=motion.x, y=motion.y)
-    message.pose.pose.orientation = yaw_quaternion(motion.yaw)
-    message.twist.twist.linear.x = motion.speed
-    message.twist.twist.angular.z = motion.yaw_rate
-    return message
-
-
-def transforms(odometry: Iterable[Odometry]) -> TFMessage:
-    """Return the poses of odometry as transforms, from `map` to the frames of those who move."""
-    return TFMessage(transforms=[_transform(each.header, each.child_frame_id, each.pose.pose) for each in odometry])
-
-
-def _transform(header: Header, frame: str, pose: Pose) -> TransformStamped:
-    message = TransformStamped(header=header, child_frame_id=frame)
-    at = pose.position
-    message.transform.translation = Vector3(x=at.x, y=at.y, z=at.z)
-    message.transform.rotation = pose.orientation
-    return message
-
-
 def fixed_transforms(prefix: str = "") -> TFMessage:
     """Return what never moves against the vehicle: its rear axle, which other tools take for its place."""
-    axle = Pose(position=Point(x=-0.5 * WHEELBASE), orientation=Quaternion(w=1.0))
     header = Header(frame_id=f"{prefix}vehicle/base_link")
-    return TFMessage(transforms=[_transform(header, f"{prefix}vehicle/rear_axle", axle)])
+    axle = TransformStamped(header=header, child_frame_id=f"{prefix}vehicle/rear_axle")
+    axle.transform.translation.x = -0.5 * WHEELBASE
+    axle.transform.rotation.w = 1.0
+    return TFMessage(transforms=[axle])
 
 
 def yaw_quaternion(yaw: float) -> Quaternion:

@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import String
 
-from vpsci_ros.nodes import convert, views
+from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.base import GraphNode
+from vpsci_ros.nodes.markers import SceneMarkers
 from vpsci_ros.resources import robot_description
 from vpsci_ros.wire.header import WireHeader, write_clock
-from vpsci_ros.wire.layout import EVENTS, MAP, motion_of
+from vpsci_ros.wire.layout import EVENTS, MAP, PlanarMotion, motion_of
+from vpsci_ros.wire.odometry import write_odometry, write_transforms
 from vpsci_ros.wire.world_state import SerializedState, warm_up, write_world_state
 from vpsci_ros.world import IDLE, Scenario, WorldConfig
 from vpsci_ros.world.observation import AGENTS
@@ -54,7 +56,7 @@ class WorldOutputs:
         self.all = [self._time, self._state, self._event, *self._replay, *self._moving, *self._drawn, *self._fixed]
         for agent in AGENTS if one else ():
             node.output(f"/{agent}/robot_description").publish_now(String(data=robot_description(agent)))
-        self._markers = views.SceneMarkers(scenarios)
+        self._markers = SceneMarkers(scenarios)
         self._fixed_published = False  # with the first tick, when a recorder is there
         warm_up()
 
@@ -88,7 +90,7 @@ class WorldOutputs:
     def _header(self, number: int) -> WireHeader:
         return WireHeader(*divmod(number * round(self._period * 1e9), 1_000_000_000), MAP)
 
-    def _publish_motion(self, state: NDArray[np.void], movers: list[views.Numbers], header: WireHeader) -> None:
+    def _publish_motion(self, state: NDArray[np.void], movers: list[PlanarMotion], header: WireHeader) -> None:
         """Publish odometry and the same as transforms."""
         if state["status"][0] == IDLE:
             return
@@ -99,12 +101,12 @@ class WorldOutputs:
             for k in (np.flatnonzero(state["status"] != IDLE).tolist() if self._people else ())
         }
         for output, (frame, mover) in zip(self._odometry, agents.items(), strict=True):
-            output.publish(views.odometry(mover, frame, header))
+            output.publish(write_odometry(mover, frame, header))
         for output in self._people:
             for frame, mover in people.items():
-                output.publish(views.odometry(mover, frame, header))
+                output.publish(write_odometry(mover, frame, header))
         for output in self._transforms:
-            output.publish(views.transforms(agents | people, header))
+            output.publish(write_transforms(agents | people, header))
 
     def events(self, events: NDArray[np.void], number: int) -> None:
         """Publish what happened up to the tick of this number, EVENT[n], n > 0."""
@@ -116,7 +118,6 @@ class WorldOutputs:
             output.publish(convert.transition_message(rows, number, self._period))
 
 
-def _movers(state: NDArray[np.void]) -> list[views.Numbers]:
-    """Return the numbers of the vehicle and each pedestrian of EPISODE[B] records of one episode."""
-    motions = [motion_of(state[0], "vehicle"), *(motion_of(record, "pedestrian") for record in state)]
-    return [views.numbers_of(motion) for motion in motions]
+def _movers(state: NDArray[np.void]) -> list[PlanarMotion]:
+    """Return the motions of the vehicle and each pedestrian of EPISODE[B] records of one episode."""
+    return [motion_of(state[0], "vehicle"), *(motion_of(record, "pedestrian") for record in state)]

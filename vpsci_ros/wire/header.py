@@ -14,6 +14,7 @@ LITTLE_ENDIAN = b"\x00\x01"
 _START = struct.Struct("<4siII")  # encapsulation, stamp, length of frame_id with the zero that ends it
 _CLOCK = struct.Struct("<4siI")
 _STAMP = struct.Struct("<iI")
+_LENGTH = struct.Struct("<I")  # of a string with the zero that ends it
 _TICK = struct.Struct("<Q")
 _SEQUENCES = ("/markers", "/tf", "/tf_static")  # topics of messages that are sequences
 
@@ -48,9 +49,23 @@ def read_start(data: bytes, where: str) -> tuple[WireHeader, int, int]:
 
 def write_start(header: WireHeader, tick: int) -> bytes:
     """Return the bytes from the encapsulation to the tick."""
-    name = header.frame_id.encode() + b"\0"
-    start = _START.pack(LITTLE_ENDIAN, header.seconds, header.nanoseconds, len(name)) + name
-    return start + bytes(-(len(start) - 4) % 8) + _TICK.pack(tick)
+    return padded(with_header(LITTLE_ENDIAN + b"\0\0", header), 8) + _TICK.pack(tick)
+
+
+def with_header(data: bytes, header: WireHeader) -> bytes:
+    """Return the message so far with a header behind it."""
+    return with_text(padded(data, 4) + _STAMP.pack(header.seconds, header.nanoseconds), header.frame_id)
+
+
+def with_text(data: bytes, text: str) -> bytes:
+    """Return the message so far with a string behind it."""
+    name = text.encode() + b"\0"
+    return padded(data, 4) + _LENGTH.pack(len(name)) + name
+
+
+def padded(data: bytes, size: int) -> bytes:
+    """Return the message so far with zeros behind it, up to where a number of `size` bytes may stand."""
+    return data + bytes(-(len(data) - 4) % size)
 
 
 def write_clock(header: WireHeader) -> bytes:
@@ -85,4 +100,4 @@ def aligned(at: int, size: int) -> int:
 
 def whole_words(data: bytes) -> bytes:
     """Return a serialized message filled up to a multiple of 4 bytes."""
-    return data + bytes(-len(data) % 4)
+    return padded(data, 4)
