@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from nodes.by_hand import ByHand, content, wait_for
+from nodes.by_hand import ByHand, content
 from nodes.stage import PATIENCE
 
 from vpsci_ros.runs.sections import Sections
@@ -52,17 +52,3 @@ def test_two_graphs_in_two_namespaces_do_not_see_each_other_and_follow_the_param
         assert (("/markers", 0) in held) == (batch == 1)
         ticks.append(len(states))
     assert ticks[0] != ticks[1]
-
-
-def test_every_node_says_for_whom_it_waits(by_hand: Callable[..., ByHand]) -> None:
-    graph = by_hand("waits")
-    graph.start("world_simulator", "vehicle_policy")
-    others = ("pedestrian_policy", "safety_monitor", "recorder")
-    for node in others:
-        said = re.compile(f"waiting for .*{node}")
-        wait_for(lambda: said.search(graph.log("world_simulator")) is not None, f"the world to wait for {node}")  # noqa: B023
-    graph.kill("world_simulator")
-    alone = by_hand("alone", "/alone")
-    alone.start(*others, extra=("-p", "peer_timeout:=8.0"))  # the recorder says so after half of it
-    for node in others:
-        wait_for(lambda: "world_simulator" in alone.log(node), f"{node} to say so")  # noqa: B023 - called at once

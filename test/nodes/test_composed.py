@@ -1,6 +1,5 @@
 """A graph composed in one process is the same graph: the ticks of the engine, the bag of separate processes."""
 
-import signal
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +7,7 @@ import pytest
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.verify import verify_bag
-from vpsci_ros.nodes.graph import GraphResult, NodeProcesses, run_graph
+from vpsci_ros.nodes.graph import GraphResult, run_graph
 from vpsci_ros.runs.sections import Sections
 
 NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
@@ -43,23 +42,3 @@ def test_a_composed_graph_leaves_the_bag_of_separate_processes(domain: int, tmp_
     for topic, messages in held[0].items():
         assert messages == held[1][topic], topic
     assert {path.name for path in (tmp_path / "True" / "log").iterdir()} == {f"{node}.log" for node in result.nodes}
-
-
-@pytest.mark.usefixtures("forked_nodes")
-def test_a_composed_graph_whose_process_is_killed_fails_by_name_and_leaves_a_bag_that_opens(
-    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    started: list[NodeProcesses] = []
-    enter = NodeProcesses.__enter__
-    monkeypatch.setattr(NodeProcesses, "__enter__", lambda self: started.append(self) or enter(self))
-
-    def kill_once_under_way(nodes: Any, _: float) -> str:
-        counts = nodes["world_simulator"].counts if "world_simulator" in nodes else None
-        if counts and counts.tick > 50:
-            started[0].running["recorder"].signal(signal.SIGKILL)
-        return ""
-
-    monkeypatch.setattr("vpsci_ros.nodes.graph._taken_away", lambda claim, stop_when: kill_once_under_way)
-    result = run(tmp_path / "run", together=True, episodes=100_000)
-    assert "world_simulator was killed by SIGKILL" in result.error
-    assert list(Bag(result.bag).messages(["/world/state"]))

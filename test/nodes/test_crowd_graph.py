@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from bags.collected import collected
 from composed import composed
@@ -16,7 +15,6 @@ from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.episodes import read_episodes
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.runs.sections import Sections
@@ -83,27 +81,3 @@ def test_a_bag_tells_of_each_episode_once_and_of_every_pedestrian(bag: Path, tmp
         rows = data.rows(name)
         assert (rows["ped_id"] % NEXT_PEDESTRIAN == 2 * rows["count"] + 1).all()
     assert data.index().height == 4
-
-
-def test_a_learner_and_replayed_pedestrians_are_refused_by_name(domain: int, tmp_path: Path) -> None:
-    for values, message in (
-        ({"publish_transitions": True}, "publish_transitions: the learner learns from one pedestrian"),
-        ({"pedestrian_driver": "replay"}, "pedestrian_driver = replay"),
-    ):
-        with pytest.raises(InvalidInput, match=message), composed(resolve(crowd(1, **values), tmp_path)):
-            pytest.fail("it was begun")
-
-
-@pytest.mark.parametrize("bag", [1], indirect=True)
-def test_the_vehicle_of_a_recorded_crowd_can_be_replayed_as_one_motion(bag: Path) -> None:
-    from vpsci_ros.bags.recorded import recorded_from_bag
-
-    recorded = recorded_from_bag(bag)
-    episodes = list(read_episodes(bag))
-    assert len(episodes) == 4
-    for episode in episodes:
-        row = recorded.row(*episode.listed.key)
-        frames = len(episode.x)
-        assert recorded.arrays.frames[row] == frames
-        motion = recorded.arrays.vehicle[row, :frames, :2]
-        assert np.allclose(motion, np.column_stack([episode.x, episode.y]), atol=1e-4)

@@ -1,6 +1,5 @@
 """Every exam has a domain of its own, and a second graph in the same domain is refused."""
 
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -15,14 +14,6 @@ from vpsci_ros.nodes import base, domain
 from vpsci_ros.nodes.domain import only_graph, own_domain
 from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
-
-
-def test_an_error_of_the_system_within_a_domain_is_reported_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    with pytest.raises(OSError, match="no space left"), own_domain():
-        assert 1 <= int(os.environ["ROS_DOMAIN_ID"]) <= 100
-        raise OSError("no space left")
-    assert "ROS_DOMAIN_ID" not in os.environ
 
 
 def test_two_at_once_have_a_domain_each_whatever_the_environment_names(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,19 +70,6 @@ def test_a_graph_is_refused_where_an_exam_of_another_process_runs_until_that_pro
         pass
 
 
-def test_the_graphs_of_an_exam_run_in_its_own_domain() -> None:
-    with own_domain(), only_graph(""), only_graph("/left"):
-        pass
-
-
-def test_a_domain_that_was_given_up_is_not_the_next_one_to_be_taken() -> None:
-    taken = []
-    for _ in range(5):
-        with own_domain():
-            taken.append(os.environ["ROS_DOMAIN_ID"])
-    assert len(set(taken)) > 1  # all five are the same once in 100,000,000 times
-
-
 def test_where_every_domain_is_in_use_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     with own_domain():
         number = int(os.environ["ROS_DOMAIN_ID"])
@@ -101,34 +79,6 @@ def test_where_every_domain_is_in_use_that_is_said(monkeypatch: pytest.MonkeyPat
 
 
 PROCESSES, ROUNDS, FEW = 6, 60, range(70, 101)
-
-
-def _reserve_often(folder: Path, begin: "multiprocessing.synchronize.Barrier") -> None:
-    """Take a domain again and again, and leave a file where another process has it at the same time."""
-    domain.OWN = FEW
-    begin.wait(60)
-    for number in range(ROUNDS):
-        with own_domain(), only_graph(""):
-            mark = folder / os.environ["ROS_DOMAIN_ID"]
-            try:
-                os.close(os.open(mark, os.O_CREAT | os.O_EXCL))
-            except FileExistsError:
-                (folder / f"twice_{os.getpid()}_{number}").touch()
-            os.sched_yield()
-            mark.unlink(missing_ok=True)
-    (folder / f"done_{os.getpid()}").touch()
-
-
-def test_many_processes_at_once_never_have_the_same_domain(tmp_path: Path) -> None:
-    forked = multiprocessing.get_context("fork")  # without what else this process would import again
-    begin = forked.Barrier(PROCESSES)
-    all_of_them = [forked.Process(target=_reserve_often, args=(tmp_path, begin)) for _ in range(PROCESSES)]
-    for process in all_of_them:
-        process.start()
-    for process in all_of_them:
-        process.join(120)
-    assert [process.exitcode for process in all_of_them] == [0] * PROCESSES
-    assert sorted(path.name.partition("_")[0] for path in tmp_path.iterdir()) == ["done"] * PROCESSES
 
 
 @pytest.mark.parametrize("given", ["seven", "-1", "233"])

@@ -14,19 +14,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rclpy.node import Node
 from rosbags.highlevel import AnyReader
 
-from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.nodes.config import NODES
 from vpsci_ros.nodes.domain import own_domain
-from vpsci_ros.nodes.entry import node_class
 from vpsci_ros.nodes.graph import GraphResult, NodeProcesses, resolve, run_graph
 from vpsci_ros.policy.agent import policies
-from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
 from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.runs.sections import Sections
@@ -232,14 +226,6 @@ def test_a_folder_that_is_replaced_by_a_link_ends_the_run_and_nothing_is_written
     assert [path.name for path in elsewhere.rglob("*")] == ["bag"]
 
 
-def test_a_policy_that_refuses_its_weights_ends_the_run_with_the_reason(domain: int, tmp_path: Path) -> None:
-    broken = tmp_path / "broken.safetensors"
-    broken.write_bytes(b"not weights")
-    result = run_graph(fewest(sections(str(broken)), "vehicle_policy"), tmp_path / "run", quiet=True)
-    assert "vehicle_policy ended with exit status 2" in result.error
-    assert "broken.safetensors" in result.error
-
-
 def test_a_folder_that_is_not_empty_is_refused_before_anything_starts(tmp_path: Path, weights: str) -> None:
     (tmp_path / "kept").write_text("kept")
     with pytest.raises(InvalidInput, match="not empty"):
@@ -262,21 +248,6 @@ def test_a_parameter_out_of_range_and_absent_weights_are_refused_before_anything
     assert not (tmp_path / "run").exists()
 
 
-def test_seed_and_noise_stand_once_in_a_file_and_reach_every_node_that_has_them(tmp_path: Path) -> None:
-    name = "stage2_online.yaml"
-    text = (params_dir() / name).read_text()
-    assert text.count("seed:") == text.count("noise:") == 1
-    resolved = resolve(load(params_dir() / name), tmp_path)
-    for node in ("world_simulator", "vehicle_policy", "pedestrian_policy", "learner"):
-        assert resolved.values[node]["seed"] == 2
-    noises = {resolved.get(PolicyConfig, f"{agent}_policy").noise for agent in AGENTS}
-    assert noises == {NoiseConfig(0.06, 0.001, 0.01)}
-
-
 def test_a_graph_without_a_leading_node_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="expected world_simulator or learner among them"):
         resolve(Sections({"graph": {"nodes": ["safety_monitor"]}}), tmp_path)
-
-
-def test_every_node_of_the_table_is_an_executable_module() -> None:
-    assert all(issubclass(node_class(node), Node) for node in NODES)

@@ -1,6 +1,5 @@
 """The node publishes the pedestrians as its core perceives them, a list a tick; the exam's ADS then lives by that."""
 
-import json
 import struct
 import sys
 from contextlib import closing
@@ -161,17 +160,3 @@ def test_the_examples_class_perceives_the_same_and_drives_the_same(examined: Pat
     with seated_here():
         assert run_exam(exam, tmp_path, quiet=True) == []
     assert pl.read_parquet(tmp_path / "episodes.parquet").equals(pl.read_parquet(examined / "episodes.parquet"))
-
-
-def test_the_report_says_what_was_published_to_the_ads_and_by_group_who_was_hidden(examined: Path) -> None:
-    report, table = json.loads((examined / "report.json").read_text()), pl.read_parquet(examined / "episodes.parquet")
-    sight = report["sight"]
-    assert sight["perception"]["reach"] == 8.0
-    rows = table.filter((pl.col("driver") == "ads") & pl.col("critical") & (pl.col("pedestrian") == "walker"))
-    assert rows.height >= 1
-    assert sight["pedestrians"]["walker"]["published_share"]["value"] == pytest.approx(rows["published_share"].mean())
-    assert 0.0 < rows["published_share"].mean() < 0.8
-    assert rows["published_after"].max() > 0.1
-    page = (examined / "report.html").read_text()
-    assert "What the ADS could see" in page
-    assert "<code>reach 8.0</code>" in page

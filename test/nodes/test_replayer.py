@@ -69,14 +69,6 @@ def test_it_begins_with_the_episode_that_is_named(player: Player, own_bag: Path)
     assert player.heard["/world/state"] == states
 
 
-def test_only_the_named_topics_are_published(player: Player, own_bag: Path) -> None:
-    odometry = recorded(own_bag, "/vehicle/odometry")
-    player.play(own_bag, topics=["/vehicle/odometry"])
-    player.to_the_end({"/vehicle/odometry": len(odometry)})
-    assert player.heard["/vehicle/odometry"] == odometry
-    assert player.heard["/world/state"] == []
-
-
 def test_paused_it_goes_on_tick_by_tick_and_then_by_itself(player: Player, own_bag: Path) -> None:
     player.play(own_bag, paused=True)
     player.spin_until(lambda: player.replayer._begun)

@@ -68,13 +68,6 @@ def test_a_paused_world_waits_for_steps_and_takes_one_tick_for_each(begin: Calla
     assert session.ticks == list(range(len(session.ticks)))
 
 
-def test_a_running_world_refuses_steps(begin: Callable[..., Session]) -> None:
-    session = begin(real_time_factor=1.0)
-    answer = session.call(Trigger, "world/step")
-    assert not answer.success
-    assert "call /world/pause first" in answer.message
-
-
 def test_a_reset_begins_the_same_episodes_again_and_time_goes_on(begin: Callable[..., Session]) -> None:
     session = begin(real_time_factor=20.0)
     session.spin_until(lambda: len(session.ticks) > 10)

@@ -26,7 +26,6 @@ from vpsci_ros.nodes.convert import diagnostics_message
 from vpsci_ros.nodes.domain import require_security, set_defaults
 from vpsci_ros.nodes.intake import Intake
 from vpsci_ros.nodes.output import Output
-from vpsci_ros.nodes.parameter_service import RefusingParameterService
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.topics import SERVICES, TOPICS, listeners
 from vpsci_ros.parameters import Parameter, pick, refuse_unknown, table
@@ -79,17 +78,14 @@ class GraphNode(Node, metaclass=_Destroying):
         context: Context | None = None,
         parameter_overrides: list[Any] | None = None,
     ) -> None:
-        overrides = parameter_overrides or []
-        super().__init__(name, context=context, parameter_overrides=overrides, start_parameter_services=False)
+        super().__init__(name, context=context, parameter_overrides=parameter_overrides or [])
         self.in_the_graph = True
         self._offered: list[Output] = []
-        self._parameter_service = RefusingParameterService(self)  # in place of rclpy's
         self._section = name
         self._values = self._declare()
         peer_config = self.config(PeerConfig)
         self.peers = peer_config.peers or list(self.essential_peers)
         self.peer_timeout = peer_config.peer_timeout
-        self._missing_peers: list[str] | None = None  # of the peers, once looked for
         self.finished = False
         self.stop = StopRequest()
         namespace = self.get_namespace().strip("/")
@@ -103,7 +99,7 @@ class GraphNode(Node, metaclass=_Destroying):
         self.intake = Intake(self)
         self.input = self.intake.add
         self.diagnostics = self.output("/diagnostics")
-        self.wall_timer(DIAGNOSTICS_PERIOD, self._report_and_look_for_peers)
+        self.wall_timer(DIAGNOSTICS_PERIOD, self.report)
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
@@ -160,8 +156,8 @@ class GraphNode(Node, metaclass=_Destroying):
 
     @property
     def awaited(self) -> list[str]:
-        """What the node waits for; by default its peers, until all have appeared."""
-        return self._missing_peers or []
+        """What the node waits for."""
+        return []
 
     def figures(self) -> dict[str, Any]:
         """Return rates, progress and versions to be shown, by name; called about once a second."""
@@ -196,19 +192,6 @@ class GraphNode(Node, metaclass=_Destroying):
     def submit(self, status: NodeStatus) -> None:
         """Send a status to the graph that started this process, if one did."""
         reporting.send(self._section, status)
-
-    def _report_and_look_for_peers(self) -> None:
-        if self._missing_peers != []:
-            self._look_for_peers(self.intake.presence(self.peers))
-        self.report()
-
-    def _look_for_peers(self, present: dict[str, bool]) -> None:
-        """Log which peers are missing, and once that all are there; a peer that ends later is not missing."""
-        self._missing_peers = [name for name, here in present.items() if not here]
-        if self._missing_peers:
-            self.get_logger().info(f"waiting for {', '.join(self._missing_peers)}", throttle_duration_sec=5.0)
-        elif present:
-            self.get_logger().info(f"found {', '.join(present)}")
 
     @property
     def quiet(self) -> bool:

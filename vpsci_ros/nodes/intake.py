@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.nodes.topics import TOPICS, speakers
+from vpsci_ros.nodes.topics import TOPICS
 
 T = TypeVar("T")
 MOST_AT_ONCE = 1000  # messages of a topic in one poll
@@ -119,17 +119,6 @@ class Intake:
                 count += f", published by {', '.join(self.publishers(topic)) or 'a node that is gone'}"
             self._node.get_logger().warning(f"refused {text} ({count})")
 
-    def presence(self, peers: list[str]) -> dict[str, bool]:
-        """Return, for each other node among `peers` that publishes a topic subscribed to here, whether it is there."""
-        found: dict[str, bool] = {}  # some of what a peer publishes depends on its parameters, so one topic is enough
-        for topic, given in self._inputs.items():
-            shared = len(TOPICS[topic].publishers) > 1  # by several nodes, of which one says nothing of the others
-            names = self.publishers(topic) if shared else []
-            for name in speakers(topic, [peer for peer in peers if peer != self._node.get_name()]):
-                present = self._full(name) in names if shared else given.get_publisher_count() > 0
-                found[name] = found.get(name, False) or present
-        return found
-
     def look(self) -> None:
         """Take note of the nodes that publish a topic beside the one that it belongs to."""
         for topic, given in self._inputs.items():
@@ -153,9 +142,6 @@ class Intake:
         writers = self._node.get_publishers_info_by_topic(self._inputs[topic].topic_name)
         names = (f"{writer.node_namespace.rstrip('/')}/{writer.node_name}" for writer in writers)
         return [name for name in names if not name.endswith(UNKNOWN)]
-
-    def _full(self, name: str) -> str:
-        return f"{self._node.get_namespace().rstrip('/')}/{name}"
 
 
 def second_publishers(names: Iterable[str], expected: Iterable[str]) -> list[str]:

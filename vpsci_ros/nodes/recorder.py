@@ -10,26 +10,19 @@ from vpsci_msgs.msg import PolicyWeights
 from vpsci_ros.bags.episodes import RECORD, BagEpisode, EpisodeLog, event_rows
 from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_record, scenario_records, software_record
 from vpsci_ros.bags.writer import BagTopic, BagWriter
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import EXECUTABLES, NODES, RecorderConfig
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
 from vpsci_ros.wire import layout
-from vpsci_ros.wire.answers import read_action, read_safety_state
 from vpsci_ros.wire.decoder import describe, rewritten
 from vpsci_ros.wire.header import stamp_of
-from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
-from vpsci_ros.wire.world_state import read_world_state, warm_up
+from vpsci_ros.wire.layout import EVENTS, TYPES
 from vpsci_ros.world import load_scenarios
-from vpsci_ros.world.observation import AGENTS
-from vpsci_ros.world.tick import finite_pairs
 
 POLL = 0.02  # [s]: at a thousand ticks a second two hundred messages at once, in place of as many calls
-_ACTIONS = {f"/{agent}/action": agent for agent in AGENTS}
-_AS_WRITTEN = (
-    *("/clock", "/markers", "/tf", "/vehicle/odometry", "/pedestrian/odometry", "/pedestrians/odometry"),
-)  # with zeros between their fields; the others are written once more, so that the same run leaves the same bag
+_AS_WRITTEN = {"/clock", "/markers", "/tf", *TYPES}
+"""Topics that come with zeros between their fields; the others are written once more: the same run, the same bag."""
 
 
 class Recorder(GraphNode):
@@ -39,7 +32,7 @@ class Recorder(GraphNode):
     same for the same seed; publish times are the wall times of receipt. Beside the messages the bag gets the
     parameters of the other nodes, which it requests, and a record of each episode.
 
-    States and answers that the nodes which act on them refuse are refused here as well.
+    States and answers are recorded as they came; the nodes that act on them refuse what is none.
     """
 
     drains = True
@@ -57,7 +50,6 @@ class Recorder(GraphNode):
         sizes = {"chunk_size": config.chunk_size * 1024, "split_size": config.split_size}
         self._bag = BagWriter(config.bag, topics, **sizes)
         self._bag.describe(SOFTWARE, software_record())
-        self._rows = 0  # of the arrays of states and answers; 0: not known
         self._episodes = EpisodeLog()
         self._ended: list[BagEpisode] = []
         self._recorded_episodes = 0
@@ -65,7 +57,6 @@ class Recorder(GraphNode):
         if self._untimed:
             self.simulated_at = self.get_clock().now().nanoseconds
         self._begun = time.monotonic()
-        warm_up()
         others = [name for name in (self.peers if explicit else NODES) if name not in ("recorder", "replayer")]
         self._peer_parameters = PeerParameters(self, others, self._on_parameters)
         if "learner" in others:
@@ -118,21 +109,10 @@ class Recorder(GraphNode):
     def _read(self, topic: str, data: bytes) -> tuple[int, bytes, Any]:
         """Return stamp [ns] and bytes of a message as they are recorded, and, where it was decoded, the message.
 
-        :raises InvalidInput: it has no stamp, or is shorter than its lengths say, or it is a state, an answer or events
-            that the nodes which act on them refuse as well.
+        :raises InvalidInput: it has no stamp, or it is another program's and no message of its type, or ragged events.
         """
         at = stamp_of(topic, data)
-        if topic == WORLD:
-            rows = len(read_world_state(data).tick.state)
-            if self._rows and rows != self._rows:
-                raise InvalidInput(f"{topic}: expected {self._rows} pedestrians, got {rows}; are two worlds here?")
-        elif topic == SAFETY:
-            safety = read_safety_state(data)
-            layout.safety_state(safety, self._rows or len(safety.curvttc))
-        elif topic in _ACTIONS:
-            answer = read_action(data, topic)
-            finite_pairs(_ACTIONS[topic], layout.action(answer, self._rows or len(answer.longitudinal), topic))
-        elif topic not in _AS_WRITTEN:
+        if topic not in _AS_WRITTEN:
             message, data = rewritten(TOPICS[topic].type_name, data, topic)
             if topic == EVENTS:
                 layout.events(message)
@@ -149,8 +129,6 @@ class Recorder(GraphNode):
     def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
         scenarios = scenario_records(load_scenarios(values.get("scenarios", ()), values.get("scenario_files", ())))
         self._bag.describe(NODE, node_record(node, values))
-        if node == "world_simulator":
-            self._rows = int(values.get("batch", 0)) * int(values.get("pedestrians", 1))
         for record in scenarios:
             self._bag.describe(SCENARIO, record)
 
