@@ -15,6 +15,7 @@ from vpsci_ros.wire.layout import EVENTS, MAP, PlanarMotion, motion_of
 from vpsci_ros.wire.odometry import write_odometry, write_transforms
 from vpsci_ros.wire.world_state import SerializedState, warm_up, write_world_state
 from vpsci_ros.world import IDLE, Scenario, WorldConfig
+from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Tick
 
@@ -25,28 +26,26 @@ class WorldOutputs:
     `/pedestrian/odometry` is that of the first pedestrian, `/pedestrians/odometry` of each, where there may be several.
 
     :param config: of the world: its tick, and how many pedestrians an episode may have.
-    :param pedestrian_odometry: publish pedestrians' odometry, beside the vehicle's.
-    :param transitions: offer `/replay`.
+    :param lock_step: whether to publish pedestrians' odometry beside the vehicle's, and `/replay`.
     """
 
     def __init__(
         self,
         node: GraphNode,
         config: WorldConfig,
+        lock_step: LockStepConfig,
         batch: int,
         scenarios: Mapping[int, Scenario],
-        *,
-        transitions: bool,
-        pedestrian_odometry: bool = True,
     ) -> None:
         self._node = node
         self._period = config.tick
         self._time = node.output("/clock")
         self._state = node.output("/world/state")
         self._event = node.output(EVENTS)
-        self._replay = [node.output("/replay")] if transitions else []
-        self._agents = AGENTS if pedestrian_odometry else AGENTS[:1]
-        one, several = batch == 1, batch == 1 and config.pedestrians > 1 and pedestrian_odometry
+        self._replay = [node.output("/replay")] if lock_step.publish_transitions else []
+        self._agents = AGENTS if lock_step.pedestrian_odometry else AGENTS[:1]
+        one = batch == 1
+        several = one and config.pedestrians > 1 and lock_step.pedestrian_odometry
         self._odometry = [node.output(f"/{agent}/odometry") for agent in self._agents] if one else []
         self._people = [node.output("/pedestrians/odometry")] if several else []
         self._drawn = [node.output("/markers")] if one else []

@@ -47,55 +47,32 @@ class WorldSimulator(GraphNode):
 
     def __init__(self, *, server: Any = None, **given: Any) -> None:
         super().__init__("world_simulator", **given)
-        self._run = self.config(RunConfig)
-        self._config = self.config(WorldConfig)
-        config = self.config(LockStepConfig)
+        self._run, self._config, config = self.config(RunConfig), self.config(WorldConfig), self.config(LockStepConfig)
+        engine, changed = self.config(EngineConfig).engine, self.config(InterventionConfig)
+        _require_together(self._run, self._config, config, engine, changed)
         scenarios = load_scenarios(self._run.scenarios, self._run.scenario_files)
         compiled = World(WorldConfig(), scenarios[:1], [(scenarios[0].number, 0)], 1, 0)
         compiled.advance(compiled.now.unassessed())  # now rather than at the first tick
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
         self._recorded = recorded_from_bag(config.recorded_bag) if config.recorded_bag else None
-        engine = self.config(EngineConfig)
-        changed = self.config(InterventionConfig)
-        name, _, address = engine.engine.partition("://")
+        name, _, address = engine.partition("://")
         self._engine = None if name == "vpsci" else ENGINES.find(name)
-        if self._engine and changed != InterventionConfig():
-            raise InvalidInput(
-                f"engine = {engine.engine}: interventions change the car by our kinematics; leave them out"
-            )
         self._server = server or (self._engine.connect(address, self._config.tick) if self._engine else None)
         changes = Interventions(changed)
         self._loop = Loop(self._new_world(), interventions=changes)
         self.counts = WorldCounts()
         external = None
         if self._config.vehicle_driver == "external":
-            if self._run.batch > 1:
-                raise InvalidInput(
-                    f"an external vehicle driver drives one episode at a time; got batch = {self._run.batch}"
-                )
             external = ExternalDriver(self.config(ExternalConfig), self._config.tick, self.counts)
-        if config.publish_transitions and self._config.pedestrians > 1:
-            raise InvalidInput(
-                "publish_transitions: the learner learns from one pedestrian an episode; got pedestrians = "
-                f"{self._config.pedestrians}"
-            )
         self._lock_step = LockStep(config, self._config, self.counts, external)
         self._builder = TransitionBuilder() if config.publish_transitions else None
+        self._consumed = 0  # transitions, by the learner
         self._begun_at = self._tick_started = self._reported_at = time.monotonic()
-        self._repeated_at = 0.0  # [s] of the wall clock, when the first tick was published once more
-        self._log_at = 0.0  # [s] of the wall clock, when an episode's end is worth a line again
+        self._repeated_at = self._log_at = 0.0  # [s] of the first tick once more; when an end is worth a line again
         self._all_here_since: float | None = None
         self._awaited: set[str] = set()
         self._reported_tick = 0
-        self._consumed = 0
-        self._outputs = WorldOutputs(
-            self,
-            self._config,
-            self._run.batch,
-            self._scenarios,
-            transitions=config.publish_transitions,
-            pedestrian_odometry=config.pedestrian_odometry,
-        )
+        self._outputs = WorldOutputs(self, self._config, config, self._run.batch, self._scenarios)
         self._respondents = Respondents(self, self._lock_step, self._go_on)
         if self._builder:
             self.input("/replay/consumed", None, self._on_consumed)
@@ -311,3 +288,23 @@ class WorldSimulator(GraphNode):
             return
         totals = ", ".join(f"{name} {count}" for name, count in self.counts.nonzero().items())
         self.get_logger().info(f"ended: {totals}")
+
+
+def _require_together(
+    run: RunConfig, world: WorldConfig, lock_step: LockStepConfig, engine: str, changed: InterventionConfig
+) -> None:
+    """Refuse parameters that do not go together.
+
+    :raises InvalidInput: two of them do not.
+    """
+    if engine != "vpsci" and changed != InterventionConfig():
+        raise InvalidInput(
+            f"engine = {engine}: interventions change the car by our kinematics; leave them out"
+        )
+    if world.vehicle_driver == "external" and run.batch > 1:
+        raise InvalidInput(f"an external vehicle driver drives one episode at a time; got batch = {run.batch}")
+    if lock_step.publish_transitions and world.pedestrians > 1:
+        raise InvalidInput(
+            "publish_transitions: the learner learns from one pedestrian an episode; got pedestrians = "
+            f"{world.pedestrians}"
+        )
