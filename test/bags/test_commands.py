@@ -1,4 +1,4 @@
-"""`vpsci bag` info, plot, verify and export: bags of the graph, of other tools, damaged and empty ones."""
+"""`vpsci bag` info, verify and export: bags of the graph, of other tools, damaged and empty ones."""
 
 import io
 import json
@@ -6,10 +6,8 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 import pytest
-from matplotlib.image import imread
 from rich.console import Console
 from rosbags.rosbag2 import StoragePlugin, Writer
 from typer.testing import CliRunner
@@ -17,7 +15,6 @@ from typer.testing import CliRunner
 from vpsci_ros.bags import verify
 from vpsci_ros.bags.export import export_bag
 from vpsci_ros.bags.info import bag_info, print_info
-from vpsci_ros.bags.plot import save_episode
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import NODE, bag_run, node_record
 from vpsci_ros.bags.verify import verify_bag
@@ -124,25 +121,6 @@ def test_info_of_an_empty_bag_says_so(tmp_path: Path) -> None:
     BagWriter(tmp_path / "bag", []).close({})
     with pytest.raises(InvalidInput, match="the bag holds no message"):
         bag_info(tmp_path / "bag")
-
-
-# ---- plot
-
-
-def test_plot_draws_both_ways_and_series(own_bag: Path, foreign: Path, tmp_path: Path) -> None:
-    for bag, episode in ((own_bag, "6:4"), (foreign, "1")):
-        save_episode(bag, episode, tmp_path / "one.png")
-        picture = imread(tmp_path / "one.png")
-        assert picture.shape[0] > 500
-        assert picture.shape[1] > 1000
-        red, green, blue = np.moveaxis(picture[..., :3], -1, 0)
-        assert ((blue > red + 0.2) & (blue > green + 0.1)).sum() > 500  # the vehicle
-        assert ((red > blue + 0.2) & (red > green + 0.2)).sum() > 200  # the pedestrian
-
-
-def test_plot_of_an_episode_that_is_not_there_names_those_that_are(own_bag: Path, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"episode 9: not in the bag; it has 1:0 \(.*6:4 \("):
-        save_episode(own_bag, "9", tmp_path / "x.png")
 
 
 # ---- verify

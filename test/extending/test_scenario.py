@@ -9,7 +9,6 @@ import yaml
 from extending.page import files_of, run_graph_with
 from typer.testing import CliRunner
 
-from vpsci_ros.bags.plot import save_episode
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.dataset_reader import Dataset
@@ -72,7 +71,6 @@ def test_a_dataset_of_them_is_verified_and_recorded_without_the_files(made: Path
     (number, *_) = data.index().filter(pl.col("scenario") == 41).get_column("count").to_list()
     assert record_episodes(made / "set", [(41, number)], tmp_path / "bag") > 20
     assert verify_bag(tmp_path / "bag", weights="people").difference == ""
-    save_episode(tmp_path / "bag", f"41:{number}", tmp_path / "episode.png")
 
 
 def test_the_graph_of_nodes_runs_them_and_its_bag_is_verified_without_the_files(made: Path) -> None:

@@ -87,7 +87,7 @@ def what_is_missing(topics: dict[str, TopicInfo], run: BagRun, records: list[str
     if WORLD not in has and set(ODOMETRY) <= has:
         missing.append(f"{WORLD}: episodes and CurvTTC come from odometry, outcomes are unknown; no verify")
     elif WORLD not in has:
-        missing.append(f"{WORLD}, and one of {' and '.join(ODOMETRY)}: no export, no plot, no verify")
+        missing.append(f"{WORLD}, and one of {' and '.join(ODOMETRY)}: no export, no verify")
     elif SAFETY not in has:
         missing.append(f"{SAFETY}: CurvTTC is unknown")
     if WORLD in has and EVENTS not in has and RECORD not in records:

@@ -1,4 +1,4 @@
-"""The commands about recorded bags: `vpsci bag` info, export, plot, verify, repair."""
+"""The commands about recorded bags: `vpsci bag` info, export, verify, repair."""
 
 import json
 from pathlib import Path
@@ -73,24 +73,6 @@ def export(
             curvttc_below=curvttc_below,
             keep_rejected=keep_rejected,
         )
-
-
-@bag_app.command()
-def plot(
-    bag: BagPath,
-    episode: Annotated[
-        str, typer.Argument(metavar="EPISODE", help="Number or SCENARIO:NUMBER of the episode, as info prints.")
-    ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="PNG to write.")],
-    recover: Recover = False,
-    topic_prefix: Prefix = None,
-) -> None:
-    """Draw one episode: both trajectories with speed as colour, CurvTTC, speeds and distance over time."""
-    from vpsci_ros.bags.plot import save_episode
-    from vpsci_ros.bags.reader import Bag
-
-    drawn = save_episode(Bag(bag, recover=recover, topic_prefix=topic_prefix), episode, output)
-    print(f"episode {drawn.name}, {drawn.outcome}; written: {output}")
 
 
 @bag_app.command()
