@@ -7,7 +7,7 @@ from vpsci_ros.parameters import parameter
 
 @dataclass(frozen=True)
 class DatasetConfig:
-    """Content of a dataset; the same section has the bounds of its filters."""
+    """Content of a dataset."""
 
     kept: int = parameter(
         0, "kept episodes wanted in each scenario; 0: the counts of Table 10", low=0, high=1_000_000_000
