@@ -12,9 +12,8 @@ from rich.console import Console
 from rosbags.rosbag2 import StoragePlugin, Writer
 from typer.testing import CliRunner
 
-from vpsci_ros.bags import verify
 from vpsci_ros.bags.export import export_bag
-from vpsci_ros.bags.info import bag_info, print_info
+from vpsci_ros.bags.info import bag_info
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.run_record import NODE, bag_run, node_record
 from vpsci_ros.bags.verify import verify_bag

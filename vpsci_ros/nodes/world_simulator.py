@@ -298,9 +298,7 @@ def _require_together(
     :raises InvalidInput: two of them do not.
     """
     if engine != "vpsci" and changed != InterventionConfig():
-        raise InvalidInput(
-            f"engine = {engine}: interventions change the car by our kinematics; leave them out"
-        )
+        raise InvalidInput(f"engine = {engine}: interventions change the car by our kinematics; leave them out")
     if world.vehicle_driver == "external" and run.batch > 1:
         raise InvalidInput(f"an external vehicle driver drives one episode at a time; got batch = {run.batch}")
     if lock_step.publish_transitions and world.pedestrians > 1:
