@@ -193,7 +193,6 @@ def test_verify_compares_what_is_left_of_a_cut_off_bag(own_bag: Path, tmp_path: 
             {"world_simulator": {"vehicle_driver": "replay", "recorded_bag": "gone/bag"}},
             "replay the bag gone/bag, which is not here",
         ),
-        ({"world_simulator": {"crowding": 3}}, "world_simulator: unknown parameter 'crowding'"),
         ({"world_simulator": {"vehicle_driver": "policy"}}, "does not hold the parameters of vehicle_policy"),
         (
             {"world_simulator": {"pedestrian_driver": "autopilot"}, "vehicle_policy": {"weights": "gone.safetensors"}},
