@@ -83,6 +83,8 @@ def test_it_leaves_what_an_exam_leaves_and_goes_on_without_driving_again(
     names = ["1:0", "1:1", "104:0", "104:1"]
     assert [one.name for one in source.listed] == [f"{run}/{name}" for run in ("learned", "walker") for name in names]
     assert next(source.read(["walker/104:1"])).scenario is not None
+    with pytest.raises(InvalidInput, match=r"holds an exam with parameters\.[a-z_.]+ = "):
+        run_exam(small_exam(seed=7), folder, quiet=True)
     (folder / "runs" / "walker" / "episodes.npz").write_bytes(b"")
     with pytest.raises(InvalidInput, match=r"walker/episodes.npz: not readable as the episodes of a run"):
         run_exam(small_exam(), folder, quiet=True)
