@@ -56,17 +56,6 @@ def counts(bag: Path) -> dict[str, int]:
         return {connection.topic: connection.msgcount for connection in reader.connections}
 
 
-def test_a_recorded_vehicle_drives_again_against_another_pedestrian(
-    domain: int, tmp_path: Path, recorded: Path
-) -> None:
-    again = sections(vehicle_driver="replay", pedestrian_driver="social_force", recorded_bag=str(recorded))
-    second, both = drives_again(recorded, again, tmp_path / "second")
-    walkers = [motion(bag, ("pedestrian_x", "pedestrian_y"))[:both] for bag in (recorded, second)]
-    assert not np.array_equal(*walkers)
-    assert counts(recorded)["/markers"] > 50
-    assert counts(recorded)["/markers"] == counts(recorded)["/world/state"]
-
-
 def test_a_recorded_car_drives_against_the_live_pedestrian_policy(
     domain: int, tmp_path: Path, recorded: Path, weights: str
 ) -> None:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from nodes.stage import Stage, action_message, overrides, safety_bytes, state_bytes
 from rclpy.context import Context
 from rclpy.serialization import serialize_message
@@ -24,6 +26,7 @@ from vpsci_ros.nodes.intake import second_publishers
 from vpsci_ros.nodes.learner import Learner
 from vpsci_ros.nodes.recorder import Recorder
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
+from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 from vpsci_ros.world import EPISODE, RUNNING
@@ -46,6 +49,12 @@ def safety(tick: int, curvttc: Any = (np.inf,), distance: Any = (1.0,)) -> bytes
 
 def refused(node: GraphNode) -> dict[str, int]:
     return {topic.removeprefix("refused "): n for topic, n in node.status().pairs().items() if "refused /" in topic}
+
+
+def level(status: NodeStatus) -> bytes:
+    """Return the level of a node's diagnostics."""
+    (only,) = convert.diagnostics_message("node", status, Time()).status
+    return only.level
 
 
 NO_DISTANCE = safety(2, distance=[np.nan])
@@ -83,6 +92,9 @@ def test_a_policy_refuses_bad_messages_and_answers_the_next_one(
     policy.intake.receive("/safety/state", safety(2))
     here.spin_until(lambda: answered == [0, 2])
     assert refused(policy) == {"/world/state": 3, "/safety/state": 3}
+    assert level(policy.status()) == DiagnosticStatus.ERROR
+    assert level(NodeStatus(state="waiting")) == level(NodeStatus(awaited=["learner"])) == DiagnosticStatus.WARN
+    assert level(NodeStatus()) == DiagnosticStatus.OK
 
 
 def test_a_policy_that_waits_for_weights_refuses_what_is_none(context: Context, stage: Callable[..., Stage]) -> None:

@@ -6,7 +6,7 @@ Numeric sequences of a message are `array.array`s, which skip the element-wise c
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,6 +19,7 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from vpsci_msgs.msg import EpisodeEvent, Transition
+from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.layout import MAP
 from vpsci_ros.world.kinematics import WHEELBASE
@@ -92,8 +93,10 @@ def yaw_quaternion(yaw: float) -> Quaternion:
     return Quaternion(z=float(np.sin(yaw / 2)), w=float(np.cos(yaw / 2)))
 
 
-def diagnostics_message(node: str, text: str, pairs: Iterable[tuple[str, Any]], at: Time) -> DiagnosticArray:
-    """Return the state of one node as a DiagnosticArray with level OK."""
-    status = DiagnosticStatus(level=DiagnosticStatus.OK, name=node, message=text, hardware_id="vpsci_ros")
-    status.values = [KeyValue(key=key, value=str(value)) for key, value in pairs]
+def diagnostics_message(node: str, reported: NodeStatus, at: Time) -> DiagnosticArray:
+    """Return the report of one node: ERROR where it refuses messages or has a second publisher, WARN where it waits."""
+    wrong, waits = reported.refused or reported.second_publishers, reported.awaited or reported.state == "waiting"
+    level = DiagnosticStatus.ERROR if wrong else DiagnosticStatus.WARN if waits else DiagnosticStatus.OK
+    status = DiagnosticStatus(level=level, name=node, message=reported.state, hardware_id="vpsci_ros")
+    status.values = [KeyValue(key=key, value=str(value)) for key, value in reported.pairs().items()]
     return DiagnosticArray(header=Header(stamp=at), status=[status])
