@@ -20,27 +20,28 @@ from vpsci_ros.world.state import (
 from vpsci_ros.world.tick import NO_ACTIONS, Actions
 
 PAIRS = [(scenario, number) for number in range(12) for scenario in range(1, 9)]
+FEW = PAIRS[:32]
 
 
 @pytest.fixture(scope="module")
 def history():
-    """Every state and the events after it, of 96 episodes in 10 slots under a policy."""
-    return list(frames(World(WorldConfig(), SCENARIOS, PAIRS, 10, 1)))
+    """Every state and the events after it, of 32 episodes in 10 slots under a policy."""
+    return list(frames(World(WorldConfig(), SCENARIOS, FEW, 10, 1)))
 
 
 def test_every_episode_starts_and_ends_once(history):
-    world = World(WorldConfig(), SCENARIOS, PAIRS, 10, 1)
+    world = World(WorldConfig(), SCENARIOS, FEW, 10, 1)
     events = np.concatenate([world.take_started(), *(events for _, events in history)])
     for kind in (STARTED, FINISHED):
         rows = events[events["kind"] == kind]
-        assert sorted(zip(rows["scenario"].tolist(), rows["episode"].tolist(), strict=True)) == sorted(PAIRS)
+        assert sorted(zip(rows["scenario"].tolist(), rows["episode"].tolist(), strict=True)) == sorted(FEW)
 
 
 def test_the_last_frame_is_shown_for_exactly_one_tick(history):
     for (before, _), (after, _) in itertools.pairwise(history):
         ended = before["status"] == ENDED
         assert (after["status"][ended] != ENDED).all()
-    assert sum((state["status"] == ENDED).sum() for state, _ in history) == len(PAIRS)
+    assert sum((state["status"] == ENDED).sum() for state, _ in history) == len(FEW)
 
 
 def test_all_three_ends_occur_and_are_what_they_say():
