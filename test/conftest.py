@@ -99,11 +99,11 @@ def claimed_by_another() -> Callable[[Path], contextlib.AbstractContextManager[N
 
 
 @pytest.fixture(scope="session")
-def tool() -> Callable[[str], ModuleType]:
-    """Return the function that imports a file of tools/ by its name."""
+def tool() -> Callable[..., ModuleType]:
+    """Return the function that imports a file of tools/, or of another folder, by its name."""
 
-    def imported(name: str) -> ModuleType:
-        spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
+    def imported(name: str, folder: str = "tools") -> ModuleType:
+        spec = importlib.util.spec_from_file_location(name, ROOT / folder / f"{name}.py")
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         return module

@@ -1,6 +1,6 @@
 """Our pedestrian in other people's engines, for real: their cars drive, ours crosses, and both react."""
 
-import importlib.util
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -10,22 +10,15 @@ import pytest
 from vpsci_ros.extras.formats.run import export
 from vpsci_ros.safety import clearance
 
-EXAMPLES, BAGS = (Path(__file__).parents[2] / name for name in ("examples", "bags"))
+BAGS = Path(__file__).parents[2] / "bags"
 
 
-def example(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_in_sumo_both_pedestrians_cross_before_a_car_that_sumo_stops_for_them(tmp_path: Path) -> None:
+def test_in_sumo_both_pedestrians_cross_before_a_car_that_sumo_stops_for_them(
+    tool: Callable[..., ModuleType], tmp_path: Path
+) -> None:
     """Episode 1: the car comes at 2.7 m/s, and the pedestrians walk at 0.9 m/s from 4 m before the road's middle."""
     pytest.importorskip("traci", reason="pip install 'vpsci_ros[sumo]'")
-    sumo = example("sumo_crossing")
+    sumo = tool("sumo_crossing", "examples")
     net = sumo.network(tmp_path)
     try:
         alone, *met = [sumo.play(net, 1, who) for who in ("nobody", "our", "SUMO's")]
@@ -42,9 +35,11 @@ def test_in_sumo_both_pedestrians_cross_before_a_car_that_sumo_stops_for_them(tm
     assert np.abs(np.diff(met[0][:, 4:6], axis=0)).max() < 0.3, "ours nowhere jumps"
 
 
-def test_in_highway_env_its_car_brakes_for_our_pedestrian_and_it_reacts_to_the_car() -> None:
+def test_in_highway_env_its_car_brakes_for_our_pedestrian_and_it_reacts_to_the_car(
+    tool: Callable[..., ModuleType],
+) -> None:
     pytest.importorskip("highway_env", reason="pip install 'vpsci_ros[highway]'")
-    highway = example("highway_crossing")
+    highway = tool("highway_crossing", "examples")
     passed, stopped = (highway.play(episode) for episode in (11, 1))
     assert passed[:, 3].min() > 4.9, "nobody stands in its lane when it passes"
     assert stopped[:, 3].min() < 0.5, "IDM stops"
@@ -57,9 +52,11 @@ def test_in_highway_env_its_car_brakes_for_our_pedestrian_and_it_reacts_to_the_c
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")
-def test_a_commonroad_planner_drives_an_exported_scenario_before_our_pedestrian_who_reacts(tmp_path: Path) -> None:
+def test_a_commonroad_planner_drives_an_exported_scenario_before_our_pedestrian_who_reacts(
+    tool: Callable[..., ModuleType], tmp_path: Path
+) -> None:
     pytest.importorskip("commonroad_rp", reason="run apart by make test, with .venv/commonroad on the path")
-    commonroad = example("commonroad_crossing")
+    commonroad = tool("commonroad_crossing", "examples")
     (bag,) = BAGS.glob("LocationB_PedCross_S-N")
     export(bag, ["commonroad"], tmp_path / "out")
     (path,) = (tmp_path / "out/commonroad").glob("*.xml")

@@ -1,11 +1,9 @@
 """What the adapter makes of our messages and of Autoware's, whose packages classes with their fields stand in for."""
 
-import importlib.util
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -19,8 +17,6 @@ from std_msgs.msg import Header
 from vpsci_ros.nodes.convert import objects_message
 from vpsci_ros.world.kinematics import MAX_ACCELERATION, MAX_DECELERATION, MAX_STEERING_ANGLE, WHEELBASE
 from vpsci_ros.world.perception import OBJECT, SEEN
-
-PROGRAM = Path(__file__).parents[2] / "examples" / "autoware_adapter.py"
 
 
 @dataclass(slots=True)
@@ -79,7 +75,7 @@ class VelocityReport:
 
 
 @pytest.fixture(scope="module")
-def adapter() -> Iterator[ModuleType]:
+def adapter(tool: Callable[..., ModuleType]) -> Iterator[ModuleType]:
     perception = [ObjectClassification, PredictedObject, PredictedObjects, PredictedPath, Shape]
     others = [SimpleNamespace(__name__=name) for name in ("ControlModeReport", "GearReport", "SteeringReport")]
     packages = {
@@ -93,12 +89,7 @@ def adapter() -> Iterator[ModuleType]:
             module.__dict__.update({each.__name__: each for each in classes})
             patch.setitem(sys.modules, package, ModuleType(package))
             patch.setitem(sys.modules, f"{package}.msg", module)
-        spec = importlib.util.spec_from_file_location("autoware_adapter", PROGRAM)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        yield module
+        yield tool("autoware_adapter", "examples")
 
 
 def odometry(x: float, y: float, heading: float, speed: float, yaw_rate: float) -> Odometry:
@@ -125,12 +116,6 @@ def test_the_car_is_half_a_wheelbase_further_back_for_autoware_and_our_message_s
     report = adapter.velocity_report(state)
     assert (report.longitudinal_velocity, report.heading_rate, report.header.frame_id) == (5.0, 0.4, "base_link")
     assert state.header.frame_id == "map"
-
-
-def test_the_wheels_stand_as_the_yaw_rate_says_and_as_before_where_the_car_stands(adapter: ModuleType) -> None:
-    state = adapter.kinematic_state(odometry(0.0, 0.0, 0.0, 4.0, 4.0 * math.tan(0.3) / WHEELBASE))
-    assert adapter.tire_angle(state, 0.0) == pytest.approx(0.3)
-    assert adapter.tire_angle(adapter.kinematic_state(odometry(0, 0, 0, 0.0, 0.0)), 0.2) == 0.2
 
 
 def test_who_is_seen_becomes_a_pedestrian_whose_path_goes_straight_on(adapter: ModuleType) -> None:

@@ -1,8 +1,8 @@
 """A policy of Stable-Baselines3 drives through the node as it does in the environment, and sits the exam."""
 
-import importlib.util
 import json
 import sys
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -27,33 +27,28 @@ PROGRAM = Path(__file__).parents[2] / "examples" / "trained_policy.py"
 
 
 @pytest.fixture(scope="module")
-def example() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("trained_policy", PROGRAM)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def example(tool: Callable[..., ModuleType]) -> ModuleType:
+    return tool("trained_policy", "examples")
 
 
 @pytest.fixture(scope="module")
 def weights(example: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A policy that has learned for a moment: it moves, and needs to do no more."""
     path = tmp_path_factory.mktemp("trained") / "policy.safetensors"
-    command = [str(PROGRAM), "train", str(path), "--steps", "2048", "--scenarios", "1", "101"]
+    command = [str(PROGRAM), "train", str(path), "--steps", "512", "--scenarios", "1", "101"]
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(sys, "argv", command)
+        patched.setattr(example, "ENVIRONMENTS", 2)
         example.main()
     return path
 
 
-@pytest.mark.parametrize("pedestrians", [1, 3])
 def test_the_node_does_what_the_policy_does_in_the_environment(
-    example: ModuleType, weights: Path, pedestrians: int, monkeypatch: pytest.MonkeyPatch
+    example: ModuleType, weights: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     policy = example.load(weights)
     monkeypatch.setenv("TRAINED_POLICY", str(weights))
-    env = RightTurnEnv([101], pedestrian="autopilot", config=WorldConfig(pedestrians=pedestrians))
+    env = RightTurnEnv([101], pedestrian="autopilot", config=WorldConfig(pedestrians=3))
     most_critical: set[tuple[int, int]] = set()  # seed, and which pedestrian it was
     for seed in range(4, 40):
         observation, _ = env.reset(seed=seed)
@@ -73,9 +68,9 @@ def test_the_node_does_what_the_policy_does_in_the_environment(
             observation, _, ended, cut, _ = env.step(action)
             if ended or cut:
                 break
-        if any(who > 0 for _, who in most_critical) or pedestrians == 1:
+        if any(who > 0 for _, who in most_critical):
             break
-    assert {who > 0 for _, who in most_critical} == {False, pedestrians > 1} | {False}, "not always the same pedestrian"
+    assert {who > 0 for _, who in most_critical} == {False, True}, "not always the same pedestrian"
 
 
 def test_it_sits_the_exam_and_answers_every_tick(weights: Path, tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from extending.page import Install, files_of
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.run import read_exam, run_exam
 from vpsci_ros.generate.job import job_from
@@ -82,11 +81,3 @@ def test_it_walks_in_the_gymnasium_environment_and_generate_refuses_it_by_name(i
         job_from(sections)
     with pytest.raises(InvalidInput, match="pedestrian = 'frozen': expected one of .*social_force, freezing"):
         gymnasium.make("vpsci_ros.envs:vpsci_ros/RightTurn-v0", pedestrian="frozen")
-
-
-def test_an_agent_that_cannot_be_the_vehicle_is_refused_and_an_unknown_one_named(install: Install) -> None:
-    install(FREEZING)
-    with pytest.raises(InvalidInput, match="vehicle_policy.agent = freezing: this one can only be pedestrian"):
-        make_agent("vehicle", PolicyConfig(agent="freezing"))
-    with pytest.raises(InvalidInput, match="pedestrians: unknown 'frozen'; expected learned, .*freezing"):
-        ExamConfig(pedestrians=["frozen"])

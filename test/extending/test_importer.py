@@ -44,14 +44,6 @@ def test_the_importer_of_the_page_finds_a_near_miss_by_the_command(install: Inst
     assert vehicle_size("camera") == (4.6, 1.85)
 
 
-def test_names_list_the_added_format(install: Install) -> None:
-    before = IMPORTERS.names()
-    install(CAMERA)
-    assert set(IMPORTERS.names()) == {*before, "camera"}
-    with pytest.raises(InvalidInput, match=r"unknown format 'cam'; expected one of vci-dut, .*camera, .*or install"):
-        IMPORTERS.find("cam")
-
-
 def renamed(distribution: str, points: str) -> dict[str, str]:
     """The page's files under another distribution's name and with these lines as entry points."""
     text = CAMERA["pyproject.toml"].replace("camera-tracks", distribution)
@@ -74,13 +66,6 @@ def test_an_addition_that_cannot_be_used_is_named_with_its_distribution(
     install(renamed("camera-broken", points))
     with pytest.raises(InvalidInput, match="distribution camera-broken, " + message):
         import_trajectories(recordings, "broken")
-
-
-def test_a_built_in_name_cannot_be_taken_and_a_name_not_twice(install: Install) -> None:
-    install(CAMERA)
-    install(renamed("other-camera", 'camera = "camera_tracks:CAMERA"'))
-    with pytest.raises(InvalidInput, match="both add format 'camera'; uninstall one of them"):
-        IMPORTERS.names()
 
 
 def test_a_distribution_that_takes_a_built_in_name_is_refused(install: Install) -> None:

@@ -3,13 +3,10 @@
 import json
 from pathlib import Path
 
-import pytest
 from extending.page import Install, files_of
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
-from vpsci_ros.errors import InvalidInput
-from vpsci_ros.policy.models import MODELS, Model
 
 GATED = files_of("Add a network for Table 9")
 SMALL = ("episodes=2", "replay.batch_size=16", "hidden=16", "heads=2", "key_dimension=8")
@@ -29,14 +26,3 @@ def test_the_network_of_the_page_is_a_row_of_table_9(install: Install, tmp_path:
     # A gated recurrent unit of width 16 has 3 * (2 * 16 * 16 + 2 * 16) = 1,632 parameters, its normalisation 32; an SST
     # layer of 2 heads has 5 * 16 * 16 + 2 * 16 + 2 + 32 = 1,346. Each of two agents has two layers.
     assert rows["ma_gru"]["parameters"] - rows["sst"]["parameters"] == 4 * (1632 + 32 - 1346)
-
-
-def test_a_model_whose_layer_is_none_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="derives from EncoderLayer, got <class 'int'>"):
-        Model(int)
-
-
-def test_an_unknown_network_is_refused_with_the_names_that_there_are(install: Install) -> None:
-    install(GATED)
-    with pytest.raises(InvalidInput, match=r"unknown network 'gru'; expected one of sst, .*ma_gru"):
-        MODELS.find("gru")
