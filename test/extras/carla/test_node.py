@@ -103,15 +103,3 @@ def test_an_exam_on_a_server_has_the_report_of_any_exam_and_says_which_engine_mo
     assert report["drivers"]["ads"]["learned"]["time_lost"]["value"] is not None, "it drove alone on the server, too"
     with pytest.raises(InvalidInput, match="engine = carla"):
         verify_bag(folder / "runs" / "learned" / "bag")
-
-
-def test_what_changes_commands_and_drives_again_is_refused_on_a_server(context: Context) -> None:
-    world = {"scenarios": [1], "engine": "carla"}
-    exam = prepare(load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", BARE))
-    with pytest.raises(InvalidInput, match="engine = carla"):
-        exam.engine.require_own("tests change commands and speeds by our kinematics")
-    server = LiveServer("", 0.05, connect=lambda host, port: StandInServer())
-    changed = [1.0, 0.0, 5.0, 1.0, 0.0, 0.0]
-    parameters = overrides(peers=PEERS, scenarios=[1], batch=1, spawn="paper", interventions=changed)
-    with pytest.raises(InvalidInput, match="engine = carla: interventions .* our kinematics"):
-        CarlaWorld(server=server, context=context, parameter_overrides=parameters)

@@ -10,17 +10,11 @@ pytest.importorskip("scenariogeneration", reason="pip install 'vpsci_ros[formats
 
 from extras.carla.stand_in import StandInServer  # noqa: E402
 
-from vpsci_ros.cli.parameter_file import load  # noqa: E402
 from vpsci_ros.cosim import Vehicle, Walker  # noqa: E402
 from vpsci_ros.errors import InvalidInput, VpsciError  # noqa: E402
-from vpsci_ros.exam.exam import prepare  # noqa: E402
-from vpsci_ros.exam.recorded_people import absent_pedestrians  # noqa: E402
 from vpsci_ros.extras.carla.server import Controls, LiveServer  # noqa: E402
 from vpsci_ros.extras.carla.world import EngineWorld  # noqa: E402
-from vpsci_ros.generate.job import job_from  # noqa: E402
-from vpsci_ros.policy.simulation import simulation_of  # noqa: E402
-from vpsci_ros.resources import params_dir  # noqa: E402
-from vpsci_ros.world import ENDED, RUNNING, Recorded, World, WorldConfig, load_scenario  # noqa: E402
+from vpsci_ros.world import ENDED, RUNNING, World, WorldConfig, load_scenario  # noqa: E402
 from vpsci_ros.world.loop import Loop  # noqa: E402
 
 AUTOPILOT = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", spawn="paper")
@@ -119,33 +113,3 @@ def test_what_a_server_cannot_hold_is_refused(stand_in):
         config = dataclasses.replace(AUTOPILOT, **change)
         with pytest.raises(InvalidInput, match="expected batch = 1, pedestrians = 1, no parked vehicles"):
             EngineWorld(live(stand_in), config, [scenario], [], batch, 1)
-
-
-def test_a_pedestrian_who_is_replayed_is_refused_unless_it_is_nobody_and_then_the_server_has_a_car_alone(stand_in):
-    replayed, server = dataclasses.replace(AUTOPILOT, pedestrian_driver="replay"), live(stand_in)
-    begun = EngineWorld(server, AUTOPILOT, [SCENARIO], [(1, 3)], 1, 1).state
-    here = {(1, 3): (np.zeros((1, 5)), np.array([[*begun[["pedestrian_x", "pedestrian_y"]][0].tolist(), 0.0, 0.0]]))}
-    with pytest.raises(InvalidInput, match="engine = carla: recorded people are not replayed in a server"):
-        EngineWorld(server, replayed, [SCENARIO], [(1, 3)], 1, 1, recorded=Recorded(here))
-    nobody = Recorded({key: (np.zeros((1, 5)), motion) for key, motion in absent_pedestrians(begun).items()})
-    loop = Loop(EngineWorld(server, replayed, [SCENARIO], [(1, 3)], 1, 1, recorded=nobody))
-    assert [(actor.kind[:7], actor.alive) for actor in stand_in.actors] == [("vehicle", True), ("walker.", False)]
-    states = [state for step in loop if (state := step.tick.state[0].copy())["status"] == RUNNING]
-    assert max(state["vehicle_path"] for state in states) > 5.0
-    assert all(state["pedestrian_x"] - begun["vehicle_x"][0] > 900.0 for state in states)
-
-
-def test_an_exam_that_would_not_drive_in_the_server_is_refused():
-    found = load(params_dir() / "ads_test.yaml").changed("world_simulator", {"engine": "carla"})
-    for chosen, ads in ((found, {}), (found.changed("ads_test", {"baseline": False}), {"ads": "sh", "port": 0})):
-        with pytest.raises(InvalidInput, match=r"engine = carla: .*\(ads_test\.baseline\) drive in this process"):
-            prepare(chosen, **ads)
-    assert prepare(found.changed("ads_test", {"baseline": False}), "sh").config.examined == "sh"
-
-
-def test_what_simulates_in_its_own_process_refuses_another_engine():
-    found = load(params_dir() / "stage3_generate.yaml").changed("world_simulator", {"engine": "carla"})
-    with pytest.raises(InvalidInput, match="engine = carla: a dataset is generated in this process"):
-        job_from(found)
-    with pytest.raises(InvalidInput, match="engine = carla: episodes are simulated in this process"):
-        simulation_of(found)

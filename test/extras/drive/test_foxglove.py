@@ -15,13 +15,11 @@ pytest.importorskip("foxglove", reason="pip install 'vpsci_ros[drive]'")
 
 import rclpy
 from rclpy.context import Context
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
-from tf2_msgs.msg import TFMessage
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from vpsci_msgs.msg import SafetyState
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.drive.foxglove_view import FoxgloveView
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.live import SHOWN
@@ -100,24 +98,3 @@ def test_a_client_gets_the_messages_of_a_running_graph_with_their_definitions_at
     assert "float64[] curvttc" in channels["/safety/state"]["schema"]
     assert at >= 40_000_000_000
     assert deserialize_message(payload, SafetyState) == safety
-
-
-def test_who_connects_later_gets_what_was_published_once() -> None:
-    transforms = serialize_message(TFMessage())
-
-    async def late(address: str) -> Any:
-        async with subscribed(address, "/safety/state", "/tf_static") as (client, _):
-            return await next_of(client)
-
-    with closing(FoxgloveView()) as view:
-        view.take("/clock", serialize_message(Clock()))
-        view.take("/safety/state", serialize_message(SafetyState()))
-        view.take("/tf_static", transforms)
-        assert asyncio.run(late(view.address)) == (1, 0, transforms)
-
-
-def test_a_port_in_use_is_refused_with_its_number() -> None:
-    with closing(FoxgloveView()) as view:
-        port = int(view.address.rpartition(":")[2])
-        with pytest.raises(InvalidInput, match=f"port {port} of this machine: .*in use.*choose another, or 0"):
-            FoxgloveView(port)

@@ -62,35 +62,42 @@ def at_once(message: dict[str, Any]) -> list[dict[str, Any]]:
     return [{"ready": True}, {"pressed": [0, 1, 0]}] if message.get("time") == 0.0 else []
 
 
-def test_a_person_drives_in_real_time_and_leaves_what_an_exam_leaves(tmp_path: Path) -> None:
-    begun = time.monotonic()
-    failures, seen = driven(tmp_path / "drive", at_once)
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[dict[str, Any]], float]:
+    """Folder of a drive to its end, what the person was shown, and how long it took [s]."""
+    folder, begun = tmp_path_factory.mktemp("person") / "drive", time.monotonic()
+    failures, seen = driven(folder, at_once)
     assert failures == []
-    table = pl.read_parquet(tmp_path / "drive" / "episodes.parquet")
+    return folder, seen, time.monotonic() - begun
+
+
+def test_a_person_drives_in_real_time_and_leaves_what_an_exam_leaves(
+    drive: tuple[Path, list[dict[str, Any]], float],
+) -> None:
+    folder, seen, passed = drive
+    table = pl.read_parquet(folder / "episodes.parquet")
     rows = table.filter(driver="ads").sort("scenario")
     assert rows.select("scenario", "pedestrian").rows() == [(1, "learned"), (5, "learned")]
-    assert time.monotonic() - begun >= rows["duration"].sum() / FACTOR, "no faster than asked for"
-    report = json.loads((tmp_path / "drive" / "report.json").read_text())
+    assert passed >= rows["duration"].sum() / FACTOR, "no faster than asked for"
+    report = json.loads((folder / "report.json").read_text())
     assert report["exam"]["ads"] == "you"
     assert report["drivers"].keys() == {"ads", "autopilot"}
-    assert (
-        "<h2>You, the rule-based autopilot, and their difference</h2>"
-        in (tmp_path / "drive" / "report.html").read_text()
-    )
-    assert {source.key for source in read_exam(tmp_path / "drive", 9)} == {"ads-learned", "autopilot-learned"}
+    assert "<h2>You, the rule-based autopilot, and their difference</h2>" in (folder / "report.html").read_text()
+    assert {source.key for source in read_exam(folder, 9)} == {"ads-learned", "autopilot-learned"}
     results = [each for each in seen if each["type"] == "result"]
     assert [(each["outcome"], each["yielded"]) for each in results] == rows.select("outcome", "yielded").rows()
     assert [each["more"] for each in results] == [True, False]
     assert [each["replay"] for each in results] == [
         f"replays/{name}.html#b=autopilot" for name in ("learned", "learned-2")
     ]
-    replay = tmp_path / "drive" / "replays" / "learned.html"
-    assert "Episode 1:0" in replay.read_text()
+    assert "Episode 1:0" in (folder / "replays" / "learned.html").read_text()
 
 
-def test_what_was_shown_is_what_the_bag_holds_and_the_vehicle_went_as_the_pedal_says(tmp_path: Path) -> None:
-    _, seen = driven(tmp_path / "drive", at_once)
-    (episode,) = read_episodes(tmp_path / "drive" / "runs" / "learned" / "bag")
+def test_what_was_shown_is_what_the_bag_holds_and_the_vehicle_went_as_the_pedal_says(
+    drive: tuple[Path, list[dict[str, Any]], float],
+) -> None:
+    folder, seen, _ = drive
+    (episode,) = read_episodes(folder / "runs" / "learned" / "bag")
     frames = [each for each in seen if each["type"] == "frame"]
     first = frames[: next(k for k, each in enumerate(frames) if k and each["time"] == 0.0)]
     assert [each["x"] for each in first] == episode.x[: len(first)].tolist()
@@ -100,15 +107,14 @@ def test_what_was_shown_is_what_the_bag_holds_and_the_vehicle_went_as_the_pedal_
     assert episode.speed[-1] > episode.speed[0] + 2.0
 
 
-@pytest.mark.parametrize("ends", [None, [{"again": True}]], ids=["the page is closed", "by a key"])
-def test_an_episode_that_is_left_at_the_wheel_begins_again(tmp_path: Path, ends: list[dict[str, Any]] | None) -> None:
+def test_an_episode_that_is_left_at_the_wheel_begins_again(tmp_path: Path) -> None:
     left = []
 
     def closes(message: dict[str, Any]) -> list[dict[str, Any]] | None:
         if left or message.get("time", 0.0) <= 1.0:
             return at_once(message)
         left.append(message)
-        return ends
+        return None  # the page is closed
 
     failures, seen = driven(tmp_path / "drive", closes, at_once)
     assert failures == []

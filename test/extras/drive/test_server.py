@@ -2,9 +2,6 @@
 
 import asyncio
 import queue
-import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -103,19 +100,6 @@ def test_messages_arrive_on_both_sides_and_a_page_that_comes_later_gets_the_late
     assert [each["type"] for each in found] == ["frame", "result", "episode", "frame", "episode", "frame"]
     assert heard.get(timeout=30.0) == {"ready": True}
     assert [heard.get(timeout=30.0) for _ in range(2)] == [None, None], "a page is closed; one that is replaced is not"
-
-
-def test_ctrl_c_ends_a_wait_for_a_page_that_was_closed(tmp_path: Path) -> None:
-    code = "import sys; from pathlib import Path; from vpsci_ros.extras.drive.page import Page; "
-    code += "page = Page(Path(sys.argv[1]), 'drive'); print(flush=True); page.wait_until_ready()"
-    with subprocess.Popen(
-        [sys.executable, "-c", code, tmp_path], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        process.stdout.readline()
-        process.send_signal(signal.SIGINT)
-        assert "KeyboardInterrupt" in process.stderr.read()
 
 
 @pytest.mark.parametrize("text", ["no JSON", "[1]", "[" * 4000, "x" * (LARGEST_MESSAGE + 1)])

@@ -5,14 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from vpsci_ros.episodes import read_episodes
 from vpsci_ros.extras.formats.lanelet2 import document
-from vpsci_ros.extras.formats.movers import road_of
-from vpsci_ros.extras.formats.run import export
-from vpsci_ros.world.scenario import further_files, load_scenario, shipped_scenarios
+from vpsci_ros.world.scenario import load_scenario
 
 lanelet2 = pytest.importorskip("lanelet2", reason="pip install 'vpsci_ros[test]'")
-SCENARIOS = [*shipped_scenarios(), *map(load_scenario, further_files())]
+SCENARIOS = [load_scenario(number) for number in (1, 4, 102)]
 
 
 def read(path):
@@ -46,9 +43,3 @@ def test_lanelet2_reads_a_lane_of_our_width_along_our_lane_and_our_crosswalk(sce
         allowed = rules.create(rules.Locations.Germany, who)
         assert {kind for kind, each in by_kind.items() if allowed.canPass(each)} == {subtype}
     assert rules.create(rules.Locations.Germany, rules.Participants.Vehicle).isOneWay(road)
-
-
-def test_the_export_writes_a_map_for_each_road(own_bag, tmp_path):
-    roads = {road_of(episode).name for episode in read_episodes(own_bag)}
-    assert export(own_bag, ["lanelet2"], tmp_path / "out") == {"lanelet2": len(roads)}
-    assert {path.stem for path in (tmp_path / "out" / "lanelet2").glob("*.osm")} == roads

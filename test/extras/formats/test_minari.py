@@ -41,26 +41,6 @@ def test_what_was_done_leads_from_what_was_seen_to_what_is_seen_next(written, ag
     assert np.hypot(*seen[:, 2:4].T) == pytest.approx(episode.distance[0, ::2], abs=1e-3)
 
 
-def test_only_the_end_is_paid_for_and_terminates(written):
-    folder, episode = written
-    rows = pq.read_table(folder / "vpsci/vehicle-v0/data/0/part-0.parquet")
-    assert episode.outcome == "goal"
-    assert rows["rewards"].to_pylist()[-3:] == [0.0, 100.0, 0.0]
-    assert rows["terminations"].to_pylist()[-3:] == [False, True, False]
-    assert not any(rows["truncations"].to_pylist())
-    assert min(each["curvttc"] for each in rows["infos"].to_pylist()) == pytest.approx(
-        episode.curvttc[0, ::2].min(), abs=1e-5
-    )
-
-
-def test_recorded_people_are_truncated_since_nobody_says_how_it_ended(near_misses_file, tmp_path):
-    count = export(near_misses_file, ["minari"], tmp_path / "out", episodes="0,1")
-    assert count == {"minari": 4}
-    rows = pq.read_table(tmp_path / "out/minari/vpsci/pedestrian-v0/data/1/part-0.parquet")
-    assert rows["truncations"].to_pylist()[-2:] == [True, False]
-    assert set(rows["rewards"].to_pylist()) == {0.0}
-
-
 def test_minari_reads_what_was_written(written, monkeypatch):
     minari = pytest.importorskip("minari", reason="pip install minari")
     folder, episode = written

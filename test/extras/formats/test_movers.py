@@ -42,7 +42,7 @@ def test_a_road_user_without_a_heading_or_a_position_is_refused(episode: Episode
         movers(replace(episode, x=np.array([0.0, np.nan, 0.0, 0.0])))
 
 
-@pytest.mark.parametrize("number", [41, 101])
+@pytest.mark.parametrize("number", [101])
 def test_ones_own_scenario_is_exported_as_bag_and_dataset_hold_it_whatever_number_it_has(
     number: int, tmp_path: Path
 ) -> None:

@@ -1,14 +1,9 @@
 """Videos of episodes: as long as they are, at their frame rate, with what moves in its place."""
 
-import sys
-
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from vpsci_ros.cli.main import app
 from vpsci_ros.episodes import read_episodes
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.film import SIZE, pictures
 from vpsci_ros.extras.formats.run import export
 
@@ -55,12 +50,3 @@ def test_a_video_is_as_long_as_its_episode(request, shown, tmp_path):
         assert (stream.codec_context.name, float(stream.average_rate)) == ("h264", pytest.approx(1.0 / episode.period))
     assert len(frames) == len(seen)
     assert np.abs(frames[40].astype(int) - seen[40]).mean() < 6.0
-
-
-def test_without_the_encoder_one_line_says_what_to_install(request, tmp_path, monkeypatch):
-    monkeypatch.delitem(sys.modules, "vpsci_ros.extras.formats.mp4", raising=False)
-    monkeypatch.setitem(sys.modules, "av", None)
-    command = ["export", str(request.config.rootpath / BAG), "--to", "mp4", "-o", str(tmp_path / "out")]
-    with pytest.raises(InvalidInput, match=r"needs av, which is not installed: pip install 'vpsci_ros\[formats\]'"):
-        CliRunner().invoke(app, command, catch_exceptions=False, standalone_mode=False)
-    assert not (tmp_path / "out").exists()

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from vpsci_ros.episodes import read_episodes
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.movers import movers, road_of
 from vpsci_ros.extras.formats.run import Options, export
 from vpsci_ros.world.kinematics import WHEELBASE
@@ -80,28 +79,6 @@ def test_the_map_read_back_has_our_lane_its_width_and_our_crosswalk_within_a_cen
         assert along[0] < -50.0
         assert along[-1] > lane.length + 50.0
         assert np.abs(road.crosswalk(road.crosswalks()[0]) - road_of(episode).crosswalk).max() < 0.01
-
-
-def test_a_crosswalk_has_the_number_of_its_scenario_whatever_this_process_has_written_before(written, own_bag, capsys):
-    for vehicle in ("controllable", "trajectory"):
-        maps = sorted((written / vehicle / "openscenario").glob("*.xodr"))
-        ids = [each.get("id") for path in maps for each in ET.parse(path).iter("object")]
-        assert sorted(ids) == ["1", "6"]
-    export(own_bag, ["openscenario"], written / "again", Options())
-    assert "already been used" not in capsys.readouterr().out
-
-
-def test_a_map_of_ones_own_is_referred_to_and_none_is_written(own_bag, tmp_path):
-    export(own_bag, ["openscenario"], tmp_path / "out", Options(road="Town10HD"), "4")
-    (path,) = (tmp_path / "out/openscenario").glob("*.x*")
-    assert next(ET.parse(path).getroot().iter("LogicFile")).get("filepath") == "Town10HD"
-
-
-def test_an_episode_without_a_road_is_refused(episodes):
-    from dataclasses import replace
-
-    with pytest.raises(InvalidInput, match="does not hold the road"):
-        road_of(replace(episodes[0], scenario=None))
 
 
 @pytest.mark.parametrize("ending", [".xosc", ".xodr"])

@@ -7,7 +7,6 @@ import pytest
 
 from vpsci_ros.data.importers import import_trajectories
 from vpsci_ros.data.near_misses import check_near_misses
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.hc import PIXELS
 
 
@@ -56,12 +55,6 @@ def test_the_same_scene_in_interaction_columns_has_the_curvttc_of_its_contact(tm
     assert contact.to_numpy() == pytest.approx(30.0 - 0.3 - 2.3, abs=0.05)
 
 
-def test_a_frozen_position_is_bridged(tmp_path: Path) -> None:
-    write_taf(tmp_path, frozen=True)
-    table = import_trajectories(tmp_path, "taf-bw").table
-    assert table["veh_x"].to_numpy() == pytest.approx(5.0 * table["time"].to_numpy())
-
-
 def test_a_track_is_cut_where_the_tracker_takes_front_for_rear(tmp_path: Path) -> None:
     write_taf(tmp_path, flipped=True)
     table = import_trajectories(tmp_path, "taf-bw").table
@@ -69,25 +62,6 @@ def test_a_track_is_cut_where_the_tracker_takes_front_for_rear(tmp_path: Path) -
     first = table.filter(table["interaction"] == 0)
     assert first["veh_heading"].to_numpy() == pytest.approx(0.0)
     assert first["time"].max() == pytest.approx(3.9)
-
-
-@pytest.mark.parametrize(
-    ("form", "message"), [("hc", "expected a folder with D1.csv"), ("taf-bw", "expected a folder")]
-)
-def test_an_empty_folder_is_named(tmp_path: Path, form: str, message: str) -> None:
-    with pytest.raises(InvalidInput, match=message):
-        import_trajectories(tmp_path, form)
-
-
-def test_damaged_files_are_named(tmp_path: Path) -> None:
-    (tmp_path / "D1.csv").write_text("1,2,3.0\n")
-    with pytest.raises(InvalidInput, match=r"D1\.csv: expected"):
-        import_trajectories(tmp_path, "hc")
-    (tmp_path / "vehicle_tracks_000.csv").write_text("track_id,x\n1,2\n")
-    with pytest.raises(
-        InvalidInput, match=r"vehicle_tracks_000\.csv: expected columns track_id, timestamp_ms, agent_type"
-    ):
-        import_trajectories(tmp_path, "taf-bw")
 
 
 @pytest.mark.parametrize(("form", "folder", "least"), [("hc", "hc", 100), ("taf-bw", "taf_bw/recorded_trackfiles", 5)])

@@ -1,9 +1,7 @@
 """The command, the choice of episodes, and formats whose library is not there."""
 
-import dataclasses
 import sys
 
-import numpy as np
 import polars as pl
 import pytest
 from typer.testing import CliRunner
@@ -11,9 +9,7 @@ from typer.testing import CliRunner
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.dataset_files import DATASET_COLUMNS
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.episodes import read_episodes
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.formats.carla_csv import rows
 from vpsci_ros.extras.formats.run import Options, export
 
 
@@ -40,15 +36,6 @@ def test_the_same_export_again_writes_what_was_damaged_and_another_one_is_refuse
         export(own_bag, ["carla-csv"], out, episodes="4")
 
 
-def test_another_format_is_added_to_the_same_folder_and_what_is_there_stays(own_bag, tmp_path):
-    export(own_bag, ["carla-csv"], tmp_path, episodes="4")
-    when = (tmp_path / "carla-csv" / "run.json").stat().st_mtime_ns
-    assert export(own_bag, ["scenarionet", "carla-csv"], tmp_path, episodes="4") == {"scenarionet": 3, "carla-csv": 1}
-    assert (tmp_path / "carla-csv" / "run.json").stat().st_mtime_ns == when
-    with pytest.raises(InvalidInput, match="choose another output folder"):
-        export(own_bag, ["carla-csv"], tmp_path)
-
-
 def test_a_missing_library_is_named_with_the_command_that_installs_it(own_bag, tmp_path, monkeypatch):
     for name in [
         name for name in sys.modules if name.startswith(("vpsci_ros.extras.formats.open", "scenariogeneration"))
@@ -69,12 +56,6 @@ def test_an_unknown_format_vehicle_or_episode_is_refused_with_what_there_is(own_
         export(own_bag, ["carla-csv"], tmp_path / "out", episodes="4,77")
 
 
-def test_episodes_are_chosen_by_number_or_by_name(own_bag, tmp_path):
-    export(own_bag, ["carla-csv"], tmp_path / "out", episodes="4,LocationA_PedCross_S-N_000002")
-    counts = {path.stem: pl.read_csv(path)["count"].unique().to_list() for path in tmp_path.rglob("*.csv")}
-    assert counts == {"LocationA_PedCross_S-N": [2], "LocationB_PedCross_N-S": [4]}
-
-
 def test_carla_csv_is_the_datasets_table_with_y_negated(dataset, tmp_path):
     export(dataset, ["carla-csv"], tmp_path / "out")
     for name, counts in Dataset(dataset).scenarios.items():
@@ -89,15 +70,3 @@ def test_carla_csv_is_the_datasets_table_with_y_negated(dataset, tmp_path):
             assert theirs.select(same).equals(ours.select(same))
             assert theirs.select(y).equals(ours.select(-pl.col(column) for column in y))
             assert theirs["distance"].to_numpy() == pytest.approx(ours["distance"].to_numpy(), abs=1e-4)
-
-
-def test_each_pedestrian_of_a_crowd_has_its_own_curvttc_in_carla_csv(dataset):
-    one = next(read_episodes(dataset))
-    names = ("ped_x", "ped_y", "ped_vx", "ped_vy", "curvttc", "distance", "controlled")
-    crowd = dataclasses.replace(one, **{name: np.repeat(getattr(one, name), 2, axis=0) for name in names})
-    crowd.curvttc[1] += 1.0
-    first, second = rows(crowd).partition_by("ped_id", maintain_order=True)
-    assert first["CurvTTC"].to_numpy() == pytest.approx(one.curvttc[0])
-    assert second["CurvTTC"].to_numpy() == pytest.approx(one.curvttc[0] + 1.0)
-    ids = [first["ped_id"][0], second["ped_id"][0]]
-    assert ids == [2 * one.number + 1, 2 * one.number + 1 + 2**33], "as docs/dataset.md says of Parquet"

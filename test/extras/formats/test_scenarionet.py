@@ -1,13 +1,11 @@
 """ScenarioNet's records: their content, what their pickles may do, and MetaDrive's own check."""
 
-import dataclasses
 import pickletools
 
 import numpy as np
 import pytest
 
 from vpsci_ros.episodes import read_episodes
-from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.movers import movers, road_of
 from vpsci_ros.extras.formats.run import export
 from vpsci_ros.extras.formats.scenarionet import record
@@ -31,11 +29,6 @@ def test_records_have_every_second_frame_of_our_motion_in_ten_hertz(episodes):
         assert found["map_features"]["lane"]["polygon"].shape[1] == 2, "MetaDrive 0.4.3 takes no third coordinate"
         lane = road_of(episode).vehicle.path
         assert max(abs(lane.locate(*p)[1]) for p in found["map_features"]["lane"]["polyline"][:, :2]) < 0.01
-
-
-def test_a_period_that_does_not_divide_a_tenth_of_a_second_is_refused(episodes):
-    with pytest.raises(InvalidInput, match=r"a frame every 0.04 s; this format has one every 0.1 s"):
-        record(dataclasses.replace(episodes[0], period=0.04))
 
 
 def test_pickles_name_nothing_but_numpys_arrays(own_bag, tmp_path):
