@@ -70,10 +70,6 @@ def test_every_command_shown_exists_with_the_options_shown(page: Path) -> None:
         assert set(given) <= known | {"--help"}, f"{page.name}: vpsci {' '.join(words)}"
 
 
-def test_commands_are_found_at_all() -> None:
-    assert sum(1 for page in PAGES for _ in commands(page)) > 30
-
-
 def test_every_page_and_picture_of_docs_is_linked_from_somewhere() -> None:
     linked = set()
     for page in PAGES:

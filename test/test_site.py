@@ -30,11 +30,6 @@ def test_the_diagram_of_rooms_is_that_of_the_imports(tool: Callable[[str], Modul
     assert architecture.in_page() == architecture.written(), "python tools/architecture.py writes it"
 
 
-def test_an_arrow_over_another_room_is_not_drawn(tool: Callable[[str], ModuleType]) -> None:
-    below = {"roof": {"wall", "ground"}, "wall": {"ground"}, "ground": set()}
-    assert tool("architecture").direct(below) == {"roof": {"wall"}, "wall": {"ground"}, "ground": set()}
-
-
 @pytest.mark.timeout(900)  # it compiles kernels, trains, generates and examines, beside other tests
 def test_the_tutorial_runs_from_its_first_cell_to_its_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each cell of the shell fails the notebook where its command fails (%%bash does, `!` would not)."""
