@@ -36,7 +36,7 @@ def test_both_settings_of_a_model_stand_in_table_and_page_with_outcomes_and_what
         Refinement(learner, simulation, 2), synthetic_near_misses(interactions=6, seed=4).table, [(1, 0), (1, 1)], 7
     )
     options = OPTIONS | {"models": SIMULATED, "seeds": 2}
-    table = synthetic_near_misses(interactions=24, seed=3).table
+    table = synthetic_near_misses(interactions=60, seed=3).table
     result = compare_models(table, CONFIG, SMALL, **options, out_dir=tmp_path, hybrid=seen)
     rows = result["models"]
     assert list(rows) == [*SIMULATED, *(f"{name}_refined" for name in SIMULATED), *CONTROLS]
@@ -67,7 +67,7 @@ def test_both_settings_of_a_model_stand_in_table_and_page_with_outcomes_and_what
 
 
 def test_each_model_learns_by_the_steps_that_did_best_on_clips_of_its_own_training(tmp_path, monkeypatch):
-    table, seen = synthetic_near_misses(interactions=24, seed=3).table, []
+    table, seen = synthetic_near_misses(interactions=60, seed=3).table, []
 
     def train_seen(name, interactions, config, *others):
         seen.append((config, set(interactions.clip)))
