@@ -236,3 +236,6 @@ def test_another_tools_bag_is_exported_from_its_odometry(foreign: Path, tmp_path
     files = sorted(path.name for path in (tmp_path / "out").rglob("odometry.*"))
     assert files
     assert not any(name.endswith(".csv") for name in files)
+    assert run("export", foreign, "-o", tmp_path / "text", "--episodes", "0-9", "--csv").exit_code == 0
+    texts = [path.with_suffix(".csv").name for path in (tmp_path / "text").rglob("odometry.parquet")]
+    assert texts == [path.name for path in (tmp_path / "text").rglob("odometry.csv")] != []

@@ -47,6 +47,16 @@ def test_kept_episodes_are_written_in_order_with_every_frame(simulate, tmp_path:
     )
 
 
+def test_csv_is_the_text_of_the_parquet_file(simulate, tmp_path: Path) -> None:
+    write(tmp_path / "d", simulate(LENGTHS, OUTCOMES, 3), 3, row_group=200, formats=["parquet", "csv"])
+    table = pl.read_parquet(tmp_path / "d" / f"{NAME}.parquet")
+    path = tmp_path / "d" / f"{NAME}.csv"
+    assert path.read_text() == table.write_csv()
+    assert pl.read_csv(path, schema=table.schema).equals(table)
+    with pytest.raises(InvalidInput, match="formats: expected some of parquet, csv, got xlsx"):
+        DatasetWriter(tmp_path / "e", {1: NAME}, {}, formats=["xlsx"])
+
+
 def test_units_and_provenance_are_in_the_schema(simulate, tmp_path: Path) -> None:
     write(tmp_path / "d", simulate(LENGTHS, OUTCOMES, 3), 3)
     schema = pq.read_schema(tmp_path / "d" / f"{NAME}.parquet")
@@ -90,7 +100,7 @@ def test_the_index_has_every_episode_with_its_reason(simulate, tmp_path: Path) -
 
 
 def test_dataset_json_names_every_file_with_its_hash(simulate, tmp_path: Path) -> None:
-    returned = write(tmp_path / "d", simulate(LENGTHS, OUTCOMES, 3), 3, keep_rejected=True)
+    returned = write(tmp_path / "d", simulate(LENGTHS, OUTCOMES, 3), 3, keep_rejected=True, formats=["parquet", "csv"])
     description = json.loads((tmp_path / "d" / DESCRIPTION).read_text())
     assert description == returned
     on_disk = {p.relative_to(tmp_path / "d").as_posix() for p in (tmp_path / "d").rglob("*") if p.is_file()}
@@ -104,7 +114,7 @@ def test_dataset_json_names_every_file_with_its_hash(simulate, tmp_path: Path) -
 def test_a_run_that_fails_leaves_nothing_behind(simulate, tmp_path: Path) -> None:
     with (
         pytest.raises(RuntimeError, match="cut"),
-        DatasetWriter(tmp_path / "d", {1: NAME}, {}, keep_rejected=True) as writer,
+        DatasetWriter(tmp_path / "d", {1: NAME}, {}, keep_rejected=True, formats=["parquet", "csv"]) as writer,
     ):
         collector = EpisodeFrames(3)
         for tick in simulate(LENGTHS, OUTCOMES, 3):

@@ -110,6 +110,22 @@ def test_damaged_bytes_are_named_with_the_file(copy) -> None:
     assert "not readable as such from row 0 on" in finding.what or finding.what.startswith("row ")
 
 
+def test_a_dataset_of_csv_alone_is_read_and_verified_as_well(make, made, tmp_path) -> None:
+    make(tmp_path / "d", formats=["csv"])
+    assert Dataset(tmp_path / "d").rows(NAME).equals(Dataset(made).rows(NAME))
+    assert verify(tmp_path / "d", serial).findings == []
+    path = tmp_path / "d" / f"{NAME}.csv"
+    lines = path.read_text().splitlines()
+    cells = lines[41].split(",")
+    cells[12] = "99.0"
+    lines[41] = ",".join(cells)
+    path.write_text("\n".join(lines) + "\n")
+    (finding,) = verify(tmp_path / "d", serial).findings
+    assert (finding.file, finding.changed) == (path.name, True)
+    assert finding.what.startswith("row 40 ")
+    assert "distance is 99.0" in finding.what
+
+
 def test_an_edited_cell_of_the_index_is_found(copy) -> None:
     index = pl.read_parquet(copy / "episodes.parquet")
     changed = index.with_columns(pl.when(pl.int_range(pl.len()) == 2).then(7).otherwise("frames").alias("frames"))

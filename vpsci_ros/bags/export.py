@@ -1,7 +1,7 @@
 """From a bag to a dataset: the episodes that a graph recorded, filtered, as tables, with a summary."""
 
 import itertools
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from vpsci_ros.bags.run_record import bag_run, scenarios_of
 from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.dataset_files import FORMATS
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.episode_frames import EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
@@ -33,6 +34,7 @@ def export_bag(
     folder: str | Path,
     *,
     filters: FilterConfig | None = None,
+    formats: Sequence[str] = FORMATS[:1],
     episodes: str = "",
     outcome: str = "",
     curvttc_below: float | None = None,
@@ -64,6 +66,7 @@ def export_bag(
         {NO_SCENARIO: group_of(NO_SCENARIO, None)} | {scenario.number: scenario.name for scenario in scenarios},
         {"period": first.period, **provenance_of(bag)},
         filters=filters,
+        formats=formats,
         keep_rejected=keep_rejected,
     ) as writer:
         unseen = 0

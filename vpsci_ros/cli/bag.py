@@ -51,6 +51,7 @@ def export(
     curvttc_below: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Export episodes whose least CurvTTC is below.")
     ] = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Write CSV besides Parquet.")] = False,
     keep_rejected: Annotated[bool, typer.Option(help="Write rejected episodes besides.")] = False,
     recover: Recover = False,
     topic_prefix: Prefix = None,
@@ -68,6 +69,7 @@ def export(
         export_bag(
             opened,
             output,
+            formats=("parquet", "csv") if csv else ("parquet",),
             episodes=episodes,
             outcome=outcome,
             curvttc_below=curvttc_below,

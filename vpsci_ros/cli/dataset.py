@@ -66,7 +66,7 @@ def generate(
     names = {s.number: s.name for s in job.scenarios}
     with stoppable(output), ProgressOfRun(names, quiet=quiet) as progress:
         start = partial(_workers(ray, workers), job, PARALLEL)
-        done = run(job, targets, output, start, first=first, report=progress.show)
+        done = run(job, targets, output, start, first=first, formats=values.formats, report=progress.show)
     kept = sum(row["kept"] for row in done.description["scenarios"].values())
     print(f"{kept:,} episodes kept; written: {output}, described in README.md and dataset.json")
     if done.computed:

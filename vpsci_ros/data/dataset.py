@@ -6,14 +6,15 @@ is written: until `close` there are hidden part files, and `discard` removes the
 without it is no dataset.
 """
 
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from vpsci_ros.data.dataset_files import INDEX_COLUMNS, EpisodeTable
+from vpsci_ros.data.dataset_files import FORMATS, INDEX_COLUMNS, EpisodeTable
 from vpsci_ros.data.dataset_index import (
     DATASHEET,
     DESCRIPTION,
@@ -39,10 +40,11 @@ class DatasetWriter:
     :param names: scenario number -> file stem (Table 6); files are made for those of which an episode comes.
     :param provenance: stored in dataset.json and in every Parquet file: configuration, seed, hash of the weights, and
         `period`, the time from one frame to the next [s].
+    :param formats: of `FORMATS`; a file of each scenario in each of them.
     :param keep_rejected: write rejected episodes too, to the folder `rejected` with the same file names.
     :param row_group: rows after which a row group is written.
     :param resumed: the folder need not be empty; what an earlier attempt has left there is replaced.
-    :raises InvalidInput: the folder is not empty.
+    :raises InvalidInput: the folder is not empty, or an unknown format.
     """
 
     def __init__(
@@ -52,16 +54,19 @@ class DatasetWriter:
         provenance: Mapping[str, Any],
         *,
         filters: FilterConfig | None = None,
+        formats: Sequence[str] = FORMATS[:1],
         keep_rejected: bool = False,
         row_group: int = ROW_GROUP,
         resumed: bool = False,
     ) -> None:
+        if not formats or not set(formats) <= set(FORMATS):
+            raise InvalidInput(f"formats: expected some of {', '.join(FORMATS)}, got {', '.join(formats) or 'none'}")
         self.folder = Path(folder) if resumed else require_empty_folder(folder)
         self.filters = filters or FilterConfig()
         self.keep_rejected = keep_rejected
         self._names, self._provenance = dict(names), dict(provenance)
-        self._row_group = row_group
-        self._tables: dict[tuple[int, bool], EpisodeTable] = {}  # of kept and of rejected episodes, by scenario
+        self._formats, self._row_group = tuple(formats), row_group
+        self._tables: dict[tuple[int, bool], list[EpisodeTable]] = {}  # of kept and of rejected episodes, by scenario
         self._blocks: dict[int, list[EpisodeBlock]] = {}
         self._records: dict[int, list[np.ndarray]] = {}  # of the episodes that were written, by scenario
         self._closed = False
@@ -89,12 +94,13 @@ class DatasetWriter:
             place = self.folder if kept else self.folder / REJECTED
             place.mkdir(exist_ok=True)
             metadata = {"scenario": number, "name": name, "kept": kept, **self._provenance}
-            self._tables[number, kept] = EpisodeTable(place / f"{name}.parquet", self._row_group, metadata)
+            paths = [place / f"{name}.{form}" for form in self._formats]
+            self._tables[number, kept] = [EpisodeTable(path, self._row_group, metadata) for path in paths]
 
     def write(self, number: int, block: EpisodeBlock) -> None:
         """Write episodes of a scenario, filtered, which follow those written before in the order of their numbers."""
         for kept in (True, False):
-            if (table := self._tables.get((number, kept))) is not None:
+            for table in self._tables.get((number, kept), []):
                 table.add(block.only(block.kept == kept))
         self._records[number].append(block.records)
 
@@ -133,7 +139,7 @@ class DatasetWriter:
                 raise InvalidInput(f"episode {twice} of scenario {number} came twice")
             self.write(number, whole)
         files = {}
-        for table in self._tables.values():
+        for table in itertools.chain(*self._tables.values()):
             path, rows = table.close()
             files[path.relative_to(self.folder).as_posix()] = file_entry(path, rows)
         records = {self._names[number]: (number, np.concatenate(own)) for number, own in sorted(self._records.items())}
@@ -154,7 +160,7 @@ class DatasetWriter:
 
     def discard(self) -> None:
         """Remove everything that was written."""
-        for table in self._tables.values():
+        for table in itertools.chain(*self._tables.values()):
             table.discard()
         rejected = self.folder / REJECTED
         if rejected.is_dir() and not any(rejected.iterdir()):

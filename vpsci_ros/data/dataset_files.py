@@ -1,11 +1,13 @@
-"""The tables of a dataset: their columns, and the writer of one scenario's file.
+"""The tables of a dataset: their columns, and the writer of one file.
 
-CurvTTC is infinite where no contact is predicted within the horizon; the authors publish no word on it. NaN are values
-that nobody saw. `count` is the number of the episode within its scenario, with which it can
-be simulated again; `veh_id` and `ped_id` are 2 count and 2 count + 1, so that no two agents of a file share one. The
-pedestrian with number n in its episode has 2^33 n more, and its rows come after those of the one before.
+CurvTTC is infinite where no contact is predicted within the horizon ("inf" in CSV, which pandas, polars, numpy and R
+read as infinity); the authors publish no word on it. NaN are values that nobody saw. `count` is the number of the
+episode within its scenario, with which it can be simulated again; `veh_id` and `ped_id` are 2 count and 2 count + 1,
+so that no two agents of a file share one. The pedestrian with number n in its episode has 2^33 n more, and its rows
+come after those of the one before.
 """
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,7 @@ from vpsci_ros.data.episode_block import EpisodeBlock, joined
 from vpsci_ros.data.parquet import Column, arrow_schema
 
 Numbers = NDArray[np.int64]
+FORMATS = ("parquet", "csv")
 NEXT_PEDESTRIAN = 2**33  # from one pedestrian's `ped_id` to the next one's
 DATASET_COLUMNS: dict[str, Column] = {
     "count": Column(pl.Int64, "", "interaction episode index: number of the episode within its scenario"),
@@ -51,9 +54,7 @@ INDEX_COLUMNS: dict[str, Column] = {
 
 def episode_rows(block: EpisodeBlock) -> pl.DataFrame:
     """Return the rows of the stored episodes as a file holds them."""
-    rows = pl.from_arrow(_arrow_rows(block, arrow_schema(DATASET_COLUMNS, {})))
-    assert isinstance(rows, pl.DataFrame)
-    return rows
+    return _frame(_arrow_rows(block, arrow_schema(DATASET_COLUMNS, {})))
 
 
 def agent_ids(count: Numbers, pedestrian: Numbers) -> tuple[Numbers, Numbers]:
@@ -75,24 +76,35 @@ def _arrow_rows(block: EpisodeBlock, schema: pa.Schema) -> pa.Table:
     return pa.table([pa.array(column) for column in columns], schema=schema)
 
 
+def _frame(rows: pa.Table) -> pl.DataFrame:
+    frame = pl.from_arrow(rows)
+    assert isinstance(frame, pl.DataFrame)
+    return frame
+
+
 class EpisodeTable:
-    """One scenario's episodes, written in row groups to a hidden part file.
+    """One scenario's episodes, written in row groups to a hidden part file: CSV if the path ends so, else Parquet.
 
     :param row_group: rows after which a row group is written; it ends with an episode.
-    :param metadata: stored in the schema.
+    :param metadata: stored in the schema of a Parquet file.
     """
 
     def __init__(self, path: Path, row_group: int, metadata: Mapping[str, Any]) -> None:
         self._path, self._part = path, path.with_name(f".{path.name}.part")
         self._schema = arrow_schema(DATASET_COLUMNS, metadata)
         floats = [name for name, column in DATASET_COLUMNS.items() if column.dtype is pl.Float32]
-        self._file = pq.ParquetWriter(
-            self._part,
-            self._schema,
-            compression="zstd",
-            use_dictionary=[name for name in DATASET_COLUMNS if name not in floats],
-            use_byte_stream_split=floats,
-        )
+        self._file: pq.ParquetWriter | io.BufferedWriter
+        if path.suffix == ".csv":
+            self._file = self._part.open("wb")
+            self._file.write((",".join(DATASET_COLUMNS) + "\n").encode())
+        else:
+            self._file = pq.ParquetWriter(
+                self._part,
+                self._schema,
+                compression="zstd",
+                use_dictionary=[name for name in DATASET_COLUMNS if name not in floats],
+                use_byte_stream_split=floats,
+            )
         self._row_group = row_group
         self._left = joined([])
         self.rows = 0
@@ -106,9 +118,14 @@ class EpisodeTable:
             self._left = self._left.only(~now)
 
     def _flush(self, block: EpisodeBlock) -> None:
-        if len(block.values):
-            self._file.write_table(_arrow_rows(block, self._schema))
-            self.rows += len(block.values)
+        if not len(block.values):
+            return
+        rows = _arrow_rows(block, self._schema)
+        if isinstance(self._file, pq.ParquetWriter):
+            self._file.write_table(rows)
+        else:
+            _frame(rows).write_csv(self._file, include_header=False)
+        self.rows += rows.num_rows
 
     def close(self) -> tuple[Path, int]:
         """Finish the file, give it its name, and return that with its number of rows."""

@@ -11,7 +11,7 @@ import polars as pl
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS, NEXT_PEDESTRIAN
+from vpsci_ros.data.dataset_files import DATASET_COLUMNS, FORMATS, INDEX_COLUMNS, NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_index import DESCRIPTION, FORM, INDEX, REJECTED
 from vpsci_ros.data.episode import Episode, Key, Listed, filled, headings
 from vpsci_ros.data.episode_block import QUANTITIES
@@ -126,16 +126,18 @@ class Dataset:
         return pl.concat(parts) if parts else pl.DataFrame(schema=_SCHEMA)
 
     def _file(self, name: str, *, rejected: bool) -> Path | None:
-        """Return a scenario's file of kept or of rejected episodes; None: it is not there."""
+        """Return a scenario's file of kept or of rejected episodes, Parquet or else CSV; None: neither is there."""
         if name not in self.scenarios:
             raise InvalidInput(f"{self.folder}: no scenario {name}; it has {', '.join(self.scenarios)}")
-        path = (self.folder / REJECTED if rejected else self.folder) / f"{name}.parquet"
-        return path if path.is_file() else None
+        folder = self.folder / REJECTED if rejected else self.folder
+        return next((path for form in FORMATS if (path := folder / f"{name}.{form}").is_file()), None)
 
     def _parts(self, name: str, *, rejected: bool = False) -> Iterator[tuple[Path, pl.DataFrame]]:
         path = self._file(name, rejected=rejected)
         if path is None and not rejected:
-            raise InvalidInput(f"{self.folder / name}.parquet: no such file; {DESCRIPTION} promises it")
+            raise InvalidInput(
+                f"{self.folder / name}.parquet: no such file, and no {name}.csv; {DESCRIPTION} promises it"
+            )
         yield from ((path, rows) for rows in file_rows(path)) if path is not None else ()
 
 
@@ -145,13 +147,16 @@ def file_table(path: Path) -> pl.DataFrame:
 
 
 def file_rows(path: Path) -> Iterator[pl.DataFrame]:
-    """Yield the rows of a dataset's file, a row group at a time.
+    """Yield the rows of a dataset's file, a row group at a time (a CSV file in one piece).
 
     :raises InvalidInput: damaged, or not a table with the columns of Table 7.
     """
     row = 0
     require_regular(path)
     try:
+        if path.suffix == ".csv":
+            yield pl.read_csv(path, schema=_SCHEMA)
+            return
         with open_parquet(path) as file:
             for group in range(file.num_row_groups):
                 part = read_bounded(file, group)

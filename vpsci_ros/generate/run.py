@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from vpsci_ros.data.dataset import DatasetWriter
+from vpsci_ros.data.dataset_files import FORMATS
 from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.data.episode_block import EpisodeBlock
 from vpsci_ros.documents import read_json, require_form
@@ -59,17 +60,19 @@ def generate(
     *,
     unit: int = UNIT,
     first: int = 0,
+    formats: Sequence[str] = FORMATS[:1],
     report: Report | None = None,
 ) -> Generated:
     """Generate a dataset, or resume a stopped one.
 
     The episodes are those from `first` on, in the order of their numbers, up to the last kept one wanted in each
-    scenario. The bytes of every file but generation.json depend on (job, targets, first) alone.
+    scenario. The bytes of every file but generation.json depend on (job, targets, formats, first) alone.
 
     :param targets: kept episodes wanted by scenario number.
     :param folder: must be new or empty, or hold the same run, unfinished or complete.
     :param workers: called to start workers when a unit is missing.
     :param unit: most episodes in a unit of work of a new run.
+    :param formats: of `vpsci_ros.data.dataset_files.FORMATS`.
     :param report: called after each unit.
     :raises InvalidInput: `folder` has another content, or this dataset, damaged; or another process uses it.
     :raises VpsciError: a scenario keeps almost no episode, workers die repeatedly, or the disk is full.
@@ -78,6 +81,7 @@ def generate(
         **job.description(),
         "first_episode": first,
         "kept_wanted": {str(number): targets[number] for number in sorted(targets)},
+        "formats": list(formats),
     }
     versions = {"versions": software_versions()}
     begin = time.monotonic()
@@ -94,7 +98,7 @@ def generate(
         try:
             computed = 0 if plan.complete else _compute(plan, journal, workers(), report)
             middle = time.monotonic()
-            description = _assemble(job, plan, journal, folder, run)
+            description = _assemble(job, plan, journal, folder, formats, run)
             seconds = round(middle - begin, 3), round(time.monotonic() - middle, 3)
             write_record(
                 folder / RECORD,
@@ -159,7 +163,7 @@ def _compute(
 
 
 def _assemble(
-    job: Job, plan: DatasetPlan, journal: Journal, folder: Path, provenance: Mapping[str, Any]
+    job: Job, plan: DatasetPlan, journal: Journal, folder: Path, formats: Sequence[str], provenance: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Write every file of the dataset, dataset.json last, and return its content.
 
@@ -169,7 +173,9 @@ def _assemble(
     names = {scenario.number: scenario.name for scenario in job.scenarios}
     keep = job.keep_rejected
     with (
-        DatasetWriter(folder, names, provenance, filters=job.filters, keep_rejected=keep, resumed=True) as writer,
+        DatasetWriter(
+            folder, names, provenance, filters=job.filters, formats=formats, keep_rejected=keep, resumed=True
+        ) as writer,
         ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads,
     ):
         for number in names:

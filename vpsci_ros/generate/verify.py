@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_files import episode_rows
+from vpsci_ros.data.dataset_files import FORMATS, episode_rows
 from vpsci_ros.data.dataset_index import DESCRIPTION, FORM_OF_GENERATED, INDEX, REJECTED, index_table
 from vpsci_ros.data.dataset_reader import Dataset, file_table
 from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes, joined
@@ -80,7 +80,7 @@ def verify(
     pool = workers(job)
     try:
         for scenario in job.scenarios:
-            files = {f"{place}{scenario.name}.parquet": kept for place, kept in _PLACES.items()}
+            files = {f"{place}{scenario.name}.{form}": kept for place, kept in _PLACES.items() for form in FORMATS}
             files = {name: kept for name, kept in files.items() if name in entries and (folder / name).is_file()}
             first = int(data.description["first_episode"])
             numbers = np.arange(first, first + data.scenarios[scenario.name]["simulated"])
@@ -101,7 +101,7 @@ def verify(
     finally:
         pool.close()
     for name in sorted(changed - {finding.file for finding in findings}):
-        what = "its numbers are as simulated" if name.endswith(".parquet") else "not a table"
+        what = "its numbers are as simulated" if name.endswith((".parquet", ".csv")) else "not a table"
         findings.append(Finding(name, True, f"bytes differ from the hash in {DESCRIPTION}; {what}"))
     return VerifiedDataset(episodes, rows, findings, data.description["cpu"] == cpu_name())
 
