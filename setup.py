@@ -148,6 +148,7 @@ EXTRAS = {
 WHERE = {"carla_world": "extras.carla.entry"}  # executable -> its module, where that is not nodes.entry
 BRANCHES = {
     "vpsci_ros.commands": [
+        "ads-protocol = vpsci_ros.extras.exam_extra.commands:protocol_app",
         "ads-search = vpsci_ros.extras.exam_extra.commands:search_app",
         "ads-socket = vpsci_ros.extras.exam_extra.commands:socket_app",
         "ads-why = vpsci_ros.extras.exam_extra.commands:why_app",

@@ -68,6 +68,14 @@ def test_throttle_and_brake_are_changed_as_accelerations_are_and_steering_is_lef
     assert between.applied(world.state, command).vehicle_control.tolist() == [[0.3, 0.0, 1.0], [0.3, 0.5, 0.0]]
 
 
+def test_a_speed_is_held_until_the_system_brakes_firmly_and_then_let_go_for_good() -> None:
+    first = speeds({}, lambda _: (0.0, 0.0), 1)[0, 0]
+    held = {ONE: Intervention(held=first)}
+    found = speeds(held, lambda k: (-3.0 if k == 6 else -2.9 if k < 6 else -1.0, 0.0), 10)[:, 0]
+    assert found[:7] == pytest.approx([first] * 7, abs=0.0)
+    assert np.diff(found[6:]) / 0.05 == pytest.approx([-3.0, -1.0, -1.0])
+
+
 def test_without_a_command_there_is_none_to_change() -> None:
     world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
     between = Interventions(InterventionConfig(as_parameter({ONE: Intervention(firmer=1.0)})))
@@ -75,9 +83,9 @@ def test_without_a_command_there_is_none_to_change() -> None:
 
 
 def test_a_list_comes_back_as_it_was_and_one_that_is_cut_is_refused() -> None:
-    changes = {ONE: Intervention(7, -0.5, 0.25, (-1.0, -2.0)), TWO: Intervention()}
+    changes = {ONE: Intervention(7, -0.5, 0.25, (-1.0, -2.0), 4.0), TWO: Intervention()}
     numbers = as_parameter(changes)
     assert from_parameter(numbers) == changes
-    for end in (3, 7):
+    for end in (3, 8):
         with pytest.raises(InvalidInput, match="the list ends within the one that begins at entry 0"):
             from_parameter(numbers[:end])

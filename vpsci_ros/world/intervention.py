@@ -1,7 +1,8 @@
 """Changes between a driving system's command and the car, for tests of what a change would have done.
 
-An intervention changes one episode: the speed of the car at one frame, the firmness of its braking, or braking forced
-from a frame on. Pedestrians, draws and the system are not changed.
+An intervention changes one episode: the speed of the car at one frame, the firmness of its braking, braking forced
+from a frame on, or its speed held until it brakes firmly, as a protocol's robot does. Pedestrians, draws and the system
+are not changed.
 """
 
 from collections.abc import Sequence
@@ -23,8 +24,10 @@ from vpsci_ros.world.state import RUNNING
 from vpsci_ros.world.tick import Actions
 
 BRAKING = 1.0  # [m/s2] from which a deceleration counts as braking, as in Euro NCAP's definition of T_AEB
+_SAME = 1e-9  # [m/s] by which a speed that is held may differ from itself
 NOT_FORCED = 50.0  # [m/s2] above any command: at this frame the system drives
-_HEAD = 6  # numbers of an intervention before its accelerations
+RELEASED = 3.0  # [m/s2] AEB has activated when it brakes so firmly (the same definition): robots let go then
+_HEAD = 7  # numbers of an intervention before its accelerations
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,9 @@ class InterventionConfig:
 
     interventions: list[float] = parameter(
         [],
-        "set by `vpsci ads-why`; of each episode: scenario, number, frame, change of speed [m/s], by what its "
-        "braking is firmer [m/s2], how many accelerations follow, and these, forced from the frame on [m/s2]",
+        "set by `vpsci ads-why` and `ads-protocol`; of each episode: scenario, number, frame, change of speed [m/s], "
+        "by what its braking is firmer [m/s2], speed held until it brakes with 3 m/s2 [m/s], how many accelerations "
+        "follow, and these, forced from the frame on [m/s2]",
     )
 
 
@@ -45,12 +49,14 @@ class Intervention(NamedTuple):
     :ivar speed: added to the car's speed at the frame [m/s]; it does not fall below 0.
     :ivar firmer: added to each deceleration of at least `BRAKING` that the system commands [m/s2].
     :ivar forced: accelerations along the car from the frame on [m/s2]; the system may brake more firmly than these.
+    :ivar held: speed that the car keeps until the system brakes with `RELEASED` [m/s]; 0: none. The system steers.
     """
 
     frame: int = 0
     speed: float = 0.0
     firmer: float = 0.0
     forced: tuple[float, ...] = ()
+    held: float = 0.0
 
 
 def as_parameter(interventions: dict[tuple[int, int], Intervention]) -> list[float]:
@@ -58,7 +64,7 @@ def as_parameter(interventions: dict[tuple[int, int], Intervention]) -> list[flo
     return [
         float(number)
         for key, each in interventions.items()
-        for number in (*key, each.frame, each.speed, each.firmer, len(each.forced), *each.forced)
+        for number in (*key, each.frame, each.speed, each.firmer, each.held, len(each.forced), *each.forced)
     ]
 
 
@@ -75,9 +81,9 @@ def from_parameter(numbers: Sequence[float]) -> dict[tuple[int, int], Interventi
         if len(head) < _HEAD or len(forced) < head[-1]:
             raise InvalidInput(
                 f"interventions: the list ends within the one that begins at entry {at}; expected scenario, number, "
-                "frame, speed, firmer, a number of accelerations, and so many of them"
+                "frame, speed, firmer, held, a number of accelerations, and so many of them"
             )
-        found[int(head[0]), int(head[1])] = Intervention(int(head[2]), head[3], head[4], forced)
+        found[int(head[0]), int(head[1])] = Intervention(int(head[2]), head[3], head[4], forced, head[5])
         at += _HEAD + len(forced)
     return found
 
@@ -105,18 +111,20 @@ class Interventions:
             if change.speed and state["frame"][row] == change.frame:
                 state["vehicle_speed"][row] = max(0.0, state["vehicle_speed"][row] + change.speed)
             if values is not None:
-                _change(values[row], int(state["frame"][row]), change)
+                _change(values[row], state[row], change)
         return actions if values is None else replace(actions, **{form: values})
 
 
-def _change(command: NDArray[np.float64], frame: int, change: Intervention) -> None:
+def _change(command: NDArray[np.float64], episode: np.void, change: Intervention) -> None:
     """Change a command in place, (longitudinal, lateral) or (steer, throttle, brake)."""
     along = float(command[0]) if len(command) == 2 else _along(command)
     changed = along
     if change.firmer and along <= -BRAKING:
         changed = max(-MAX_DECELERATION, along - change.firmer)
-    if 0 <= (place := frame - change.frame) < len(change.forced):
+    if 0 <= (place := int(episode["frame"]) - change.frame) < len(change.forced):
         changed = min(changed, change.forced[place])
+    if change.held and changed > -RELEASED and episode["vehicle_speed"] >= change.held - _SAME:
+        changed = 0.0
     if changed != along:
         command[-2:] = (changed, command[1]) if len(command) == 2 else (throttle_for(changed), brake_for(changed))
 

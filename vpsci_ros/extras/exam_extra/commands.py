@@ -1,4 +1,4 @@
-"""The commands of this branch: `vpsci ads-search`, `ads-why` and `ads-socket`."""
+"""The commands of this branch: `vpsci ads-search`, `ads-why`, `ads-protocol` and `ads-socket`."""
 
 import sys
 from pathlib import Path
@@ -10,7 +10,7 @@ from vpsci_ros.cli.exam import Ads, AdsClass, Episodes, ExamFolder, FailIf, Reco
 from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections, stoppable, writes_folder
 
 PANEL = "Examine a driving system"  # of `vpsci --help`
-search_app, why_app, socket_app = (typer.Typer(add_completion=False) for _ in range(3))
+search_app, why_app, protocol_app, socket_app = (typer.Typer(add_completion=False) for _ in range(4))
 
 
 @search_app.command(rich_help_panel=PANEL, short_help="Find the episodes in which a system fails.")
@@ -59,6 +59,31 @@ def ads_why(
     with stoppable(exam):
         page = explain_exam(exam, failures, workers=workers, quiet=quiet)
     print(f"report: {page}")
+
+
+@protocol_app.command(rich_help_panel=PANEL, short_help="Drive Euro NCAP's car-to-pedestrian tests.")
+@writes_folder
+def ads_protocol(
+    output: ExamFolder,
+    params: Params = Path("ads_test"),
+    ads: Ads = None,
+    ads_class: AdsClass = None,
+    beside: Annotated[
+        Path | None, typer.Option("--exam", metavar="EXAM", help="Set this exam of the same system beside it.")
+    ] = None,
+    fail_below: Annotated[float, typer.Option(metavar="POINTS", help="Exit with status 1 below so many points.")] = 0.0,
+    workers: Workers = 1,
+    settings: Settings = None,
+    quiet: Quiet = False,
+) -> None:
+    """Drive Euro NCAP's car-to-pedestrian tests, as far as a kinematic world can, and give their points."""
+    from vpsci_ros.exam.exam import prepare
+    from vpsci_ros.extras.exam_extra.protocol import run_protocol
+
+    exam = prepare(read_sections(params, settings), ads, ads_class, workers)
+    with stoppable(output):
+        failures = run_protocol(exam, output, beside, fail_below, workers=workers, quiet=quiet)
+    _end(failures)
 
 
 @socket_app.command(rich_help_panel=PANEL, short_help="Examine a program behind a socket: any language.")

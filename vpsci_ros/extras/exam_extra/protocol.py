@@ -1,0 +1,195 @@
+"""A standard protocol conducted: its tests driven, rated, and set beside an exam.
+
+Until a system brakes with 3 m/s2 or more, the speed of the test is held, as by robots on a proving ground: a system
+that would rather drive more slowly is tested at the protocol's speed all the same. From then on it has the car.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import yaml
+
+from vpsci_ros.data.episode import Episode
+from vpsci_ros.documents import read_json, require_form
+from vpsci_ros.exam.conduct import run_with_all
+from vpsci_ros.exam.config import title_of
+from vpsci_ros.exam.driver_class import Cockpit
+from vpsci_ros.exam.exam import Exam, identity_of, take_folder
+from vpsci_ros.exam.in_process import InProcess, loop_with
+from vpsci_ros.exam.measures import RunResult, episode_table
+from vpsci_ros.exam.recorded_people import Motion
+from vpsci_ros.exam.report import ADS, BASELINE, Conduct
+from vpsci_ros.exam.sight import Watcher, episodes_of
+from vpsci_ros.exam.view import exam_sources
+from vpsci_ros.extras.exam_extra import euro_ncap
+from vpsci_ros.report import html
+from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.files import write_text
+from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
+from vpsci_ros.view.page import write_view
+from vpsci_ros.view.sources import LIMIT
+from vpsci_ros.world import WorldConfig
+from vpsci_ros.world.autopilot import too_near
+from vpsci_ros.world.intervention import Intervention, as_parameter
+from vpsci_ros.world.kinematics import MAX_DECELERATION
+from vpsci_ros.world.observation import to_heading_frame
+
+EURO_NCAP = "euro_ncap"  # the target of the tests, as a pedestrian
+IDENTITY = "protocol.json"
+_TEMPLATE = Path(__file__).resolve().parent / "templates" / "protocol.html"
+_STRAIGHT_AHEAD = 0.5 * VEHICLE_WIDTH + PEDESTRIAN_RADIUS + 0.25  # [m] to either side, as the autopilot's
+
+
+class AutopilotBrake:
+    """The rule by which the world's autopilot brakes: fully, for whoever is straight ahead and near."""
+
+    def __init__(self, near: float) -> None:
+        self._near = near  # [m] before the front
+
+    def reset(self, begin: Any) -> None:
+        """Begin an episode."""
+
+    def act(self, observation: Any) -> float:
+        """Return full braking or nothing [m/s2]."""
+        car = observation.vehicle
+        places = (to_heading_frame(car.yaw, each.x - car.x, each.y - car.y) for each in observation.pedestrians)
+        ahead = (0.5 * VEHICLE_LENGTH, _STRAIGHT_AHEAD, self._near)
+        return -MAX_DECELERATION if any(too_near(*place, *ahead) for place in places) else 0.0
+
+
+class ProtocolExam(Exam):
+    """The exam on the protocol's tests, with their target."""
+
+    def motion(self, pedestrian: str) -> Motion:
+        """Return the motion of the target."""
+        return euro_ncap.motion(self.scenarios, self.with_pedestrian(pedestrian, "external"))
+
+
+def protocol_exam(exam: Exam, folder: Path) -> ProtocolExam:
+    """Return the exam on the protocol's tests, a scenario each, whose files are written into `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    cells = euro_ncap.cells()
+    for cell in cells:
+        files.append(str(folder / f"{cell.name}.yaml"))
+        write_text(Path(files[-1]), yaml.safe_dump(euro_ncap.document(cell), sort_keys=False))
+    own = {name: value for name, value in exam.sections.values.get("world_simulator", {}).items()
+           if not name.startswith(("crowd.", "kinds."))}  # fmt: skip
+    changed = {
+        "scenarios": [cell.number for cell in cells], "scenario_files": files, "episodes": 1,
+        "first_episode": 0, "only": [], "spawn": "paper", "pedestrians": 1, "episode_time": euro_ncap.EPISODE_TIME,
+        "interventions": as_parameter({(c.number, 0): Intervention(held=c.speed * euro_ncap.KMH) for c in cells}),
+    }  # fmt: skip
+    sections = dataclasses.replace(exam.sections, values={**exam.sections.values, "world_simulator": own | changed})
+    run, world = sections.get(RunConfig, "world_simulator"), sections.get(WorldConfig, "world_simulator")
+    return ProtocolExam(sections, exam.config, run, world, exam.files, seat=exam.seat)
+
+
+def run_protocol(
+    exam: Exam, folder: Path, beside: Path | None, fail_below: float, *, workers: int, quiet: bool
+) -> list[str]:
+    """Conduct the protocol's tests, write and print the result, and return the reasons to fail.
+
+    :param beside: folder of an exam of the same system, whose pedestrians are set beside the tests; None: none.
+    :param fail_below: points that are enough.
+    :raises InvalidInput: `folder` holds something else, or `beside` is no exam that is over.
+    :raises VpsciError: a node has failed.
+    """
+    exam.engine.require_own("the tests hold the speed by our kinematics")
+    people = {} if beside is None else read_json(beside / "report.json")
+    if beside is not None:
+        require_form(people, {"drivers": dict, "exam": {"ads": str}}, f"--exam {beside}: no exam that is over")
+    take_folder(folder, identity_of(exam), IDENTITY)
+    report = conduct_protocol(exam, folder, workers=workers, quiet=quiet)
+    report["ads"] = exam.config.examined
+    report["beside"] = beside_people(report, people.get("drivers", {}))
+    points = report["drivers"][ADS]["points"]
+    failures = [report["failure"]] if report["failure"] else []
+    failures += [f"{points:.2f} points, fewer than {fail_below:g}"] if points < fail_below else []
+    report["failures"] = failures
+    write_text(folder / "report.json", json.dumps(report, indent=2, allow_nan=False) + "\n")
+    page = folder / "report.html"
+    title = f"Euro NCAP's tests: {exam.config.examined}"
+    names = {ADS: "the ADS", BASELINE: "the rule-based autopilot"}
+    titles = {row["pedestrian"]: title_of(row["pedestrian"]) for row in report["beside"]}
+    html.write_page(page, _TEMPLATE, title=title, protocol=report, names=names, titles=titles)
+    for driver, rated in report["drivers"].items():
+        print(f"{names[driver]}: {rated['points']:.2f} of {rated['of']:.1f} points")
+    for reason in failures:
+        print(f"FAILED  {reason}")
+    print(f"report: {page}")
+    return failures
+
+
+def conduct_protocol(exam: Exam, folder: Path, *, workers: int, quiet: bool) -> dict[str, Any]:
+    """Have the system and the autopilot's brake drive the protocol's tests in `folder`; return it for the report.
+
+    :raises VpsciError: a node has failed.
+    """
+    tests = protocol_exam(exam, folder / "scenarios")
+    found = {ADS: run_with_all(tests, folder, [EURO_NCAP], workers=workers, quiet=quiet, what="protocol: ")[EURO_NCAP]}
+    if exam.config.baseline:
+        found[BASELINE] = _autopilot(tests, folder)
+    tables = [episode_table(run, [], exam.config, driver=name, pedestrian=EURO_NCAP) for name, run in found.items()]
+    view = ""
+    if found[ADS].episodes:
+        view = "view.html"
+        drivers = {name: partial(_episodes, run) for name, run in found.items()}
+        sources = exam_sources(pl.concat(tables), drivers, LIMIT)
+        write_view(folder / view, sources, f"{euro_ncap.VERSION}: {exam.config.examined}")
+    return {
+        "version": euro_ncap.VERSION,
+        "view": view,
+        "failure": found[ADS].conduct.failure,
+        "hidden": exam.perception is not None and exam.perception.least_visible > 0.0,
+        "left_out": list(euro_ncap.LEFT_OUT),
+        "drivers": {name: euro_ncap.rated(_speeds(run.episodes)) for name, run in found.items()},
+    }
+
+
+def _episodes(run: RunResult, _: str) -> Sequence[Episode]:
+    return run.episodes
+
+
+def _speeds(episodes: Sequence[Episode]) -> dict[int, float]:
+    """Return the scenario's number -> impact speed [km/h]."""
+    return {episode.key[0]: round(euro_ncap.impact_speed(episode), 3) for episode in episodes}
+
+
+def _autopilot(exam: Exam, folder: Path) -> RunResult:
+    """Return what the autopilot's braking rule comes to, in the same tests."""
+    loop = loop_with(exam, EURO_NCAP, "external", exam.episodes, len(exam.episodes))
+    brake = partial(AutopilotBrake, exam.world.proximity_distance)
+    cockpit = Cockpit(brake, exam.scenarios, len(exam.episodes))
+    steps = InProcess(loop, cockpit.answers, None, folder / "autopilot.log").ticks(lambda _: None)
+    ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
+    found, sight = episodes_of(ticks, exam.world.tick, exam.scenarios, Watcher(exam.scenarios), BASELINE)
+    return RunResult(found, Conduct(len(exam.episodes)), sight=sight)
+
+
+def beside_people(protocol: Mapping[str, Any], scores: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return, for each driver, what the protocol says of it beside how often it hits each pedestrian of the exam.
+
+    :param scores: driver -> pedestrian -> measures.
+    """
+    rows = []
+    each = [(driver, name) for driver in protocol["drivers"] for name in scores.get(driver, {})]
+    for driver, pedestrian in each:
+        rated, rate = protocol["drivers"][driver], scores[driver][pedestrian]["moving_collision_rate"]
+        if rate["value"] is None:
+            continue
+        hits = rate["value"] > 0.0
+        said = {
+            (True, True): "passes the protocol and fails with people",
+            (True, False): "passes the protocol, and hits nobody here",
+            (False, True): "fails both",
+            (False, False): "fails the protocol, and hits nobody here",
+        }[rated["passed"], hits]
+        rows.append({"driver": driver, "pedestrian": pedestrian, "points": rated["points"], "of": rated["of"],
+                     "passed": rated["passed"], "moving_collision_rate": rate, "says": said})  # fmt: skip
+    return rows
