@@ -8,7 +8,8 @@ PYTEST_ARGS ?=
 # Whether `make test` ends with test-engines, whose install and searches take minutes: ENGINES=yes.
 ENGINES ?=
 ENGINE_TESTS := $(addprefix test/,cosim/test_engines.py examples/test_motion_planner.py extras/carla \
-	extras/formats/test_carla_map.py extras/paper extending/test_network.py test_site.py)
+	extras/formats/test_carla_map.py extras/paper extras/exam_extra/test_euro_ncap.py \
+	extending/test_network.py test_site.py)
 # CommonRoad's packages need another protobuf than osi's, so their tests run apart (tools/commonroad.txt).
 COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(BIN)/python -m pytest -q -rs -k commonroad test/extras/formats/test_commonroad.py test/cosim/test_engines.py
 # Recordings (vci_dut/, vci_citr/) for the demo to learn from besides the right turns that the package holds.
