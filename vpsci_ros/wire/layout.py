@@ -64,6 +64,7 @@ _TRANSITION = _shapes("Transition", TRANSITION)
 _AFTER = {name: _TRANSITION.pop(name) for name in tuple(_TRANSITION) if name.startswith("next_")}
 """Fields that only the last step of a history has: the others find them in the next transition."""
 _DTYPES = {code: np.dtype(code) for code in "BIQfd"}
+NUMBERS = ("kind", "pedestrian", "pedestrians")  # which WorldStates of before November 2026 lack
 _VERSIONS = ("vehicle_policy_version", "pedestrian_policy_version")
 
 

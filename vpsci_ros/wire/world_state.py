@@ -17,7 +17,7 @@ from vpsci_ros.wire import layout
 from vpsci_ros.wire.header import WireHeader, read_start, write_start
 from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.world.compiled import kernel
-from vpsci_ros.world.state import ENDED, EPISODE
+from vpsci_ros.world.state import ENDED, EPISODE, IDLE
 from vpsci_ros.world.tick import Tick
 
 _REST = struct.Struct("<dI")  # dt, length of the first sequence
@@ -52,6 +52,8 @@ def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> S
     :param definition: of the type, where the bytes are of a bag, which holds it; empty: this package's.
     :raises InvalidInput: the bytes are not as ROS writes them or of another version, the sequences differ in length or
         are empty, an unknown status, or a number that is not finite or beyond `FARTHEST`.
+
+    A bag of before November 2026, whose states do not say which pedestrian is which, is read where episodes have one.
     """
     fields = _fields(definition or layout.own_definition("WorldState"), where)
     header, number, at = read_start(data, where)
@@ -72,6 +74,8 @@ def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> S
             "; are two graphs in one domain, or is the bag damaged?"
         )
     records = state.view(EPISODE)
+    if not set(layout.NUMBERS) <= set(fields.names):
+        _number_one(records, where)
     if not _in_range(records):  # at every tick, so one compiled look at all; this one finds out what is wrong
         _require_range(records, where)
     return SerializedState(header, Tick(number, records, frame), period)
@@ -105,7 +109,7 @@ def _fields(definition: str, where: str) -> _Fields:
     """
     wanted, given = layout.sequences(layout.own_definition("WorldState")), layout.sequences(definition)
     odd = sorted(given.items() ^ wanted.items())
-    if odd:
+    if dict(odd).keys() not in (set(), set(layout.NUMBERS)):
         raise InvalidInput(
             f"{where}: a WorldState of another version, which differs in {', '.join(dict(odd))}; read it with the "
             "version of vpsci_ros that wrote it"
@@ -113,6 +117,22 @@ def _fields(definition: str, where: str) -> _Fields:
     offsets = {name: int(field[1]) for name, field in dict(EPISODE.fields or {}).items()}
     sizes = np.array([np.dtype(kind).itemsize for kind in given.values()])
     return _Fields(tuple(given), sizes, np.array([offsets.get(name, _FRAME) for name in given]))
+
+
+def _number_one(state: NDArray[np.void], where: str) -> None:
+    """Set the number of pedestrians, EPISODE[B], where every episode has one.
+
+    :raises InvalidInput: two slots in a row are of one episode.
+    """
+    here = state["status"] != IDLE
+    again = here[1:] & here[:-1]
+    for name in ("scenario", "episode"):
+        again &= state[name][1:] == state[name][:-1]
+    if again.any():
+        raise InvalidInput(
+            f"{where}: a WorldState of before November 2026, which does not say which pedestrian is which; record again"
+        )
+    state["pedestrians"] = here
 
 
 def _require_range(state: NDArray[np.void], where: str) -> None:
