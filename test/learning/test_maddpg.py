@@ -7,7 +7,7 @@ import torch
 from vpsci_ros.data.interactions import from_table
 from vpsci_ros.learning.config import UpdatesConfig
 from vpsci_ros.learning.maddpg import UNIT, Maddpg, Scored
-from vpsci_ros.learning.replay import History, collate, recorded_histories
+from vpsci_ros.learning.replay import Batch, History, collate, draw_recorded, recorded_histories
 from vpsci_ros.world.observation import AGENTS
 
 
@@ -110,6 +110,21 @@ def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equatio
     for (name, agent), gradients in expected.items():
         for parameter, gradient in zip(getattr(made, name)[agent].parameters(), gradients, strict=True):
             torch.testing.assert_close(parameter.grad, gradient, atol=1e-5, rtol=1e-3)
+
+
+def test_recorded_steps_alone_teach_what_their_whole_windows_teach(networks, near_misses, monkeypatch):
+    """Gradients of networks that encode the last step alone, and of such that encode every step of the window."""
+    batch = draw_recorded(from_table(near_misses), 6, np.random.default_rng(5))
+    config, learned = UpdatesConfig(0.0, 0.0), []
+    for step in (Batch.step, None):
+        monkeypatch.setattr(Batch, "step", step)
+        maddpg = Maddpg(networks(gain=20.0), config)
+        result = maddpg.update(batch, scored(batch, -50.0), maddpg.act(batch))
+        learned.append((result, {n: p.grad for n, p in maddpg.networks.named_parameters() if p.requires_grad}))
+    (alone, gradients), (whole, plain) = learned
+    np.testing.assert_allclose(alone.error, whole.error, atol=1e-4)
+    assert max(float(gradient.abs().max()) for gradient in plain.values()) > 1e-2
+    torch.testing.assert_close(gradients, plain, atol=1e-6, rtol=1e-3)
 
 
 @pytest.mark.parametrize("again", [True, False])

@@ -34,9 +34,9 @@ class Critic(nn.Module):
         last.weight.mul_(factor)
         last.bias.mul_(factor)
 
-    def encode(self, observation: Tensor, action_before: Tensor, curvttc: Tensor) -> Tensor:
-        """Return the state branch, float32[B, T, 16], of histories as in `SSTEncoder.forward`."""
-        return torch.relu(self.state(self.encoder(observation, action_before, curvttc)))
+    def encode(self, observation: Tensor, action_before: Tensor, curvttc: Tensor, step: Tensor | None = None) -> Tensor:
+        """Return the state branch, float32[B, T or 1, 16], of histories and steps as in `SSTEncoder.forward`."""
+        return torch.relu(self.state(self.encoder(observation, action_before, curvttc, step)))
 
     def value(self, encoded: Tensor, own_action: Tensor, other_action: Tensor) -> Tensor:
         """Return Q, float32[...], of encoded histories [..., 16] and the joint action [..., 2] each, m/s2."""

@@ -76,12 +76,13 @@ class Maddpg:
         self.actor_optimiser = torch.optim.Adam(networks.actor.parameters(), config.actor_learning_rate)
 
     def act(self, batch: Batch, gradient: bool = True) -> Tensors:
-        """Return mu(H(t)), float32[M, T, 2], of both agents."""
+        """Return mu(H(t)), float32[M, T, 2], of both agents; of recorded steps the last one's action at every t."""
         actions = {}
         with torch.set_grad_enabled(gradient):
             for agent in AGENTS:
                 seen, before = batch.observation[agent][:, :-1], previous(batch.action[agent])
-                actions[agent] = self.networks.actor[agent](seen, before, batch.curvttc[:, :-1])
+                action = self.networks.actor[agent](seen, before, batch.curvttc[:, :-1], batch.step)
+                actions[agent] = action.expand(-1, batch.present.shape[1], -1)
         return actions
 
     def update(self, batch: Batch, scored: Scored, actions: Tensors | None) -> UpdateResult:
@@ -93,7 +94,8 @@ class Maddpg:
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
             critic = self.networks.critic[agent]
             before = previous(batch.action[agent])
-            encoded[agent] = critic.encode(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])
+            state = critic.encode(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1], batch.step)
+            encoded[agent] = state.expand(-1, batch.present.shape[1], -1)
             value = critic.value(encoded[agent], scored.action[agent], self._others(scored.action[other]))
             delta = (targets[agent] - value) * batch.present
             omega = importance(delta.detach() * UNIT, batch.present, self.config.importance_temperature)
@@ -124,15 +126,17 @@ class Maddpg:
         """
         networks, batch, following = self.networks, scored.batch, {}
         before = {a: torch.cat([torch.zeros_like(x[:, :1]), x], dim=1) for a, x in batch.action.items()}
+        at = None if batch.step is None else batch.step + 1
         for agent in AGENTS:
             actor = networks.target_actor[agent]
-            following[agent] = actor(batch.observation[agent], before[agent], batch.curvttc)
+            following[agent] = actor(batch.observation[agent], before[agent], batch.curvttc, at)
         rows, targets = torch.arange(len(batch.length)), {}
         goes_on = ~batch.terminal & batch.present[rows, batch.length - 1]
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
             critic = networks.target_critic[agent]
-            encoded = critic.encode(batch.observation[agent], before[agent], batch.curvttc)
+            encoded = critic.encode(batch.observation[agent], before[agent], batch.curvttc, at)
             value = critic.value(encoded, following[agent], self._others(following[other]))
+            value = value.expand(-1, batch.present.shape[1] + 1)
             last, reward = value[rows, batch.length] * goes_on, scored.reward[agent] / UNIT
             found, after = torch.zeros_like(reward), last
             for step in range(reward.shape[1] - 1, -1, -1):

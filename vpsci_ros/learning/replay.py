@@ -70,6 +70,11 @@ class Batch:
     length: Tensor
     scene: Scene | None = None
 
+    @property
+    def step(self) -> Tensor | None:
+        """The one step of each row that is learned from, int64[M], where steps are recorded; None: all of a history."""
+        return None if self.scene is None else self.length - 1
+
 
 def collate(histories: Sequence[History]) -> Batch:
     """Pad histories to the longest of them."""

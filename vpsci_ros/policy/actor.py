@@ -32,9 +32,14 @@ class Actor(nn.Module):
         nn.init.uniform_(last.weight, -OUTPUT_INIT, OUTPUT_INIT)
         nn.init.zeros_(last.bias)
 
-    def forward(self, observation: Tensor, action_before: Tensor, curvttc: Tensor) -> Tensor:
-        """Return float32[B, T, 2]: the action at every step of histories as in `SSTEncoder.forward`, clipped."""
-        out: Tensor = self.head(self.encoder(observation, action_before, curvttc))
+    def forward(
+        self, observation: Tensor, action_before: Tensor, curvttc: Tensor, step: Tensor | None = None
+    ) -> Tensor:
+        """Return float32[B, T, 2]: the action at every step of histories as in `SSTEncoder.forward`, clipped.
+
+        With `step` float32[B, 1, 2]: the action at that step alone.
+        """
+        out: Tensor = self.head(self.encoder(observation, action_before, curvttc, step))
         return out.clamp(-self.limit, self.limit)
 
 

@@ -18,11 +18,10 @@ State and attention's memory run through the whole history: one more step costs 
 
 import math
 from itertools import pairwise
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.safety import CRITICAL_TTC
@@ -52,6 +51,10 @@ class EncoderLayer(nn.Module):
         """
         raise NotImplementedError
 
+    def at(self, x: Tensor, risks: Tensor, step: Tensor) -> Tensor:
+        """Return entry `step`, int64[B], of what `forward` returns, float32[B, 1, hidden]."""
+        return entry(self.forward(x, risks), step)
+
 
 class SSTLayer(EncoderLayer):
     """One state-space Transformer layer; see the module's docstring."""
@@ -78,27 +81,38 @@ class SSTLayer(EncoderLayer):
 
     def forward(self, x: Tensor, risks: Tensor) -> Tensor:
         """See `EncoderLayer.forward`."""
+        h = self._states(x)
+        return self._output(x, h, h, risks, torch.arange(x.shape[1])[None])
+
+    def at(self, x: Tensor, risks: Tensor, step: Tensor) -> Tensor:
+        """See `EncoderLayer.at`; of the steps before, states and keys alone are computed."""
+        h = self._states(x)
+        return self._output(entry(x, step), entry(h, step), h, risks, step[:, None])
+
+    def _states(self, x: Tensor) -> Tensor:
+        """Return h of (3), float32[B, T, hidden]."""
         a = self.decay()
-        h = recurrence(self.input(x) * torch.sqrt(1.0 - a * a), a)
-        context = self._attend(self.query(h), self.key(h), h, risks)
+        return recurrence(self.input(x) * torch.sqrt(1.0 - a * a), a)
+
+    def _output(self, x: Tensor, h: Tensor, states: Tensor, risks: Tensor, steps: Tensor) -> Tensor:
+        """Return the layer's output at Q steps, float32[B, Q, hidden].
+
+        :param x, h: input and state at these steps, float32[B, Q, hidden].
+        :param states, risks: of all steps, float32[B, T, hidden] and float32[B, T].
+        :param steps: int64[B or 1, Q].
+        """
+        context = self._attend(self.query(h), self.key(states), states, risks, steps)
         out: Tensor = self.norm(x + self.readout(h) + self.skip * x + self.attended(context))
         return out
 
-    def _attend(self, queries: Tensor, keys: Tensor, values: Tensor, risks: Tensor) -> Tensor:
-        """Return each step's mix of the values of the last `window` steps, float32[B, T, hidden].
-
-        One age after the other: a matrix of all steps by all steps is mostly steps too old to be attended to.
-        """
-        before, steps = self.window - 1, queries.shape[1]
-        keys, values = (
-            functional.pad(part, (0, 0, before, 0)).unflatten(2, (self.heads, -1)) for part in (keys, values)
-        )
-        gates = functional.pad(self.risk_gain * risks[..., None], (0, 0, before, 0), value=ABSENT)
-        queries = queries.unflatten(2, (self.heads, -1)) / math.sqrt(keys.shape[-1])
-        ages = [slice(first, first + steps) for first in range(self.window)]
-        logits = [(queries * keys[:, age]).sum(dim=3) + gates[:, age] for age in ages]
-        shares = torch.softmax(torch.stack(logits), dim=0)[..., None]
-        return sum((s * values[:, age] for s, age in zip(shares, ages, strict=True)), torch.zeros(())).flatten(2)
+    def _attend(self, queries: Tensor, keys: Tensor, values: Tensor, risks: Tensor, steps: Tensor) -> Tensor:
+        """Return each query's mix of the values of the last `window` steps, float32[B, Q, hidden]."""
+        q, k, v = (part.unflatten(2, (self.heads, -1)).transpose(1, 2) for part in (queries, keys, values))
+        age = steps[:, None, :, None] - torch.arange(keys.shape[1])
+        gates = (self.risk_gain[:, None] * risks[:, None])[:, :, None]
+        logits = (q / math.sqrt(q.shape[-1])) @ k.transpose(2, 3) + gates
+        shares = torch.softmax(logits.masked_fill((age < 0) | (age >= self.window), ABSENT), dim=3)
+        return (shares @ v).transpose(1, 2).flatten(2)
 
 
 class SSTEncoder(nn.Module):
@@ -132,19 +146,28 @@ class SSTEncoder(nn.Module):
         x: Tensor = self.observation(scaled.clamp(-NORMALISED_LIMIT, NORMALISED_LIMIT)) + self.action(action_before)
         return x if self.risk is None else x + self.risk(risks[..., None])
 
-    def forward(self, observation: Tensor, action_before: Tensor, curvttc: Tensor) -> Tensor:
+    def forward(
+        self, observation: Tensor, action_before: Tensor, curvttc: Tensor, step: Tensor | None = None
+    ) -> Tensor:
         """Encode whole histories.
 
         :param observation: float32[B, T, 6], equation (6) or (7).
         :param action_before: float32[B, T, 2], the agent's executed action of step t - 1 [m/s2]; zero at t = 0.
         :param curvttc: float32[B, T] [s].
-        :returns: float32[B, T, hidden]; entry t knows steps 0 to t only.
+        :param step: int64[B], the one entry wanted of each history; None: all.
+        :returns: float32[B, T, hidden], with `step` float32[B, 1, hidden]; entry t knows steps 0 to t only.
         """
         risks = risk(curvttc)
         x = self.embed(observation, action_before, risks)
-        for layer in self.layers:
+        *before, last = cast(list[EncoderLayer], list(self.layers))
+        for layer in before:
             x = layer(x, risks)
-        return x
+        return last(x, risks) if step is None else last.at(x, risks, step)
+
+
+def entry(values: Tensor, step: Tensor) -> Tensor:
+    """Return entry `step`, int64[B], of each row of values [B, T, n], [B, 1, n]."""
+    return values[torch.arange(len(values)), step][:, None]
 
 
 def recurrence(driven: Tensor, decay: Tensor) -> Tensor:
