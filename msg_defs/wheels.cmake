@@ -15,3 +15,8 @@ foreach(target IN LISTS imported_targets)
     set_target_properties(${target} PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "${existing}")
   endif()
 endforeach()
+
+# The C++ half, which Python does not use: tools/build_messages.sh leaves it out, colcon builds it.
+if(PYTHON_ONLY)
+  list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "cpp:")
+endif()

@@ -1,5 +1,6 @@
 """The demonstration: near misses in; two small stages of learning and one of generating by nodes; out a page."""
 
+import os
 import shutil
 import statistics
 import sys
@@ -108,11 +109,12 @@ def run_demo(folder: Path, data: Path | None, *, force: bool = False) -> None:
     console.print(_beside(people, trained))
     console.print("Both drove the same episodes. A minute of learning is too short; reactions of people need none.")
     write_view(folder / PAGE, sources, "vpsci demo")
-    vpsci = "vpsci" if shutil.which("vpsci") else str(Path(sys.executable).parent / "vpsci")
+    python = min(sys.executable, os.path.relpath(sys.executable), key=len)
+    vpsci = "vpsci" if shutil.which("vpsci") else str(Path(python).parent / "vpsci")
     example = "--ads-class vpsci_ros.nodes.example_driver:ExampleDriver"
     console.print(
         f"\ndone in {time.monotonic() - begun:.0f} s; bags, tables and weights are in {escape(str(folder))}\n\n"
-        f"[bold]watch it[/]    {sys.executable} -m webbrowser {(folder / PAGE).resolve().as_uri()}\n\n"
+        f"[bold]watch it[/]    {python} -m webbrowser {(folder / PAGE).resolve().as_uri()}\n\n"
         "[bold]go on[/]\n"
         f"  {vpsci} generate -o out/dataset --episodes 100    # a dataset\n"
         f"  {vpsci} ads-test -o out/exam --episodes 5 {example}    # an exam\n"
@@ -140,12 +142,14 @@ def _figure(figures: dict[str, Any], name: str, unit: str = "") -> str:
 def _stage(folder: Path, stage: int, changes: dict[str, dict[str, Any]]) -> tuple[dict[str, Any], str, Sections]:
     """Run a stage through its nodes; return the learner's figures, the weights it left, and the parameters.
 
+    The nodes share a process, since a start of six takes longer on two cores than what they do here.
+
     :raises VpsciError: the stage failed.
     """
     from vpsci_ros.nodes.graph import run_graph
 
     name = list(SMALL)[stage - 1]
-    sections = load(params_dir() / name).changed("graph", {"progress_timeout": 20 * PATIENCE})
+    sections = load(params_dir() / name).changed("graph", {"composed": True, "progress_timeout": 20 * PATIENCE})
     for node, values in (*SMALL[name].items(), *changes.items()):
         sections = sections.changed(node, values)
     result = run_graph(sections, folder / f"stage{stage}")

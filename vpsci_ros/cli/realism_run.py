@@ -36,8 +36,6 @@ def run_realism(
     held_out: bool,
     clean: bool,
     seed: int,
-    episodes: int,
-    json_path: Path | None,
     output: Path | None,
     quiet: bool,
 ) -> None:
@@ -60,7 +58,6 @@ def run_realism(
         "clean": clean,
         "held_out": held_out,
         "seed": seed,
-        "episodes": episodes,
         "models": list(simulators),
         "data": str(data),
         "library": str(library or ""),
@@ -77,7 +74,6 @@ def run_realism(
             simulators,
             clean=clean,
             seed=seed,
-            episodes=episodes,
             library=read_near_misses(library or near_misses_path(data)),
             dataset=made,
             parts=output,
@@ -92,12 +88,9 @@ def run_realism(
         }
         if output is not None:
             write_json(output / RESULT, result)
-    if json_path is not None:
-        write_json(json_path, result)
     print_realism(result, Console(width=None if sys.stdout.isatty() else 130))
-    for path in (json_path, output):
-        if path is not None:
-            print(f"written: {path}")
+    if output is not None:
+        print(f"written: {output}")
 
 
 def _kept_out(table: pl.DataFrame, policies: Sequence[Policy], data: Path) -> pl.DataFrame:

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import binomtest
 
 LEVEL = 0.95
 RESAMPLES = 2000
@@ -47,6 +46,8 @@ def wilson_interval(hits: int, n: int, level: float = LEVEL) -> tuple[float, flo
     """
     if n == 0:
         return 0.0, 1.0
+    from scipy.stats import binomtest  # takes seconds to import, and the nodes do without
+
     bounds = binomtest(hits, n).proportion_ci(level, method="wilson")
     return float(bounds.low), float(bounds.high)
 
@@ -72,6 +73,8 @@ def mcnemar(only_first: int, only_second: int) -> float:
 
     See McNemar, "Note on the sampling error of the difference between correlated proportions" (Psychometrika 12, 1947).
     """
+    from scipy.stats import binomtest
+
     n = only_first + only_second
     return float(binomtest(only_first, n).pvalue) if n else 1.0
 
