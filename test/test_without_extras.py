@@ -41,7 +41,7 @@ WORKS = [
      "--set", "ads_test.pedestrians=[walker]", *SHORT],
     ["view", "data", "-o", "page.html"],
     ["graph", "--params", "stage3_generate", "-o", "graph", "--set", "world_simulator.episodes=1", *SHORT[2:],
-     "--set", "world_simulator.batch=1"],
+     "--set", "world_simulator.batch=1", "--set", "graph.composed=true"],
     ["bag", "verify", "graph/bag"],
 ]  # fmt: skip
 NEED_LEARN = [
@@ -61,7 +61,8 @@ def python(tmp_path_factory) -> Path:
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", prefix], check=True, timeout=60)
     here, packages = Path(sys.prefix), Path(sysconfig.get_path("purelib"))
     there = prefix / packages.relative_to(here)
-    names = {canonicalize_name(name) for module in ABSENT for name in packages_distributions().get(module, ())}
+    brought = packages_distributions()
+    names = {canonicalize_name(name) for module in ABSENT for name in brought.get(module, ())}
     for path in packages.iterdir():
         distribution = canonicalize_name(path.name.split("-")[0]) if path.suffix == ".dist-info" else ""
         if path.name not in ABSENT and distribution not in names:

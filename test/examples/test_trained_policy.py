@@ -1,6 +1,5 @@
 """A policy of Stable-Baselines3 drives through the node as it does in the environment, and sits the exam."""
 
-import json
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -16,8 +15,9 @@ pytest.importorskip("gymnasium", reason="needs gymnasium (extra: rl)")
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.envs.right_turn import RightTurnEnv
+from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.run import run_exam
+from vpsci_ros.exam.report import Conduct
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.resources import params_dir
 from vpsci_ros.world import WorldConfig
@@ -73,13 +73,13 @@ def test_the_node_does_what_the_policy_does_in_the_environment(
     assert {who > 0 for _, who in most_critical} == {False, True}, "not always the same pedestrian"
 
 
-def test_it_sits_the_exam_and_answers_every_tick(weights: Path, tmp_path: Path) -> None:
+def test_it_sits_the_exam_and_drives_every_episode(weights: Path, tmp_path: Path) -> None:
     exam = {"pedestrians": ["walker"], "baseline": False}
     world = {"scenarios": [101], "episodes": 2, "episode_time": 4.0, "action_timeout": 30.0}
     chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", exam)
     with own_domain():
-        run_exam(prepare(chosen, f"{sys.executable} {PROGRAM} drive {weights}"), tmp_path / "exam", quiet=True)
-    report = json.loads((tmp_path / "exam" / "report.json").read_text())
-    assert report["conduct"]["walker"]["episodes_driven"] == 2
-    assert report["conduct"]["walker"]["commands_refused"] == 0
-    assert report["drivers"]["ads"]["walker"]["episodes"] == 2
+        prepared = prepare(chosen, f"{sys.executable} {PROGRAM} drive {weights}")
+        found = run_with(prepared, "walker", tmp_path, "", quiet=True)
+    assert [episode.name for episode in found.episodes] == ["101:0", "101:1"]
+    assert found.conduct == Conduct(wanted=2)
+    assert found.unanswered == {}

@@ -6,15 +6,18 @@ from pathlib import Path
 import polars as pl
 import pytest
 import yaml
-from extending.page import files_of, run_graph_with
+from composed import composed
+from extending.page import files_of
 from typer.testing import CliRunner
 
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.cli.main import app
+from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.record import record_episodes
 from vpsci_ros.nodes.domain import own_domain
+from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.resources import params_dir
 from vpsci_ros.view.pack import packed
 from vpsci_ros.view.sources import read_source
@@ -44,10 +47,9 @@ PICKED = {
 NUMBERS = [41, 42]
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A dataset and a run of the page's file, and of a route of a map; the files are gone."""
-    folder, files = tmp_path_factory.mktemp("made"), tmp_path_factory.mktemp("files")
+def make(folder: Path, files: Path) -> None:
+    """Make a dataset and a run of the page's file, and of a route of a map; the files are gone then."""
+    files.mkdir()
     (files / "straight.xodr").write_text(STRAIGHT, encoding="utf-8")
     (files / "picked.yaml").write_text(yaml.safe_dump(PICKED), encoding="utf-8")
     (files / "midblock.yaml").write_text(MIDBLOCK, encoding="utf-8")
@@ -57,35 +59,30 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words += [word for setting in settings for word in ("--set", setting)]
     done = CliRunner().invoke(app, ["generate", *words, "-o", str(folder / "set")])
     assert done.exit_code == 0, done.output
-    with own_domain():
-        run_graph_with(settings, folder / "run")
+    chosen = [*settings, "world_simulator.episodes=2", "world_simulator.action_timeout=60.0"]
+    with own_domain(), composed(resolve(load(params_dir() / "stage3_generate.yaml", chosen), folder / "run")):
+        pass
     shutil.rmtree(files)
-    return folder
 
 
-def test_a_dataset_of_them_is_verified_and_recorded_without_the_files(made: Path, tmp_path: Path) -> None:
-    data = Dataset(made / "set")
+def test_what_they_leave_is_verified_recorded_and_drawn_without_the_files(tmp_path: Path) -> None:
+    make(tmp_path, tmp_path / "files")
+    data = Dataset(tmp_path / "set")
     assert {"midblock", "picked"} == set(data.scenarios)
-    checked = CliRunner().invoke(app, ["dataset", "verify", str(made / "set"), "--workers", "1"])
+    checked = CliRunner().invoke(app, ["dataset", "verify", str(tmp_path / "set"), "--workers", "1"])
     assert checked.exit_code == 0, checked.output
     (number, *_) = data.index().filter(pl.col("scenario") == 41).get_column("count").to_list()
-    assert record_episodes(made / "set", [(41, number)], tmp_path / "bag") > 20
+    assert record_episodes(tmp_path / "set", [(41, number)], tmp_path / "bag") > 20
     assert verify_bag(tmp_path / "bag", weights="people").difference == ""
-
-
-def test_the_graph_of_nodes_runs_them_and_its_bag_is_verified_without_the_files(made: Path) -> None:
-    assert verify_bag(made / "run/bag").difference == ""
-
-
-@pytest.mark.parametrize("left", ["set", "run/bag"])
-def test_a_view_of_what_they_leave_draws_them_without_the_files(made: Path, left: str) -> None:
-    source = read_source(made / left)
-    groups = {each.episode.key[0]: each.episode.group for each in source.episodes}
-    assert sorted(groups) == NUMBERS
-    assert (groups[41], groups[42]) == ("midblock", "picked")
-    grounds = packed(source)["grounds"]
-    assert sorted(grounds) == NUMBERS
-    assert grounds[41]["lane"][0] == [0.0, 0.0]
+    assert verify_bag(tmp_path / "run" / "bag").difference == ""
+    for left in ("set", "run/bag"):
+        source = read_source(tmp_path / left)
+        groups = {each.episode.key[0]: each.episode.group for each in source.episodes}
+        assert sorted(groups) == NUMBERS
+        assert (groups[41], groups[42]) == ("midblock", "picked")
+        grounds = packed(source)["grounds"]
+        assert sorted(grounds) == NUMBERS
+        assert grounds[41]["lane"][0] == [0.0, 0.0]
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from seated import seated_here
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.resources import params_dir
@@ -110,15 +111,10 @@ def test_an_ads_that_dies_fails_the_exam_and_the_report_says_with_what(domain: i
 def test_what_a_flooding_ads_sends_wrongly_is_refused_and_counted_and_the_exam_goes_on(
     domain: int, tmp_path: Path, odd: str
 ) -> None:
-    failures = run_exam(
-        prepare(sections(), f"{odd} wrong flood"), tmp_path / "exam", ["commands_refused > 0 @walker"], quiet=True
-    )
-    report, _ = read(tmp_path / "exam")
-    for conduct in report["conduct"].values():
-        assert conduct["episodes_driven"] == 2
-        assert conduct["commands_refused"] >= 3 * 10
-        assert conduct["ticks_unanswered"] == 0
-    assert [text.split(":")[0] for text in failures] == ["commands_refused > 0 @walker"]
+    found = run_with(prepare(sections(), f"{odd} wrong flood"), "walker", tmp_path / "exam", "", quiet=True)
+    assert len(found.episodes) == 2
+    assert found.conduct.refused >= 3 * 10
+    assert (found.conduct.failure, found.unanswered) == ("", {})
 
 
 def test_bad_input_is_refused_before_anything_is_written(tmp_path: Path) -> None:

@@ -11,10 +11,8 @@ from nodes.stage import PATIENCE
 
 from vpsci_ros.runs.sections import Sections
 
-NODES = ["recorder", "vehicle_policy", "pedestrian_policy", "world_simulator", "safety_monitor"]
-
-
-WORLD = {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4}
+NODES = ["recorder", "vehicle_policy", "world_simulator", "safety_monitor"]
+WORLD = {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4, "pedestrian_driver": "autopilot"}
 
 
 def graph_of(weights: str, world: dict[str, Any] | None = None, **graph: Any) -> Sections:
@@ -24,7 +22,6 @@ def graph_of(weights: str, world: dict[str, Any] | None = None, **graph: Any) ->
             "graph": {"nodes": NODES, "progress_timeout": 240.0} | graph,
             "world_simulator": WORLD | {"action_timeout": PATIENCE} | (world or {}),
             "vehicle_policy": policy,
-            "pedestrian_policy": policy,
         }
     )
 

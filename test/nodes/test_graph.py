@@ -31,6 +31,7 @@ from vpsci_ros.world.observation import AGENTS
 
 GENERATE = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
 OnceItRecords = Callable[..., None]
+forked = pytest.mark.usefixtures("forked_nodes")  # for the rest of the module, so below those that start processes
 
 
 def sections(weights: str, **world: Any) -> Sections:
@@ -126,6 +127,30 @@ def once_it_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> OnceItRe
     return lambda act, size=20_000: threading.Thread(target=wait, args=(act, size), daemon=True).start()
 
 
+def test_stopping_on_request_completes_the_bag_where_interrupts_were_ignored(
+    domain: int, tmp_path: Path, weights: str, once_it_records: OnceItRecords
+) -> None:
+    sent: list[bool] = []
+    once_it_records(lambda _: sent.append(os.kill(os.getpid(), signal.SIGINT) is None))
+
+    def goes_on(*_: object) -> str:
+        """End a run that has gone on five times since, which may only happen where the request is lost."""
+        sent.extend(sent[:1])
+        return "goes on" if len(sent) > 5 else ""
+
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a background job of a shell inherits it
+    try:
+        chosen = fewest(sections(weights, episodes=100_000), "vehicle_policy")
+        result = run_graph(chosen, tmp_path / "run", quiet=True, stop_when=goes_on)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert result.error == "stopped on request"
+    assert set(result.exits.values()) == {0}
+    assert (result.bag / "metadata.yaml").exists()
+    assert len(recorded_ticks(result.bag)) > 5
+
+
+@forked
 @pytest.mark.parametrize("victim", ["world_simulator", "vehicle_policy", "recorder"])
 def test_killing_any_process_ends_the_run_with_its_name_and_a_bag_that_opens(
     domain: int, tmp_path: Path, weights: str, victim: str, once_it_records: OnceItRecords
@@ -141,28 +166,7 @@ def test_killing_any_process_ends_the_run_with_its_name_and_a_bag_that_opens(
     assert all("/world/state" in topics for tick, topics in ticks.items() if tick < max(ticks) - 1)
 
 
-def test_stopping_on_request_completes_the_bag_where_interrupts_were_ignored(
-    domain: int, tmp_path: Path, weights: str, once_it_records: OnceItRecords
-) -> None:
-    sent: list[bool] = []
-    once_it_records(lambda _: sent.append(os.kill(os.getpid(), signal.SIGINT) is None))
-
-    def goes_on(*_: object) -> str:
-        """End a run that has gone on five times since, which may only happen where the request is lost."""
-        sent.extend(sent[:1])
-        return "goes on" if len(sent) > 5 else ""
-
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a background job of a shell inherits it
-    try:
-        result = run_graph(sections(weights, episodes=100_000), tmp_path / "run", quiet=True, stop_when=goes_on)
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert result.error == "stopped on request"
-    assert set(result.exits.values()) == {0}
-    assert (result.bag / "metadata.yaml").exists()
-    assert len(recorded_ticks(result.bag)) > 5
-
-
+@forked
 @pytest.mark.parametrize(
     ("victim", "number", "missing"),
     [
@@ -189,6 +193,7 @@ def test_a_run_in_which_a_node_was_stopped_with_anything_missing_is_no_success(
     assert json.loads((tmp_path / "run" / "run.json").read_text())["error"] == result.error
 
 
+@forked
 def test_a_full_disk_under_the_recorder_ends_the_run_with_a_reason_and_a_record(
     domain: int, tmp_path: Path, weights: str, once_it_records: OnceItRecords, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -209,6 +214,7 @@ def test_a_full_disk_under_the_recorder_ends_the_run_with_a_reason_and_a_record(
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["bag", "log", "params.yaml", "run.json"]
 
 
+@forked
 def test_a_folder_that_is_replaced_by_a_link_ends_the_run_and_nothing_is_written_where_it_leads(
     domain: int, tmp_path: Path, weights: str, once_it_records: OnceItRecords
 ) -> None:

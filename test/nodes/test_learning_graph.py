@@ -13,7 +13,6 @@ from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import GraphResult, run_graph
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.runs.sections import Sections
@@ -32,27 +31,27 @@ SMALL_STAGE_2 = {
 }
 
 
-@pytest.fixture(scope="module")
-def near_misses(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
-    path = tmp_path_factory.mktemp("near_misses") / "near.parquet"
-    write_near_misses(synthetic_near_misses(8).table, path)
-    return [str(path)]
-
-
-@pytest.fixture(scope="module")
-def first(tmp_path_factory: pytest.TempPathFactory, near_misses: list[str]) -> GraphResult:
-    """A run of stage 1; not to be changed."""
+def stage_one(folder: Path, near_misses: list[str]) -> GraphResult:
+    """Run stage 1; its bag holds the learner's parameters and says why there is nothing to verify."""
     learner = SMALL_STAGE_1 | SMALL_NETWORK | {"near_misses": near_misses}
-    chosen = Sections({"graph": {"nodes": ["learner", "recorder"]}, "learner": learner})
-    with own_domain():
-        result = run_graph(chosen, tmp_path_factory.mktemp("stage1") / "run", quiet=True)
-    assert result.error == ""
-    return result
+    first = run_graph(Sections({"graph": {"nodes": ["learner", "recorder"]}, "learner": learner}), folder, quiet=True)
+    assert first.error == ""
+    parameters = bag_run(Bag(first.bag)).parameters["learner"]
+    assert (parameters["stage"], parameters["replay.batch_size"]) == ("pretrain", 16)
+    with pytest.raises(InvalidInput, match="of stage 1, in which a learner reads a table and nothing is simulated"):
+        verify_bag(first.bag)
+    said = (first.folder / "log" / "recorder.log").read_text()
+    assert "without the parameters" not in said
+    assert "waiting for" not in said.partition("found learner")[2]
+    return first
 
 
 def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph_runs(
-    domain: int, tmp_path: Path, first: GraphResult, near_misses: list[str]
+    domain: int, tmp_path: Path
 ) -> None:
+    write_near_misses(synthetic_near_misses(8).table, tmp_path / "near.parquet")
+    near_misses = [str(tmp_path / "near.parquet")]
+    first = stage_one(tmp_path / "stage1", near_misses)
     assert first.nodes["learner"].number("episode") == 2
     pretrained = first.folder / "learner" / "pretrained.safetensors"
     assert load_weights(pretrained).facts["stage"] == "pretrained"
@@ -99,15 +98,3 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     assert versions >= {1, 2}, "the policies never took up refreshed weights"
     assert numbers == list(range(len(numbers))), "transitions are numbered without gaps"
     assert 0 < learner["transitions"] <= len(numbers), "the learner ends a little behind the world"
-
-
-def test_the_bag_of_stage_one_holds_the_learners_parameters_and_says_why_there_is_nothing_to_verify(
-    first: GraphResult,
-) -> None:
-    parameters = bag_run(Bag(first.bag)).parameters["learner"]
-    assert (parameters["stage"], parameters["replay.batch_size"]) == ("pretrain", 16)
-    with pytest.raises(InvalidInput, match="of stage 1, in which a learner reads a table and nothing is simulated"):
-        verify_bag(first.bag)
-    said = (first.folder / "log" / "recorder.log").read_text()
-    assert "without the parameters" not in said
-    assert "waiting for" not in said.partition("found learner")[2]

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars as pl
 import pytest
 from nodes.stage import Stage, overrides, state_bytes
 from rclpy.context import Context
@@ -19,8 +18,11 @@ from vpsci_msgs.msg import WorldState
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import VpsciError
+from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import prepare
-from vpsci_ros.exam.run import run_exam
+from vpsci_ros.exam.measures import episode_table
+from vpsci_ros.exam.report import Conduct
+from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
@@ -131,32 +133,26 @@ def sections() -> Sections:
     return chosen.changed("perception", {"reach": 8.0, **ERRORS})
 
 
-@pytest.fixture(scope="module")
-def examined(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of an exam of the example, which prints what it receives, where perception lists nobody beyond 8 m."""
-    folder = tmp_path_factory.mktemp("perception")
-    script = folder / "listening.py"
+def test_the_exams_ads_receives_objects_and_never_the_truth_and_its_class_drives_the_same(tmp_path: Path) -> None:
+    """Of the example, which prints what it receives, where perception lists nobody beyond 8 m."""
+    script = tmp_path / "listening.py"
     script.write_text(LISTENING)
-    exam = prepare(
-        sections(),
-        f"{sys.executable} {script} --ros-args -p objects:=true -p objects_latency:={ERRORS['latency']}",
-    )
-    assert run_exam(exam, folder / "exam", ["ticks_unanswered > 0"], quiet=True) == []
-    return folder / "exam"
-
-
-def test_the_exams_ads_receives_objects_and_never_the_truth(examined: Path) -> None:
-    said = (examined / "logs" / "ads_walker.log").read_text().splitlines()
+    command = f"{sys.executable} {script} --ros-args -p objects:=true -p objects_latency:={ERRORS['latency']}"
+    with own_domain():
+        by_node = run_with(prepare(sections(), command), "walker", tmp_path, "", quiet=True)
+    assert by_node.conduct == Conduct(wanted=2)
+    assert by_node.unanswered == {}
+    said = (tmp_path / "logs" / "ads_walker.log").read_text().splitlines()
     assert "TRUTH" not in said
     assert said.count("objects") > 50
-    topics = Bag(examined / "runs" / "walker" / "bag").topics()
+    topics = Bag(tmp_path / "runs" / "walker" / "bag").topics()
     again = topics["/perception/objects"].messages - topics["/world/state"].messages
     assert 0 <= again < 25, "the first list may be published again, until the driving system has answered"
     assert topics["/pedestrian/odometry"].messages == 0
 
-
-def test_the_examples_class_perceives_the_same_and_drives_the_same(examined: Path, tmp_path: Path) -> None:
     exam = prepare(sections(), ads_class="vpsci_ros.nodes.example_driver:ExampleDriver")
     with seated_here():
-        assert run_exam(exam, tmp_path, quiet=True) == []
-    assert pl.read_parquet(tmp_path / "episodes.parquet").equals(pl.read_parquet(examined / "episodes.parquet"))
+        by_class = run_with(exam, "walker", tmp_path / "class", "", quiet=True)
+    assert len(by_class.episodes) == 2
+    tables = [episode_table(each, [], exam.config, driver="ads", pedestrian="walker") for each in (by_node, by_class)]
+    assert tables[0].equals(tables[1])
