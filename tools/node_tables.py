@@ -49,15 +49,17 @@ nodes have. "(running)": may be set while the node runs. What is not here is a c
 NOTES = """
 ## Names, time and diagnostics
 
-- **Namespaces.** With `-r __ns:=/left` all names move: `/left/world/state`, `/left/clock`. Give a node with
-  `use_sim_time` also `-r /clock:=clock`, since rclpy reads `/clock`. `/tf`, `/tf_static` and `/diagnostics` stay
-  global; their frames and nodes carry the namespace (`left/vehicle/base_link`). Graphs in two namespaces or two
-  values of `ROS_DOMAIN_ID` do not disturb each other.
+- **Namespaces.** With `-r __ns:=/left` all names move: `/left/world/state`, and `/left/clock` for the world's time.
+  The `/clock` that `use_sim_time` reads stays global in any namespace, so give such a node also `-r /clock:=clock`.
+  `/tf`, `/tf_static` and `/diagnostics` stay global; their frames and nodes carry the namespace
+  (`left/vehicle/base_link`). Graphs in two namespaces or two values of `ROS_DOMAIN_ID` do not disturb each other.
 - **Quality of service.** `qos_overrides./TOPIC.publisher.depth` (also `subscription`; `history`, `reliability`)
-  changes it.
+  changes it. `/tf` and `/markers` keep 1,000 messages for the recorder, which must get all of them; a viewer
+  subscribes with a depth of its own.
 - **Time.** Timers of this package run on the wall clock, so no node needs `use_sim_time`.
 - **Diagnostics.** Every node reports once a second of wall time: rates, lag, missing ticks, refused messages
-  (`vpsci_ros/world/counts.py`). These depend on the machine. Everything else in a bag depends on the parameters
+  (`vpsci_ros/world/counts.py`), stamped with simulated time as all messages of a bag. WARN: the node waits; ERROR: it
+  refuses messages. Reports depend on the machine. Everything else in a bag depends on the parameters
   alone, as long as no answer is missing and no learner or external driving system takes part.
 - **Composed.** `vpsci graph --composed` runs all nodes in one process, with the same topics and the same bag. Separate
   processes, the default, use several cores and have a log each.

@@ -12,24 +12,23 @@ import yaml
 from nodes.stage import PATIENCE
 from rosbags.highlevel import AnyReader
 
-from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.parameters import as_ros_parameters
 from vpsci_ros.runs.sections import Sections
 
 
 class ByHand:
-    """Processes of one graph; `sections` as `vpsci_ros.cli.parameter_file.load` returns them."""
+    """Processes of one graph, by a parameter file or by sections as `vpsci_ros.cli.parameter_file` reads them."""
 
-    def __init__(self, folder: Path, sections: Sections, namespace: str = "") -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, parameters: Sections | Path, namespace: str = "") -> None:
+        self.folder, self._namespace = folder, namespace
         folder.mkdir(parents=True, exist_ok=True)
-        resolved = resolve(sections, folder)
-        self.nodes = resolved.get(GraphConfig, "graph").nodes
-        self._parameters = folder / "params.yaml"
-        layout = as_ros_parameters(resolved.values, any_namespace=bool(namespace))
-        self._parameters.write_text(yaml.safe_dump(layout), encoding="utf-8")
-        self._namespace = namespace
+        if isinstance(parameters, Path):
+            self._parameters = parameters
+        else:
+            self._parameters = folder / "params.yaml"
+            layout = as_ros_parameters(resolve(parameters, folder).values, any_namespace=bool(namespace))
+            self._parameters.write_text(yaml.safe_dump(layout), encoding="utf-8")
         self.running: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, *nodes: str, extra: tuple[str, ...] = ()) -> None:
@@ -50,9 +49,9 @@ class ByHand:
         self.running[node].send_signal(signal.SIGKILL)
         self.running[node].wait(PATIENCE)
 
-    def finish(self) -> Path:
-        """Wait for the world's end, stop the others, the recorder last; return the bag."""
-        assert self.running["world_simulator"].wait(PATIENCE) == 0, self.log("world_simulator")
+    def finish(self, first: str = "world_simulator") -> Path:
+        """Wait for the end of `first`, stop the others, the recorder last; return the bag."""
+        assert self.running[first].wait(PATIENCE) == 0, self.log(first)
         for node in sorted(self.running, key=lambda name: name == "recorder"):
             if self.running[node].poll() is None:
                 self.running[node].send_signal(signal.SIGINT)

@@ -1,4 +1,4 @@
-"""Nodes started one by one: in any order, in namespaces, with simulated time."""
+"""Nodes started one by one: by each stage's file, in any order, in namespaces, with simulated time."""
 
 import re
 from collections.abc import Callable
@@ -8,7 +8,12 @@ from typing import Any
 import pytest
 from nodes.by_hand import ByHand, content
 from nodes.stage import PATIENCE
+from synthetic import synthetic_near_misses
 
+from vpsci_ros.bags.reader import Bag
+from vpsci_ros.data.near_misses import write_near_misses
+from vpsci_ros.parameters import read_parameter_file
+from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.sections import Sections
 
 NODES = ["recorder", "vehicle_policy", "world_simulator", "safety_monitor"]
@@ -49,3 +54,31 @@ def test_two_graphs_in_two_namespaces_do_not_see_each_other_and_follow_the_param
         assert (("/markers", 0) in held) == (batch == 1)
         ticks.append(len(states))
     assert ticks[0] != ticks[1]
+
+
+STAGES = {"stage1_pretrain": "learner", "stage2_online": "world_simulator", "stage3_generate": "world_simulator"}
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_nodes_started_by_hand_with_a_stages_file_reach_its_end(
+    domain: int, tmp_path: Path, weights: str, closed: Callable[[Any], Any], stage: str
+) -> None:
+    """As `ros2 run vpsci_ros NODE --ros-args --params-file FILE` starts them; `-p NODE:NAME:=VALUE` makes it small."""
+    file = params_dir() / f"{stage}.yaml"
+    near_misses = tmp_path / "near.parquet"
+    write_near_misses(synthetic_near_misses(8).table, near_misses)
+    learner = {"near_misses": [str(near_misses)], "output": str(tmp_path / "learned"), "replay.batch_size": 16}
+    learner |= {"episodes": 2} if stage == "stage1_pretrain" else {"weights": weights}
+    small = {
+        "recorder": {"bag": str(tmp_path / "bag")},
+        "world_simulator": {"scenarios": [1], "episodes": 2, "batch": 2},
+        "learner": learner,
+    }
+    graph = closed(ByHand(tmp_path, file))
+    for node in read_parameter_file(file)["graph"]["nodes"]:
+        chosen = small.get(node, {})
+        graph.start(node, extra=tuple(word for name in chosen for word in ("-p", f"{node}:{name}:={chosen[name]}")))
+    assert "/diagnostics" in Bag(graph.finish(STAGES[stage])).topics()
+    learned = {path.name for path in tmp_path.glob("learned/*.safetensors")}
+    wanted = {"stage1_pretrain": {"pretrained.safetensors"}, "stage2_online": {"refined.safetensors"}}
+    assert learned == wanted.get(stage, set())
