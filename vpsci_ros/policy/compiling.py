@@ -1,14 +1,16 @@
 """Compile what every episode runs before it is needed, in processes side by side, once for each state of the sources.
 
 numba compiles a kernel at its first call and keeps it on disk (`vpsci_ros.runs.kernel_cache`). Without this, every node
-and every worker of a new installation would compile the same kernels at the same time, each without a word. Whoever
-finds them compiled imports nothing for it.
+and every worker of a new installation would compile the same kernels at the same time, each without a word. A node
+that compiles hears a request to stop only when it is done, later than a graph waits for on a busy machine. Whoever
+finds the kernels compiled imports nothing for it.
 """
 
 import os
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 DONE = "compiled"  # a file of this name in the cache folder: all of it has been compiled
@@ -31,7 +33,7 @@ def _move() -> None:
     apply_filters(ended, FilterConfig())
 
 
-def _act() -> None:
+def _act(policy: str) -> None:
     import numpy as np
 
     from vpsci_ros.policy.agent import policies
@@ -45,11 +47,16 @@ def _act() -> None:
     yes = np.ones(1, np.bool_)
     tick = Tick(number=0, state=state, policy_frame=yes, by_policies=True)
     world = World(WorldConfig(), load_scenarios([1]), [], 1, 0, first_tick=1)
-    for agent in policies(load_policy("people"), world).values():
+    for agent in policies(load_policy(policy), world).values():
         agent.act(tick, tick.assessed(np.ones(1), np.ones(1), yes))
 
 
-PARTS: dict[str, Callable[[], None]] = {"spawn": _spawn, "move": _move, "act": _act}
+PARTS: dict[str, Callable[[], None]] = {
+    "spawn": _spawn,
+    "move": _move,
+    "people": partial(_act, "people"),
+    "network": partial(_act, "ma_sst_ddpg"),
+}
 
 
 def compile_kernels() -> None:
@@ -60,7 +67,7 @@ def compile_kernels() -> None:
     folder = Path(os.environ.get("NUMBA_CACHE_DIR", ""))
     if not folder.is_absolute() or (folder / DONE).exists():
         return
-    print("compiling for this machine, once: some 15 s on two cores", file=sys.stderr, flush=True)
+    print("compiling for this machine, once: some 20 s on two cores", file=sys.stderr, flush=True)
     command = [sys.executable, "-m", __name__]
     running = [subprocess.Popen([*command, part], stderr=subprocess.PIPE, text=True) for part in PARTS]
     errors = [process.communicate()[1] for process in running]
