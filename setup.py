@@ -90,8 +90,6 @@ EXTRAS = {
         "pettingzoo>=1.24,<2",
         "pillow>=10,<14",
     ],
-    # `vpsci realism`: the two-sample test by a classifier.
-    "realism": ["scikit-learn>=1.4,<2"],
     # The branches, vpsci_ros/extras/: each README.md says what it adds.
     # `vpsci ads-search`: the stand-in of the driving system.
     "exam_extra": ["scikit-learn>=1.4,<2", "threadpoolctl>=3.1,<4"],
@@ -155,6 +153,7 @@ BRANCHES = {
         "drive = vpsci_ros.extras.drive.commands:drive_app",
         "export = vpsci_ros.extras.formats.commands:export_app",
         "published = vpsci_ros.extras.paper.commands:published_app",
+        "realism = vpsci_ros.extras.paper.realism.commands:realism_app",
         "report = vpsci_ros.extras.paper.section_4.commands:report_app",
         "safety = vpsci_ros.extras.paper.section_4.commands:safety_app",
         "study = vpsci_ros.extras.paper.commands:study_app",

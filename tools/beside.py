@@ -16,7 +16,7 @@ from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import RECORDED, Episode, Listed
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.realism.free import as_near_misses
+from vpsci_ros.extras.paper.realism.free import as_near_misses
 from vpsci_ros.report.canvas import blank_figure, save_png
 from vpsci_ros.report.trajectories import draw_episode, draw_speed_bars
 from vpsci_ros.resources import TO_MEASURE_ON

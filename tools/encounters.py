@@ -22,7 +22,7 @@ from vpsci_ros.data import reference
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.evaluation.realism.free import as_near_misses
+from vpsci_ros.extras.paper.realism.free import as_near_misses
 from vpsci_ros.report.canvas import blank_figure
 from vpsci_ros.report.world_figures import PEDESTRIAN, VEHICLE, outlines
 from vpsci_ros.resources import TO_MEASURE_ON

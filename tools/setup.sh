@@ -105,7 +105,7 @@ if ! is_done data setup.py package.xml resource/* $(find launch params rviz urdf
 fi
 
 [ "$purpose" = demo ] && exit
-add test rl,realism,exam_extra,paper,formats,geo,drive,test,docs "what tests need: another 0.8 GB on disk"
+add test rl,exam_extra,paper,formats,geo,drive,test,docs "what tests need: another 0.8 GB on disk"
 
 [ "$purpose" = test ] && exit
 add engines carla,highway,planner,sumo "SUMO, highway-env, CARLA's client and a planner: another 0.7 GB on disk"

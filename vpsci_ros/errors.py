@@ -29,7 +29,7 @@ _EXTRAS = {
     "pettingzoo": "rl",
     "ray": "ray",
     "scenariogeneration": "formats",
-    "sklearn": "exam_extra",
+    "sklearn": "paper",
     "threadpoolctl": "exam_extra",
     "torch": "learn",
     "tornado": "drive",

@@ -10,13 +10,12 @@ from pathlib import Path
 from vpsci_ros.errors import not_installed
 
 BRINGS = {
-    "learn": "stages 1 and 2, `evaluate`, `realism`",
+    "learn": "stages 1 and 2, `evaluate`",
     "ros": "nodes, graphs and the demo: ROS 2 Jazzy",
     "messages": "the build of vpsci_msgs",
     "rl": "Gymnasium and PettingZoo environments",
-    "realism": "the classifier's test of `realism`",
     "exam-extra": "`ads-search`: rare failures",
-    "paper": "`study` and `turing`",
+    "paper": "`realism`, `study` and `turing`",
     "formats": "`export` to OpenSCENARIO, OSI and MP4",
     "commonroad": "`export` to CommonRoad (apart: another protobuf)",
     "geo": "recordings in longitude and latitude",

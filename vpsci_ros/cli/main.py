@@ -17,7 +17,6 @@ from vpsci_ros.cli.exam import ads_test
 from vpsci_ros.cli.learning import evaluate, pretrain, refine
 from vpsci_ros.cli.options import Output, Params, Quiet, Settings, read_sections, writes_folder
 from vpsci_ros.cli.people import people
-from vpsci_ros.cli.realism import realism
 from vpsci_ros.cli.view import view
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words, is_shortage
 
@@ -157,7 +156,6 @@ for _panel, _name, _command, _line in (
     (LEARN, "pretrain", pretrain, "Train MA-SST-DDPG on near misses (stage 1)."),
     (LEARN, "refine", refine, "Train it further in simulation (stage 2)."),
     (MEASURE, "evaluate", evaluate, "Print the agents' errors on near misses (Table 9)."),
-    (MEASURE, "realism", realism, "Print how like people the agents are."),
 ):
     _settings = {"allow_extra_args": True, "ignore_unknown_options": True} if _command is node else None
     app.command(_name, rich_help_panel=_panel, short_help=_line, context_settings=_settings)(_command)

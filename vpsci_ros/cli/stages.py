@@ -13,8 +13,7 @@ from vpsci_ros.data.importers import IMPORTERS, import_trajectories
 from vpsci_ros.data.interactions import table_hash
 from vpsci_ros.data.near_misses import corpus_files, read_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.error_table import print_errors
-from vpsci_ros.evaluation.errors import evaluate
+from vpsci_ros.evaluation.errors import evaluate, print_errors
 from vpsci_ros.learning.online import LOG, refine
 from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.policy.policy_file import SHIPPED, load_policy, named_policies

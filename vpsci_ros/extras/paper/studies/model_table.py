@@ -15,16 +15,15 @@ from vpsci_ros.data.interactions import Interactions, table_hash
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.errors import compare, share_of
+from vpsci_ros.evaluation.onsets import Onsets, energy_score, find_onsets, min_ade
 from vpsci_ros.evaluation.outcomes import measure_outcomes
 from vpsci_ros.evaluation.predictors import PolicyPredictor
 from vpsci_ros.evaluation.protocols import Measured, ProtocolErrors, measure
-from vpsci_ros.evaluation.realism.features import features, with_borrowed_noise
-from vpsci_ros.evaluation.realism.likelihood import likelihoods
-from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets
-from vpsci_ros.evaluation.realism.score import energy_score, min_ade
-from vpsci_ros.evaluation.realism.simulators import policy
-from vpsci_ros.evaluation.realism.two_sample import two_sample
+from vpsci_ros.evaluation.simulators import policy
 from vpsci_ros.evaluation.statistics import cluster_counts, interval, share
+from vpsci_ros.extras.paper.realism.features import features, with_borrowed_noise
+from vpsci_ros.extras.paper.realism.likelihood import likelihoods
+from vpsci_ros.extras.paper.realism.two_sample import two_sample
 from vpsci_ros.extras.paper.studies.cross_validation import Refinement
 from vpsci_ros.extras.paper.studies.folds import pooled
 from vpsci_ros.extras.paper.studies.state import once

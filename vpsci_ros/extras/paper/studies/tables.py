@@ -7,7 +7,7 @@ import polars as pl
 from matplotlib.axes import Axes
 from rich.console import Console
 
-from vpsci_ros.evaluation.error_table import share_text
+from vpsci_ros.evaluation.errors import share_text
 from vpsci_ros.extras.paper.published import TABLE_3, TABLE_5, TABLE_9
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.runs.tables import text_table

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.evaluation.onsets import HISTORY, STEPS, Onsets, find_onsets
 from vpsci_ros.evaluation.predictors import predictor_of
 from vpsci_ros.evaluation.protocols import closed_loop_trajectories
-from vpsci_ros.evaluation.realism.onsets import HISTORY, STEPS, Onsets, find_onsets
-from vpsci_ros.evaluation.realism.simulators import rule_based
+from vpsci_ros.evaluation.simulators import rule_based
 from vpsci_ros.policy.policy_file import Policy
 
 Floats = NDArray[np.float64]

@@ -9,7 +9,7 @@ from typing import Any
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.realism.onsets import Onsets
+from vpsci_ros.evaluation.onsets import Onsets
 from vpsci_ros.extras.paper.turing.clips import RatedClip, draw_scenes, make_clips
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.report import html

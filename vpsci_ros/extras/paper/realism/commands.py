@@ -8,7 +8,10 @@ import typer
 from vpsci_ros.cli.options import Quiet, writes_folder
 from vpsci_ros.resources import TO_MEASURE_ON
 
+realism_app = typer.Typer(add_completion=False)
 
+
+@realism_app.command(rich_help_panel="Measure", short_help="Print how like people the agents are.")
 @writes_folder
 def realism(
     data: Annotated[
@@ -38,6 +41,9 @@ def realism(
         bool, typer.Option("--clean", help="Leave out cars that stand and tracks that begin critical.")
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the roll-outs.")] = 0,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers to this file.")
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder for numbers and record: new, empty, or of the same run."),
@@ -55,6 +61,6 @@ def realism(
     About a minute of one core for each model.
     """
     options = locals()
-    from vpsci_ros.cli.realism_run import run_realism
+    from vpsci_ros.extras.paper.realism.run import run_realism
 
     run_realism(**options)

@@ -13,12 +13,11 @@ from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.evaluation.realism.free import as_near_misses, free
-from vpsci_ros.evaluation.realism.onsets import Onsets, borrowable, find_onsets
-from vpsci_ros.evaluation.realism.run import measure_realism
-from vpsci_ros.evaluation.realism.same_start import CONTROLS, SameStart
-from vpsci_ros.evaluation.realism.samplers import constant_turn, constant_velocity
-from vpsci_ros.evaluation.realism.two_sample import two_sample
+from vpsci_ros.evaluation.onsets import Onsets, borrowable, find_onsets
+from vpsci_ros.extras.paper.realism.free import as_near_misses, free
+from vpsci_ros.extras.paper.realism.run import measure_realism
+from vpsci_ros.extras.paper.realism.same_start import CONTROLS, SameStart, constant_turn, constant_velocity
+from vpsci_ros.extras.paper.realism.two_sample import two_sample
 from vpsci_ros.runs.files import write_json
 
 
@@ -31,8 +30,8 @@ def noisy(onsets: Onsets) -> np.ndarray:
 @pytest.fixture
 def one_repetition(monkeypatch: pytest.MonkeyPatch) -> None:
     """The least that a classifier does: nothing here asserts how well it tells anything apart."""
-    monkeypatch.setattr("vpsci_ros.evaluation.realism.same_start.FAMILY_REPETITIONS", 1)
-    monkeypatch.setattr("vpsci_ros.evaluation.realism.two_sample.FOLDS", 2)
+    monkeypatch.setattr("vpsci_ros.extras.paper.realism.same_start.FAMILY_REPETITIONS", 1)
+    monkeypatch.setattr("vpsci_ros.extras.paper.realism.two_sample.FOLDS", 2)
 
 
 def test_a_run_measures_controls_and_models_and_goes_on_from_its_parts(tmp_path: Path, one_repetition: None) -> None:
@@ -109,7 +108,7 @@ def test_rejected_critical_episodes_belong_to_free_simulation(tmp_path: Path) ->
 
 def test_free_simulation_is_compared_at_the_onset_and_after_it(dataset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(two_sample, "__kwdefaults__", two_sample.__kwdefaults__ | {"repetitions": 1})
-    monkeypatch.setattr("vpsci_ros.evaluation.realism.free.REPETITIONS", 1)
+    monkeypatch.setattr("vpsci_ros.extras.paper.realism.free.REPETITIONS", 1)
     table = synthetic_near_misses(interactions=16, seed=3).table
     found = free(table, Dataset(dataset), 100, 0)
     assert set(found["c2st_auc"]) == {"onset", "after"}

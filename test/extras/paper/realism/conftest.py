@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from synthetic import synthetic_near_misses
 
-from vpsci_ros.evaluation.realism.onsets import Onsets, find_onsets
+from vpsci_ros.evaluation.onsets import Onsets, find_onsets
 
 
 @pytest.fixture(scope="session")

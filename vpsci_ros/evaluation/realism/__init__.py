@@ -1,7 +1,0 @@
-"""How like people simulated interactions are: proper scores, likelihood, and a two-sample test by a classifier.
-
-Any simulator can be measured: it returns positions float64[n, K, 2, 30, 2] that follow n recorded onsets (K
-roll-outs, vehicle and pedestrian, 30 steps of 0.1 s, map frame, metres). `onsets` cuts them out of a near-miss table,
-`score` holds the energy score and its kin, `likelihood` the measure of the Waymo challenge, `features` and `two_sample`
-the classifier's test, `samplers` the controls. None of this needs torch; `two_sample` needs the extra `realism`.
-"""

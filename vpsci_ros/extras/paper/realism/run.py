@@ -1,0 +1,252 @@
+"""`vpsci realism` without its command line: what is measured, part after part, each kept as soon as it is done."""
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+from rich.console import Console
+
+from vpsci_ros.data import reference
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.interactions import table_hash
+from vpsci_ros.data.near_misses import read_near_misses
+from vpsci_ros.documents import read_json
+from vpsci_ros.errors import InvalidInput, require
+from vpsci_ros.evaluation.errors import share_text
+from vpsci_ros.evaluation.onsets import find_onsets
+from vpsci_ros.evaluation.simulators import Simulator, policy
+from vpsci_ros.extras.paper.realism.free import free
+from vpsci_ros.extras.paper.realism.same_start import CONTROLS, SameStart
+from vpsci_ros.extras.paper.realism.two_sample import REPETITIONS
+from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
+from vpsci_ros.resources import near_misses_path, weights_path
+from vpsci_ros.runs.files import sha256, write_json
+from vpsci_ros.runs.folder import RunFolder
+from vpsci_ros.runs.progress import Bars
+from vpsci_ros.runs.provenance import software_versions
+from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.tables import text_table
+
+# ---- The measures of realism as text: one table a protocol, in 100 columns.
+
+
+def print_realism(result: dict[str, Any], console: Console) -> None:
+    """Print what `run.measure_realism` returned."""
+    _same_start(result["same_start"], console)
+    if "free" in result:
+        _free(result["free"], console)
+
+
+def _same_start(part: dict[str, Any], console: Console) -> None:
+    title = f"Same start: {part['interactions']} recorded onsets of {part['clips']} clips, 3 s"
+    heads = [
+        "",
+        "K",
+        "energy\nscore [m]",
+        "of constant\nvelocity's",
+        "of mean\nturn's",
+        "likelihood",
+        "C2ST AUC",
+        "contact",
+    ]
+    rows, families = [], []
+    for name, own in part["models"].items():
+        auc = share_text(own["c2st_auc"], own["c2st_auc_interval"])
+        rows.append(
+            (
+                *(name, f"{own['roll_outs']}", f"{own['energy_score']:.3f}"),
+                share_text(own["of_constant_velocity"], own["of_constant_velocity_interval"]),
+                *(f"{own['of_constant_turn']:.2f}", f"{own['likelihood']:.3f}", f"{auc} ±{own['c2st_auc_spread']:.2f}"),
+                f"{own['collision_rate']:.1%}",
+            )
+        )
+        cells = [f"{own['c2st_auc_of'][key][0]:.2f}" for key in ("vehicle", "pedestrian", "joint")]
+        families.append((name, *cells, f"{own['picked']:.0%}", _farthest(own["given_away_by"])))
+    console.print(text_table(title, [*heads, "contact"], rows))
+    heads = ["", "vehicle", "pedestrian", "joint", "picked", "single features farthest from 0.5"]
+    console.print(text_table("Features by which the classifier separates them", heads, families))
+    if part["not_in_library"]:
+        console.print(
+            f"The library holds nobody of {', '.join(part['not_in_library'])}: residual_sampler and constant_turn "
+            "borrow from people of another site; noise comes from the scored clips.",
+            style="bold",
+        )
+    console.print(
+        "Energy score: proper, best for the true distribution; the ADE for one roll-out. C2ST: area under the curve of "
+        "a classifier in folds by clip, mean of ten ± deviation, 0.5 is perfect; recorded: recordings with another's "
+        "shake. Intervals: 95%, by clips.",
+        highlight=False,
+    )
+
+
+def _farthest(given_away_by: dict[str, float]) -> str:
+    return ", ".join(f"{key} {value:.2f}" for key, value in list(given_away_by.items())[:3])
+
+
+def _free(part: dict[str, Any], console: Console) -> None:
+    whole = part["long_run"]
+    rows = [
+        (key.replace("_", " "), *("{:.2f} [{:.2f}, {:.2f}]".format(*own[key]) for own in whole.values()))
+        for key in next(iter(whole.values()))
+    ]
+    console.print(text_table("Free simulation in the long run, watched equally long", ("", *whole), rows))
+    for name, (auc, low, high) in part["c2st_auc"].items():
+        single = _farthest(part["given_away_by"][name])
+        console.print(f"C2ST, {name}: {auc:.2f} ({low:.2f}-{high:.2f}); {single}", highlight=False)
+
+
+Notify = Callable[[str, int, int], None]
+
+
+def measure_realism(
+    table: pl.DataFrame,
+    simulators: Mapping[str, Simulator],
+    *,
+    clean: bool = False,
+    seed: int = 0,
+    episodes: int = 2000,
+    repetitions: int = REPETITIONS,
+    library: pl.DataFrame | None = None,
+    dataset: Dataset | None = None,
+    parts: Path | None = None,
+    inputs: Mapping[str, str] | None = None,
+    notify: Notify | None = None,
+) -> dict[str, Any]:
+    """Return the layout of `vpsci realism --json`: Protocols A (`same_start`) and B (`free`).
+
+    :param table: near misses to be scored on; library: those whose residuals the control borrows, else `table`'s own.
+    :param simulators: name -> what answers onsets; the controls are added.
+    :param clean: only interactions whose vehicle drives and whose onset was seen (`vpsci_ros.data.reference.clean`).
+    :param seed: of everything that is drawn.
+    :param dataset: generated episodes, for B; `episodes` of them at most, the same number of each scenario.
+    :param repetitions: of the classifier's test from the same start, with draws and folds of their own.
+    :param parts: folder that keeps each measured part, from which a stopped run goes on.
+    :param inputs: SHA-256 of what all this was read from, by name; a part of other inputs is measured again.
+    :param notify: called with what is being measured, how many are done, and of how many.
+    :raises InvalidInput: no onset with 3 s after it, a simulator with a control's name, see also the parts.
+    """
+    require("sklearn")  # which is needed only after much else
+    if taken := sorted(set(simulators) & set(CONTROLS)):
+        raise InvalidInput(f"models: {taken[0]} is the name of a control; call the model something else")
+    chosen = [reference.clean(t) if clean else t for t in (table, library) if t is not None]
+    onsets = find_onsets(chosen[0])
+    borrowed = find_onsets(chosen[1]) if len(chosen) > 1 else onsets
+    same_start = SameStart(onsets, borrowed, seed, repetitions)
+    wanted = same_start.controls() | dict(simulators)
+    kept = partial(_kept, parts, dict(inputs or {}))
+    models: dict[str, Any] = {}
+    for done, (name, simulate) in enumerate(wanted.items()):
+        if notify is not None:
+            notify(name, done, len(wanted) + (dataset is not None))
+        models[name] = kept(f"same_start_{name}", partial(_measured, same_start, simulate))
+    clips, missing = len(set(onsets.clip)), same_start.missing
+    part = {"interactions": len(onsets), "clips": clips, "not_in_library": missing, "models": models}
+    result: dict[str, Any] = {"same_start": part}
+    if dataset is not None:
+        result["free"] = kept("free", lambda: free(chosen[0], dataset, episodes, seed))
+    return result
+
+
+def _measured(same_start: SameStart, simulate: Simulator) -> dict[str, Any]:
+    return same_start.measure(simulate(same_start.onsets))
+
+
+def _kept(folder: Path | None, inputs: dict[str, str], name: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Return what is in the folder under this name, made of the same inputs, or make it and leave it there."""
+    if folder is None:
+        return make()
+    path = folder / f"{name}.part.json"
+    with contextlib.suppress(InvalidInput):  # there is none, or it is damaged
+        kept = read_json(path)
+        if isinstance(kept, dict) and kept.get("inputs_sha256") == inputs:
+            return dict(kept["found"])
+    made = make()
+    write_json(path, {"inputs_sha256": inputs, "found": made})
+    return made
+
+
+RESULT = "realism.json"
+
+
+def run_realism(
+    *,
+    data: Path,
+    library: Path | None,
+    weights: list[str] | None,
+    dataset: Path | None,
+    held_out: bool,
+    clean: bool,
+    seed: int,
+    json_path: Path | None,
+    output: Path | None,
+    quiet: bool,
+) -> None:
+    """Measure, write and print the tables; see `vpsci realism --help`.
+
+    :raises InvalidInput: a file is refused, a name is there twice, or no clip of the data was held out.
+    """
+    table = read_near_misses(data)
+    given = named_policies(weights or [])
+    files = {name: weights_path(name) for name in SHIPPED} | given
+    loaded = {name: load_policy(path) for name, path in files.items()}
+    if held_out:
+        table = _kept_out(table, [loaded[name] for name in given or SHIPPED[:1]], data)
+    simulators = {name: policy(own, seed) for name, own in loaded.items()}
+    inputs = list(files.values())
+    inputs += [near_misses_path(name) for name in (data, library) if name is not None]
+    made = None if dataset is None else Dataset(dataset)
+    inputs += [] if made is None else made.inputs.values()
+    resolved = {
+        "clean": clean,
+        "held_out": held_out,
+        "seed": seed,
+        "models": list(simulators),
+        "data": str(data),
+        "library": str(library or ""),
+        "dataset": str(dataset or ""),
+    }
+    run = None if output is None else RunFolder(output, Sections({"realism": resolved}), inputs)
+    if output is not None and run is not None and run.done:
+        print_realism(json.loads((output / RESULT).read_text(encoding="utf-8")), Console())
+        print(f"{output} holds this run, finished; nothing was measured again")
+        return
+    with run or nullcontext(), Bars(quiet=quiet) as bars:
+        result = measure_realism(
+            table,
+            simulators,
+            clean=clean,
+            seed=seed,
+            library=read_near_misses(library or near_misses_path(data)),
+            dataset=made,
+            parts=output,
+            inputs=None if run is None else run.inputs,
+            notify=lambda name, done, total: bars.bar("realism", done, total, name),
+        )
+        result |= {
+            "data": {"path": str(data), "sha256": table_hash(table)},
+            "weights_sha256": {name: sha256(path) for name, path in files.items()},
+            "parameters": resolved,
+            "software": software_versions(),
+        }
+        if output is not None:
+            write_json(output / RESULT, result)
+    if json_path is not None:
+        write_json(json_path, result)
+    print_realism(result, Console(width=None if sys.stdout.isatty() else 130))
+    for path in (json_path, output):
+        if path is not None:
+            print(f"written: {path}")
+
+
+def _kept_out(table: pl.DataFrame, policies: Sequence[Policy], data: Path) -> pl.DataFrame:
+    clips = set.intersection(*(set(own.facts.get("data", {}).get("held_out_clips", [])) for own in policies))
+    kept = table.filter(pl.concat_str("source", "clip", separator="/").is_in(sorted(clips)))
+    if kept.is_empty():
+        raise InvalidInput(f"{data}: none of its clips was held out of the policies, by their metadata")
+    return kept
