@@ -33,7 +33,7 @@ from vpsci_ros.generate.run import PARALLEL, generate, simulators
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.streaming import StreamingActor
 from vpsci_ros.resources import params_dir
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.world import World, loop
 
 BATCHES = (64, 128, 256, 512, 1024, 2048)

@@ -23,9 +23,8 @@ from domain_coordinator import domain_id
 from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import load_policy
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.provenance import software_versions
-from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import World, load_scenarios
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.loop import Loop

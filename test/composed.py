@@ -13,7 +13,7 @@ from vpsci_ros.nodes.base import GraphNode, run_nodes
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.domain import set_defaults
 from vpsci_ros.nodes.entry import node_class
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from vpsci_ros.runs.processes import ChildProcess
 LARGEST = 2**18  # [bytes] of a request: the arguments of a process and its environment
 PRELOADED = (
     *("nodes.config", "nodes.convert", "nodes.failures", "nodes.meter"),
-    *("bags.recorded", "policy.agent", "world.loop", "world.perception"),
+    *("bags.ticks", "policy.agent", "world.loop", "world.perception"),
 )
 PR_SET_PDEATHSIG = 1
 

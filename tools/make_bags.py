@@ -27,7 +27,7 @@ from vpsci_ros.generate.simulate import Simulator
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import NodeProcesses, resolve
 from vpsci_ros.parameters import as_ros_parameters
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.world.state import ENDED, GOAL, OUTCOME_NAMES
 
 STAGE = "params/stage3_generate.yaml"

@@ -11,10 +11,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from vpsci_ros.cli.parameter_file import ELSEWHERE
-from vpsci_ros.data.dataset_files import DATASET_COLUMNS, INDEX_COLUMNS
+from vpsci_ros.data.dataset_index import DATASET_COLUMNS, INDEX_COLUMNS
 from vpsci_ros.data.parquet import Column
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.generate.config import DatasetConfig
+from vpsci_ros.generate.job import DatasetConfig
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
 from vpsci_ros.nodes.config import GraphConfig, RecorderConfig, ReplayerConfig
 from vpsci_ros.nodes.topics import SERVICES, TOPICS

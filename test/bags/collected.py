@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.episode_block import EpisodeBlock
-from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.episode_block import EpisodeBlock, EpisodeFrames
 
 
 def collected(bag: Path) -> list[EpisodeBlock]:

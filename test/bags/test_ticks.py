@@ -12,7 +12,7 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
-from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import COLLISION, EPISODE, GOAL
 

@@ -10,7 +10,7 @@ import pytest
 
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_index import DESCRIPTION, INDEX
-from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import sha256

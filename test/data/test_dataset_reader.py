@@ -8,7 +8,7 @@ import pytest
 
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import GOAL
 

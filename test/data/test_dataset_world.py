@@ -7,7 +7,7 @@ import polars as pl
 
 from vpsci_ros.data.dataset import DatasetWriter
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 

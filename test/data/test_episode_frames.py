@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from vpsci_ros.data.episode_block import QUANTITIES
-from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.episode_block import QUANTITIES, EpisodeFrames
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import COLLISION, GOAL, TIMEOUT
 

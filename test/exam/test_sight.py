@@ -13,13 +13,12 @@ from vpsci_ros.exam.conduct import episodes_in_bag
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.in_process import autopilot_run
-from vpsci_ros.exam.measures import RunResult, episode_table
+from vpsci_ros.exam.measures import RunResult, Sight, Watcher, episode_table
 from vpsci_ros.exam.report import Conduct, make_report
-from vpsci_ros.exam.sight import Sight, Watcher
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import World, WorldConfig, load_scenarios
-from vpsci_ros.world.kinds import KINDS, KindMixture
+from vpsci_ros.world.crowd import KINDS, KindMixture
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.perception import PerceptionConfig
 

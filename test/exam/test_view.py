@@ -17,7 +17,7 @@ from vpsci_ros.exam.measures import COLUMNS, RunResult, episode_table
 from vpsci_ros.exam.report import BASELINE
 from vpsci_ros.exam.run import read_exam
 from vpsci_ros.exam.view import exam_sources
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from vpsci_ros.generate.job import Job, job_from
 from vpsci_ros.generate.run import Generated, generate, simulators
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.weights import Weights, save_weights
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 
 
 @pytest.fixture(scope="session")

@@ -9,18 +9,18 @@ from bags.collected import collected
 from generate.small import NETWORK, UNIT
 
 from vpsci_ros.bags.verify import verify_bag
-from vpsci_ros.data.dataset_files import NEXT_PEDESTRIAN
+from vpsci_ros.data.dataset_index import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import yields
 from vpsci_ros.episodes import read_episodes
-from vpsci_ros.extras.paper.section_4.encounters import generated_encounters
+from vpsci_ros.extras.paper.section_4.comparison import generated_encounters
 from vpsci_ros.generate.job import job_from
-from vpsci_ros.generate.record import record_episodes
 from vpsci_ros.generate.run import generate, simulators
+from vpsci_ros.generate.simulate import record_episodes
 from vpsci_ros.generate.verify import verify
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.weights import save_weights
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.view.pack import packed
 from vpsci_ros.view.sources import read_source
 

@@ -8,7 +8,7 @@ from generate.small import UNIT
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.run import generate, simulators
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 
 
 @pytest.fixture(scope="module")

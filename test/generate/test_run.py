@@ -21,8 +21,7 @@ from vpsci_ros.data.dataset_index import DESCRIPTION
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.job import Unit
-from vpsci_ros.generate.journal import FOLDER, RECORD
-from vpsci_ros.generate.plan import DatasetPlan
+from vpsci_ros.generate.plan import FOLDER, RECORD, DatasetPlan
 from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.generate.simulate import Simulator, computing
 from vpsci_ros.runs.files import sha256, written_whole

@@ -20,7 +20,7 @@ from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import load_weights, resolved
 from vpsci_ros.world import WorldConfig, load_scenarios
-from vpsci_ros.world.kinds import KindMixture
+from vpsci_ros.world.crowd import KindMixture
 from vpsci_ros.world.observation import AGENTS
 
 QUICK = build(RefineConfig, {"replay.batch_size": 40, "replay.real_share": 0.01, "refresh.updates": 2}, "test")

@@ -4,9 +4,9 @@ import pytest
 from vpsci_ros.learning.assembly import STALE, HistoryAssembler
 from vpsci_ros.learning.transitions import TRANSITION, TransitionBuilder, usable
 from vpsci_ros.world import COLLISION, ENDED, EPISODE, GOAL, RUNNING, World, WorldConfig, load_scenarios
-from vpsci_ros.world.events import NO_EVENTS
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.observation import STEP
+from vpsci_ros.world.state import NO_EVENTS
 from vpsci_ros.world.tick import Actions, Step, Tick
 
 

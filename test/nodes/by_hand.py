@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.parameters import as_ros_parameters
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 
 
 class ByHand:

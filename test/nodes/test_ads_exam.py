@@ -15,7 +15,7 @@ from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.resources import params_dir
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 
 pytestmark = pytest.mark.usefixtures("forked_nodes")
 ODD = """

@@ -14,7 +14,7 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.parameters import read_parameter_file
 from vpsci_ros.resources import params_dir
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 
 NODES = ["recorder", "vehicle_policy", "world_simulator", "safety_monitor"]
 WORLD = {"seed": 5, "scenarios": [1, 8], "episodes": 3, "batch": 4, "pedestrian_driver": "autopilot"}

@@ -8,7 +8,7 @@ import pytest
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.nodes.graph import GraphResult, run_graph
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 
 NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
 

@@ -9,7 +9,7 @@ from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.graph import _follow
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.watch import Watch
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.stop_request import StopRequest
 from vpsci_ros.world.counts import WorldCounts
 

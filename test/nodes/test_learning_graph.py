@@ -15,7 +15,7 @@ from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.graph import GraphResult, run_graph
 from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 
 pytestmark = pytest.mark.usefixtures("forked_nodes")
 SMALL_STAGE_1 = {

@@ -19,7 +19,7 @@ from vpsci_ros.nodes.graph import run_graph
 from vpsci_ros.nodes.recorder import Recorder
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.topics import LOCK_STEP
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 
 pytestmark = pytest.mark.usefixtures("forked_nodes")
 NODES = ["world_simulator", "safety_monitor", "recorder"]

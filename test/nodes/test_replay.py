@@ -12,7 +12,7 @@ from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import run_graph
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 
 pytestmark = pytest.mark.usefixtures("forked_nodes")

@@ -26,7 +26,7 @@ from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
-from vpsci_ros.data.episode_frames import EpisodeFrames
+from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig, apply_filters
 for policy in ("people", "ma_sst_ddpg"):
     world = World(WorldConfig(), load_scenarios([1]), [(1, number) for number in range(4)], 4, 0)

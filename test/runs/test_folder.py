@@ -11,11 +11,10 @@ import pytest
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, Stopped
 from vpsci_ros.runs import folder
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import sha256
-from vpsci_ros.runs.folder import RunFolder
+from vpsci_ros.runs.folder import RunFolder, read_record
 from vpsci_ros.runs.progress import stopped_between_updates
-from vpsci_ros.runs.record import read_record
-from vpsci_ros.runs.sections import Sections
 
 SECTIONS = Sections({"learner": {"seed": 1, "episodes": 600, "near_misses": []}})
 

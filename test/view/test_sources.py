@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.section_4.encounters import recorded_encounters
+from vpsci_ros.extras.paper.section_4.comparison import recorded_encounters
 from vpsci_ros.view.sources import Source, read_source, with_unique_keys
 
 

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vpsci_ros.bags.odometry import RecordedTick
 from vpsci_ros.bags.reader import Bag, opened
 from vpsci_ros.bags.run_record import scenarios_of
-from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.gathered import gathered
@@ -24,7 +24,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import EVENTS
-from vpsci_ros.world.sharing import episode_rows
+from vpsci_ros.world.crowd import episode_rows
 from vpsci_ros.world.state import ENDED, FINISHED, OUTCOME_NAMES, STARTED
 
 RECORD = "vpsci_episode"  # name of the records

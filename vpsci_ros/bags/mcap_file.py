@@ -5,11 +5,14 @@ of 200 copies of a bag with one flipped bit, rosbags' reader took 88 for whole a
 at less than half the speed; this one refuses all 200.
 """
 
+from __future__ import annotations
+
 import contextlib
 import io
 import struct
 import zlib
 from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -22,9 +25,57 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from zstandard import ZstdError, frame_content_size
 
-from vpsci_ros.bags.topic_info import DAY, TopicInfo, by_name
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage
+
+# ---- What a file of a bag knows of each of its topics, whatever its storage.
+
+
+DAY = 86_400 * 10**9  # [ns]
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """One topic of a file or bag: `first` and `last` are log times [ns], 0 where it has no message.
+
+    Recorders on simulated time log what comes before the first `/clock` at time 0: where that is more than a `DAY`
+    before the rest, `first` is that of the rest.
+    """
+
+    name: str
+    type: str
+    messages: int = 0
+    first: int = 0
+    last: int = 0
+    latched: bool = False
+
+    def joined(self, other: TopicInfo) -> TopicInfo:
+        """Return this topic over two files."""
+        if not self.messages or not other.messages:
+            return self if self.messages else other
+        firsts, last = (self.first, other.first), max(self.last, other.last)
+        first = max(firsts) if min(firsts) == 0 and last > DAY else min(firsts)
+        return TopicInfo(self.name, self.type, self.messages + other.messages, first, last, self.latched)
+
+    @property
+    def rate(self) -> float:
+        """Messages per second of log time; 0 for less than two."""
+        return (self.messages - 1) * 1e9 / (self.last - self.first) if self.last > self.first else 0.0
+
+
+def extent(topics: Collection[TopicInfo]) -> tuple[int, int]:
+    """Return the first and the last log time [ns] of some topics, of which one at least has a message."""
+    last = max(topic.last for topic in topics)
+    return min(topic.first for topic in topics if topic.messages and (topic.last or last <= DAY)), last
+
+
+def by_name(rows: Iterable[TopicInfo]) -> dict[str, TopicInfo]:
+    """Return topics by name, sorted; rows of the same topic are joined."""
+    found: dict[str, TopicInfo] = {}
+    for row in rows:
+        found[row.name] = found[row.name].joined(row) if row.name in found else row
+    return dict(sorted(found.items()))
+
 
 MAGIC = b"\x89MCAP0\r\n"  # at both ends
 _HEAD = struct.Struct("<BQ")  # of a record: its kind and its length

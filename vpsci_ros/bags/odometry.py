@@ -8,18 +8,32 @@ sizes that the safety monitor has by default.
 
 import itertools
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.bags.reader import Bag
-from vpsci_ros.bags.tick import RecordedTick
 from vpsci_ros.data.gathered import NO_SCENARIO
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import TYPES, motion
 from vpsci_ros.world.monitor import MonitorConfig, assess
 from vpsci_ros.world.state import ENDED, EPISODE, RUNNING
+
+# ---- One tick of a recorded world.
+
+
+class RecordedTick(NamedTuple):
+    """The world at one tick and what the safety monitor said of it; NaN where the bag holds no answer to the tick."""
+
+    number: int
+    period: float  # [s] from one tick to the next
+    state: NDArray[np.void]  # EPISODE[B]; fields that the message does not carry are 0
+    curvttc: NDArray[np.float64]  # [B] [s]
+    distance: NDArray[np.float64]  # [B] [m]
+    time: int = 0  # [ns] log time in the bag
+
 
 ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
 GAP = 0.5  # [s] without a message

@@ -13,7 +13,7 @@ from vpsci_ros.bags.reader import bag_files, lost_files
 from vpsci_ros.bags.writer import CHUNK_SIZE, RUN, TOTALS, BagFile, BagTopic, write_metadata
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.runs.files import written_whole
-from vpsci_ros.runs.output_folder import Claim
+from vpsci_ros.runs.folder import Claim
 
 
 @dataclass(frozen=True)

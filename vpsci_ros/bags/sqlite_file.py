@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from vpsci_ros.bags.topic_info import DAY, TopicInfo, by_name
+from vpsci_ros.bags.mcap_file import DAY, TopicInfo, by_name
 from vpsci_ros.documents import printable
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage

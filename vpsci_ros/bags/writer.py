@@ -17,7 +17,7 @@ from vpsci_ros import __version__
 from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.runs.files import require_empty_folder, written_whole
-from vpsci_ros.runs.output_folder import Claim
+from vpsci_ros.runs.folder import Claim
 
 RUN = "vpsci_ros"  # name of the record with which every file ends
 COUNTS = {"seen": "seen", "written": "messages", "refused": "refused"}  # its keys by topic -> fields of `BagTopic`

@@ -18,10 +18,10 @@ from rich.table import Table
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.errors import InvalidInput, VpsciError, require
 from vpsci_ros.resources import TO_LEARN_FROM, near_misses_path, params_dir
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import is_empty_folder
-from vpsci_ros.runs.sections import Sections
 from vpsci_ros.safety import CRITICAL_TTC
-from vpsci_ros.view.page import write_view
+from vpsci_ros.view.pack import write_view
 from vpsci_ros.view.sources import Shown, Source, read_source, shown
 
 PAGE = "demo.html"

@@ -11,7 +11,7 @@ from vpsci_ros.cli.options import Params, Quiet, Settings, read_sections, stoppa
 from vpsci_ros.errors import VpsciError
 
 if TYPE_CHECKING:
-    from vpsci_ros.runs.sections import Sections
+    from vpsci_ros.runs.config import Sections
 
 ExamFolder = Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same exam.")]
 Ads = Annotated[

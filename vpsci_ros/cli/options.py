@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
 import typer
 
 if TYPE_CHECKING:
-    from vpsci_ros.runs.sections import Sections
+    from vpsci_ros.runs.config import Sections
 
 P = ParamSpec("P")
 
@@ -41,7 +41,7 @@ def writes_folder(command: Callable[P, None]) -> Callable[P, None]:
 
     @functools.wraps(command)
     def held(*args: P.args, **given: P.kwargs) -> None:
-        from vpsci_ros.runs.output_folder import output_folder
+        from vpsci_ros.runs.folder import output_folder
 
         output: Any = given.get("output")
         status = None

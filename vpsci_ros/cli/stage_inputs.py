@@ -13,8 +13,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation import SimulationConfig, simulation_of
 from vpsci_ros.policy.weights import Weights, load_weights
 from vpsci_ros.resources import weights_path
-from vpsci_ros.runs.config import RunConfig
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import RunConfig, Sections
 
 
 class Stage1Inputs(NamedTuple):

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vpsci_ros.cosim import scenarios
-from vpsci_ros.cosim.agent import Body, Clock, Person
+from vpsci_ros.cosim.agent import Body, Clock, Person, named_scenario, scenario_of_lane
 from vpsci_ros.cosim.inputs import (
     Vehicle,
     Walker,
@@ -96,9 +95,9 @@ class Driver:
             )
         config, monitor = config or WorldConfig(), monitor or MonitorConfig()
         if scenario is not None and lane is None:
-            found = scenarios.find(scenario)
+            found = named_scenario(scenario)
         elif lane is not None and scenario is None:
-            found = scenarios.of_lane(lane)
+            found = scenario_of_lane(lane)
         else:
             raise InvalidInput("Driver: expected one of scenario and lane")
         self._body = Body("vehicle", weights, found, seed, episode, 0, config, monitor, policy)

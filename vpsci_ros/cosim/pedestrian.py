@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vpsci_ros.cosim import scenarios
-from vpsci_ros.cosim.agent import Body, Clock, Person
+from vpsci_ros.cosim.agent import Body, Clock, Person, named_scenario, scenario_of_walk
 from vpsci_ros.cosim.inputs import (
     GREATEST,
     Tracks,
@@ -108,9 +107,9 @@ class Pedestrian:
         self._faces: Hashable | None = None
         self._body: Body | None = None
         if scenario is not None:
-            self._body = self._new_body(scenarios.find(scenario))
+            self._body = self._new_body(named_scenario(scenario))
         elif route is not None:
-            self._body = self._new_body(scenarios.of_walk(route), straight=True)
+            self._body = self._new_body(scenario_of_walk(route), straight=True)
         elif not _is_point(goal):
             raise InvalidInput(f"goal: expected (x, y) [m], both finite, got {shown(goal)}")
 
@@ -179,7 +178,7 @@ class Pedestrian:
 
     def _to_goal(self, own: Walker) -> Scenario:
         assert self._goal is not None
-        return scenarios.of_walk([(own.x, own.y), self._goal])
+        return scenario_of_walk([(own.x, own.y), self._goal])
 
     def _new_body(self, scenario: Scenario, straight: bool = False) -> Body:
         """Return a body; with `straight` the walker sets off at once and does not cross obliquely."""

@@ -14,12 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from vpsci_ros.data.dataset_files import FORMATS, INDEX_COLUMNS, EpisodeTable
 from vpsci_ros.data.dataset_index import (
     DATASHEET,
     DESCRIPTION,
+    FORMATS,
     INDEX,
+    INDEX_COLUMNS,
     REJECTED,
+    EpisodeTable,
     description_of,
     file_entry,
     index_table,

@@ -11,8 +11,16 @@ import polars as pl
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_files import DATASET_COLUMNS, FORMATS, INDEX_COLUMNS, NEXT_PEDESTRIAN
-from vpsci_ros.data.dataset_index import DESCRIPTION, FORM, INDEX, REJECTED
+from vpsci_ros.data.dataset_index import (
+    DATASET_COLUMNS,
+    DESCRIPTION,
+    FORM,
+    FORMATS,
+    INDEX,
+    INDEX_COLUMNS,
+    NEXT_PEDESTRIAN,
+    REJECTED,
+)
 from vpsci_ros.data.episode import Episode, Key, Listed, filled, headings
 from vpsci_ros.data.episode_block import QUANTITIES
 from vpsci_ros.data.parquet import open_parquet, read_bounded, read_parquet

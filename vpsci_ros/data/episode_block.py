@@ -1,6 +1,7 @@
 """Many episodes that have ended, with what the filters say of each, for collector, filters, workers and files."""
 
 import io
+import math
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -11,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.world.compiled import kernel
+from vpsci_ros.world.state import ENDED, IDLE
 
 QUANTITIES = (
     "position_x_av",
@@ -116,3 +119,130 @@ def block_from_bytes(data: bytes, where: str) -> EpisodeBlock:
         return EpisodeBlock(records, values)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise InvalidInput(f"{where}: damaged part of a dataset: {error!r}; remove it and generate again") from None
+
+
+# ---- Episodes gathered frame by frame while thousands of them run side by side, and given out whole as they end.
+#
+# The collector does not care where a tick comes from: a `World` in this process, messages of a running graph, or a
+# bag. Its memory is one buffer of `batch` episodes, whatever the length of the run.
+
+
+Floats32 = NDArray[np.float32]
+
+
+class EpisodeFrames:
+    """Collector of `batch` parallel episodes.
+
+    The frames of an episode are written once, to a place of its own, and stay there until they are taken.
+
+    :param frames: room for so many frames an episode at first; it grows by itself.
+    :param waiting: room for so many ended episodes that are not taken yet; it grows by itself.
+    """
+
+    def __init__(self, batch: int, frames: int = 256, waiting: int = 0) -> None:
+        self._batch = batch
+        self._values: Floats32 = np.full((batch + waiting, frames, len(QUANTITIES)), np.nan, np.float32)
+        self._slots, self._places = np.zeros(batch, _SLOT), np.zeros(batch + waiting, _PLACE)
+        self._slots["episode"] = -1  # no episode has this number
+        self._free, self._ended = np.arange(batch + waiting), np.zeros(batch + waiting, np.int64)
+        self._counts = np.array([batch + waiting, 0, 0])  # of `_free`, of `_ended`, of episodes broken off
+
+    @property
+    def unfinished(self) -> int:
+        """Episodes seen so far of which the end is not (yet) seen: still running, or broken off by another one."""
+        return int(self._slots["open"].sum() + self._counts[2])
+
+    def add(self, state: NDArray[np.void], curvttc: NDArray[np.float64], distance: NDArray[np.float64]) -> EpisodeBlock:
+        """Take one tick and return the episodes that end with it (none, usually); see `store`."""
+        self.store(state, curvttc, distance)
+        return self.take()
+
+    def store(self, state: NDArray[np.void], curvttc: NDArray[np.float64], distance: NDArray[np.float64]) -> int:
+        """Take one tick and return how many episodes have ended and wait for `take`.
+
+        :param state: EPISODE[batch] records of the tick; an ended one counts once, however often it is shown.
+        :param curvttc: float64[batch] [s], `distance`: float64[batch] [m], of the same tick.
+        :raises InvalidInput: arrays that are not of the collector's batch.
+        """
+        if not len(state) == len(curvttc) == len(distance) == self._batch:
+            raise InvalidInput(
+                f"expected {self._batch} parallel episodes, got {len(state)} states, {len(curvttc)} CurvTTC and "
+                f"{len(distance)} distances; one collector serves one batch size"
+            )
+        self._make_room(int(self._counts[1]) + self._batch, int(state["frame"].max(initial=0)) + 1)
+        _store(state, curvttc, distance, self._slots, self._places, self._values, self._free, self._ended, self._counts)
+        return int(self._counts[1])
+
+    def take(self) -> EpisodeBlock:
+        """Return the episodes that wait, in the order in which they ended."""
+        free, count, _ = self._counts.tolist()
+        places = self._ended[:count]
+        of, first = self._places[places], np.flatnonzero(self._places["pedestrian"][places] == 0)
+        records = np.zeros(len(first), RECORD)
+        for name, own in (("scenario", "scenario"), ("count", "episode"), ("outcome", "outcome"), ("frames", "frames")):
+            records[name] = of[own][first]
+        records["pedestrians"] = np.diff(np.append(first, count))
+        records["rows"] = records["frames"] * records["pedestrians"]
+        there = np.arange(of["frames"].max(initial=0)) < of["frames"][:, None]
+        self._free[free : free + count] = places
+        self._counts[:2] = free + count, 0
+        return EpisodeBlock(records, self._values[places, : there.shape[1]][there])
+
+    def _make_room(self, places: int, frames: int) -> None:
+        """Have room for so many places and frames in each."""
+        before, room, width = self._values.shape
+        if places <= before and frames <= room:
+            return
+        shape = max(places, before), room if frames <= room else max(frames, 2 * room)
+        values = np.full((*shape, width), np.nan, np.float32)
+        values[:before, :room] = self._values
+        more = np.arange(before, shape[0])
+        self._free = np.concatenate([self._free[: self._counts[0]], more, self._free[self._counts[0] :]])
+        self._counts[0] += len(more)
+        self._ended = np.concatenate([self._ended, more])
+        self._places = np.concatenate([self._places, np.zeros(len(more), _PLACE)])
+        self._values = values
+
+
+_SLOT = np.dtype([("episode", "i8"), ("place", "i8"), ("scenario", "u1"), ("open", "?")], align=True)
+_PLACE = np.dtype(
+    [("episode", "i8"), ("frames", "i8"), ("scenario", "u1"), ("outcome", "u1"), ("pedestrian", "u1")], align=True
+)
+
+
+@kernel
+def _store(state, curvttc, distance, slots, places, values, free, ended, counts):  # type: ignore[no-untyped-def]
+    """Put one tick where its episodes have their places, which they get as they begin; note those that end."""
+    for i in range(state.size):
+        record, slot = state[i], slots[i]
+        if record.status == IDLE:
+            continue
+        if record.episode != slot.episode or record.scenario != slot.scenario:
+            if slot.open:
+                counts[2] += 1
+            else:
+                counts[0] -= 1
+                slot.place = free[counts[0]]
+            place = places[slot.place]
+            for f in range(place.frames):
+                for k in range(values.shape[2]):
+                    values[slot.place, f, k] = np.nan
+            place.scenario, place.episode, place.pedestrian, place.frames = (
+                record.scenario, record.episode, record.pedestrian, 0,
+            )  # fmt: skip
+            slot.scenario, slot.episode, slot.open = record.scenario, record.episode, True
+        elif not slot.open:
+            continue
+        place, row = places[slot.place], values[slot.place, record.frame]
+        # the vehicle moves along its heading, so that is where its velocity points
+        row[0], row[1] = record.vehicle_x, record.vehicle_y
+        row[2] = record.vehicle_speed * math.cos(record.vehicle_heading)
+        row[3] = record.vehicle_speed * math.sin(record.vehicle_heading)
+        row[4], row[5] = record.pedestrian_x, record.pedestrian_y
+        row[6], row[7] = record.pedestrian_vx, record.pedestrian_vy
+        row[8], row[9] = distance[i], curvttc[i]
+        place.frames = max(place.frames, record.frame + 1)
+        if record.status == ENDED:
+            place.outcome, slot.open = record.outcome, False
+            ended[counts[1]] = slot.place
+            counts[1] += 1

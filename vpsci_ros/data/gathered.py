@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.data.episode import Episode, Floats, Key, Listed, filled
 from vpsci_ros.world import Scenario
-from vpsci_ros.world.sharing import episode_rows
+from vpsci_ros.world.crowd import episode_rows
 from vpsci_ros.world.state import ENDED, OUTCOME_NAMES, RUNNING
 
 Tick = tuple[NDArray[np.void], Floats, Floats]

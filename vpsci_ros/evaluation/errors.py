@@ -26,7 +26,7 @@ from vpsci_ros.evaluation.statistics import cluster_counts, interval
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.weights import Weights
-from vpsci_ros.runs.tables import text_table
+from vpsci_ros.runs.progress import text_table
 
 CONTROLS = ("repeat_velocity", "constant_velocity", "constant_velocity_tracked")
 

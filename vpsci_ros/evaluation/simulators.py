@@ -14,10 +14,9 @@ from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.safety import PEDESTRIAN_RADIUS
 from vpsci_ros.world import WorldConfig
-from vpsci_ros.world.autopilot import too_near
+from vpsci_ros.world.autopilot import social_force, too_near
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.observation import STEP
-from vpsci_ros.world.social_force import social_force
 
 Floats = NDArray[np.float64]
 Simulator = Callable[[Onsets], Floats]

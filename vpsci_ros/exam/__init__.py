@@ -1,6 +1,6 @@
 """The exam of a driving system: `prepare` it, `run` it, and what comes of it.
 
 `conduct` has the system meet each pedestrian, by the graph of nodes (`in_graph`) or the loop (`in_process`), in which
-a class answers from a process of its own (`class_process`, `cockpit`). `measures` makes a row of each episode, `scores`
-says what is measured, `report` puts it together, `criteria` says whether it is passed, `page` and `console` show it.
+a class answers from a process of its own (`class_process`). `measures` makes a row of each episode, `scores`
+says what is measured, `report` puts it together, `earlier` says whether it is passed, and `page` shows it.
 """

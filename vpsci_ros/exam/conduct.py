@@ -30,18 +30,17 @@ from vpsci_ros.exam.config import EXTERNAL, SILENT_TICKS, title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_graph import counts_of, domain_of, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
-from vpsci_ros.exam.measures import RunResult
+from vpsci_ros.exam.measures import RunResult, Sight, Watcher, episodes_of
 from vpsci_ros.exam.report import Conduct
-from vpsci_ros.exam.sight import Sight, Watcher, episodes_of
 from vpsci_ros.nodes.status import NodeStatus
+from vpsci_ros.runs.folder import RECORD, read_record
 from vpsci_ros.runs.progress import Bars
-from vpsci_ros.runs.record import RECORD, read_record
 from vpsci_ros.runs.workers import computed, local_workers
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import EVENTS
 from vpsci_ros.world.counts import WorldCounts
-from vpsci_ros.world.sharing import episode_rows
+from vpsci_ros.world.crowd import episode_rows
 from vpsci_ros.world.state import VEHICLE_ACTION_MISSING
 
 

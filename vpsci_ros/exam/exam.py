@@ -14,19 +14,17 @@ from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.class_process import files_of_class
+from vpsci_ros.exam.class_process import OWN, command_of, files_of, files_of_class
 from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, PERSON, ExamConfig, added_pedestrians
 from vpsci_ros.exam.driver_class import Driver
-from vpsci_ros.exam.process import OWN, command_of, files_of
 from vpsci_ros.exam.recorded_people import Motion, absent_pedestrians, recorded_people, spawns
 from vpsci_ros.policy.agent_types import AGENT_TYPES
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.resources import near_misses_path, weights_path
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
-from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.folder import require_same
 from vpsci_ros.runs.provenance import cpu_name, software_versions
-from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import CrowdConfig
 from vpsci_ros.world.engines import EngineConfig

@@ -22,9 +22,8 @@ from vpsci_ros.exam.class_process import class_process
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene
 from vpsci_ros.exam.exam import SIDE_BY_SIDE, Exam
-from vpsci_ros.exam.measures import RunResult
+from vpsci_ros.exam.measures import RunResult, Watcher, episodes_of, sight_record
 from vpsci_ros.exam.report import BASELINE, Conduct
-from vpsci_ros.exam.sight import Watcher, episodes_of, sight_record
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.policy.agent import PolicyAgent
@@ -32,8 +31,8 @@ from vpsci_ros.policy.agent_types import make_agent
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.runs.files import sha256
+from vpsci_ros.runs.folder import RECORD, write_record
 from vpsci_ros.runs.progress import Bars
-from vpsci_ros.runs.record import RECORD, write_record
 from vpsci_ros.world import ENDED, IDLE, RUNNING, Recorded, World
 from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.intervention import InterventionConfig, Interventions

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from vpsci_ros.bags.simulated import write_ticks
 from vpsci_ros.data.reference import around_critical
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.safety.paths import first_crossing
+from vpsci_ros.safety.encroachment import first_crossing
 from vpsci_ros.world import RUNNING, Scenario, World, WorldConfig, handover
-from vpsci_ros.world.events import NO_EVENTS
 from vpsci_ros.world.observation import STEP
+from vpsci_ros.world.state import NO_EVENTS
 from vpsci_ros.world.tick import NO_ACTIONS, Step, Tick
 
 Floats = NDArray[np.float64]

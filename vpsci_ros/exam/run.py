@@ -19,8 +19,7 @@ from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import driven_episodes, run_with_all
 from vpsci_ros.exam.config import ALONE
-from vpsci_ros.exam.criteria import check, parse, sentence
-from vpsci_ros.exam.earlier import compare, compared_with, write_junit, write_summary
+from vpsci_ros.exam.earlier import check, compare, compared_with, parse, sentence, write_junit, write_summary
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, RunResult, episode_table
@@ -28,7 +27,7 @@ from vpsci_ros.exam.page import print_report, write_page
 from vpsci_ros.exam.report import ADS, BASELINE, make_report
 from vpsci_ros.exam.view import Driven, exam_sources
 from vpsci_ros.runs.files import write_text
-from vpsci_ros.view.page import write_view
+from vpsci_ros.view.pack import write_view
 from vpsci_ros.view.sources import LIMIT, Source
 
 VIEW, REPORT = "view.html", "report.html"

@@ -8,19 +8,31 @@ from typing import Any, NamedTuple
 
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.generate.config import DatasetConfig
-from vpsci_ros.parameters import values_of
+from vpsci_ros.parameters import parameter, values_of
 from vpsci_ros.policy.config import LEARNED, PolicyConfig
 from vpsci_ros.policy.policy_file import policy_from_bytes
 from vpsci_ros.resources import weights_path
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.provenance import cpu_name
-from vpsci_ros.runs.sections import Sections
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.scenario import own_documents
+
+# ---- Parameters of stage 3 as a dataset.
+
+
+@dataclass(frozen=True)
+class DatasetConfig:
+    """Content of a dataset."""
+
+    kept: int = parameter(
+        0, "kept episodes wanted in each scenario; 0: the counts of Table 10", low=0, high=1_000_000_000
+    )
+    formats: list[str] = parameter(["parquet"], "files to write for each scenario", choices=("parquet", "csv"))
+    keep_rejected: bool = parameter(False, "write rejected episodes to the folder rejected/")
+
 
 RECORDED = {
     "world_simulator": (RunConfig, WorldConfig),

@@ -10,23 +10,78 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
 from vpsci_ros.data.dataset import DatasetWriter
-from vpsci_ros.data.dataset_files import FORMATS
-from vpsci_ros.data.dataset_index import DESCRIPTION
-from vpsci_ros.data.episode_block import EpisodeBlock
+from vpsci_ros.data.dataset_index import DESCRIPTION, FORMATS
+from vpsci_ros.data.episode_block import REASONS, EpisodeBlock
+from vpsci_ros.data.published import LEAST_CURVTTC, TABLE_10
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput, VpsciError
-from vpsci_ros.generate.datasheet import datasheet
 from vpsci_ros.generate.job import Job, Unit
-from vpsci_ros.generate.journal import RECORD, Journal, journal_of
-from vpsci_ros.generate.plan import DatasetPlan, ScenarioPlan
+from vpsci_ros.generate.plan import RECORD, DatasetPlan, Journal, ScenarioPlan, journal_of
 from vpsci_ros.generate.simulate import computing
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.runs.files import changed_files
+from vpsci_ros.runs.folder import write_record
+from vpsci_ros.runs.progress import LINE_EVERY, Bars, short_name
 from vpsci_ros.runs.provenance import software_versions
-from vpsci_ros.runs.record import write_record
 from vpsci_ros.runs.workers import Workers, computed, local_workers
+from vpsci_ros.world import Scenario
+
+# ---- The datasheet of a generated dataset: content, origin and limits, in its own numbers.
+#
+# It is the folder's README.md. Its words are in `templates/datasheet.md`.
+
+
+_TEMPLATES = Path(__file__).resolve().parent / "templates"
+_NUMBERS = ("", "one", "two", "three", "four", "five", "six", "seven", "eight")
+
+
+def datasheet(description: Mapping[str, Any], scenarios: Sequence[Scenario]) -> str:
+    """Return the datasheet as Markdown.
+
+    :param description: content of dataset.json.
+    :param scenarios: of the dataset.
+    """
+    rows, configuration = description["scenarios"], description["configuration"]
+    several = int(configuration["world_simulator"]["pedestrians"])
+    environment = Environment(
+        loader=FileSystemLoader(_TEMPLATES),
+        autoescape=select_autoescape(),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template("datasheet.md").render(
+        d=description,
+        rows=rows,
+        kept=sum(row["kept"] for row in rows.values()),
+        simulated=sum(row["simulated"] for row in rows.values()),
+        collided=sum(row["kept_outcomes"]["collision"] for row in rows.values()),
+        early=description["all"]["with_early_collisions"],
+        right_turns=all(row["number"] in TABLE_10 for row in rows.values()),
+        people="one pedestrian" if several == 1 else f"one to {_NUMBERS[several]} pedestrians",
+        several=several > 1,
+        parked=[scenario.name for scenario in scenarios if len(scenario.parked)],
+        drivers=_drivers("All" if several > 1 else "Both", list(description["weights"])),
+        reasons=REASONS[1:],
+        table_10=TABLE_10,
+        published=LEAST_CURVTTC,
+        number="{:,}".format,
+        seconds=lambda quartiles: ", ".join(f"{value:.2f}" for value in quartiles) + " s",
+    )
+
+
+def _drivers(everybody: str, learned: Sequence[str]) -> str:
+    """Return in words the agents that act by a policy while CurvTTC is critical."""
+    if not learned:
+        return f"{everybody} road users are rule-based"
+    return (
+        f"{everybody} road users are learned policies" if len(learned) > 1 else f"The {learned[0]} is a learned policy"
+    )
+
 
 UNIT = 1024  # episodes in a unit of work; small datasets have smaller ones
 PARALLEL = 1024  # episodes that a worker simulates side by side
@@ -72,7 +127,7 @@ def generate(
     :param folder: must be new or empty, or hold the same run, unfinished or complete.
     :param workers: called to start workers when a unit is missing.
     :param unit: most episodes in a unit of work of a new run.
-    :param formats: of `vpsci_ros.data.dataset_files.FORMATS`.
+    :param formats: of `vpsci_ros.data.dataset_index.FORMATS`.
     :param report: called after each unit.
     :raises InvalidInput: `folder` has another content, or this dataset, damaged; or another process uses it.
     :raises VpsciError: a scenario keeps almost no episode, workers die repeatedly, or the disk is full.
@@ -201,3 +256,43 @@ def _up_to_kept(block: EpisodeBlock, wanted: int) -> int:
     """Return how many episodes of the block there are up to the `wanted`th kept one, or all."""
     places = np.flatnonzero(block.kept)
     return int(places[wanted - 1]) + 1 if len(places) >= wanted else len(block)
+
+
+# ---- Progress of a run: a bar for each scenario with kept, rejected, acceptance, rate and time left.
+
+
+class ProgressOfRun(Bars):
+    """A bar for each scenario; without a terminal a line for all at intervals and at the end.
+
+    :param names: of the scenarios by number.
+    """
+
+    def __init__(self, names: dict[int, str], *, quiet: bool = False, interval: float = LINE_EVERY) -> None:
+        super().__init__(quiet=quiet, interval=interval)
+        self._names = names
+        self._before: dict[int, int] | None = None
+
+    def __enter__(self) -> "ProgressOfRun":
+        super().__enter__()
+        return self
+
+    def show(self, plan: DatasetPlan) -> None:
+        """Update the display."""
+        if self._before is None:  # what an earlier run had done does not count for this one's rate
+            self._before = {number: _counted(scenario) for number, scenario in plan.scenarios.items()}
+        hours = max(1e-3, time.monotonic() - self._begun) / 3600.0
+        kept = simulated = wanted = 0
+        for number, scenario in plan.scenarios.items():
+            done = _counted(scenario)
+            kept, simulated, wanted = kept + done, simulated + scenario.simulated, wanted + scenario.target
+            rejected = scenario.simulated - scenario.kept
+            rate = (done - self._before[number]) / hours
+            note = f"kept, {rejected:,} rejected, {scenario.acceptance:.0%} pass, {rate:,.0f}/h"
+            self.bar(short_name(self._names[number]), done, scenario.target, note)
+        rate = (kept - sum(self._before.values())) / hours
+        self.line(f"{kept:,} of {wanted:,} kept, {simulated:,} simulated, {rate:,.0f} kept/h", now=plan.complete)
+
+
+def _counted(scenario: ScenarioPlan) -> int:
+    """Return the kept episodes of a scenario, at most its target."""
+    return min(scenario.kept, scenario.target)

@@ -14,17 +14,24 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vpsci_ros.data.dataset_files import FORMATS, episode_rows
-from vpsci_ros.data.dataset_index import DESCRIPTION, FORM_OF_GENERATED, INDEX, REJECTED, index_table
+from vpsci_ros.data.dataset_index import (
+    DESCRIPTION,
+    FORM_OF_GENERATED,
+    FORMATS,
+    INDEX,
+    REJECTED,
+    episode_rows,
+    index_table,
+)
 from vpsci_ros.data.dataset_reader import Dataset, file_table
 from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes, joined
 from vpsci_ros.documents import reason, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.generate.job import RECORDED, Job, Unit, job_from
 from vpsci_ros.parameters import check_sections, with_constants
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import changed_files
 from vpsci_ros.runs.provenance import cpu_name
-from vpsci_ros.runs.sections import Sections
 from vpsci_ros.runs.workers import Workers, computed
 from vpsci_ros.world.scenario import scenario_from
 

@@ -13,7 +13,7 @@ from vpsci_ros.learning.transitions import TransitionBuilder
 from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import Weights
-from vpsci_ros.runs.identity import require_same
+from vpsci_ros.runs.folder import require_same
 from vpsci_ros.world.loop import Loop
 
 LOG, EPISODES = "refine_log.csv", "refine_episodes.csv"

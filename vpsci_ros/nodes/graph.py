@@ -30,12 +30,10 @@ from vpsci_ros.nodes.watch import Watch
 from vpsci_ros.parameters import as_ros_parameters, pick, refuse_unknown, settings_of, table
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.resources import weights_path
-from vpsci_ros.runs.config import RunConfig
+from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256
-from vpsci_ros.runs.output_folder import Claim
+from vpsci_ros.runs.folder import RECORD, Claim, write_record
 from vpsci_ros.runs.processes import ChildProcess, stop
-from vpsci_ros.runs.record import RECORD, write_record
-from vpsci_ros.runs.sections import Sections
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 from vpsci_ros.world import WorldConfig
 

@@ -17,8 +17,8 @@ from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.stepped import actor_at_work
 from vpsci_ros.policy.weights import ActorWeights, Weights
 from vpsci_ros.world import EPISODE, RUNNING, World, observation
+from vpsci_ros.world.crowd import leading_rows
 from vpsci_ros.world.observation import AGENTS
-from vpsci_ros.world.sharing import leading_rows
 from vpsci_ros.world.tick import Assessment, Tick
 
 
@@ -26,7 +26,7 @@ class PolicyAgent:
     """The policy of one agent over a batch of parallel episodes.
 
     Of several pedestrians in an episode each acts on its own. Their vehicle has a history with each of them, and acts
-    in all rows as it does where CurvTTC is least, see `vpsci_ros.world.sharing.leading_rows`.
+    in all rows as it does where CurvTTC is least, see `vpsci_ros.world.crowd.leading_rows`.
 
     Call `load` before `act`.
 

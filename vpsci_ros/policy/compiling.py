@@ -23,7 +23,7 @@ def _spawn() -> None:
 
 
 def _move() -> None:
-    from vpsci_ros.data.episode_frames import EpisodeFrames
+    from vpsci_ros.data.episode_block import EpisodeFrames
     from vpsci_ros.data.filters import FilterConfig, apply_filters
     from vpsci_ros.world import World, WorldConfig, load_scenarios
     from vpsci_ros.world.loop import Loop

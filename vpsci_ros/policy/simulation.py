@@ -7,8 +7,7 @@ from typing import Any
 
 from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.config import PolicyConfig
-from vpsci_ros.runs.config import RunConfig
-from vpsci_ros.runs.sections import Sections
+from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
 from vpsci_ros.world.engines import EngineConfig
 from vpsci_ros.world.monitor import MonitorConfig

@@ -1,10 +1,11 @@
 """Parameters of a run in simulation: which episodes, how many at once, and which peers its nodes wait for."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import parameter
+from vpsci_ros.parameters import parameter, pick
 
 
 @dataclass(frozen=True)
@@ -76,3 +77,30 @@ class RunConfig:
     def total(self) -> int:
         """How many episodes that are."""
         return len(self.only) // 2 or len(self.scenarios) * self.episodes
+
+
+# ---- The sections of a parameter file as one value, from which each command and node takes its configuration.
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Sections:
+    """What a parameter file or a caller sets; every other parameter has its default.
+
+    :ivar values: section -> name of a parameter, with dots for those of groups -> value.
+    """
+
+    values: Mapping[str, Mapping[str, Any]]
+
+    def get(self, kind: type[T], section: str) -> T:
+        """Return one of a section's configuration classes.
+
+        :raises InvalidInput: a value of another type or out of range, or values that contradict each other.
+        """
+        return pick(kind, self.values.get(section, {}), section)
+
+    def changed(self, section: str, values: Mapping[str, Any]) -> "Sections":
+        """Return sections in which one has these values besides its own."""
+        return Sections({**self.values, section: {**self.values.get(section, {}), **values}})

@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety.compiled import kernel
 from vpsci_ros.safety.curvttc import CRITICAL_TTC
+from vpsci_ros.safety.encroachment import first_crossing
 from vpsci_ros.safety.footprint import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.safety.inputs import FloatLike, Floats
-from vpsci_ros.safety.paths import first_crossing
 from vpsci_ros.safety.series import trajectories
 
 

@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import constant, parameter
-from vpsci_ros.world.crowd import MOST, CrowdConfig
-from vpsci_ros.world.kinds import KindMixture
+from vpsci_ros.world.crowd import MOST, CrowdConfig, KindMixture
 
 VEHICLE_DRIVERS = ("policy", "autopilot", "external", "replay")
 SPAWNS = ("right_turns", "human", "paper")

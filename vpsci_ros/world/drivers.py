@@ -22,6 +22,7 @@ from vpsci_ros.world.autopilot import (
     WALK_ACCELERATION,
     WALK_LOOK_AHEAD,
     pursuit_curvature,
+    social_force,
     speed_acceleration,
     too_near,
     walk_acceleration,
@@ -29,10 +30,9 @@ from vpsci_ros.world.autopilot import (
 )
 from vpsci_ros.world.compiled import inlined, kernel
 from vpsci_ros.world.config import PEDESTRIAN_DRIVERS, VEHICLE_DRIVERS
-from vpsci_ros.world.kinds import TOP_SPEED
+from vpsci_ros.world.crowd import TOP_SPEED
 from vpsci_ros.world.observation import from_heading_frame, to_heading_frame
 from vpsci_ros.world.people import limited
-from vpsci_ros.world.social_force import social_force
 
 POLICY, EXTERNAL, REPLAY = (VEHICLE_DRIVERS.index(name) for name in ("policy", "external", "replay"))
 CONSTANT_VELOCITY = PEDESTRIAN_DRIVERS.index("constant_velocity")

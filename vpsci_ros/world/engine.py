@@ -5,8 +5,9 @@ its bits do not depend on the batch, on its place in it or on the number of thre
 """
 
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH, clearance_pair
+from vpsci_ros.world.autopilot import keep_apart
 from vpsci_ros.world.compiled import inlined, kernel
-from vpsci_ros.world.crowd import step_off
+from vpsci_ros.world.crowd import share_action, share_motion, step_off
 from vpsci_ros.world.drivers import (
     EXTERNAL,
     POLICY,
@@ -20,8 +21,6 @@ from vpsci_ros.world.drivers import (
 )
 from vpsci_ros.world.handover import update
 from vpsci_ros.world.paths import project
-from vpsci_ros.world.sharing import share_action, share_motion
-from vpsci_ros.world.social_force import keep_apart
 from vpsci_ros.world.state import (
     COLLISION,
     ENDED,

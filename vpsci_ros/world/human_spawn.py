@@ -13,7 +13,7 @@ from vpsci_ros.world.approach import bend_speed, lane_sway, line_offset, onset_t
 from vpsci_ros.world.autopilot import pursuit_curvature
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_SPAWN, draw, normal_pair, unit
-from vpsci_ros.world.kinds import ADULT, CHILD, SET_OFF, speed_of_kind
+from vpsci_ros.world.crowd import ADULT, CHILD, SET_OFF, speed_of_kind
 from vpsci_ros.world.paths import line_at, nearest
 from vpsci_ros.world.people import car_speed, quantile, sway
 

@@ -11,10 +11,9 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import parameter
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.counts import WorldCounts
-from vpsci_ros.world.events import NO_EVENTS
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.safe_stop import ExternalDriver
-from vpsci_ros.world.state import RUNNING
+from vpsci_ros.world.state import NO_EVENTS, RUNNING
 from vpsci_ros.world.tick import Actions, Assessment, Floats, Tick, finite_pairs
 
 T = TypeVar("T", bound=Assessment | Floats)

@@ -20,8 +20,8 @@ from vpsci_ros.world import people
 from vpsci_ros.world.approach import drive_then, line_offset, onset_time, walk_then, walks_then
 from vpsci_ros.world.compiled import kernel
 from vpsci_ros.world.counter_rng import STREAM_SPAWN, draw, normal_pair, unit
+from vpsci_ros.world.crowd import ADULT, CHILD
 from vpsci_ros.world.human_spawn import draw_driver, draw_walker, place_walker, put_car
-from vpsci_ros.world.kinds import ADULT, CHILD
 from vpsci_ros.world.paths import line_at, nearest, project
 from vpsci_ros.world.people import AHEAD, LEFT, TURNS, WAY
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import constant, parameter
 from vpsci_ros.world.counts import WorldCounts
-from vpsci_ros.world.events import NO_EVENTS
-from vpsci_ros.world.state import EPISODE, EVENT, RUNNING, SAFE_STOP
+from vpsci_ros.world.state import EPISODE, EVENT, NO_EVENTS, RUNNING, SAFE_STOP
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Tick
 
 ANSWERS_TO_A_REPETITION = 2  # to its odometry, and to the list of objects

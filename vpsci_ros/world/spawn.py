@@ -16,16 +16,17 @@ from vpsci_ros.world.crowd import (
     OPPOSITE,
     ROOM,
     crowded,
+    draw_kind,
     how_many,
     role_of,
+    share_vehicle,
+    speed_of_kind,
     step_off_after,
     walk_along,
 )
 from vpsci_ros.world.human_spawn import join_people, put_walker, spawn_people
-from vpsci_ros.world.kinds import draw_kind, speed_of_kind
 from vpsci_ros.world.paths import line_at, nearest, point_at
 from vpsci_ros.world.right_turns import spawn_right_turn
-from vpsci_ros.world.sharing import share_vehicle
 from vpsci_ros.world.state import NONE, RUNNING, STARTED
 
 REPLAY = VEHICLE_DRIVERS.index("replay")  # the same for both agents

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.extras.exam_extra.search.margin import LeastMargins, Watched
+from vpsci_ros.extras.exam_extra.search.risk import LeastMargins, Watched
 from vpsci_ros.world import ENDED, IDLE, RUNNING
 from vpsci_ros.world.state import EPISODE
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.episodes import read_episodes
-from vpsci_ros.extras.formats.film import SIZE, pictures
+from vpsci_ros.extras.formats.mp4 import SIZE, pictures
 from vpsci_ros.extras.formats.run import export
 
 BAG = "bags/LocationB_PedCross_S-N"

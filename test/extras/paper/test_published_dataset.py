@@ -13,8 +13,7 @@ from vpsci_ros.episodes import open_source, read_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.carla_csv import write
 from vpsci_ros.extras.formats.run import Options
-from vpsci_ros.extras.paper.authors import SCALE
-from vpsci_ros.extras.paper.published_dataset import canonical, convert
+from vpsci_ros.extras.paper.published_dataset import SCALE, canonical, convert
 
 RATE, METRES = 25.0, 0.05  # of the HDI file
 

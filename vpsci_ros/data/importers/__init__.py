@@ -1,14 +1,20 @@
 """Real recordings in, near misses out: every format becomes clips of tracks at 0.1 s, and then the same thing happens.
 
-`importer` says what an importer is; `tracks` reads, checks, resamples; `vci`, `cqut_pvi` and `described` know formats,
-some by a `layout` of columns; `pairing` puts each vehicle together with each pedestrian and keeps the
-near misses; `result` is what comes out; `run` is the door, with the list of formats, to which other distributions add
-theirs (`docs/extending.md`).
+`importer` says what an importer is and what comes out of it; `tracks` reads, checks, resamples, and puts each vehicle
+together with each pedestrian; `vci`, `cqut_pvi` and `described` know formats, some by a `layout` of columns; `run` is
+the door, with the list of formats, to which other distributions add theirs (`docs/extending.md`).
 """
 
 from vpsci_ros.data.importers.importer import Clip, Importer
-from vpsci_ros.data.importers.result import ImportResult, SourceSummary, joined, print_import_summary
-from vpsci_ros.data.importers.run import IMPORTERS, import_folders, import_trajectories
+from vpsci_ros.data.importers.run import (
+    IMPORTERS,
+    ImportResult,
+    SourceSummary,
+    import_folders,
+    import_trajectories,
+    joined,
+    print_import_summary,
+)
 from vpsci_ros.data.importers.tracks import Track
 
 __all__ = [

@@ -21,9 +21,9 @@ from vpsci_ros.exam.view import FailureGroup, exam_sources, failure_group
 from vpsci_ros.extras.exam_extra.factors import FACTORS
 from vpsci_ros.extras.exam_extra.why import Search, explain
 from vpsci_ros.report import html
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import write_text
-from vpsci_ros.runs.sections import Sections
-from vpsci_ros.view.page import write_view
+from vpsci_ros.view.pack import write_view
 from vpsci_ros.view.sources import LIMIT, Shown, Source, shown
 
 FOLDER = "why"

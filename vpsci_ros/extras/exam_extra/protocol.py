@@ -21,17 +21,16 @@ from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.driver_class import Cockpit
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import InProcess, loop_with
-from vpsci_ros.exam.measures import RunResult, episode_table
+from vpsci_ros.exam.measures import RunResult, Watcher, episode_table, episodes_of
 from vpsci_ros.exam.recorded_people import Motion
 from vpsci_ros.exam.report import ADS, BASELINE, Conduct
-from vpsci_ros.exam.sight import Watcher, episodes_of
 from vpsci_ros.exam.view import exam_sources
 from vpsci_ros.extras.exam_extra import euro_ncap
 from vpsci_ros.report import html
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
-from vpsci_ros.view.page import write_view
+from vpsci_ros.view.pack import write_view
 from vpsci_ros.view.sources import LIMIT
 from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.autopilot import too_near

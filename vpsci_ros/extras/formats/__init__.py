@@ -1,7 +1,7 @@
 """Other file formats: `vpsci export` writes a dataset, bag or exam in them, further importers read recordings.
 
-`movers` holds what all formats write of an episode. `openscenario` (with `opendrive`), `commonroad`, `osi`, `lanelet2`,
+`movers` holds what all formats write of an episode. `openscenario` (with the maps of `opendrive`), `commonroad`, `osi`,
 `scenarionet`, `minari`, `mp4` and `carla_csv` write one format each. `run` has the list of formats, to which other
-distributions add theirs. `hc`, `taf_bw` and `track_tables` are importers. The libraries are optional (extra `formats`):
+distributions add theirs. `hc` and `track_tables` are importers. The libraries are optional (extra `formats`):
 a missing one is named with the command that installs it.
 """

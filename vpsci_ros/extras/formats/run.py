@@ -10,9 +10,9 @@ from vpsci_ros.data.episode import Episode
 from vpsci_ros.episodes import open_source
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import near_misses_part
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.folder import PARAMETERS, RunFolder
 from vpsci_ros.runs.plugins import PluginGroup
-from vpsci_ros.runs.sections import Sections
 
 VEHICLES = ("controllable", "trajectory")
 
@@ -67,7 +67,7 @@ EXPORTERS = PluginGroup(
     {
         "openscenario": Exporter("vpsci_ros.extras.formats.openscenario", "formats"),
         "commonroad": Exporter("vpsci_ros.extras.formats.commonroad", "commonroad"),
-        "lanelet2": Exporter("vpsci_ros.extras.formats.lanelet2"),
+        "lanelet2": Exporter("vpsci_ros.extras.formats.opendrive"),
         "osi": Exporter("vpsci_ros.extras.formats.osi", "formats"),
         "scenarionet": Exporter("vpsci_ros.extras.formats.scenarionet"),
         "minari": Exporter("vpsci_ros.extras.formats.minari"),

@@ -7,17 +7,28 @@ with y to the north; positions, times and velocities must agree, and `distance` 
 may count from any number; a missing one is a frame that nobody saw, as is an empty cell. Outcomes are not in the files.
 """
 
+import re
+from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import polars as pl
 
 from vpsci_ros.data.dataset import DatasetWriter
-from vpsci_ros.data.dataset_files import DATASET_COLUMNS, NEXT_PEDESTRIAN
+from vpsci_ros.data.dataset_index import DATASET_COLUMNS, NEXT_PEDESTRIAN
+from vpsci_ros.data.dataset_reader import Dataset
+from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.episode_block import QUANTITIES, RECORD, EpisodeBlock
-from vpsci_ros.documents import reason, require_regular
+from vpsci_ros.data.importers.importer import Clip, Importer
+from vpsci_ros.data.importers.layout import Layout, check_rate, clip_of, read_csv
+from vpsci_ros.data.importers.tracks import Floats, Track, require_columns
+from vpsci_ros.documents import read_yaml, reason, require_regular, shown
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import Scenario
+from vpsci_ros.world.observation import STEP
 from vpsci_ros.world.scenario import shipped_scenarios
 
 PERIOD = 0.05  # [s] a frame, section 3.3
@@ -205,3 +216,103 @@ def _block(rows: pl.DataFrame, scenario: int) -> EpisodeBlock:
     records["rows"], records["pedestrians"] = of["len"], of["ped_id"]
     records["frames"] = of["len"] // of["ped_id"]
     return EpisodeBlock(records, rows.select(QUANTITIES).to_numpy())
+
+
+# ---- What the paper's authors publish: their dataset (`vpsci`, simulated) and the recordings behind it (`hdi`).
+#
+# Source: github.com/Qpu523, VPSCI-Dataset (see `published_dataset`) and HDI-Dataset. A file of HDI has a row a frame
+# and road user: Frame Num, ID, Type, the box Xmin, Ymin, Xmax, Ymax, Speed (km/h) and more. Its readme says neither
+# the unit of the boxes nor the frame rate; in its sample they are pixels of a picture, y down. Both are constants of
+# a flight, so they stand in `hdi.yaml` beside the files, and have to agree with the column of speeds.
+
+
+SCALE = "hdi.yaml"
+STANDS = "vehicles that never move"  # a count of `Clip.left_out`
+_BOX = ("xmin", "ymin", "xmax", "ymax")
+_VEHICLES, _WALKERS = frozenset({"car", "van", "bus", "truck"}), frozenset({"pedestrian", "person", "people"})
+
+
+def vpsci(folder: Path) -> Iterator[Clip]:
+    """Yield a clip for each episode of the authors' dataset, in the order of scenario and number.
+
+    CurvTTC is computed again from the motion, as for every import; that of the file is what `vpsci published` keeps.
+    """
+    with TemporaryDirectory() as place:
+        convert(folder, Path(place) / "dataset")
+        data = Dataset(Path(place) / "dataset")
+        yield from (_clip(episode) for episode in chain(data.read(), data.read(rejected=True)))
+
+
+def _clip(episode: Episode) -> Clip:
+    known = ("the outcome of an episode", "headings are directions of motion")
+    name, every = f"{episode.group}/{episode.number}", round(STEP / episode.period)
+    if np.isnan(episode.heading).all():
+        return Clip(name, [], [], {STANDS: 1}, known)
+    car = {each: _closed(getattr(episode, each))[::every] for each in ("x", "y", "heading", "speed")}
+    walks = [
+        {each: _closed(getattr(episode, f"ped_{each}")[number])[::every] for each in ("x", "y", "vx", "vy")}
+        for number in range(episode.pedestrians)
+    ]
+    return Clip(name, [Track(0, 0, car)], [Track(n, 0, walk) for n, walk in enumerate(walks, 1)], {}, known)
+
+
+def _closed(values: Floats) -> Floats:
+    """Return float64[T] with straight lines between the frames that somebody saw."""
+    seen = np.flatnonzero(~np.isnan(values))
+    return np.interp(np.arange(len(values)), seen, values[seen]) if len(seen) else np.zeros(len(values))
+
+
+def hdi(folder: Path) -> Iterator[Clip]:
+    """Yield the recordings of HDI: CSV files, and hdi.yaml with `frame_rate` [1/s] and `metres` in a pixel.
+
+    :raises InvalidInput: no such files, or units that the column of speeds contradicts.
+    """
+    scale = _scale(folder / SCALE)
+    files = sorted(folder.glob("*.csv"))
+    if not files:
+        raise InvalidInput(f"{folder}: expected CSV files of HDI as published, found none")
+    return (_recording(path, *scale) for path in files)
+
+
+def _scale(path: Path) -> tuple[float, float]:
+    if not path.is_file():
+        raise InvalidInput(
+            f"{path}: no such file; HDI's files say neither their frame rate nor how large a pixel is: write both "
+            "here, frame_rate: 30 and metres: 0.05, say"
+        )
+    values = read_yaml(path)
+    given = [values.get(key) if isinstance(values, dict) else None for key in ("frame_rate", "metres")]
+    if not all(isinstance(each, (int, float)) and not isinstance(each, bool) and each > 0 for each in given):
+        raise InvalidInput(f"{path}: expected frame_rate [1/s] and metres in a pixel, above 0; got {shown(values)}")
+    return float(given[0]), float(given[1])  # type: ignore[arg-type]
+
+
+def _recording(path: Path, rate: float, metres: float) -> Clip:
+    table = read_csv(path)
+    table = table.rename(
+        {name: re.sub(r"[^a-z]", "", name.lower().partition("(")[0]) or name for name in table.columns}
+    )
+    require_columns(table, ["framenum", "id", "type", *_BOX, "speed"], path)
+    number = {
+        name: pl.col(name).str.strip_chars().cast(pl.Float64, strict=False) for name in (*_BOX, "speed", "framenum")
+    }
+    boxes = table.with_columns(
+        x=0.5 * (number["xmin"] + number["xmax"]),
+        y=0.5 * (number["ymin"] + number["ymax"]),
+        type=pl.col("type").str.strip_chars().str.to_lowercase(),
+    )
+    layout = Layout(
+        {"id": "id", "frame": "framenum", "class": "type", "x": "x", "y": "y"},
+        _VEHICLES,
+        _WALKERS,
+        frame_rate=rate,
+        metres=metres,
+        y_down=True,
+    )
+    metric = {"frame": number["framenum"], "x": pl.col("x") * metres, "y": pl.col("y") * metres}
+    check_rate(boxes.select("id", **metric, vx=number["speed"] / 3.6, vy=pl.lit(0.0)).sort("id", "frame"), rate, path)
+    return clip_of(path.stem, {path: (boxes, layout)})
+
+
+VPSCI = Importer(vpsci, length=VEHICLE_LENGTH, width=VEHICLE_WIDTH)
+HDI = Importer(hdi, length=4.5, width=1.8)

@@ -3,8 +3,7 @@
 import polars as pl
 import pytest
 
-from vpsci_ros.extras.paper.section_4.comparison import describe, distance_between, onset_weights
-from vpsci_ros.extras.paper.section_4.encounters import SCHEMA
+from vpsci_ros.extras.paper.section_4.comparison import SCHEMA, describe, distance_between, onset_weights
 
 
 def encounters(least: list[float], onset: list[float] | None = None, groups: list[str] | None = None) -> pl.DataFrame:

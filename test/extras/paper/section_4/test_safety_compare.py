@@ -6,7 +6,7 @@ from synthetic import synthetic_near_misses
 
 from vpsci_ros.data.reference import around_critical
 from vpsci_ros.extras.paper.section_4 import safety_compare
-from vpsci_ros.extras.paper.section_4.measure_series import MEASURES, first_flags
+from vpsci_ros.extras.paper.section_4.safety_compare import MEASURES, first_flags
 from vpsci_ros.safety import CONFLICT_TTC
 
 

@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from vpsci_ros.data.episode import Key
+from vpsci_ros.exam.config import MOVING, SEVERE_TTC, ExamConfig
+from vpsci_ros.safety import HORIZON, clearance
+from vpsci_ros.world import ENDED, IDLE
+
 Floats = NDArray[np.float64]
+
+
 _LOW, _HIGH = -0.5, 3.0  # [m] or [s]: margins beyond these are all alike
 _MEAN, _DEVIATION = np.array([-1.0, -6.0, 2.0, -1.0]), np.array([3.0, 4.0, 6.0, 3.0])  # of the normal prior
 _FREEDOM = 6  # of the t distribution that is drawn from
@@ -94,3 +101,64 @@ def _terms(margin: Floats) -> Floats:
     """Return the terms of the logit, float64[n, 4]."""
     x = np.clip(margin, _LOW, _HIGH)
     return np.stack([np.ones_like(x), x, np.minimum(x, 0.0), np.sqrt(np.maximum(x, 0.0))], axis=1)
+
+
+# ---- How near an episode came to a failure: its margin, negative for a failure, to the accuracy of a tick.
+
+
+STANDING = (
+    1.0  # [m] added to the clearance while the vehicle stands: who then walks into it is no failure of the vehicle
+)
+
+
+class Watched(NamedTuple):
+    """What counts as a failure, by the thresholds of the exam.
+
+    The margin of a collision is the clearance between the footprints [m], of one with a moving vehicle a metre more
+    while it stands; that of a conflict is CurvTTC less the threshold [s].
+    """
+
+    config: ExamConfig
+
+    @property
+    def failure(self) -> str:
+        """The column of the exam's table that holds it."""
+        return self.config.failure
+
+    def margin(self, state: NDArray[np.void], curvttc: Floats) -> Floats:
+        """Return the margin of each record of EPISODE[B] at this tick, float64[B]; infinity where none runs.
+
+        :param curvttc: float64[B] [s].
+        """
+        if self.failure.endswith("conflict"):
+            threshold = self.config.conflict if self.failure == "conflict" else SEVERE_TTC
+            found = np.fmin(curvttc, HORIZON) - threshold
+        else:
+            place = ("vehicle_x", "vehicle_y", "vehicle_heading", "pedestrian_x", "pedestrian_y")
+            found = clearance(*(state[name] for name in place))
+            if self.failure == "moving_collision":
+                found = np.where(state["vehicle_speed"] > MOVING, found, found + STANDING)
+        margin: Floats = np.where(state["status"] == IDLE, np.inf, found)
+        return margin
+
+
+class LeastMargins:
+    """The least margin of each episode, gathered tick by tick.
+
+    :ivar found: (scenario, episode) -> the least over all its pedestrians, of the episodes that have ended.
+    """
+
+    def __init__(self, watched: Watched) -> None:
+        self.found: dict[Key, float] = {}
+        self._watched = watched
+        self._least: Floats = np.zeros(0)
+
+    def add(self, state: NDArray[np.void], curvttc: Floats) -> None:
+        """Take in EPISODE[B] and CurvTTC [s], float64[B], of the next tick."""
+        if not len(self._least):
+            self._least = np.full(len(state), np.inf)
+        self._least[state["frame"] == 0] = np.inf
+        np.fmin(self._least, self._watched.margin(state, curvttc), out=self._least)
+        for slot in np.flatnonzero(state["status"] == ENDED):
+            key = int(state["scenario"][slot]), int(state["episode"][slot])
+            self.found[key] = min(self.found.get(key, np.inf), float(self._least[slot]))

@@ -26,12 +26,11 @@ from vpsci_ros.extras.paper.realism.same_start import CONTROLS, SameStart
 from vpsci_ros.extras.paper.realism.two_sample import REPETITIONS
 from vpsci_ros.policy.policy_file import SHIPPED, Policy, load_policy, named_policies
 from vpsci_ros.resources import near_misses_path, weights_path
+from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import sha256, write_json
 from vpsci_ros.runs.folder import RunFolder
-from vpsci_ros.runs.progress import Bars
+from vpsci_ros.runs.progress import Bars, text_table
 from vpsci_ros.runs.provenance import software_versions
-from vpsci_ros.runs.sections import Sections
-from vpsci_ros.runs.tables import text_table
 
 # ---- The measures of realism as text: one table a protocol, in 100 columns.
 

@@ -13,10 +13,15 @@ from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.data.published import CRITICAL_SHARES, LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
 from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.panels import typical_episodes
-from vpsci_ros.extras.paper.section_4.comparison import SHARES, between_halves, describe, distance_between
-from vpsci_ros.extras.paper.section_4.encounters import generated_encounters, recorded_encounters
-from vpsci_ros.extras.paper.section_4.figures import save_conflicts, save_nearness, save_yielding
+from vpsci_ros.extras.paper.section_4.comparison import (
+    SHARES,
+    between_halves,
+    describe,
+    distance_between,
+    generated_encounters,
+    recorded_encounters,
+)
+from vpsci_ros.extras.paper.section_4.figures import save_conflicts, save_nearness, save_yielding, typical_episodes
 from vpsci_ros.report import html
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.resources import near_misses_path
