@@ -114,8 +114,6 @@ EXTRAS = {
     # examples/sumo_crossing.py and examples/highway_crossing.py: our pedestrian in other people's engines.
     "sumo": ["eclipse-sumo>=1.20,<2", "traci>=1.20,<2"],
     "highway": ["highway-env>=1.10,<2"],
-    # `vpsci generate --ray ADDRESS`: the same work over a cluster.
-    "ray": ["ray>=2.9,<3"],
     "test": [
         "hypothesis>=6.100,<7",
         "lanelet2>=1.2.2,<2",

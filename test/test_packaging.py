@@ -36,12 +36,11 @@ OPTIONAL = {
     "gymnasium",
     "pettingzoo",
     "PIL",
-    "ray",
     "sklearn",
     "threadpoolctl",
     "foxglove",
     "tornado",
-}  # extras: envs, generation on a cluster, realism, search, drive, foxglove
+}  # extras: envs, realism, search, drive, foxglove
 OPTIONAL |= {
     "av",
     "carla",

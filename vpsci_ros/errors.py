@@ -27,7 +27,6 @@ _EXTRAS = {
     "osi3": "formats",
     "osi_utilities": "formats",
     "pettingzoo": "rl",
-    "ray": "ray",
     "scenariogeneration": "formats",
     "sklearn": "paper",
     "threadpoolctl": "exam_extra",

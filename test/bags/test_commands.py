@@ -33,8 +33,8 @@ def run(*arguments: object):
 
 @pytest.fixture
 def foreign(own_bag: Path, tmp_path: Path) -> Path:
-    """What `ros2 bag record /vehicle/odometry /pedestrian/odometry` leaves with sqlite3 storage."""
-    writer = Writer(tmp_path / "foreign", version=9, storage_plugin=StoragePlugin.SQLITE3)
+    """What `ros2 bag record /vehicle/odometry /pedestrian/odometry` leaves."""
+    writer = Writer(tmp_path / "foreign", version=9, storage_plugin=StoragePlugin.MCAP)
     writer.open()
     connections = {
         name: writer.add_connection(name, "nav_msgs/msg/Odometry", typestore=known_types()) for name in ODOMETRY

@@ -6,7 +6,6 @@ refused in words, at once.
 
 import json
 import os
-import sqlite3
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -32,7 +31,6 @@ from vpsci_ros.world.opendrive import OpenDriveMap
 Read = Callable[[], object]
 SMALL = {  # budgets for the test, so that the bombs are small
     "vpsci_ros.bags.mcap_file.LARGEST_CHUNK": 2**20,
-    "vpsci_ros.bags.sqlite_file.LARGEST": 2**16,
     "vpsci_ros.data.parquet.MOST_TEXT": 2**20,
     "vpsci_ros.data.parquet.MOST_VALUES": 2**16,
     "vpsci_ros.documents.LONGEST": 2**16,
@@ -69,24 +67,6 @@ def _packed(compression: CompressionType, recover: bool, folder: Path) -> Read:
         return lengths
 
     return read
-
-
-def _sqlite(script: str, folder: Path) -> Read:
-    path = folder / "bag_0.db3"
-    with sqlite3.connect(path) as connection:
-        connection.executescript(
-            "CREATE TABLE topics(id INTEGER, name TEXT, type TEXT, serialization_format TEXT,"
-            " offered_qos_profiles TEXT); INSERT INTO topics VALUES (1, '/chatter', 'std_msgs/msg/String', 'cdr', '');"
-            + script
-        )
-    connection.close()
-    return lambda: (Bag(path).topics(), list(Bag(path).messages()))
-
-
-_VIEW = """CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n)
-    SELECT id, 1 AS topic_id, id AS timestamp, x'00' AS data FROM n;"""
-_BLOB = """CREATE TABLE messages(id INTEGER, topic_id INTEGER, timestamp INTEGER, data BLOB);
-    INSERT INTO messages VALUES (1, 1, 1, zeroblob(1000000));"""
 
 
 def _rows(folder: Path) -> Read:
@@ -153,7 +133,7 @@ def _description(change: Callable[[dict], object], folder: Path) -> Read:
 
 BOMBS: dict[str, Callable[[Path], Read]] = {
     "a pipe as a bag": partial(_pipe, "bag.mcap", bag_info),
-    "a pipe in a bag": partial(_pipe, "bag.db3", lambda path: bag_info(path.parent)),
+    "a pipe in a bag": partial(_pipe, "bag.mcap", lambda path: bag_info(path.parent)),
     "a device in a bag": _device,
     "a pipe as near misses": partial(_pipe, "a.parquet", read_near_misses),
     "a pipe as weights": partial(_pipe, "a.safetensors", load_weights),
@@ -162,8 +142,6 @@ BOMBS: dict[str, Callable[[Path], Read]] = {
     "a pipe as tracks": partial(_pipe, "a.csv", lambda path: import_trajectories(path.parent, "described")),
     "a bag of lz4": partial(_packed, CompressionType.LZ4, False),
     "a bag of zstd": partial(_packed, CompressionType.ZSTD, False),
-    "a recursive view": partial(_sqlite, _VIEW),
-    "a large blob": partial(_sqlite, _BLOB),
     "a long document": _document,
     "many equal rows": _rows,
     "a text in every row": _texts,

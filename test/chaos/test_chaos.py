@@ -1,11 +1,11 @@
 """Damaged files, files made to harm, and writes that fail: read as they were, whole, or refused in words."""
 
 import io
-import sqlite3
 from pathlib import Path
 
 import pytest
 from chaos import bombs, files, writes
+from mcap.writer import Writer
 from rich.console import Console
 
 from vpsci_ros.bags.info import bag_info, print_info
@@ -50,10 +50,12 @@ def test_of_a_bag_with_a_bomb_in_it_the_rest_is_recovered(
 
 
 def test_a_topic_whose_name_a_terminal_obeys_is_printed_escaped(tmp_path: Path) -> None:
-    bombs._sqlite(bombs._BLOB.replace("1000000", "4"), tmp_path)
-    with sqlite3.connect(tmp_path / "bag_0.db3") as connection:
-        connection.execute("UPDATE topics SET name = ?", ("/\x1b[2J\x9bm",))
-    connection.close()
+    with (tmp_path / "bag_0.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2", library="")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
+        writer.add_message(writer.register_channel("/\x1b[2J\x9bm", "cdr", schema), 1, b"\x00\x01\x00\x00", 1)
+        writer.finish()
     text = io.StringIO()
     print_info(bag_info(tmp_path), Console(file=text, width=200))
     assert "/\\x1b[2J\\x9bm" in text.getvalue()

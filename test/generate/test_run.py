@@ -184,23 +184,15 @@ def test_another_kind_of_cpu_or_other_versions_do_not_mix_into_a_folder(make, ma
         make(made)
 
 
-@pytest.mark.parametrize("here", [True, False], ids=["a worker stores", "the run stores what comes from elsewhere"])
-def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(
-    job, make, made, tmp_path, monkeypatch, here: bool
-) -> None:
-    class Workers(Serial):
-        pass
-
+def test_a_full_disk_ends_the_run_with_what_to_do_and_loses_nothing(job, make, made, tmp_path, monkeypatch) -> None:
     def full(path: Path):
         if len(list(path.parent.glob("1-*.npz"))) == 2:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return written_whole(path)
 
-    Workers.here = here
-    writer = "simulate" if here else "journal"
-    monkeypatch.setattr(f"vpsci_ros.generate.{writer}.written_whole", full)
+    monkeypatch.setattr("vpsci_ros.generate.simulate.written_whole", full)
     with pytest.raises(VpsciError, match=r"cannot write \(No space left on device\); .* the same command"):
-        generate(job, TARGETS, tmp_path / "d", lambda: Workers(partial(computing, job, 64)), unit=UNIT)
+        generate(job, TARGETS, tmp_path / "d", lambda: Serial(partial(computing, job, 64)), unit=UNIT)
     monkeypatch.undo()
     make(tmp_path / "d")
     assert hashes(tmp_path / "d") == hashes(made)

@@ -1,8 +1,7 @@
-"""A recorded bag, this package's or another ROS 2 tool's: MCAP or sqlite3, one file or several, whole or in part."""
+"""A recorded bag, this package's or another ROS 2 tool's: MCAP, one file or several, whole or in part."""
 
 import contextlib
 import re
-from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
@@ -10,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from vpsci_ros.bags.mcap_file import McapFile, TopicInfo, by_name
-from vpsci_ros.bags.sqlite_file import SqliteFile
 from vpsci_ros.documents import read_yaml, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage
 from vpsci_ros.wire.layout import WORLD
 
 VEHICLE = "/vehicle/odometry"
-_STORAGES: dict[str, type[McapFile] | type[SqliteFile]] = {".mcap": McapFile, ".db3": SqliteFile}
+_SQLITE = "a bag in sqlite3 storage is not read: have `ros2 bag convert` make one of MCAP"
 
 
 class Bag:
@@ -34,9 +32,7 @@ class Bag:
 
     def __init__(self, path: str | Path, *, recover: bool = False, topic_prefix: str | None = None) -> None:
         self.path, self.recover, self._prefix = Path(path), recover, topic_prefix
-        self.files: list[McapFile | SqliteFile] = [
-            _STORAGES[file.suffix](file, strict=not recover) for file in bag_files(path)
-        ]
+        self.files = [McapFile(file, strict=not recover) for file in bag_files(path)]
         self._information = bag_information(self.path)
         self.lost_files = lost_files(self.path)
         if self.lost_files and not recover:
@@ -138,22 +134,22 @@ def bag_files(path: str | Path) -> list[Path]:
     """
     path = Path(path)
     require_regular(path)
-    if path.is_file() and path.suffix in _STORAGES:
+    if path.is_file() and path.suffix == ".mcap":
         return [path]
+    if path.suffix == ".db3":
+        raise InvalidInput(f"{path}: {_SQLITE}")
     if not path.is_dir():
-        raise InvalidInput(f"{path}: no such folder; expected a rosbag2 folder with an .mcap or .db3 file")
+        raise InvalidInput(f"{path}: no such folder; expected a rosbag2 folder with an .mcap file")
     inside = [file for file in path.iterdir() if not file.name.startswith(".")]
-    files = [file for file in inside if file.suffix in _STORAGES]
+    files = [file for file in inside if file.suffix == ".mcap"]
+    if not files and any(file.suffix == ".db3" for file in inside):
+        raise InvalidInput(f"{path}: {_SQLITE}")
     if not files:
-        raise InvalidInput(
-            f"{path}: no .mcap file and no .db3; expected a rosbag2 folder, with files unpacked by zstd -d"
-        )
+        raise InvalidInput(f"{path}: no .mcap file; expected a rosbag2 folder, with files unpacked by zstd -d")
     for file in files:
         require_regular(file)
         if file.is_dir():
             raise InvalidInput(f"{file}: expected a file of a bag, found a folder")
-    if len(kinds := Counter(file.suffix for file in files)) > 1:
-        raise InvalidInput(f"{path}: expected one kind of file, got {' and '.join(kinds)}; this is more than one bag")
     return sorted(files, key=_number)
 
 

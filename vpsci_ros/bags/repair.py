@@ -55,10 +55,8 @@ def _repaired(folder: Path, paths: list[Path]) -> Repair:
     counts: Counter[str] = Counter()
     damage: list[str] = []
     custom: dict[str, str] = {}
-    if paths[0].suffix != ".mcap" or paths[0].parent != folder:
-        raise InvalidInput(
-            f"{folder}: only a folder of MCAP files is repaired; what is whole of another is read with --recover"
-        )
+    if paths[0].parent != folder:
+        raise InvalidInput(f"{folder}: expected the folder of a bag; what is whole of a file is read with --recover")
     if lost := lost_files(folder):
         damage.append(lost)
     files = [BagFile(path.name) for path in paths]

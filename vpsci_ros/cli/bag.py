@@ -12,7 +12,7 @@ bag_app = typer.Typer(
     no_args_is_help=True, help="Inspect, export, verify and repair bags of this package or of other ROS 2 tools."
 )
 
-BagPath = Annotated[Path, typer.Argument(metavar="BAG", help="rosbag2 folder (MCAP or sqlite3), or one of its files.")]
+BagPath = Annotated[Path, typer.Argument(metavar="BAG", help="rosbag2 folder (MCAP), or one of its files.")]
 Prefix = Annotated[
     str | None,
     typer.Option("--topic-prefix", metavar="/left", help="Namespace of the graph; default: found from the topics."),

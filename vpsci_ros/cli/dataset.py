@@ -1,27 +1,19 @@
 """The commands about generated datasets: `vpsci generate`, `vpsci report`, and `vpsci dataset` info, verify, bag."""
 
 import os
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from vpsci_ros.cli.options import Params, Quiet, Resumable, Settings, stoppable, writes_folder
 from vpsci_ros.errors import InvalidInput, VpsciError
 
-if TYPE_CHECKING:
-    from vpsci_ros.generate.job import Job, Unit
-    from vpsci_ros.runs.workers import Workers
-
 dataset_app = typer.Typer(no_args_is_help=True, help="Inspect and verify generated datasets.")
 
 Count = Annotated[
     int | None, typer.Option("--workers", min=1, metavar="N", help="Processes; default: one for each usable core.")
-]
-Ray = Annotated[
-    str | None, typer.Option("--ray", metavar="ADDRESS", help="Use a Ray cluster: its address, auto or local.")
 ]
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a dataset.")]
 
@@ -37,14 +29,13 @@ def generate(
     table10: Annotated[bool, typer.Option("--table10", help="Generate Table 10: 198,157 kept episodes.")] = False,
     settings: Settings = None,
     workers: Count = None,
-    ray: Ray = None,
     quiet: Quiet = False,
 ) -> None:
     """Generate a dataset of episodes (stage 3); the same command resumes a stopped run."""
     from vpsci_ros.cli.parameter_file import load
     from vpsci_ros.data.published import KEPT_PER_HOUR, TABLE_10
     from vpsci_ros.generate.job import DatasetConfig, job_from
-    from vpsci_ros.generate.run import PARALLEL, ProgressOfRun
+    from vpsci_ros.generate.run import PARALLEL, ProgressOfRun, simulators
     from vpsci_ros.generate.run import generate as run
     from vpsci_ros.runs.config import RunConfig
 
@@ -63,7 +54,7 @@ def generate(
     first = sections.get(RunConfig, "world_simulator").first_episode
     names = {s.number: s.name for s in job.scenarios}
     with stoppable(output), ProgressOfRun(names, quiet=quiet) as progress:
-        start = partial(_workers(ray, workers), job, PARALLEL)
+        start = partial(simulators, job, PARALLEL, workers or _cores())
         done = run(job, targets, output, start, first=first, formats=values.formats, report=progress.show)
     kept = sum(row["kept"] for row in done.description["scenarios"].values())
     print(f"{kept:,} episodes kept; written: {output}, described in README.md and dataset.json")
@@ -95,16 +86,15 @@ def verify(
     ] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sample.")] = 0,
     workers: Count = None,
-    ray: Ray = None,
 ) -> None:
     """Simulate a dataset's episodes again and name each file that differs, with its first differing row."""
+    from vpsci_ros.generate.run import simulators
     from vpsci_ros.generate.verify import verify as run
     from vpsci_ros.runs.progress import Bars
 
     with Bars(f"simulating {folder} again"):
-        result = run(
-            folder, lambda job: _workers(ray, workers)(job, 512), sample=sample, tolerance=tolerance, seed=seed
-        )
+        start = partial(simulators, batch=512, count=workers or _cores())
+        result = run(folder, start, sample=sample, tolerance=tolerance, seed=seed)
     for finding in result.findings:
         print(f"{finding.file}: {finding.what}" + (" (its hash is wrong, too)" if finding.changed else ""))
     if result.findings:
@@ -136,13 +126,5 @@ def bag(
     print(f"{len(chosen)} episodes in {ticks:,} ticks; written: {output}")
 
 
-def _workers(ray: str | None, count: int | None) -> "Callable[[Job, int], Workers[Unit, tuple[int, bytes]]]":
-    """Return a function that starts the workers chosen by the options, given a job and a batch."""
-    if ray is not None:
-        from vpsci_ros.generate.simulate import computing
-        from vpsci_ros.runs.ray_workers import RayWorkers
-
-        return lambda job, batch: RayWorkers(partial(computing, job, batch), ray, count)
-    from vpsci_ros.generate.run import simulators
-
-    return lambda job, batch: simulators(job, batch, count or len(os.sched_getaffinity(0)))
+def _cores() -> int:
+    return len(os.sched_getaffinity(0))

@@ -24,7 +24,6 @@ BRINGS = {
     "planner": "examples/motion_planner.py",
     "sumo": "examples/sumo_crossing.py",
     "highway": "examples/highway_crossing.py",
-    "ray": "a cluster: `generate --ray`",
     "test": "the tests",
     "docs": "the documentation site",
     "colcon": "a build by colcon",

@@ -2,7 +2,7 @@
 
 A `job.Unit` is a scenario and a block of episode numbers; `simulate`, a pure function, turns it into episodes. `plan`
 chooses the next unit and keeps finished ones in the output folder, so that a stopped run resumes, `runs.workers`
-(`runs.ray_workers` on a cluster) compute units, and `run` makes the dataset's files from them: the same bytes on any
+compute units, and `run` makes the dataset's files from them: the same bytes on any
 number of workers. `verify` simulates a dataset again and compares it with its
 files.
 

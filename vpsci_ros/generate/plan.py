@@ -17,7 +17,7 @@ from vpsci_ros.data.episode_block import EpisodeBlock, block_from_bytes
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.generate.job import Unit
-from vpsci_ros.runs.files import require_empty_folder, write_json, written_whole
+from vpsci_ros.runs.files import require_empty_folder, write_json
 from vpsci_ros.runs.folder import Claim, require_same
 
 GIVE_UP = 100.0  # times the wanted episodes that may be rejected
@@ -149,11 +149,6 @@ class Journal:
     def path(self, unit: Unit) -> Path:
         """Return the path of a unit's file."""
         return self._folder / f"{unit.scenario}-{unit.numbers[0]:010d}.npz"
-
-    def store(self, unit: Unit, data: bytes) -> None:
-        """Write a finished unit."""
-        with written_whole(self.path(unit)) as path:
-            path.write_bytes(data)
 
     def load(self, unit: Unit) -> EpisodeBlock | None:
         """Return a unit's episodes; None for an unfinished or damaged one, which is removed."""

@@ -199,13 +199,11 @@ def _compute(
 ) -> int:
     def next_unit() -> Unit | None:
         unit = plan.next()
-        return unit._replace(file=journal.path(unit)) if unit is not None and workers.here else unit
+        return unit._replace(file=journal.path(unit)) if unit is not None else None
 
     episodes = 0
     try:
-        for unit, (kept, data) in computed(workers, next_unit):
-            if unit.file is None:
-                journal.store(unit, data)
+        for unit, (kept, _) in computed(workers, next_unit):
             plan.scenarios[unit.scenario].take(unit, kept)
             episodes += len(unit.numbers)
             if report is not None:

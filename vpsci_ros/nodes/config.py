@@ -67,7 +67,7 @@ class RecorderConfig:
 class ReplayerConfig:
     """What the replayer publishes: which bag, from which episode on, how fast, and which topics."""
 
-    bag: str = parameter("out/bag", "bag to publish: a rosbag2 folder, MCAP or sqlite3, or one of its files")
+    bag: str = parameter("out/bag", "bag to publish: a rosbag2 folder (MCAP), or one of its files")
     rate: float = parameter(
         1.0, "recorded over wall time; 0: as fast as the readers take it", low=0.0, high=1000.0, read_only=False
     )

@@ -1,7 +1,6 @@
 """Processes that do units of work: started fresh, replaced when they die.
 
-A worker gets the job once, then units, and gives back what each came to. `Serial` is the same without processes,
-`ray_workers` the same over a cluster.
+A worker gets the job once, then units, and gives back what each came to. `Serial` is the same without processes.
 """
 
 import contextlib
@@ -14,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 from vpsci_ros.errors import VpsciError
 
@@ -28,53 +27,10 @@ Job = Callable[[], Callable[[Unit], Result]]
 """Made once in each worker; what it returns is called with one unit after another."""
 
 
-class Workers(Protocol[Unit, Result]):
-    """Whoever does units of work.
-
-    :ivar here: all of them see the files that this process sees.
-    """
-
-    size: int
-    here: bool
-
-    def submit(self, unit: Unit) -> None:
-        """Have a unit done, some time."""
-
-    def collect(self) -> list[tuple[Unit, Result]]:
-        """Wait for at least one unit and return those done, each with what it came to."""
-
-    def close(self) -> None:
-        """Stop at once; what is not collected is lost."""
-
-
-def local_workers(job: Job[Unit, Result], count: int) -> Workers[Unit, Result]:
-    """Return `count` workers on this machine; one of them is this process itself."""
-    return Serial(job) if count == 1 else Processes(job, count)
-
-
-def computed(
-    workers: Workers[Unit, Result], next_unit: Callable[[], Unit | None], *, ahead: int = 1
-) -> Iterator[tuple[Unit, Result]]:
-    """Yield units as they are done, while `ahead` more than there are workers are on their way.
-
-    :param next_unit: returns what is worth doing next; None: nothing, as things are.
-    """
-    running = 0
-    while True:
-        while running < workers.size + ahead and (unit := next_unit()) is not None:
-            workers.submit(unit)
-            running += 1
-        if not running:
-            return
-        for done in workers.collect():
-            running -= 1
-            yield done
-
-
 class Serial(Generic[Unit, Result]):
     """Does units in this process, one in each `collect`."""
 
-    size, here = 1, True
+    size = 1
 
     def __init__(self, job: Job[Unit, Result]) -> None:
         self._do = job()
@@ -102,8 +58,6 @@ class Processes(Generic[Unit, Result]):
     place, and its unit is done again. A pool of `concurrent.futures` or of loky, whose processes share a pipe that
     the parent can write to as well, waits for ever for a process that is killed while it writes a result.
     """
-
-    here = True
 
     def __init__(self, job: Job[Unit, Result], size: int) -> None:
         self.size = size
@@ -197,6 +151,33 @@ class Processes(Generic[Unit, Result]):
             process.terminate()
         for connection in list(self._processes):
             self._stop(connection)
+
+
+Workers = Serial[Unit, Result] | Processes[Unit, Result]
+
+
+def local_workers(job: Job[Unit, Result], count: int) -> Workers[Unit, Result]:
+    """Return `count` workers on this machine; one of them is this process itself."""
+    return Serial(job) if count == 1 else Processes(job, count)
+
+
+def computed(
+    workers: Workers[Unit, Result], next_unit: Callable[[], Unit | None], *, ahead: int = 1
+) -> Iterator[tuple[Unit, Result]]:
+    """Yield units as they are done, while `ahead` more than there are workers are on their way.
+
+    :param next_unit: returns what is worth doing next; None: nothing, as things are.
+    """
+    running = 0
+    while True:
+        while running < workers.size + ahead and (unit := next_unit()) is not None:
+            workers.submit(unit)
+            running += 1
+        if not running:
+            return
+        for done in workers.collect():
+            running -= 1
+            yield done
 
 
 def _work(connection: Connection, parent: int) -> None:
