@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from world.helpers import run
+from world.helpers import episodes, run
 
-from vpsci_ros.world import WorldConfig, people
+from vpsci_ros.world import PARKED_COLLISION, World, WorldConfig, load_scenarios, people
 from vpsci_ros.world.monitor import MonitorConfig, assess
 
 TURNS = WorldConfig(spawn="right_turns", vehicle_driver="autopilot", pedestrian_driver="autopilot", episode_time=4.0)
@@ -48,3 +48,9 @@ def test_curvttc_at_the_onset_is_near_the_recorded_one(approaches):
     real = np.array([recorded_of(rows)[people.TTC] for rows in approaches])
     assert np.median(np.abs(ttc - real)) < 0.3
     assert np.corrcoef(ttc, real)[0, 1] > 0.7
+
+
+def test_no_car_begins_in_a_parked_one():
+    world = World(TURNS, load_scenarios([104]), [(104, number) for number in range(200)], 200, 1)
+    crashed = [rows for rows in episodes(world).values() if rows["outcome"][-1] == PARKED_COLLISION]
+    assert not any(len(rows) < 10 for rows in crashed), "of the spawns of before, 12 did"

@@ -15,6 +15,7 @@ from vpsci_ros.safety import (
     VEHICLE_LENGTH,
     VEHICLE_WIDTH,
     curvttc_pair,
+    touches_box,
 )
 from vpsci_ros.world import people
 from vpsci_ros.world.approach import drive_then, line_offset, onset_time, walk_then, walks_then
@@ -180,7 +181,10 @@ def _walk_on(episode, row, tables, stands, vx, vy):  # type: ignore[no-untyped-d
 
 @kernel
 def _trace_back(episode, row, tables, period):  # type: ignore[no-untyped-def]
-    """Trace both back from the onset to the spawn, tick by tick; return whether it is critical then, and not before."""
+    """Trace both back from the onset to the spawn, tick by tick.
+
+    Return whether it is critical at the onset, and not before, and the car touches no parked one on the way.
+    """
     onset = tables.onsets[episode.driver_onset - 1]
     time = onset_time(onset)
     ticks = int(math.ceil(time / period - 1e-6))
@@ -192,8 +196,12 @@ def _trace_back(episode, row, tables, period):  # type: ignore[no-untyped-def]
         episode.vehicle_speed, episode.vehicle_curvature = speed, curvature
         episode.pedestrian_vx, episode.pedestrian_vy = walks_then(episode, onset, now)
         critical = _curvttc(episode) < CRITICAL_TTC
+        for k in range(tables.parked.shape[1]):
+            box = tables.parked[episode.table, k]
+            if touches_box(episode.vehicle_x, episode.vehicle_y, episode.vehicle_heading, box):
+                right = False
         if left == 0:
-            right = critical
+            right = right and critical
         elif now < time - _JUST_BEFORE and critical:
             right = False
         if left == ticks:

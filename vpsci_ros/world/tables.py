@@ -34,6 +34,7 @@ _QUANTITIES = (
     "lowest_arrival", "highest_arrival",  # [s] until the walker is at the lane
     "lowest_offset", "highest_offset",  # [m] to the left of the route
 )  # fmt: skip
+_FAR = (1e9, 1e9, 0.0, 0.0, 0.0)  # a parked vehicle that nothing meets
 SCENARIO = np.dtype(
     [(name, "f8") for name in _QUANTITIES] + [("lane_count", "i8"), ("walk_count", "i8"), ("number", "u1")], align=True
 )
@@ -48,6 +49,7 @@ class Tables(NamedTuple):
     turning_speed: NDArray[np.float64]  # [R, N] speeds along them [m/s] of a driver who accepts 1 m/s2 sideways
     walk: NDArray[np.float64]  # [R, M, 2] walking routes [m]
     onsets: NDArray[np.float64]  # [2 N, 50] `people.RIGHT_TURNS`, and the same mirrored
+    parked: NDArray[np.float64]  # [R, K, 5] parked vehicles, as `Scenario.parked`; padding far away
 
 
 class Settings(NamedTuple):
@@ -145,7 +147,16 @@ def tables_from(scenarios: Sequence[Scenario]) -> Tables:
         turning_speed=_stacked([comfortable_speeds(lane, 1.0, TURNING_DECELERATION) for lane in lanes]),
         walk=_padded([*walks, *(replace(walk, points=walk.points[::-1]) for walk in walks)]),
         onsets=np.concatenate([RIGHT_TURNS, mirrored(RIGHT_TURNS)]),
+        parked=_parked(scenarios),
     )
+
+
+def _parked(scenarios: Sequence[Scenario]) -> NDArray[np.float64]:
+    most = max(len(scenario.parked) for scenario in scenarios)
+    boxes = np.full((len(scenarios), most, 5), _FAR)
+    for row, scenario in zip(boxes, scenarios, strict=True):
+        row[: len(scenario.parked)] = scenario.parked
+    return np.concatenate([boxes, boxes])
 
 
 def _walked_back(rows: NDArray[np.void]) -> NDArray[np.void]:
