@@ -72,4 +72,4 @@ def test_an_exam_whose_ads_leaves_ticks_unanswered_ends_and_says_for_how_many(en
 
 def test_a_bag_with_another_graphs_episodes_is_refused_in_words(exam: Exam, own_bag: Path) -> None:
     with pytest.raises(InvalidInput, match="episode 6:4 is another graph's, not of this exam"):
-        episodes_in_bag(Bag(own_bag), exam, "walker")
+        episodes_in_bag(Bag(own_bag), exam)

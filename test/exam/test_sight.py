@@ -1,6 +1,5 @@
-"""What a driver could see of an episode, counted on worlds that run here."""
+"""Who became critical in an episode, and whether parked vehicles hid them, on worlds that run here."""
 
-import math
 from pathlib import Path
 
 import polars as pl
@@ -8,50 +7,35 @@ import pytest
 
 from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.simulated import write_ticks
-from vpsci_ros.data.gathered import gathered
 from vpsci_ros.exam.conduct import episodes_in_bag
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.in_process import autopilot_run
-from vpsci_ros.exam.measures import RunResult, Sight, Watcher, episode_table
+from vpsci_ros.exam.measures import RunResult, episode_table, episodes_of
 from vpsci_ros.exam.report import Conduct, make_report
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import KINDS, KindMixture
 from vpsci_ros.world.loop import Loop
-from vpsci_ros.world.perception import PerceptionConfig
 
 EPISODES = 40
 
 
-def run(perception: PerceptionConfig | None = None, scenario: int = 104, **config: object):
-    """Return what was seen and the episodes of the rule-based pair."""
+def run(scenario: int = 104, **config: object):
+    """Return who became critical in the episodes of the rule-based pair, and these."""
     chosen = WorldConfig(vehicle_driver="autopilot", pedestrian_driver="autopilot", **config)
     scenarios = load_scenarios([scenario])
     world = World(chosen, scenarios, [(scenario, e) for e in range(EPISODES)], EPISODES, 3)
-    watcher = Watcher(scenarios, perception, chosen.tick, chosen.pedestrians)
-    ticks = []
-    for step in Loop(world):
-        watcher.add(step.tick.state, step.assessment.curvttc)
-        ticks.append((step.tick.state.copy(), step.assessment.curvttc, step.assessment.distance))
-    return watcher.found, list(gathered(ticks, chosen.tick, scenarios))
+    ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in Loop(world))
+    driven, found = episodes_of(ticks, chosen.tick, scenarios, "")
+    return found, driven
 
 
-def test_without_perception_the_ads_gets_everybody_published_at_once() -> None:
+def test_where_vehicles_are_parked_some_are_hidden_as_it_becomes_critical() -> None:
     found, driven = run()
-    critical = {drive.key for drive in driven if drive.curvttc[0].min() < CRITICAL_TTC}
-    assert set(found) == critical
-    assert all((sight.published_share, sight.published_after(0.05)) == (1.0, 0.0) for sight in found.values())
-
-
-def test_where_vehicles_are_parked_some_are_hidden_as_it_becomes_critical_and_published_later() -> None:
-    found, _ = run(PerceptionConfig(least_visible=0.25))
-    hidden = [sight for sight in found.values() if sight.hidden]
-    assert 5 < len(hidden) < len(found)
-    after = [sight.published_after(0.05) for sight in hidden]
-    assert all(math.isnan(seconds) or seconds > 0.0 for seconds in after)
-    assert all(sight.published_after(0.05) == 0.0 for sight in found.values() if not sight.hidden)
+    assert set(found) == {drive.key for drive in driven if drive.curvttc[0].min() < CRITICAL_TTC}
+    assert 5 < sum(sight.hidden for sight in found.values()) < len(found)
     assert not any(sight.hidden for sight in run(scenario=101)[0].values())
 
 
@@ -61,18 +45,12 @@ def test_kinds_and_groups_are_those_of_the_episodes_where_the_bag_holds_neither(
     exam = prepare(Sections({"world_simulator": world, "ads_test": {"pedestrians": ["walker"]}}), "external")
     config = exam.with_pedestrian("walker", "autopilot")
     write_ticks(Loop(World(config, exam.scenarios, exam.episodes, 1, 5)), config, tmp_path / "bag", {})
-    read, found = episodes_in_bag(Bag(tmp_path / "bag"), exam, "walker")
+    read, found = episodes_in_bag(Bag(tmp_path / "bag"), exam)
     expected = autopilot_run(exam, "walker")
     assert found == expected.sight
     assert [episode.listed for episode in read] == [episode.listed for episode in expected.episodes]
     assert {sight.pedestrians for sight in found.values()} == {1, 2, 3}
     assert len({sight.kind for sight in found.values()}) > 2
-
-
-def test_what_was_never_published_has_no_time() -> None:
-    found, _ = run(PerceptionConfig(missed=1.0))
-    assert all(sight.published_share == 0.0 and math.isnan(sight.published_after(0.05)) for sight in found.values())
-    assert math.isnan(Sight().published_share)
 
 
 def test_results_come_by_kind_by_group_and_by_who_was_hidden_where_these_differ() -> None:

@@ -30,7 +30,7 @@ from vpsci_ros.exam.config import EXTERNAL, SILENT_TICKS, title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_graph import counts_of, domain_of, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
-from vpsci_ros.exam.measures import RunResult, Sight, Watcher, episodes_of
+from vpsci_ros.exam.measures import RunResult, Sight, episodes_of
 from vpsci_ros.exam.report import Conduct
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.runs.folder import RECORD, read_record
@@ -187,7 +187,7 @@ def read_run(exam: Exam, folder: Path, name: str) -> RunResult:
     conduct = _conduct(exam, name, record)
     if not (run / KEPT).is_file():
         return _read_bag(exam, name, run / "bag", conduct)
-    sight = {(each.pop("scenario"), each.pop("episode")): Sight(**each) for each in record["results"]["sight"]}
+    sight = {(scenario, episode): Sight(*seen) for scenario, episode, *seen in record["results"]["sight"]}
     return RunResult(read_kept(run / KEPT), conduct, sight=sight)
 
 
@@ -212,7 +212,7 @@ def _read_bag(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
         for event in layout.events(decode(raw, bag)):
             unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
     try:
-        found, sight = episodes_in_bag(recording, exam, name)
+        found, sight = episodes_in_bag(recording, exam)
     except InvalidInput:
         if not conduct.failure:
             raise
@@ -224,13 +224,12 @@ def _read_bag(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
     return RunResult(own, conduct, dict(+unanswered), sight)
 
 
-def episodes_in_bag(bag: Bag, exam: Exam, pedestrian: str) -> tuple[list[Episode], Mapping[Key, Sight]]:
-    """Return the episodes of a bag of the ADS with one of the pedestrians, and what it could see of each.
+def episodes_in_bag(bag: Bag, exam: Exam) -> tuple[list[Episode], Mapping[Key, Sight]]:
+    """Return the episodes of a bag of the ADS with a pedestrian, and who became critical first in each.
 
     :raises InvalidInput: it cannot be read, or holds an episode that is not of this exam.
     """
-    several, own = exam.with_pedestrian(pedestrian, EXTERNAL).pedestrians, set(exam.episodes)
-    watcher = Watcher(exam.scenarios, exam.perception, exam.world.tick, several)
+    own = set(exam.episodes)
 
     def ticks() -> Iterator[Tick]:
         for tick in read_bag(bag):
@@ -240,4 +239,4 @@ def episodes_in_bag(bag: Bag, exam: Exam, pedestrian: str) -> tuple[list[Episode
                     raise InvalidInput(f"{bag.path}: episode {key[0]}:{key[1]} is another graph's, not of this exam")
             yield tick.state, tick.curvttc, tick.distance
 
-    return episodes_of(ticks(), exam.world.tick, exam.scenarios, watcher, str(bag))
+    return episodes_of(ticks(), exam.world.tick, exam.scenarios, str(bag))

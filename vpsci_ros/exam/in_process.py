@@ -22,7 +22,7 @@ from vpsci_ros.exam.class_process import class_process
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.driver_class import Answer, Answers, Cockpit, Scene
 from vpsci_ros.exam.exam import SIDE_BY_SIDE, Exam
-from vpsci_ros.exam.measures import RunResult, Watcher, episodes_of, sight_record
+from vpsci_ros.exam.measures import RunResult, episodes_of
 from vpsci_ros.exam.report import BASELINE, Conduct
 from vpsci_ros.nodes.config import GraphConfig
 from vpsci_ros.nodes.status import NodeStatus
@@ -73,7 +73,7 @@ def autopilot_run(exam: Exam, pedestrian: str) -> RunResult:
     """Return the result of the rule-based autopilot with one pedestrian, many episodes side by side."""
     steps = loop_with(exam, pedestrian, "autopilot", exam.episodes, _SIDE_BY_SIDE)
     ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
-    found, sight = episodes_of(ticks, exam.world.tick, exam.scenarios, Watcher(exam.scenarios), BASELINE)
+    found, sight = episodes_of(ticks, exam.world.tick, exam.scenarios, BASELINE)
     return RunResult(found, Conduct(len(exam.episodes)), sight=sight)
 
 
@@ -98,8 +98,7 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
             seen = list(ticks)
             write_ticks(_recorded(seen, driven.lost), world, run / "bag", made_by, scenarios=exam.scenarios)
             ticks = iter(seen)
-        watcher = Watcher(exam.scenarios, exam.perception, world.tick, world.pedestrians)
-        found, sight = episodes_of(map(_gathered, ticks), world.tick, exam.scenarios, watcher, str(run))
+        found, sight = episodes_of(map(_gathered, ticks), world.tick, exam.scenarios, str(run))
     episodes = [episode for episode in found if episode.key not in driven.lost]
     failure = driven.failure()
     counts = WorldCounts(vehicle_commands=driven.commands, vehicle_commands_refused=driven.refused)
@@ -110,7 +109,7 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
         error=failure,
         results={
             "nodes": {"world_simulator": dataclasses.asdict(NodeStatus(counts=counts))},
-            "sight": sight_record(sight),
+            "sight": [[*key, *seen] for key, seen in sight.items()],
         },
         inputs={exam.weights.name: sha256(exam.weights)} if "pedestrian" in loop.agents else {},
     )

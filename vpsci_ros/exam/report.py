@@ -81,7 +81,7 @@ def make_report(
         "differences": {name: differences(_of(table, ADS, name), learned) for name in others},
         "reliance": _reliance(table),
         "groups": _groups(table, config.opponents),
-        "sight": _sight(table, config.opponents, perception),
+        "perception": None if perception is None else asdict(perception),
         "conduct": {name: _conduct(_of(table, ADS, name), run) for name, run in conduct.items()},
         "definitions": definitions(config),
         "failure": config.failure,
@@ -172,20 +172,6 @@ def _groups(table: pl.DataFrame, opponents: Sequence[str]) -> dict[str, Any]:
                     by_pedestrian[name] = {str(_HIDDEN.get(value, value)): _scores(part)
                                            for (value,), part in parts.items()}  # fmt: skip
         out[column] = {"title": title} | found
-    return out
-
-
-def _sight(table: pl.DataFrame, opponents: Sequence[str], perception: PerceptionConfig | None) -> dict[str, Any]:
-    """Return what the ADS could see: its settings, None where it had odometry, and pedestrian -> what was published."""
-    out: dict[str, Any] = {"perception": None if perception is None else asdict(perception), "pedestrians": {}}
-    for name in opponents if perception else ():
-        rows = _of(table, ADS, name).filter(pl.col("critical"))
-        published = rows.filter(pl.col("published_after").is_not_nan())
-        out["pedestrians"][name] = {
-            "published_share": as_dict(statistics.resampled(rows["published_share"].to_numpy(), statistics.mean)),
-            "published_after": as_dict(statistics.resampled(published["published_after"].to_numpy(), statistics.mean)),
-            "never_published": as_dict(statistics.share(rows.height - published.height, rows.height)),
-        }
     return out
 
 

@@ -80,15 +80,6 @@ class PerceptionConfig:
         0.0, "rate of changing a track's number: swapped with another one, or a new one",
         unit="1/s", low=0.0, high=10.0,
     )  # fmt: skip
-    revealed: list[float] = parameter(
-        [],
-        "set by `vpsci ads-why`: scenario, number and frame of episodes, three for each, from which on parked "
-        "vehicles hide nobody in it",
-    )
-
-    def __post_init__(self) -> None:
-        if len(self.revealed) % 3:
-            raise InvalidInput(f"revealed must hold three numbers for each episode, got {len(self.revealed)}")
 
     def delay(self, period: float) -> int:
         """Return the latency in ticks of `period` seconds."""
@@ -150,9 +141,6 @@ def perceive(
         )
     trackers, now = memory.trackers.copy(), np.zeros(len(state), OBJECT)
     share = visible(state, parked)
-    for scenario, episode, frame in zip(*(config.revealed[n::3] for n in range(3)), strict=True):
-        here = (state["scenario"] == scenario) & (state["episode"] == episode) & (state["frame"] >= frame)
-        share[here] = 1.0
     begun = np.zeros(len(state), np.bool_)
     _perceive(state, share, begun, _settings(config, period), pedestrians, trackers, now)
     if not len(memory.late):

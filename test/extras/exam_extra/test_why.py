@@ -14,7 +14,6 @@ from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.episode import Episode, Listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import Exam, prepare
-from vpsci_ros.exam.measures import Sight
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.exam.view import failure_group
 from vpsci_ros.extras.exam_extra.explain import explain_exam
@@ -22,8 +21,6 @@ from vpsci_ros.extras.exam_extra.factors import FACTORS, Span, case_of
 from vpsci_ros.extras.exam_extra.why import Search
 from vpsci_ros.resources import params_dir
 from vpsci_ros.world.intervention import NOT_FORCED, Intervention, InterventionConfig, from_parameter
-from vpsci_ros.world.perception import PerceptionConfig, blank, perceive
-from vpsci_ros.world.state import EPISODE, RUNNING
 
 CARELESS = """
 class Careless:
@@ -55,15 +52,15 @@ def exam(**perception: Any) -> Exam:
 
 
 def test_a_case_knows_its_onset_its_end_and_the_braking_before_it() -> None:
-    case = case_of(BRAKES, Sight())
+    case = case_of(BRAKES)
     assert (case.name, case.onset, case.end, case.braking) == ("1:7", 2, 8, 7)
     assert case.accelerations[4:] == pytest.approx([-4.0, -4.0, 0.0, -4.0])
     early = episode([5.0, 4.0, 4.0, 4.0], [9.0, 9.0, 4.0, 0.0])
-    assert case_of(early, Sight()).braking is None, "it was over before the onset"
+    assert case_of(early).braking is None, "it was over before the onset"
 
 
-def changed(factor: str, amount: float, of: Episode = BRAKES, sight: Sight | None = None) -> Exam:
-    case = case_of(of, sight or Sight())
+def changed(factor: str, amount: float, of: Episode = BRAKES) -> Exam:
+    case = case_of(of)
     return FACTORS[factor].change(exam(latency=0.2), {case.key: (case, amount)})
 
 
@@ -79,25 +76,20 @@ def test_each_factor_changes_one_thing() -> None:
     assert intervention("full", 0.15) == Intervention(frame=5, forced=(-8.88,) * 3)
     assert intervention("slower", 0.5) == Intervention(frame=2, speed=-0.5)
     assert changed("latency", 0.15).latency == pytest.approx(0.05)
-    seen = changed("seen", 0.1, sight=Sight(hidden=True, first_published=6)).perception
-    assert seen is not None
-    assert seen.revealed == [1.0, 7.0, 4.0]
 
 
 def test_frames_between_spells_of_braking_are_not_forced() -> None:
     gap = episode([5.0, 4.8, 4.6, 4.6, 4.4], [4.0, 3.0, 2.0, 1.0, 0.0])
-    case = case_of(gap, Sight())._replace(braking=0)
+    case = case_of(gap)._replace(braking=0)
     numbers = FACTORS["earlier"].change(exam(), {case.key: (case, 0.0)}).sections.get(
         InterventionConfig, "world_simulator").interventions  # fmt: skip
     assert from_parameter(numbers)[1, 7].forced == pytest.approx((-4.0, -4.0, NOT_FORCED, -4.0))
 
 
 def test_what_cannot_be_varied_says_why() -> None:
-    plain, late = case_of(BRAKES, Sight()), exam(latency=0.2)
-    rolls = case_of(episode([0.0] * 3, [4.0, 3.0, 0.0]), Sight())
+    plain, late = case_of(BRAKES), exam(latency=0.2)
+    rolls = case_of(episode([0.0] * 3, [4.0, 3.0, 0.0]))
     for factor, case, who, reason in (
-        ("seen", plain, exam(), "ads_test.perception is off"),
-        ("seen", plain, late, "no parked vehicle hid the pedestrian"),
         ("latency", plain, exam(), "in lock-step a command counts at the tick that it answers"),
         ("latency", plain, exam(reach=30.0), "perception.latency is 0"),
         ("earlier", rolls, late, "it did not brake between the onset and the contact"),
@@ -113,7 +105,7 @@ def test_what_cannot_be_varied_says_why() -> None:
 
 def search(span: Span, fails: Any) -> Search:
     """Return a search that is over, of a failure that `fails` decides by the amount."""
-    found = Search("walker", case_of(BRAKES, Sight()), "full", span)
+    found = Search("walker", case_of(BRAKES), "full", span)
     for halving in range(4):
         for amount in found.wanted(halving):
             found.failed[amount] = fails(amount)
@@ -158,21 +150,6 @@ def test_a_group_says_what_was_hit_if_anything() -> None:
     assert group(moving_collision=False).endswith("in sight, standing vehicle, pedestrian came first")
     assert group(outcome="goal", kind="") == "1: adult in sight, no contact"
     assert group(outcome="parked_collision", parked_collision=True).endswith("in sight, hits a parked vehicle")
-
-
-def test_from_the_frame_on_parked_vehicles_hide_nobody_in_that_episode() -> None:
-    state = np.zeros(2, EPISODE)
-    state["status"], state["scenario"], state["episode"] = RUNNING, 1, [7, 8]
-    config = PerceptionConfig(least_visible=0.5, revealed=[1.0, 7.0, 3.0])
-    hidden, found = pytest.MonkeyPatch(), []
-    hidden.setattr("vpsci_ros.world.perception.visible", lambda *_: np.zeros(2))
-    memory = blank(2, config, 0.05)
-    for frame in range(5):
-        state["frame"] = frame
-        memory, objects = perceive(memory, state, config, 0.05)
-        found.append((objects["status"] == 1).tolist())
-    hidden.undo()
-    assert found == [[False, False]] * 3 + [[True, False]] * 2
 
 
 @pytest.fixture(scope="module")

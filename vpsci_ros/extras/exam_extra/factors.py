@@ -12,12 +12,11 @@ import numpy as np
 
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.exam.exam import Exam
-from vpsci_ros.exam.measures import Sight
 from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world.intervention import BRAKING, NOT_FORCED, Intervention, as_parameter
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 
-LONGEST = 3.0  # [s] by which braking or sight is made earlier at most
+LONGEST = 3.0  # [s] by which braking is made earlier at most
 
 
 class Case(NamedTuple):
@@ -31,7 +30,6 @@ class Case(NamedTuple):
 
     key: Key
     episode: Episode
-    sight: Sight
     end: int
     onset: int
     braking: int | None
@@ -72,7 +70,7 @@ class Factor:
     shared: bool = False
 
 
-def case_of(episode: Episode, sight: Sight) -> Case:
+def case_of(episode: Episode) -> Case:
     """Return a failure as what is changed in it needs it."""
     seen = episode.filled()
     curvttc = np.nan_to_num(seen.curvttc.min(axis=0), nan=np.inf, posinf=np.inf)
@@ -83,7 +81,7 @@ def case_of(episode: Episode, sight: Sight) -> Case:
     brakes = np.flatnonzero(accelerations[:end] <= -BRAKING)
     spells = np.split(brakes, np.flatnonzero(np.diff(brakes) > 1) + 1)
     braking = int(spells[-1][0]) if len(brakes) and brakes[-1] >= onset else None
-    return Case(episode.key, episode, sight, end, onset, braking, tuple(accelerations.tolist()))
+    return Case(episode.key, episode, end, onset, braking, tuple(accelerations.tolist()))
 
 
 def _intervened(exam: Exam, changes: Mapping[Key, Intervention]) -> Exam:
@@ -145,28 +143,6 @@ def _slow_down(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
     return _intervened(exam, {key: Intervention(case.onset, speed=-amount) for key, (case, amount) in cases.items()})
 
 
-def _span_seen(case: Case, exam: Exam) -> Span:
-    if exam.perception is None:
-        return Span(0.0, reason="the system is given the pedestrian's place at every tick (ads_test.perception is off)")
-    if not case.sight.hidden:
-        return Span(0.0, reason="no parked vehicle hid the pedestrian as it became critical")
-    return Span(min(LONGEST, _published(case) * case.episode.period), case.episode.period)
-
-
-def _published(case: Case) -> int:
-    """Return the frame at which the pedestrian was first published, the end where it never was."""
-    return case.sight.first_published if case.sight.first_published >= 0 else case.end
-
-
-def _see_earlier(exam: Exam, cases: Mapping[Key, tuple[Case, float]]) -> Exam:
-    revealed = [
-        float(number)
-        for key, (case, amount) in cases.items()
-        for number in (*key, max(0, _published(case) - _frames(amount, case)))
-    ]
-    return dataclasses.replace(exam, sections=exam.sections.changed("perception", {"revealed": revealed}))
-
-
 def _span_latency(_: Case, exam: Exam) -> Span:
     if exam.latency is None:
         return Span(0.0, reason="nothing comes late: in lock-step a command counts at the tick that it answers, and "
@@ -193,9 +169,6 @@ FACTORS = {
     "slower": Factor(
         "slower at the onset", "m/s", "the speed at the tick at which CurvTTC first falls below 5 s, so much lower, "
         "with everybody where they were; the system drives on from there", _span_slower, _slow_down),
-    "seen": Factor(
-        "seen earlier", "s", "parked vehicles hide nobody from so long before the tick at which the pedestrian was "
-        "first published to the system", _span_seen, _see_earlier),
     "latency": Factor(
         "less latency", "s", "pedestrians are published to the system so much sooner (perception.latency)",
         _span_latency, _sooner, shared=True),

@@ -20,7 +20,7 @@ from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_graph import domain_of
-from vpsci_ros.exam.measures import RunResult, Sight, episode_table, worst_first
+from vpsci_ros.exam.measures import RunResult, episode_table, worst_first
 from vpsci_ros.exam.report import ADS
 from vpsci_ros.extras.exam_extra.factors import FACTORS, Case, Span, case_of
 from vpsci_ros.runs.progress import Bars
@@ -123,7 +123,7 @@ def explain(
         chosen = worst_first(rows).head(failures)
         episodes = {episode.key: episode for episode in runs[name].episodes} if name in runs else {}
         keys = [(int(s), int(e)) for s, e in chosen.select("scenario", "episode").iter_rows()]
-        cases = [case_of(episodes[key], runs[name].sight.get(key, Sight())) for key in keys if key in episodes]
+        cases = [case_of(episodes[key]) for key in keys if key in episodes]
         if not cases:
             continue
         again = _Again(exam, folder / name, name, workers=workers, quiet=quiet)
