@@ -123,7 +123,7 @@ def test_what_the_system_refuses_is_said_in_words_and_a_defect_is_not(error: Exc
 def test_a_child_process_does_not_make_again_what_was_taken_from_its_parent(tmp_path: Path, replaced: bool) -> None:
     output, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     elsewhere.mkdir()
-    code = "import sys; from vpsci_ros.runs.files import Claim; Claim(sys.argv[1] + '/bag')"
+    code = "import sys; from vpsci_ros.runs.folder import Claim; Claim(sys.argv[1] + '/bag')"
     with output_folder(tmp_path / "out"):
         (output / "kept").touch()
         environment = dict(os.environ) | inherited_claims()

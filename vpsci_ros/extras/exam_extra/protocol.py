@@ -21,7 +21,7 @@ from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.driver_class import Cockpit
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import InProcess, loop_with
-from vpsci_ros.exam.measures import RunResult, Watcher, episode_table, episodes_of
+from vpsci_ros.exam.measures import RunResult, episode_table, episodes_of
 from vpsci_ros.exam.recorded_people import Motion
 from vpsci_ros.exam.report import ADS, BASELINE, Conduct
 from vpsci_ros.exam.view import exam_sources
@@ -167,7 +167,7 @@ def _autopilot(exam: Exam, folder: Path) -> RunResult:
     cockpit = Cockpit(brake, exam.scenarios, len(exam.episodes))
     steps = InProcess(loop, cockpit.answers, None, folder / "autopilot.log").ticks(lambda _: None)
     ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
-    found, sight = episodes_of(ticks, exam.world.tick, exam.scenarios, Watcher(exam.scenarios), BASELINE)
+    found, sight = episodes_of(ticks, exam.world.tick, exam.scenarios, BASELINE)
     return RunResult(found, Conduct(len(exam.episodes)), sight=sight)
 
 
