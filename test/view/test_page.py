@@ -117,13 +117,13 @@ def test_filters_and_order_choose_the_list(browser: Any, path: Path) -> None:
 
 
 def test_the_address_names_the_episode_while_it_plays(browser: Any, path: Path) -> None:
-    with real.opened(browser, path, "#a=ads&b=autopilot&episode=1:2") as page:
+    with real.opened(browser, path, "#a=ads&b=autopilot&sort=source&episode=1:2") as page:
         real.wait_until(page, "page.playing && page.clock > 0")
         page.evaluate("page.step(1)")
         address = page.evaluate("[page.playing, location.hash]")
-        assert address == [True, "#a=ads&episode=1%3A1&b=autopilot&beside=1%3A1"]
+        assert address == [True, "#a=ads&episode=1%3A3&b=autopilot&beside=1%3A3&sort=source"]
     with real.opened(browser, path, address[1]) as page:
-        assert page.evaluate("[page.playing, page.panels[0].episode.name]") == [True, "1:1"]
+        assert page.evaluate("[page.playing, page.panels[0].episode.name]") == [True, "1:3"]
 
 
 def test_failures_are_filtered_by_their_group_and_found_by_its_words(browser: Any, tmp_path: Path) -> None:
@@ -160,12 +160,12 @@ def test_keys_go_through_episodes_and_frames(browser: Any, path: Path) -> None:
 
 
 def test_the_same_episode_of_two_drivers_stands_side_by_side(browser: Any, path: Path) -> None:
-    with real.opened(browser, path, "#a=ads&b=autopilot&episode=1:2&t=1") as page:
+    with real.opened(browser, path, "#a=ads&b=autopilot&sort=source&episode=1:2&t=1") as page:
         assert page.is_visible("#panel-b")
         assert page.evaluate("page.panels.map((p) => p.episode.name)") == ["1:2", "1:2"]
         assert page.evaluate("page.panels.map((p) => p.delay)") == [0, 0]
         page.keyboard.press("n")
-        assert page.evaluate("page.panels.map((p) => p.episode.name)") == ["1:1", "1:1"]
+        assert page.evaluate("page.panels.map((p) => p.episode.name)") == ["1:3", "1:3"]
 
 
 def test_recorded_and_generated_ones_are_paired_by_rank_and_meet_at_the_onset(browser: Any, path: Path) -> None:
