@@ -28,7 +28,7 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
     return bytes(out)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_changed_byte_is_always_noticed_and_never_ends_in_a_traceback(
     own_bag: Path, tmp_path: Path, seed: int
 ) -> None:
@@ -36,7 +36,7 @@ def test_a_changed_byte_is_always_noticed_and_never_ends_in_a_traceback(
     (path,) = bag.glob("*.mcap")
     data, rng = path.read_bytes(), random.Random(seed)
     read = 0
-    for _ in range(25):
+    for _ in range(20):
         path.write_bytes(damaged(data, rng))
         with contextlib.suppress(InvalidInput):
             assert bag_info(bag)["damage"], "taken for a whole bag"

@@ -11,7 +11,7 @@ from rich.console import Console
 from vpsci_ros.bags.info import bag_info, print_info
 from vpsci_ros.errors import InvalidInput
 
-CASES = 20
+CASES = 12
 CORPUS = sorted(path for path in files.CORPUS.rglob("*") if path.is_file())
 
 
@@ -86,13 +86,13 @@ def test_what_is_written_on_a_disk_that_fills_at_any_byte_is_whole_or_not_there(
     write(path)
     whole = path.read_bytes()
     failed = 0
-    for size in [*range(0, len(whole), max(1, len(whole) // 12)), len(whole) - 1, len(whole)]:
+    for size in [*range(0, len(whole), max(1, len(whole) // 8)), len(whole) - 1, len(whole)]:
         path.unlink() if before is None else path.write_bytes(before)
         succeeded = writes.attempt(write, path, writes.full_after(size))
         failed += not succeeded
         assert writes.defects(path, before, whole, succeeded) == [], f"full after {size} bytes"
         path.touch()
-    assert failed > 5
+    assert failed > 3
 
 
 @pytest.mark.parametrize("name", writes.WRITERS)

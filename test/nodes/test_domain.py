@@ -78,9 +78,6 @@ def test_where_every_domain_is_in_use_that_is_said(monkeypatch: pytest.MonkeyPat
             pass
 
 
-PROCESSES, ROUNDS, FEW = 6, 60, range(70, 101)
-
-
 @pytest.mark.parametrize("given", ["seven", "-1", "233"])
 def test_what_is_no_domain_is_refused(monkeypatch: pytest.MonkeyPatch, given: str) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", given)
