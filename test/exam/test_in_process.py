@@ -15,13 +15,13 @@ import pytest
 from vpsci_ros.bags.episodes import read_episodes
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.kept import read_kept
-from vpsci_ros.episodes import open_source
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam import in_process
 from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.run import read_exam, run_exam
 from vpsci_ros.resources import params_dir
+from vpsci_ros.view.sources import open_source
 
 Write = Callable[[str], str]
 Small = Callable[..., Exam]

@@ -12,7 +12,6 @@ from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_index import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import yields
-from vpsci_ros.episodes import read_episodes
 from vpsci_ros.extras.paper.section_4.comparison import generated_encounters
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.run import generate, simulators
@@ -22,7 +21,7 @@ from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.view.pack import packed
-from vpsci_ros.view.sources import read_source
+from vpsci_ros.view.sources import read_episodes, read_source
 
 NAME = "LocationA_PedCross_S-N"
 

@@ -14,10 +14,10 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_index import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.episodes import read_episodes
 from vpsci_ros.nodes.domain import own_domain
 from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.runs.config import Sections
+from vpsci_ros.view.sources import read_episodes
 
 NODES = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
 

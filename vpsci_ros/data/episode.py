@@ -1,6 +1,6 @@
 """An episode of motion: one vehicle and the pedestrians that it meets, from wherever it was recorded or simulated.
 
-Near-miss tables, datasets, bags and simulations are read into this one value (`vpsci_ros.episodes.read_episodes`), and
+Near-miss tables, datasets, bags and simulations are read into this one value (`view.sources.read_episodes`), and
 whatever looks at episodes one by one takes it. Frames that nobody saw are NaN; `filled` closes them.
 """
 

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.predictors import Predictor
-from vpsci_ros.kinematics.rollout import Seen, roll_out
-from vpsci_ros.kinematics.scene import scene_at
+from vpsci_ros.evaluation.scene import Seen, roll_out, scene_at
 from vpsci_ros.world.observation import AGENTS, STEP
 
 OBSERVED = 10  # steps observed before the first predicted one, at most

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from vpsci_ros.evaluation.onsets import STEPS, Onsets
 from vpsci_ros.evaluation.predictors import TRACKED_STEPS, PeoplePredictor, PolicyPredictor, Predictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import closed_loop_trajectories
-from vpsci_ros.kinematics.scene import SHARPEST_TURN, scene_at
+from vpsci_ros.evaluation.scene import SHARPEST_TURN, scene_at
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.safety import PEDESTRIAN_RADIUS

@@ -13,7 +13,6 @@ import polars as pl
 
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import read_json, require_form
-from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation import statistics
 from vpsci_ros.exam.config import title_of
@@ -34,6 +33,7 @@ from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.folder import require_same
+from vpsci_ros.view.sources import EXAM
 
 _KEY = ["scenario", "episode"]
 _SAME = ("outcome", "duration", "driven", "impact_speed", "least_curvttc", "hardest_braking")

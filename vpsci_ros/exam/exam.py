@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from vpsci_ros.data.episode import Key
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.documents import read_json, require_form
-from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.class_process import OWN, command_of, files_of, files_of_class
 from vpsci_ros.exam.config import ALONE, DRIVERS, EXTERNAL, PERSON, ExamConfig, added_pedestrians
@@ -25,6 +24,7 @@ from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
 from vpsci_ros.runs.folder import require_same
 from vpsci_ros.runs.provenance import cpu_name, software_versions
+from vpsci_ros.view.sources import EXAM
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import CrowdConfig
 from vpsci_ros.world.engines import EngineConfig

@@ -15,7 +15,6 @@ import polars as pl
 from vpsci_ros.data.kept import read_kept, write_kept
 from vpsci_ros.data.parquet import read_parquet, write_parquet
 from vpsci_ros.documents import read_json
-from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import driven_episodes, run_with_all
 from vpsci_ros.exam.config import ALONE
@@ -28,7 +27,7 @@ from vpsci_ros.exam.report import ADS, BASELINE, make_report
 from vpsci_ros.exam.view import Driven, exam_sources
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.view.pack import write_view
-from vpsci_ros.view.sources import LIMIT, Source
+from vpsci_ros.view.sources import EXAM, LIMIT, Source
 
 VIEW, REPORT = "view.html", "report.html"
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vpsci_ros.data.interactions import Interactions
-from vpsci_ros.kinematics.scene import Scene, scene_at
+from vpsci_ros.evaluation.scene import Scene, scene_at
 from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE
 
 WINDOW = 10  # steps of the history of a recorded step, this one included (Table 8)

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vpsci_ros.kinematics.scene import advance, observe, time_to_collision
+from vpsci_ros.evaluation.scene import advance, observe, time_to_collision
 from vpsci_ros.learning.config import RewardsConfig, SpeedRewardsConfig
 from vpsci_ros.learning.maddpg import Scored
 from vpsci_ros.learning.networks import Networks

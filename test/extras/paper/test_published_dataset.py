@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.data.importers import import_trajectories
-from vpsci_ros.episodes import open_source, read_episodes
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.carla_csv import write
 from vpsci_ros.extras.formats.run import Options
 from vpsci_ros.extras.paper.published_dataset import SCALE, canonical, convert
+from vpsci_ros.view.sources import open_source, read_episodes
 
 RATE, METRES = 25.0, 0.05  # of the HDI file
 

@@ -10,7 +10,6 @@ import polars as pl
 
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import read_json, require_form
-from vpsci_ros.episodes.sources import EXAM
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.conduct import joined, read_run
 from vpsci_ros.exam.config import title_of
@@ -24,7 +23,7 @@ from vpsci_ros.report import html
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.view.pack import write_view
-from vpsci_ros.view.sources import LIMIT, Shown, Source, shown
+from vpsci_ros.view.sources import EXAM, LIMIT, Shown, Source, shown
 
 FOLDER = "why"
 _TEMPLATE = Path(__file__).resolve().parent / "templates" / "why.html"

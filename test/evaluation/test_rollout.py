@@ -1,7 +1,6 @@
 import torch
 
-from vpsci_ros.kinematics.rollout import Seen, roll_out
-from vpsci_ros.kinematics.scene import Scene
+from vpsci_ros.evaluation.scene import Scene, Seen, roll_out
 from vpsci_ros.world.observation import AGENTS
 
 

@@ -11,8 +11,8 @@ from vpsci_ros.bags import episodes as bags
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import write_near_misses
-from vpsci_ros.episodes import open_source, read_episodes
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.view.sources import open_source, read_episodes
 
 
 @pytest.fixture(scope="module")

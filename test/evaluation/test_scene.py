@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from vpsci_ros.kinematics.scene import SHARPEST_TURN, Scene, advance, observe, scene_at, time_to_collision
+from vpsci_ros.evaluation.scene import SHARPEST_TURN, Scene, advance, observe, scene_at, time_to_collision
 from vpsci_ros.world.observation import observe_arrays
 
 
