@@ -41,6 +41,9 @@ def realism(
         bool, typer.Option("--clean", help="Leave out cars that stand and tracks that begin critical.")
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the roll-outs.")] = 0,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers to this file.")
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", help="Folder for numbers and record: new, empty, or of the same run."),

@@ -117,7 +117,7 @@ def measure_realism(
     inputs: Mapping[str, str] | None = None,
     notify: Notify | None = None,
 ) -> dict[str, Any]:
-    """Return the layout of realism.json: Protocols A (`same_start`) and B (`free`).
+    """Return the layout of `vpsci realism --json`: Protocols A (`same_start`) and B (`free`).
 
     :param table: near misses to be scored on; library: those whose residuals the control borrows, else `table`'s own.
     :param simulators: name -> what answers onsets; the controls are added.
@@ -182,6 +182,7 @@ def run_realism(
     held_out: bool,
     clean: bool,
     seed: int,
+    json_path: Path | None,
     output: Path | None,
     quiet: bool,
 ) -> None:
@@ -234,9 +235,12 @@ def run_realism(
         }
         if output is not None:
             write_json(output / RESULT, result)
+    if json_path is not None:
+        write_json(json_path, result)
     print_realism(result, Console(width=None if sys.stdout.isatty() else 130))
-    if output is not None:
-        print(f"written: {output}")
+    for path in (json_path, output):
+        if path is not None:
+            print(f"written: {path}")
 
 
 def _kept_out(table: pl.DataFrame, policies: Sequence[Policy], data: Path) -> pl.DataFrame:
