@@ -76,6 +76,7 @@ def pytest_runtestloop(session: pytest.Session) -> None:
             world = {"scenarios": [104], "episodes": 1, "episode_time": 2.0, "batch": 1, "pedestrians": 3}
             world |= {"action_timeout": 600.0, "pedestrian_driver": "autopilot"}
             settings = [f"graph.nodes=[{', '.join(COMPILING)}]", "graph.progress_timeout=1200.0"]
+            settings += ["graph.composed=true"]  # or each node would compile the same
             settings += [f"world_simulator.{name}={value}" for name, value in world.items()]
             command = [sys.executable, "-m", "vpsci_ros.cli", "graph", "-q", "-o", f"{folder}/run"]
             command += ["--params", str(ROOT / "params" / "stage3_generate.yaml")]

@@ -1,11 +1,8 @@
 """Nodes started one by one as processes, as a user does, and what their bag holds."""
 
-import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import yaml
@@ -32,9 +29,10 @@ class ByHand:
         self.running: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, *nodes: str, extra: tuple[str, ...] = ()) -> None:
-        """Start nodes; a second process of the same name replaces the first in `running`."""
-        for node in nodes:
-            command = [sys.executable, "-m", "vpsci_ros.nodes", node, "--ros-args"]
+        """Start nodes; "world_simulator,recorder" is one process, and goes by the name of the first."""
+        for names in nodes:
+            node = names.partition(",")[0]
+            command = [sys.executable, "-m", "vpsci_ros.nodes", names, "--ros-args"]
             command += ["--params-file", str(self._parameters)]
             command += ["-r", f"__ns:={self._namespace}"] * bool(self._namespace)
             with open(self.folder / f"{node}.log", "ab") as log:
@@ -43,11 +41,6 @@ class ByHand:
     def log(self, node: str) -> str:
         """Return what a node has said so far."""
         return (self.folder / f"{node}.log").read_text()
-
-    def kill(self, node: str) -> None:
-        """End a node as the kernel does when memory runs out."""
-        self.running[node].send_signal(signal.SIGKILL)
-        self.running[node].wait(PATIENCE)
 
     def finish(self, first: str = "world_simulator") -> Path:
         """Wait for the end of `first`, stop the others, the recorder last; return the bag."""
@@ -64,15 +57,6 @@ class ByHand:
             if process.poll() is None:
                 process.kill()
             process.wait(PATIENCE)
-
-
-def wait_for(condition: Callable[[], bool], what: str) -> None:
-    """Wait until a condition holds that other processes bring about."""
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, f"waited {PATIENCE:g} s for {what}"
-        os.sched_yield()
-        time.sleep(0.01)
 
 
 def content(bag: Path) -> dict[tuple[str, int], list[bytes]]:

@@ -63,9 +63,10 @@ def test_nodes_started_by_hand_with_a_stages_file_reach_its_end(
         "learner": learner,
     }
     graph = closed(ByHand(tmp_path, file))
-    for node in read_parameter_file(file)["graph"]["nodes"]:
-        chosen = small.get(node, {})
-        graph.start(node, extra=tuple(word for name in chosen for word in ("-p", f"{node}:{name}:={chosen[name]}")))
+    nodes = read_parameter_file(file)["graph"]["nodes"]
+    words = [f"{node}:{name}:={value}" for node in nodes for name, value in small.get(node, {}).items()]
+    extra = tuple(word for each in words for word in ("-p", each))
+    graph.start(*([",".join(nodes)] if stage == "stage3_generate" else nodes), extra=extra)
     assert "/diagnostics" in Bag(graph.finish(STAGES[stage])).topics()
     learned = {path.name for path in tmp_path.glob("learned/*.safetensors")}
     wanted = {"stage1_pretrain": {"pretrained.safetensors"}, "stage2_online": {"refined.safetensors"}}
