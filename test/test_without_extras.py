@@ -48,7 +48,6 @@ NEED_LEARN = [
     ["pretrain", "--params", "stage1_pretrain", "-o", "out"],
     ["refine", "--params", "stage2_online", "-o", "out"],
     ["evaluate", *DATA],
-    ["realism", *DATA],
     ["demo", "-o", "out"],
     ["node", "learner"],
 ]
