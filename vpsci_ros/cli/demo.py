@@ -40,7 +40,7 @@ SMALL: dict[str, dict[str, dict[str, Any]]] = {
         }
     },
     "stage2_online.yaml": {
-        "world_simulator": {"episodes": 6, "batch": 16, "replay_window": 128, "action_timeout": PATIENCE},
+        "world_simulator": {"episodes": 4, "batch": 16, "replay_window": 128, "action_timeout": PATIENCE},
         "learner": {
             "replay.batch_size": 64,
             "refresh.updates": 5,
