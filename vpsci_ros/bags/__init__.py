@@ -1,4 +1,4 @@
-"""Bags (MCAP): read, write, repair, draw, export and verify, without ROS.
+"""Bags (MCAP): read, write, repair, export and verify, without ROS.
 
 `reader` opens a bag (files by `mcap_file`), `ticks` reads a recorded graph tick by tick,
 `episodes` and `run_record` are its text records, `writer` writes a bag and `repair` completes one of a killed

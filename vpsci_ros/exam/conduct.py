@@ -30,7 +30,7 @@ from vpsci_ros.exam.config import EXTERNAL, SILENT_TICKS, title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_graph import counts_of, domain_of, run_in_graph
 from vpsci_ros.exam.in_process import run_in_process
-from vpsci_ros.exam.measures import RunResult, Sight, episodes_of
+from vpsci_ros.exam.measures import FirstCritical, RunResult, episodes_of
 from vpsci_ros.exam.report import Conduct
 from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.runs.folder import RECORD, read_record
@@ -166,7 +166,9 @@ def joined(results: Sequence[RunResult], wanted: int) -> RunResult:
     )
     episodes = sorted((episode for result in results for episode in result.episodes), key=lambda episode: episode.key)
     unanswered = {key: count for result in results for key, count in result.unanswered.items()}
-    return RunResult(episodes, conduct, unanswered, {k: v for result in results for k, v in result.sight.items()})
+    return RunResult(
+        episodes, conduct, unanswered, {k: v for result in results for k, v in result.first_critical.items()}
+    )
 
 
 def is_done(exam: Exam, folder: Path, name: str) -> bool:
@@ -187,8 +189,10 @@ def read_run(exam: Exam, folder: Path, name: str) -> RunResult:
     conduct = _conduct(exam, name, record)
     if not (run / KEPT).is_file():
         return _read_bag(exam, name, run / "bag", conduct)
-    sight = {(scenario, episode): Sight(*seen) for scenario, episode, *seen in record["results"]["sight"]}
-    return RunResult(read_kept(run / KEPT), conduct, sight=sight)
+    first_critical = {
+        (scenario, episode): FirstCritical(*seen) for scenario, episode, *seen in record["results"]["first_critical"]
+    }
+    return RunResult(read_kept(run / KEPT), conduct, first_critical=first_critical)
 
 
 def _conduct(exam: Exam, name: str, record: Mapping[str, Any]) -> Conduct:
@@ -212,7 +216,7 @@ def _read_bag(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
         for event in layout.events(decode(raw, bag)):
             unanswered[int(event["scenario"]), int(event["episode"])] += int(event["kind"] == VEHICLE_ACTION_MISSING)
     try:
-        found, sight = episodes_in_bag(recording, exam)
+        found, first_critical = episodes_in_bag(recording, exam)
     except InvalidInput:
         if not conduct.failure:
             raise
@@ -221,10 +225,10 @@ def _read_bag(exam: Exam, name: str, bag: Path, conduct: Conduct) -> RunResult:
     if len(own) < len(found) and not conduct.failure:
         left = f"{len(found) - len(own)} episodes were left to the autopilot for {SILENT_TICKS} ticks or more"
         conduct = dataclasses.replace(conduct, failure=left)
-    return RunResult(own, conduct, dict(+unanswered), sight)
+    return RunResult(own, conduct, dict(+unanswered), first_critical)
 
 
-def episodes_in_bag(bag: Bag, exam: Exam) -> tuple[list[Episode], Mapping[Key, Sight]]:
+def episodes_in_bag(bag: Bag, exam: Exam) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
     """Return the episodes of a bag of the ADS with a pedestrian, and who became critical first in each.
 
     :raises InvalidInput: it cannot be read, or holds an episode that is not of this exam.

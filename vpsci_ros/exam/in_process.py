@@ -73,8 +73,8 @@ def autopilot_run(exam: Exam, pedestrian: str) -> RunResult:
     """Return the result of the rule-based autopilot with one pedestrian, many episodes side by side."""
     steps = loop_with(exam, pedestrian, "autopilot", exam.episodes, _SIDE_BY_SIDE)
     ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
-    found, sight = episodes_of(ticks, exam.world.tick, exam.scenarios, BASELINE)
-    return RunResult(found, Conduct(len(exam.episodes)), sight=sight)
+    found, first_critical = episodes_of(ticks, exam.world.tick, exam.scenarios, BASELINE)
+    return RunResult(found, Conduct(len(exam.episodes)), first_critical=first_critical)
 
 
 def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) -> RunResult:
@@ -98,7 +98,7 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
             seen = list(ticks)
             write_ticks(_recorded(seen, driven.lost), world, run / "bag", made_by, scenarios=exam.scenarios)
             ticks = iter(seen)
-        found, sight = episodes_of(map(_gathered, ticks), world.tick, exam.scenarios, str(run))
+        found, first_critical = episodes_of(map(_gathered, ticks), world.tick, exam.scenarios, str(run))
     episodes = [episode for episode in found if episode.key not in driven.lost]
     failure = driven.failure()
     counts = WorldCounts(vehicle_commands=driven.commands, vehicle_commands_refused=driven.refused)
@@ -109,12 +109,14 @@ def run_in_process(exam: Exam, name: str, run: Path, log: Path, *, quiet: bool) 
         error=failure,
         results={
             "nodes": {"world_simulator": dataclasses.asdict(NodeStatus(counts=counts))},
-            "sight": [[*key, *seen] for key, seen in sight.items()],
+            "first_critical": [[*key, *seen] for key, seen in first_critical.items()],
         },
         inputs={exam.weights.name: sha256(exam.weights)} if "pedestrian" in loop.agents else {},
     )
     failure = f"{title_of(name)}: {failure}" if failure else ""
-    return RunResult(episodes, Conduct(len(exam.episodes), driven.refused, failure=failure), sight=sight)
+    return RunResult(
+        episodes, Conduct(len(exam.episodes), driven.refused, failure=failure), first_critical=first_critical
+    )
 
 
 @contextlib.contextmanager

@@ -19,7 +19,7 @@ from vpsci_ros.world.crowd import KINDS
 from vpsci_ros.world.parked import in_sight, parked_from
 
 
-class Sight(NamedTuple):
+class FirstCritical(NamedTuple):
     """Who became critical first in an episode, as CurvTTC first fell below 5 s.
 
     :ivar hidden: parked vehicles hid the pedestrian.
@@ -34,12 +34,12 @@ class Sight(NamedTuple):
 
 def episodes_of(
     ticks: Iterable[Tick], period: float, scenarios: Sequence[Scenario], source: str
-) -> tuple[list[Episode], Mapping[Key, Sight]]:
+) -> tuple[list[Episode], Mapping[Key, FirstCritical]]:
     """Return the episodes of ticks in the order of their keys, and who became critical first in each that did.
 
     :param period: of a tick [s].
     """
-    sight: dict[Key, Sight] = {}
+    first_critical: dict[Key, FirstCritical] = {}
     parked = parked_from(scenarios)
 
     def watched() -> Iterator[Tick]:
@@ -47,12 +47,12 @@ def episodes_of(
             critical = (state["status"] != IDLE) & (curvttc < CRITICAL_TTC)
             visible = in_sight(state, parked) if critical.any() else critical
             for record, seen in zip(state[critical], visible[critical].tolist(), strict=True):
-                first = Sight(not seen, KINDS[record["kind"]], max(1, int(record["pedestrians"])))
-                sight.setdefault((int(record["scenario"]), int(record["episode"])), first)
+                first = FirstCritical(not seen, KINDS[record["kind"]], max(1, int(record["pedestrians"])))
+                first_critical.setdefault((int(record["scenario"]), int(record["episode"])), first)
             yield state, curvttc, distance
 
     found = gathered(watched(), period, scenarios, source=source)
-    return sorted(found, key=lambda episode: episode.key), sight
+    return sorted(found, key=lambda episode: episode.key), first_critical
 
 
 Floats = NDArray[np.float64]
@@ -96,13 +96,13 @@ class RunResult(NamedTuple):
     :ivar episodes: that ended.
     :ivar conduct: how it went, apart from how the driver drove.
     :ivar unanswered: ticks without a usable command, for the episodes that had any.
-    :ivar sight: who became critical first, of the episodes that were critical.
+    :ivar first_critical: who became critical first, of the episodes that were critical.
     """
 
     episodes: Sequence[Episode]
     conduct: Conduct = Conduct(0)
     unanswered: Mapping[Key, int] = {}
-    sight: Mapping[Key, Sight] = {}
+    first_critical: Mapping[Key, FirstCritical] = {}
 
 
 def worst_first(table: pl.DataFrame, *then: str) -> pl.DataFrame:
@@ -129,7 +129,7 @@ def episode_table(
     rows = []
     for episode, code in zip(run.episodes, yields(run.episodes), strict=True):
         collided, crashed = episode.outcome == _COLLISION, episode.outcome == _PARKED_COLLISION
-        seen_of, period = run.sight.get(episode.key, Sight()), episode.period
+        seen_of, period = run.first_critical.get(episode.key, FirstCritical()), episode.period
         driven = episode.filled()
         speed, path = driven.speed, driven.path
         least = 0.0 if collided else min(HORIZON, episode.least_curvttc)

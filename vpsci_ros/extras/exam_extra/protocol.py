@@ -167,8 +167,8 @@ def _autopilot(exam: Exam, folder: Path) -> RunResult:
     cockpit = Cockpit(brake, exam.scenarios, len(exam.episodes))
     steps = InProcess(loop, cockpit.answers, None, folder / "autopilot.log").ticks(lambda _: None)
     ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
-    found, sight = episodes_of(ticks, exam.world.tick, exam.scenarios, BASELINE)
-    return RunResult(found, Conduct(len(exam.episodes)), sight=sight)
+    found, first_critical = episodes_of(ticks, exam.world.tick, exam.scenarios, BASELINE)
+    return RunResult(found, Conduct(len(exam.episodes)), first_critical=first_critical)
 
 
 def beside_people(protocol: Mapping[str, Any], scores: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -35,8 +35,8 @@ def run(scenario: int = 104, **config: object):
 def test_where_vehicles_are_parked_some_are_hidden_as_it_becomes_critical() -> None:
     found, driven = run()
     assert set(found) == {drive.key for drive in driven if drive.curvttc[0].min() < CRITICAL_TTC}
-    assert 5 < sum(sight.hidden for sight in found.values()) < len(found)
-    assert not any(sight.hidden for sight in run(scenario=101)[0].values())
+    assert 5 < sum(each.hidden for each in found.values()) < len(found)
+    assert not any(each.hidden for each in run(scenario=101)[0].values())
 
 
 def test_kinds_and_groups_are_those_of_the_episodes_where_the_bag_holds_neither(tmp_path: Path) -> None:
@@ -47,17 +47,17 @@ def test_kinds_and_groups_are_those_of_the_episodes_where_the_bag_holds_neither(
     write_ticks(Loop(World(config, exam.scenarios, exam.episodes, 1, 5)), config, tmp_path / "bag", {})
     read, found = episodes_in_bag(Bag(tmp_path / "bag"), exam)
     expected = autopilot_run(exam, "walker")
-    assert found == expected.sight
+    assert found == expected.first_critical
     assert [episode.listed for episode in read] == [episode.listed for episode in expected.episodes]
-    assert {sight.pedestrians for sight in found.values()} == {1, 2, 3}
-    assert len({sight.kind for sight in found.values()}) > 2
+    assert {each.pedestrians for each in found.values()} == {1, 2, 3}
+    assert len({each.kind for each in found.values()}) > 2
 
 
 def test_results_come_by_kind_by_group_and_by_who_was_hidden_where_these_differ() -> None:
     found, driven = run(pedestrians=2, kinds=KindMixture(adult=1.0, child=1.0))
     assert len(driven) == EPISODES, "an episode is one, however many pedestrians it has"
     options = {"driver": "autopilot", "pedestrian": "walker"}
-    table = episode_table(RunResult(driven, sight=found), [], ExamConfig(), **options)
+    table = episode_table(RunResult(driven, first_critical=found), [], ExamConfig(), **options)
     report = make_report(table, {"walker": Conduct(EPISODES)}, ExamConfig(pedestrians=["walker"], baseline=True))
     groups = report["groups"]
     assert set(groups) == {"kind", "hidden"}, "all groups are of two"
