@@ -17,14 +17,12 @@ SimulatedTick = tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]
 
 @pytest.fixture(scope="session")
 def write_bag() -> Callable[..., Path]:
-    """Write ticks to a bag as the recorder does; `closed=False` leaves it as a killed recorder would."""
+    """Write ticks to a bag as the recorder does."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for path in sorted(MESSAGES.glob("*.msg")):
         store.register(get_types_from_msg(path.read_text(), f"vpsci_msgs/msg/{path.stem}"))
 
-    def write(
-        folder: Path, ticks: list[SimulatedTick], *, closed: bool = True, unanswered: tuple[int, ...] = ()
-    ) -> Path:
+    def write(folder: Path, ticks: list[SimulatedTick], *, unanswered: tuple[int, ...] = ()) -> Path:
         topics = []
         for name, message_name in (("/world/state", "WorldState"), ("/safety/state", "SafetyState")):
             kind = f"vpsci_msgs/msg/{message_name}"
@@ -46,10 +44,7 @@ def write_bag() -> Callable[..., Path]:
                 critical = (curvttc < 5.0).astype(np.uint8)
                 answer = safety(header=header, tick=tick, curvttc=curvttc, distance=distance, critical=critical)
                 bag.write("/safety/state", bytes(store.serialize_cdr(answer, safety.__msgtype__)), time, time)
-        if closed:
-            bag.close({"seed": "7"})
-        else:
-            bag._file.close()  # what the system does with the file of a process that was killed
+        bag.close({"seed": "7"})
         return folder
 
     return write

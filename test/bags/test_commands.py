@@ -116,12 +116,6 @@ def test_info_of_a_cut_off_bag_tells_what_is_readable_and_that_it_is_damaged(own
     assert 0 < info["messages"] < whole
 
 
-def test_info_of_an_empty_bag_says_so(tmp_path: Path) -> None:
-    BagWriter(tmp_path / "bag", []).close({})
-    with pytest.raises(InvalidInput, match="the bag holds no message"):
-        bag_info(tmp_path / "bag")
-
-
 # ---- verify
 
 

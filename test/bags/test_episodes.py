@@ -7,17 +7,14 @@ import pytest
 
 from vpsci_ros.bags import episodes as module
 from vpsci_ros.bags.episodes import (
-    LATE,
     BagEpisode,
     EpisodeLog,
     EventRow,
     bag_episodes,
     choose,
     chosen_episode,
-    read_episodes,
 )
 from vpsci_ros.bags.reader import Bag
-from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import FINISHED, STARTED
 
@@ -82,15 +79,3 @@ def test_records_agree_with_what_the_states_tell(own_bag: Path) -> None:
         for name in ("scenario", "episode", "start_tick", "end_tick", "start_time", "end_time", "outcome"):
             assert getattr(one, name) == getattr(decoded, name), name
         assert one.least_curvttc == pytest.approx(decoded.least_curvttc)
-
-
-def test_one_episode_is_read_whole_and_nothing_else(own_bag: Path) -> None:
-    one = chosen_episode(bag_episodes(Bag(own_bag)), "6:4")
-    mine = [tick.state[0] for tick in read_bag(own_bag) if tick.state["scenario"][0] == 6]
-    (found,) = read_episodes(own_bag, [one])
-    assert (found.name, found.outcome, len(found)) == ("6:4", one.outcome, one.end_tick - one.start_tick + 1)
-    assert found.x.tolist() == [float(state["vehicle_x"]) for state in mine]
-    assert found.ped_vy[0].tolist() == [float(state["pedestrian_vy"]) for state in mine]
-    ticks = [tick.number for tick in module.episode_ticks(own_bag, [one])]
-    assert ticks[0] == one.start_tick
-    assert len(ticks) <= len(found) + LATE / 50_000_000 + 1

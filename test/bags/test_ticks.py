@@ -4,15 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags.collected import collected
-from rosbags.rosbag2 import Reader
 
 from vpsci_ros.bags.mcap_file import McapFile
-from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
-from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import COLLISION, EPISODE, GOAL
 
@@ -43,35 +39,11 @@ def test_every_tick_comes_back_to_the_bit(ticks, write_bag, tmp_path: Path) -> N
             np.testing.assert_array_equal(tick.state[name], state[name])
 
 
-def test_a_bag_gives_the_same_episodes_as_the_simulation(ticks, write_bag, tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "bag", ticks)
-    collector = EpisodeFrames(2)
-    direct = [batch for batch in (collector.add(*tick) for tick in ticks) if len(batch)]
-    recorded = collected(bag)
-    for one, other in zip(recorded, direct, strict=True):
-        np.testing.assert_array_equal(one.values, other.values)
-        np.testing.assert_array_equal(one.records, other.records)
-
-
 def test_a_tick_without_an_answer_has_an_unknown_curvttc(ticks, write_bag, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", ticks, unanswered=(3, len(ticks) - 1))
     back = list(read_bag(bag))
     assert [tick.number for tick in back] == list(range(len(ticks)))
     assert [tick.number for tick in back if np.isnan(tick.curvttc).all()] == [3, len(ticks) - 1]
-
-
-def test_repair_completes_a_bag_that_was_not_closed(ticks, write_bag, tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "bag", ticks, closed=False)
-    whole = list(read_bag(Bag(bag, recover=True)))
-    repair = repair_bag(bag)
-    assert repair.rewritten
-    assert repair.messages["/world/state"] == len(whole)
-    assert "recovered" in str(repair)
-    assert sorted(path.name for path in bag.iterdir()) == ["bag_0.mcap", "metadata.yaml"]
-    assert [tick.number for tick in read_bag(bag)] == [tick.number for tick in whole]
-    with Reader(bag) as reader:
-        assert {c.topic: c.msgcount for c in reader.connections} == repair.messages
-        assert reader.message_count == sum(repair.messages.values())
 
 
 def test_a_damaged_text_record_costs_no_message(tmp_path: Path) -> None:

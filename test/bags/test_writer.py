@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 import yaml
 from mcap.reader import make_reader
-from rosbags.rosbag2 import Reader
 
 from vpsci_ros.bags.writer import BagTopic, BagWriter
-from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.errors import VpsciError
 
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 
@@ -60,14 +59,6 @@ def test_mcap_reads_back_every_byte(tmp_path) -> None:
     assert metadata["vpsci_ros"] == {"seed": "7"} | totals
 
 
-def test_rosbags_reads_it_as_a_rosbag2_folder(tmp_path) -> None:
-    sent = write(tmp_path / "bag")
-    with Reader(tmp_path / "bag") as reader:
-        assert reader.message_count == 3
-        assert {c.topic: c.msgcount for c in reader.connections} == {"/a": 2, "/b": 1}
-        assert [bytes(data) for _, _, data in reader.messages()] == sent
-
-
 def test_messages_that_nobody_could_read_are_counted_as_seen_and_refused(tmp_path) -> None:
     bag = BagWriter(tmp_path / "bag", topics())
     bag.write("/a", b"\x00\x01\x00\x00", log_time=1, publish_time=1)
@@ -97,20 +88,3 @@ def test_a_disk_that_refuses_a_part_is_an_error_at_once_and_when_the_bag_is_clos
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not (tmp_path / "bag" / "metadata.yaml").exists()
-
-
-def test_full_chunks_are_on_disk_before_the_bag_is_closed(tmp_path) -> None:
-    bag = BagWriter(tmp_path / "bag", topics(), chunk_size=1024)
-    before = bag.path.stat().st_size
-    for i in range(4):
-        bag.write("/a", bytes([i]) * 700, i, i)
-    assert bag.path.stat().st_size > before
-    bag.close({})
-
-
-def test_a_folder_that_is_not_empty_is_refused_and_left_alone(tmp_path) -> None:
-    (tmp_path / "bag").mkdir()
-    (tmp_path / "bag" / "x").write_text("kept")
-    with pytest.raises(InvalidInput, match="not empty"):
-        BagWriter(tmp_path / "bag", topics())
-    assert [p.name for p in (tmp_path / "bag").iterdir()] == ["x"]

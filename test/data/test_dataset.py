@@ -121,12 +121,3 @@ def test_a_run_that_fails_leaves_nothing_behind(simulate, tmp_path: Path) -> Non
             writer.add(collector.add(*tick))
         raise RuntimeError("cut")
     assert list((tmp_path / "d").iterdir()) == []
-
-
-def test_an_unknown_scenario_is_refused(simulate, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="episode of scenario 1: this dataset has 2"):
-        collector = EpisodeFrames(1)
-        with DatasetWriter(tmp_path / "e", {2: "other"}, {}) as writer:
-            for tick in simulate([3], [GOAL], 1):
-                writer.add(collector.add(*tick))
-    assert list((tmp_path / "e").iterdir()) == []

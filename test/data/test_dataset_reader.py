@@ -53,8 +53,3 @@ def test_a_folder_without_a_description_is_no_dataset(tmp_path: Path) -> None:
     (tmp_path / "dataset.json").write_text("[]")
     with pytest.raises(InvalidInput, match="not the description of a dataset"):
         Dataset(tmp_path)
-
-
-def test_an_unknown_scenario_is_refused_with_the_known_ones(folder: Path) -> None:
-    with pytest.raises(InvalidInput, match="no scenario two; it has one"):
-        Dataset(folder).rows("two")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.episode import batches, headings, yields
+from vpsci_ros.data.episode import headings, yields
 from vpsci_ros.safety.yielding import Yielded
 
 
@@ -28,9 +28,3 @@ def test_frames_that_nobody_saw_do_not_stop_the_classification(dataset: Path) ->
         for values in (one.x, one.y, one.heading, one.speed, one.ped_x, one.ped_y, one.ped_vx, one.ped_vy, one.curvttc):
             values[..., 70:75] = np.nan
     assert yields(episodes).tolist() == [Yielded.VEHICLE] * 4
-
-
-def test_episodes_are_classified_alike_in_any_batch(dataset: Path) -> None:
-    episodes = list(Dataset(dataset).read())
-    assert [len(batch) for batch in batches(episodes, 4)] == [4, 2]
-    assert yields(episodes).tolist() == [one.yielded() for one in episodes]

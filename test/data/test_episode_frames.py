@@ -33,14 +33,6 @@ def test_every_episode_comes_out_once_with_all_its_frames(simulate) -> None:
     assert not any(np.isnan(values).any() for _, _, values in episodes.values())
 
 
-@pytest.mark.parametrize("batch", [1, 3, 5, 8])
-def test_the_batch_changes_nothing(simulate, batch: int) -> None:
-    one = collect(simulate(LENGTHS, OUTCOMES, 2), 2)
-    other = collect(simulate(LENGTHS, OUTCOMES, batch), batch)
-    for number, episode in one.items():
-        np.testing.assert_array_equal(episode[2], other[number][2])
-
-
 def test_velocity_of_the_vehicle_points_along_its_heading(simulate) -> None:
     (_, _, values) = collect(simulate([10], [GOAL], 1), 1)[0]
     column = {name: values[:, i] for i, name in enumerate(QUANTITIES)}

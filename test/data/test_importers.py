@@ -1,6 +1,5 @@
 """Published recordings become near misses at 0.1 s, and a damaged file is named with its line."""
 
-import io
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -8,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from rich.console import Console
 
-from vpsci_ros.data.importers import import_folders, import_trajectories, print_import_summary
+from vpsci_ros.data.importers import import_folders, import_trajectories
 from vpsci_ros.data.importers.importer import BACKWARDS
 from vpsci_ros.data.importers.tracks import resample, slope
 from vpsci_ros.data.near_misses import check_near_misses
@@ -96,14 +94,6 @@ def test_learning_takes_ten_steps_before_the_first_critical_one_to_ten_after_the
     assert critical[0] <= BEFORE
     assert table.height - 1 - critical[-1] == AFTER
     assert table["time"].diff().drop_nulls().to_numpy() == pytest.approx(0.1)
-
-
-def test_a_rotated_scene_has_the_same_near_misses(tmp_path: Path) -> None:
-    write_clip(tmp_path, "a")
-    write_clip(tmp_path, "b", turn=math.pi - 0.01)
-    table = import_trajectories(tmp_path, "vci-dut").table
-    first, second = (table.filter(pl.col("clip") == name)["curvttc"].to_numpy() for name in "ab")
-    assert second == pytest.approx(first, abs=1e-6)
 
 
 def test_a_pedestrian_far_from_the_path_is_no_near_miss(tmp_path: Path) -> None:
@@ -236,14 +226,3 @@ def test_real_recordings_hold_about_340_near_misses(real_data: Path) -> None:
     check_near_misses(result.table, "table")
     assert 320 <= result.table["interaction"].n_unique() <= 370
     assert result.summaries[0].quartiles == pytest.approx((1.8, 2.95, 3.9), abs=0.15)
-
-
-def test_the_summary_shows_each_source_and_their_sum(clip_folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "citr").mkdir()
-    write_clip(tmp_path / "citr", "meeting_01", rate=CITR_RATE)
-    result = import_folders([clip_folder, tmp_path / "citr"], ["vci-dut", "vci-citr"])
-    console = Console(width=80, record=True, file=io.StringIO())
-    print_import_summary(result, console)
-    text = console.export_text()
-    assert text.split()[9:12] == ["vci-dut", "vci-citr", "together"]
-    assert [int(word) for word in text.split("near misses  ")[1].split("\n")[0].split()] == [1, 1, 2]

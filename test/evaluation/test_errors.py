@@ -30,14 +30,6 @@ def test_the_controls_are_always_among_the_models_and_json_takes_it_all(result):
             assert {"ade", "fde", "rmse"} <= set(model[protocol])
 
 
-def test_a_model_that_does_as_the_control_does_has_its_errors(result):
-    for protocol in ("reconstruction", "closed_loop"):
-        same, control = (result["models"][name][protocol] for name in ("same", "repeat_velocity"))
-        assert same == control
-        assert same["ade_ratio"] == pytest.approx(1.0)
-        assert same["ade_ratio_interval"] == pytest.approx([1.0, 1.0])
-
-
 def test_in_closed_loop_the_first_two_controls_are_the_same_and_in_reconstruction_looking_again_helps(result):
     repeat, constant = (result["models"][name] for name in ("repeat_velocity", "constant_velocity"))
     assert repeat["closed_loop"] == constant["closed_loop"]

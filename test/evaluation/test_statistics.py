@@ -76,7 +76,3 @@ def test_clusters_are_drawn_whole_and_as_often_as_there_are_clusters():
     assert (counts[:, 3:] == counts[:, 3:4]).all()
     assert (counts[:, [0, 1, 3]].sum(axis=1) == 3).all()
     assert len({tuple(row) for row in counts}) > 5
-
-
-def test_resamples_where_a_statistic_is_undefined_do_not_count():
-    assert interval([math.nan, *np.linspace(0.0, 1.0, 1001), math.inf]) == pytest.approx((0.025, 0.975))

@@ -5,7 +5,6 @@ import os
 import re
 import shutil
 import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +14,9 @@ import polars as pl
 import pytest
 import yaml
 from seated import seated_here
+from typer.testing import CliRunner
 
+from vpsci_ros.cli.main import app
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
@@ -156,24 +157,28 @@ def test_what_cannot_be_compared_is_refused_and_says_why(home: Path, tmp_path: P
     assert not (tmp_path / "out").exists()
 
 
-def test_the_workflow_of_the_page_examines_and_then_compares(home: Path, tmp_path: Path) -> None:
+def test_the_workflow_of_the_page_examines_and_then_compares(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its steps by a shell, but for the command itself, which is called in this process."""
     page = (Path(__file__).parents[2] / "docs" / "nightly.md").read_text(encoding="utf-8")
     (workflow,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
     steps = {step.get("name"): step.get("run") for step in yaml.safe_load(workflow)["jobs"]["exam"]["steps"]}
-    (tmp_path / "my_driver.py").write_text(DRIVER)
-    own = {"world_simulator": SHORT, "ads_test": EXAM}
-    settings = [f"--set {node}.{name}={value}" for node, values in own.items() for name, value in values.items()]
-    short = " ".join(settings).replace(" ", "").replace("--set", " --set ") + " --workers 1"
-    script = "\n".join(
-        [
-            f'set -e\nvpsci() {{ "{sys.executable}" -m vpsci_ros.cli "$@" {short}; }}',
-            f"mkdir out\ncp -r {home / 'yesterday'} out/main",
-            str(steps["exam"]),
-            str(steps["summary"]),
-        ]
-    )
-    written = tmp_path / "summary.md"
-    environment = os.environ | {"GITHUB_STEP_SUMMARY": str(written)}
-    subprocess.run(["bash", "-c", script], cwd=tmp_path, env=environment, check=True, capture_output=True)
-    assert written.read_text().startswith("## my_driver:MyDriver: passed\n")
+    shutil.copytree(home / "yesterday", tmp_path / "out" / "main")
+
+    def shell(script: str) -> str:
+        environment = os.environ | {"GITHUB_STEP_SUMMARY": str(tmp_path / "summary.md")}
+        done = subprocess.run(["bash", "-ec", script], cwd=tmp_path, env=environment, check=True, capture_output=True)
+        return done.stdout.decode()
+
+    words = shell(f"vpsci() {{ printf '%s\\n' \"$@\"; }}\n{steps['exam']}").splitlines()
+    for node, values in {"world_simulator": SHORT, "ads_test": EXAM}.items():
+        words += [word for name, value in values.items() for word in ("--set", f"{node}.{name}={value}")]
+    monkeypatch.chdir(tmp_path)
+    with seated_here():
+        done = CliRunner().invoke(app, [*words, "--workers", "1"])
+    assert done.exit_code == 0, done.output
+    assert "newly_failed > 0" in words, "it compares, since there was an earlier exam"
+    shell(steps["summary"])
+    assert (tmp_path / "summary.md").read_text().startswith("## my_driver:MyDriver: passed\n")
     assert (tmp_path / "out" / "exam" / "junit.xml").is_file()

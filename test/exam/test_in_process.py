@@ -67,7 +67,7 @@ def test_an_episode_comes_out_the_same_however_many_run_beside_it_and_as_a_bag(
 
 
 def test_it_leaves_what_an_exam_leaves_and_goes_on_without_driving_again(
-    driven: Path, small_exam: Small, tmp_path: Path
+    driven: Path, small_exam: Small, here: None, tmp_path: Path
 ) -> None:
     folder = tmp_path / "exam"
     shutil.copytree(driven, folder)

@@ -1,6 +1,7 @@
-"""A policy of Stable-Baselines3 drives through the node as it does in the environment, and sits the exam."""
+"""A policy of Stable-Baselines3 drives through the node as it does in the environment, and its class sits the exam."""
 
 import sys
+import threading
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -9,6 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rclpy
+from composed import composed
+from seated import seated_here
 
 pytest.importorskip("stable_baselines3", reason="needs stable-baselines3 (extra: test)")
 pytest.importorskip("gymnasium", reason="needs gymnasium (extra: rl)")
@@ -19,10 +23,10 @@ from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.report import Conduct
 from vpsci_ros.nodes.domain import own_domain
+from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.resources import params_dir
 from vpsci_ros.world import WorldConfig
 
-pytestmark = pytest.mark.usefixtures("forked_nodes")
 PROGRAM = Path(__file__).parents[2] / "examples" / "trained_policy.py"
 
 
@@ -73,13 +77,34 @@ def test_the_node_does_what_the_policy_does_in_the_environment(
     assert {who > 0 for _, who in most_critical} == {False, True}, "not always the same pedestrian"
 
 
-def test_it_sits_the_exam_and_drives_every_episode(weights: Path, tmp_path: Path) -> None:
-    exam = {"pedestrians": ["walker"], "baseline": False}
-    world = {"scenarios": [101], "episodes": 2, "episode_time": 4.0, "action_timeout": 30.0}
-    chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", exam)
+def test_through_the_graph_it_answers_every_tick(
+    example: ModuleType, weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = {"scenarios": [101], "episodes": 2, "episode_time": 4.0, "action_timeout": 30.0, "batch": 1}
+    world |= {"vehicle_driver": "external", "pedestrian_driver": "autopilot"}
+    chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world)
+    chosen = chosen.changed("graph", {"nodes": ["world_simulator", "safety_monitor"]})
+    monkeypatch.setattr(sys, "argv", [str(PROGRAM), "drive", str(weights)])
+    drives = threading.Thread(target=example.main, daemon=True)
     with own_domain():
-        prepared = prepare(chosen, f"{sys.executable} {PROGRAM} drive {weights}")
-        found = run_with(prepared, "walker", tmp_path, "", quiet=True)
+        drives.start()
+        with composed(resolve(chosen, tmp_path)) as made:
+            counts = made["world_simulator"].counts
+        rclpy.shutdown()
+    drives.join(60.0)
+    assert not drives.is_alive()
+    assert counts is not None
+    assert counts.episodes_ended == 2
+    assert (counts.vehicle_answers_missing, counts.vehicle_commands_refused) == (0, 0)
+
+
+def test_its_class_sits_the_exam(weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(PROGRAM.parent)
+    monkeypatch.setenv("TRAINED_POLICY", str(weights))
+    exam = {"pedestrians": ["walker"], "baseline": False}
+    world = {"scenarios": [101], "episodes": 2, "episode_time": 4.0}
+    chosen = load(params_dir() / "ads_test.yaml").changed("world_simulator", world).changed("ads_test", exam)
+    with seated_here():
+        found = run_with(prepare(chosen, ads_class="trained_policy:PolicyDriver"), "walker", tmp_path, "", quiet=True)
     assert [episode.name for episode in found.episodes] == ["101:0", "101:1"]
     assert found.conduct == Conduct(wanted=2)
-    assert found.unanswered == {}
