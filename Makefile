@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Three processes, which take tests from each other in the end: a third of the time is spent waiting for graphs. JOBS=0: one.
 JOBS ?= 3
+# No test uses hypothesis, whose plugin each of these processes would import for two seconds.
+PYTEST := $(BIN)/python -m pytest -q -rs -p no:hypothesispytest
 PYTEST_ARGS ?=
 # Whether `make test` ends with test-engines, whose install and searches take minutes: ENGINES=yes.
 ENGINES ?=
@@ -11,7 +13,7 @@ ENGINE_TESTS := $(addprefix test/,cosim/test_engines.py examples/test_motion_pla
 	extras/formats/test_carla_map.py extras/paper extras/exam_extra extras/drive/test_run.py \
 	extending/test_network.py test_site.py)
 # CommonRoad's packages need another protobuf than osi's, so their tests run apart (tools/commonroad.txt).
-COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(BIN)/python -m pytest -q -rs -k commonroad test/extras/formats/test_commonroad.py test/cosim/test_engines.py
+COMMONROAD := PYTHONPATH=$(VENV)/commonroad $(PYTEST) -k commonroad test/extras/formats/test_commonroad.py test/cosim/test_engines.py
 # Recordings (vci_dut/, vci_citr/) for the demo to learn from besides the right turns that the package holds.
 VPSCI_DATA ?= $(wildcard ../shared/data)
 
@@ -33,18 +35,18 @@ demo:  ## run all three stages, small; leaves bags, tables and a page that plays
 
 test:  ## run the tests without test-engines (ENGINES=yes: with them)
 	@tools/setup.sh $(VENV) test
-	@$(BIN)/python -m pytest -q -rs --durations 20 -n $(JOBS) --dist worksteal $(addprefix --ignore ,$(ENGINE_TESTS)) $(PYTEST_ARGS)
+	@$(PYTEST) --durations 20 -n $(JOBS) --dist worksteal $(addprefix --ignore ,$(ENGINE_TESTS)) $(PYTEST_ARGS)
 	@$(if $(ENGINES),$(MAKE) --no-print-directory test-engines)
 
 test-engines:  ## run the slow tests: exam_extra, drive, paper, the site, and those with SUMO, highway-env, CARLA, CommonRoad, a planner
 	@tools/setup.sh $(VENV) engines
-	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal $(ENGINE_TESTS)
+	@$(PYTEST) -n $(JOBS) --dist worksteal $(ENGINE_TESTS)
 	@$(COMMONROAD)
 
 check: setup  ## what a change has to pass: ruff, mypy, tests, each once
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
-	@$(BIN)/python -m pytest -q -rs -n $(JOBS) --dist worksteal --ignore test/test_code_style.py $(PYTEST_ARGS)
+	@$(PYTEST) -n $(JOBS) --dist worksteal --ignore test/test_code_style.py $(PYTEST_ARGS)
 	@$(COMMONROAD)
 
 docs: setup  ## build the documentation site into out/site; a warning fails it

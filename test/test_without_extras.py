@@ -16,6 +16,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from vpsci_ros import errors
+from vpsci_ros.policy.compiling import DONE, compile_kernels
 
 ROOT = Path(__file__).resolve().parents[1]
 ABSENT = {"torch", "torchgen", "functorch", "stable_baselines3", "sklearn", "threadpoolctl", "gymnasium", "pettingzoo"}
@@ -36,9 +37,9 @@ print(json.dumps([sorted(set(sys.modules) & {"torch"}), main.__file__, results])
 DATA, SHORT = ["--data", "right_turns/dev"], ["--episodes", "1", "--set", "world_simulator.scenarios=[1]"]
 WORKS = [
     ["generate", "--params", "stage3_generate", "-o", "data", "--workers", "1", *SHORT],
-    ["dataset", "verify", "data"],
+    ["dataset", "verify", "data", "--workers", "1"],
     ["ads-test", "--params", "ads_test", "-o", "exam", "--ads-class", "vpsci_ros.nodes.example_driver:ExampleDriver",
-     "--set", "ads_test.pedestrians=[walker]", *SHORT],
+     "--set", "ads_test.pedestrians=[walker]", "--set", "ads_test.baseline=false", *SHORT],
     ["view", "data", "-o", "page.html"],
     ["graph", "--params", "stage3_generate", "-o", "graph", "--set", "world_simulator.episodes=1", *SHORT[2:],
      "--set", "world_simulator.batch=1", "--set", "graph.composed=true"],
@@ -75,8 +76,10 @@ def python(tmp_path_factory) -> Path:
 
 def compiled_for(copy: Path) -> Path:
     """Return a cache in which numba finds the kernels of this package as those of its copy: folders by their path."""
+    compile_kernels()
     cache = copy / "compiled"
     cache.mkdir()
+    (cache / DONE).touch()
     for room in filter(Path.is_dir, (copy / "vpsci_ros").rglob("*")):
         here = Path(os.environ["NUMBA_CACHE_DIR"]) / numba_folder(ROOT / room.relative_to(copy))
         if here.is_dir():

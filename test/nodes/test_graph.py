@@ -139,7 +139,7 @@ def test_stopping_on_request_completes_the_bag_where_interrupts_were_ignored(
 
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a background job of a shell inherits it
     try:
-        chosen = fewest(sections(weights, episodes=100_000), "vehicle_policy")
+        chosen = fewest(sections(weights, episodes=100_000))
         result = run_graph(chosen, tmp_path / "run", quiet=True, stop_when=goes_on)
     finally:
         signal.signal(signal.SIGINT, before)

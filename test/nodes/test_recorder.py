@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from composed import composed
 from nodes.stage import Stage, overrides
 from rclpy.context import Context
 
@@ -15,13 +16,12 @@ from vpsci_ros.bags.reader import Bag, bag_files
 from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.nodes import convert
-from vpsci_ros.nodes.graph import run_graph
+from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.nodes.recorder import Recorder
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.runs.config import Sections
 
-pytestmark = pytest.mark.usefixtures("forked_nodes")
 NODES = ["world_simulator", "safety_monitor", "recorder"]
 
 
@@ -31,15 +31,16 @@ def test_a_graphs_bag_holds_parameters_episodes_and_counts_over_split_files_and_
     drivers = {"vehicle_driver": "autopilot", "pedestrian_driver": "social_force"}
     world = {"scenarios": [2, 7], "episodes": 3, "batch": 2, "seed": 11} | drivers
     sections = {
-        "graph": {"nodes": NODES, "progress_timeout": 240.0},
+        "graph": {"nodes": NODES},
         "world_simulator": world,
         "safety_monitor": {"method": "center"},
         "recorder": {"chunk_size": 16, "split_size": 20_000},
     }
-    result = run_graph(Sections(sections), tmp_path / "run", quiet=True)
-    assert result.error == ""
-    assert len(bag_files(result.bag)) > 2
-    info = bag_info(result.bag)
+    with composed(resolve(Sections(sections), tmp_path)):
+        pass
+    bag = tmp_path / "bag"
+    assert len(bag_files(bag)) > 2
+    info = bag_info(bag)
     parameters = info["run"]["parameters"]
     assert parameters["world_simulator"]["seed"] == 11
     assert parameters["world_simulator"]["scenarios"] == [2, 7]
@@ -49,7 +50,7 @@ def test_a_graphs_bag_holds_parameters_episodes_and_counts_over_split_files_and_
     assert {e["first_file"] for e in info["episodes"]} != {e["file"] for e in info["episodes"]}
     counts = {topic["name"]: topic["messages"] for topic in info["topics"]}
     assert counts["/clock"] == counts["/world/state"] == counts["/safety/state"]
-    verified = verify_bag(result.bag)
+    verified = verify_bag(bag)
     assert (verified.difference, verified.uncompared) == ("", ())
     assert (verified.ticks, verified.episodes) == (counts["/world/state"], 6)
 

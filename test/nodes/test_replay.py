@@ -5,23 +5,29 @@ from typing import Any
 
 import numpy as np
 import pytest
+from composed import composed
 from rosbags.highlevel import AnyReader
 
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.domain import own_domain
-from vpsci_ros.nodes.graph import run_graph
+from vpsci_ros.nodes.graph import resolve
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.world import RUNNING, World, WorldConfig, load_scenarios
 
-pytestmark = pytest.mark.usefixtures("forked_nodes")
 NODES = ["world_simulator", "safety_monitor", "recorder"]
 
 
 def sections(**world: Any) -> Sections:
     settings = {"scenarios": [2], "episodes": 2, "batch": 1, "seed": 9, "pedestrian_driver": "autopilot"} | world
-    return Sections({"graph": {"nodes": NODES, "progress_timeout": 240.0}, "world_simulator": settings})
+    return Sections({"graph": {"nodes": NODES}, "world_simulator": settings})
+
+
+def run(chosen: Sections, folder: Path) -> Path:
+    """Run a graph in this process; return its bag."""
+    with composed(resolve(chosen, folder)):
+        return folder / "bag"
 
 
 def motion(bag: Path, names: tuple[str, ...]) -> np.ndarray:
@@ -34,21 +40,7 @@ def motion(bag: Path, names: tuple[str, ...]) -> np.ndarray:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Bag of a graph in which the autopilot drove; not to be changed."""
     with own_domain():
-        first = run_graph(sections(vehicle_driver="autopilot"), tmp_path_factory.mktemp("first") / "run", quiet=True)
-    assert first.error == ""
-    return first.bag
-
-
-def drives_again(recorded: Path, chosen: Sections, folder: Path) -> tuple[Path, int]:
-    """Run a graph in which the recorded car drives; return its bag, and the frames of episode 0 that both hold."""
-    result = run_graph(chosen, folder, quiet=True)
-    assert result.error == ""
-    vehicle = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature")
-    before, replayed = motion(recorded, vehicle), motion(result.bag, vehicle)
-    both = min((before[:, 0] == 0).sum(), (replayed[:, 0] == 0).sum())
-    assert both > 50
-    assert replayed[:both].tobytes() == before[:both].tobytes()
-    return result.bag, both
+        return run(sections(vehicle_driver="autopilot"), tmp_path_factory.mktemp("first"))
 
 
 def counts(bag: Path) -> dict[str, int]:
@@ -62,7 +54,12 @@ def test_a_recorded_car_drives_against_the_live_pedestrian_policy(
     again = sections(vehicle_driver="replay", pedestrian_driver="policy", recorded_bag=str(recorded))
     again = again.changed("graph", {"nodes": [*NODES, "pedestrian_policy"]})
     again = again.changed("pedestrian_policy", {"weights": weights})
-    second, _ = drives_again(recorded, again, tmp_path / "second")
+    second = run(again, tmp_path)
+    vehicle = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature")
+    before, replayed = motion(recorded, vehicle), motion(second, vehicle)
+    both = min((before[:, 0] == 0).sum(), (replayed[:, 0] == 0).sum())
+    assert both > 50
+    assert replayed[:both].tobytes() == before[:both].tobytes()
     assert counts(second)["/pedestrian/action"] > 20
     assert counts(second).get("/vehicle/action", 0) == 0
     assert any(tick.state["controlled"][0] for tick in read_bag(second))

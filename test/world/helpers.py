@@ -49,11 +49,11 @@ def frames(world: World, policy: Policy = cautious) -> Iterable[tuple[NDArray[np
 
 def episodes(world: World, policy: Policy = cautious) -> dict[tuple[int, int], NDArray[np.void]]:
     """Run a world to its end; return the frames of each episode, EPISODE[T], by (scenario, number)."""
-    seen: dict[tuple[int, int], list[NDArray[np.void]]] = {}
-    for state, _ in frames(world, policy):
-        for record in state[state["status"] != IDLE]:
-            seen.setdefault((int(record["scenario"]), int(record["episode"])), []).append(record)
-    return {key: np.array(records) for key, records in seen.items()}
+    rows = np.concatenate([state[state["status"] != IDLE] for state, _ in frames(world, policy)])
+    keys, place = np.unique(rows[["scenario", "episode"]], return_inverse=True)
+    order = np.argsort(place, kind="stable")  # an episode's frames stay one after the other
+    parts = np.split(rows[order], np.cumsum(np.bincount(place))[:-1])
+    return {(int(s), int(e)): part for (s, e), part in zip(keys, parts, strict=True)}
 
 
 def run(
