@@ -12,6 +12,15 @@ from vpsci_ros.exam.driver_class import Answers, Cockpit, find_driver
 from vpsci_ros.runs.files import sha256
 from vpsci_ros.world import Scenario
 
+CARELESS = """
+class Careless:
+    def reset(self, begin):
+        pass
+
+    def act(self, observation):
+        return 2.0 * (5.0 - observation.vehicle.speed)
+"""  # a module's text; it drives at 5 m/s, whoever is in its way
+
 
 class Seated:
     """What `vpsci_ros.exam.class_process` yields, without a process."""

@@ -17,6 +17,9 @@ from vpsci_ros.data.importers.run import ImportResult, near_misses_of
 from vpsci_ros.data.importers.tracks import Track
 from vpsci_ros.data.near_misses import check_near_misses
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.config import NetworkConfig
+from vpsci_ros.policy.shapes import weight_shapes
+from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import STEP
 from vpsci_ros.world.state import GOAL
 
@@ -185,6 +188,14 @@ def _clips(made: dict[str, Floats], block: int) -> list[Clip]:
         pedestrian = {name: own["p" + name] for name in ("x", "y", "vx", "vy")}
         clips.append(Clip(f"synthetic_{block * n + i:05d}", [Track(0, 0, vehicle)], [Track(0, 0, pedestrian)]))
     return clips
+
+
+def random_weights(network: NetworkConfig, seed: int = 1) -> Weights:
+    """Return weights of random numbers: policies that act, if not wisely."""
+    rng = np.random.default_rng(seed)
+    tensors = {name: rng.normal(0.0, 0.3, shape) for name, shape in weight_shapes(network).items()}
+    tensors |= {name: 1.0 + np.abs(tensor) for name, tensor in tensors.items() if name.endswith("scale")}
+    return Weights(network, {name: tensor.astype(np.float32) for name, tensor in tensors.items()})
 
 
 def block_of_pairs(values: np.ndarray, scenario: int = 1) -> EpisodeBlock:

@@ -12,7 +12,6 @@ from vpsci_ros.bags.odometry import RecordedTick
 from vpsci_ros.bags.run_record import NODE, node_record
 from vpsci_ros.bags.writer import BagWriter
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import sha256
 from vpsci_ros.world.state import COLLISION, GOAL
 
 
@@ -51,12 +50,6 @@ def test_the_configuration_and_the_seed_of_a_run_are_taken_from_its_bag(tmp_path
     found = provenance_of(tmp_path / "bag")
     assert found["configuration"] == {"world_simulator": {"seed": 7, "batch": 2}, "vehicle_policy": {"weights": "w"}}
     assert (found["seed"], found["weights"]) == (7, {"vehicle_policy": "abc"})
-
-
-def test_a_bag_of_another_tool_has_no_configuration(bag: Path) -> None:
-    found = provenance_of(bag)
-    assert found["configuration"] is None
-    assert found["bag"] == {"bag_0.mcap": sha256(bag / "bag_0.mcap")}
 
 
 def test_a_bag_in_which_nothing_ended_leaves_nothing_behind(

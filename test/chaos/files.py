@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from chaos.mutate import mutated
 from rich.console import Console
-from synthetic import synthetic_near_misses
+from synthetic import random_weights, synthetic_near_misses
 
 from vpsci_ros.bags.info import bag_info
 from vpsci_ros.cli.parameter_file import load
@@ -33,8 +33,7 @@ from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.generate.verify import job_of
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.shapes import weight_shapes
-from vpsci_ros.policy.weights import Weights, load_weights, save_weights
+from vpsci_ros.policy.weights import load_weights, save_weights
 from vpsci_ros.report.summary import print_info
 from vpsci_ros.resources import params_dir
 from vpsci_ros.world.opendrive import OpenDriveMap
@@ -215,10 +214,8 @@ def _described_clip(folder: Path) -> Path:
 
 
 def _weights(folder: Path) -> Path:
-    rng = np.random.default_rng(1)
-    tensors = {name: rng.normal(size=shape).astype(np.float32) for name, shape in weight_shapes(SMALL).items()}
     path = folder / "weights.safetensors"
-    save_weights(path, Weights(SMALL, tensors))
+    save_weights(path, random_weights(SMALL))
     return path
 
 

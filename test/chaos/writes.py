@@ -13,24 +13,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
-from synthetic import synthetic_near_misses
+from synthetic import random_weights, synthetic_near_misses
 
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.policy.config import NetworkConfig
-from vpsci_ros.policy.shapes import weight_shapes
-from vpsci_ros.policy.weights import Weights, save_weights
+from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.files import write_json, write_text
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
 CALLS = ("fsync", "replace", "chmod", "open", "close")
-
-
-def _weights(path: Path) -> None:
-    rng = np.random.default_rng(1)
-    tensors = {name: rng.normal(size=shape).astype(np.float32) for name, shape in weight_shapes(SMALL).items()}
-    save_weights(path, Weights(SMALL, tensors))
 
 
 @cache
@@ -41,7 +33,7 @@ def _near_misses() -> pl.DataFrame:
 WRITERS: dict[str, Callable[[Path], None]] = {
     "text": lambda path: write_text(path, "a line\n" * 400),
     "record": lambda path: write_json(path, {"error": "", "results": list(range(300))}),
-    "weights": _weights,
+    "weights": lambda path: save_weights(path, random_weights(SMALL)),
     "near_misses": lambda path: write_near_misses(_near_misses(), path),
 }
 

@@ -56,12 +56,6 @@ def test_what_an_older_table_does_not_say_is_worked_out_and_said(table: pl.DataF
     assert_frame_equal(read, table, abs_tol=1e-9)
 
 
-def test_a_flag_is_the_same_for_a_whole_interaction(table: pl.DataFrame) -> None:
-    here = pl.int_range(pl.len()) == 31
-    with pytest.raises(InvalidInput, match="FILE: column contact, row 31 .*one value an interaction"):
-        check_near_misses(table.with_columns(pl.col("contact") ^ here), "FILE")
-
-
 @pytest.mark.parametrize("name", ["interaction", "clip", "veh_vx", "curvttc"])
 def test_a_missing_column_is_named(table: pl.DataFrame, name: str) -> None:
     with pytest.raises(InvalidInput, match=f"FILE: .* needs column {name}; it has"):

@@ -10,6 +10,7 @@ pytest.importorskip("pettingzoo", reason="the extra rl is not installed")
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 from pettingzoo.test import parallel_api_test  # noqa: E402
+from synthetic import random_weights  # noqa: E402
 
 from vpsci_ros.envs import ENV_ID, simulation  # noqa: E402
 from vpsci_ros.envs.parallel import COLLISION_REWARD, GOAL_REWARD, parallel_env  # noqa: E402
@@ -17,7 +18,6 @@ from vpsci_ros.envs.right_turn import RightTurnEnv  # noqa: E402
 from vpsci_ros.envs.vector import RightTurnVectorEnv  # noqa: E402
 from vpsci_ros.errors import InvalidInput  # noqa: E402
 from vpsci_ros.policy.config import NetworkConfig  # noqa: E402
-from vpsci_ros.policy.shapes import weight_shapes  # noqa: E402
 from vpsci_ros.policy.weights import Weights  # noqa: E402
 from vpsci_ros.world import WorldConfig  # noqa: E402
 
@@ -25,13 +25,7 @@ WALKER = {"pedestrian": "social_force"}
 
 
 def small_weights() -> Weights:
-    network = NetworkConfig(hidden=8, layers=1, heads=2, key_dimension=4)
-    rng = np.random.default_rng(1)
-    tensors = {
-        name: rng.normal(0.0, 0.3, shape).astype(np.float32) if "scale" not in name else np.ones(shape, np.float32)
-        for name, shape in weight_shapes(network).items()
-    }
-    return Weights(network, tensors)
+    return random_weights(NetworkConfig(hidden=8, layers=1, heads=2, key_dimension=4))
 
 
 def drive(observation: np.ndarray) -> np.ndarray:

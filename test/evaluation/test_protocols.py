@@ -6,7 +6,6 @@ from vpsci_ros.data.interactions import from_table, table_hash
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.predictors import PolicyPredictor, RepeatVelocity
 from vpsci_ros.evaluation.protocols import closed_loop, constant_velocity_reconstruction, eligible, horizon, reconstruct
-from vpsci_ros.learning.replay import recorded_histories
 from vpsci_ros.world.observation import AGENTS
 
 
@@ -114,13 +113,6 @@ def test_a_policy_learns_nothing_of_the_future(networks, near_misses):
             interactions.observation[agent][i, late[i] :] = 99.0
             interactions.action[agent][i, late[i] :] = 99.0
     assert np.array_equal(closed_loop(policy, interactions).ade, before)
-
-
-def test_real_histories_hold_every_step_but_the_last(near_misses):
-    interactions = from_table(near_misses)
-    histories = recorded_histories(interactions)
-    assert [len(h) for h in histories] == (interactions.length - 1).tolist()
-    assert all(len(h.observation["vehicle"]) == len(h) + 1 for h in histories)
 
 
 def test_the_hash_of_a_table_changes_with_one_digit_of_a_critical_step(near_misses):

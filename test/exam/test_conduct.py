@@ -60,11 +60,6 @@ def test_an_exam_whose_nodes_miss_each_other_does_not_blame_the_ads(ended: Calla
     assert str(caught.value) == "the run with walker, does not react: no progress"
 
 
-def test_an_exam_that_misses_the_ads_alone_says_so(ended: Callable[..., str]) -> None:
-    waits = NodeStatus(awaited=["an external driving system"], counts=WorldCounts())
-    assert ended(61.0, "no progress", world_simulator=waits).startswith("the ADS never published /vehicle/cmd_accel")
-
-
 def test_an_exam_whose_ads_leaves_ticks_unanswered_ends_and_says_for_how_many(ended: Callable[..., str]) -> None:
     counts = WorldCounts(tick=30, vehicle_commands=3, vehicle_answers_missing=27)
     assert "the ADS gave no usable command for" in ended(0.0, "", world_simulator=NodeStatus(counts=counts))

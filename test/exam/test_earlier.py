@@ -13,7 +13,7 @@ from typing import Any
 import polars as pl
 import pytest
 import yaml
-from seated import seated_here
+from seated import CARELESS, seated_here
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
@@ -27,14 +27,6 @@ from vpsci_ros.exam.report import ADS
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.resources import params_dir
 
-DRIVER = """
-class MyDriver:
-    def reset(self, begin):
-        pass
-
-    def act(self, observation):
-        return 2.0 * (5.0 - observation.vehicle.speed)
-"""
 SHORT = {"scenarios": [1], "episodes": 4, "episode_time": 2.0}
 EXAM = {"pedestrians": ["walker"], "baseline": False}
 
@@ -48,7 +40,7 @@ def exam(**world: Any) -> Exam:
 def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Folder with the driver, and with an exam of it in `yesterday`."""
     folder = tmp_path_factory.mktemp("earlier")
-    (folder / "my_driver.py").write_text(DRIVER)
+    (folder / "my_driver.py").write_text(CARELESS.replace("Careless", "MyDriver"))
     with pytest.MonkeyPatch.context() as patch, seated_here():
         patch.syspath_prepend(folder)
         assert run_exam(exam(), folder / "yesterday", quiet=True) == []

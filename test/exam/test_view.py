@@ -58,12 +58,6 @@ def test_an_exam_that_is_over_is_shown_from_its_bags_with_its_verdicts(own_bag, 
         assert ("evasion_success" in episode.marks) == (row["critical"] and not row["collision"])
 
 
-def test_the_autopilots_episodes_are_those_of_the_exam(autopilot) -> None:
-    (source,) = sources(rows(autopilot, "autopilot"), autopilot)
-    assert source.key == "autopilot-walker"
-    assert [each.episode for each in source.episodes] == autopilot
-
-
 def test_of_too_many_the_nearest_are_shown(autopilot) -> None:
     table = rows(autopilot, "autopilot")
     (source,) = sources(table, autopilot, limit=2)

@@ -4,25 +4,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from generate.small import NETWORK, PARALLEL, TARGETS, UNIT
+from synthetic import random_weights
 
 from vpsci_ros.generate.job import Job, job_from
 from vpsci_ros.generate.run import Generated, generate, simulators
-from vpsci_ros.policy.shapes import weight_shapes
-from vpsci_ros.policy.weights import Weights, save_weights
+from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.config import Sections
 
 
 @pytest.fixture(scope="session")
 def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A weights file whose policies act, if not wisely."""
-    rng = np.random.default_rng(5)
-    tensors = {name: rng.normal(0.0, 0.3, shape) for name, shape in weight_shapes(NETWORK).items()}
-    tensors |= {name: 1.0 + np.abs(tensor) for name, tensor in tensors.items() if name.endswith("scale")}
     path = tmp_path_factory.mktemp("weights") / "random.safetensors"
-    save_weights(path, Weights(NETWORK, {name: tensor.astype(np.float32) for name, tensor in tensors.items()}))
+    save_weights(path, random_weights(NETWORK, seed=5))
     return path
 
 

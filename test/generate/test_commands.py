@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.documents import dump_yaml
-from vpsci_ros.errors import InvalidInput, VpsciError
+from vpsci_ros.errors import VpsciError
 from vpsci_ros.report.summary import print_info
 
 
@@ -36,11 +36,6 @@ def test_generate_then_info_then_verify(params, tmp_path) -> None:
     (out / "LocationB_PedCross_N-S.parquet").unlink()
     with pytest.raises(VpsciError, match="1 of its files are not as simulated"):
         run("dataset", "verify", out, "--workers", "1")
-
-
-def test_two_numbers_of_episodes_are_one_too_many(params, tmp_path) -> None:
-    with pytest.raises(InvalidInput, match="give one of them"):
-        run("generate", "--params", params, "-o", tmp_path / "out", "--episodes", "3", "--table10")
 
 
 def test_info_fits_a_terminal(made, capsys) -> None:

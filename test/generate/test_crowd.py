@@ -11,8 +11,6 @@ from generate.small import NETWORK, UNIT
 from vpsci_ros.bags.verify import verify_bag
 from vpsci_ros.data.dataset_index import NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.episode import yields
-from vpsci_ros.extras.paper.section_4.comparison import generated_encounters
 from vpsci_ros.generate.job import job_from
 from vpsci_ros.generate.run import generate, simulators
 from vpsci_ros.generate.simulate import record_episodes
@@ -20,8 +18,6 @@ from vpsci_ros.generate.verify import verify
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.config import Sections
-from vpsci_ros.view.pack import packed
-from vpsci_ros.view.sources import read_episodes, read_source
 
 NAME = "LocationA_PedCross_S-N"
 
@@ -66,13 +62,6 @@ def test_an_episode_is_kept_with_all_of_its_pedestrians_when_one_pair_passes(mad
         assert ttc < 5.0
 
 
-def test_an_episode_of_several_pedestrians_counts_once_among_the_yields(made: Path) -> None:
-    data = Dataset(made)
-    kept = data.scenarios[NAME]["kept"]
-    assert len(yields(data.read())) == kept
-    assert generated_encounters(data).height > kept  # where a row is a pair
-
-
 def test_the_dataset_is_simulated_again_to_the_bit_and_so_is_a_bag_of_it(made: Path, tmp_path: Path) -> None:
     assert verify(made, lambda job: simulators(job, 7, 1)).findings == []
     chosen = [(1, int(count)) for count in Dataset(made).index()["count"].head(3)]
@@ -82,11 +71,3 @@ def test_the_dataset_is_simulated_again_to_the_bit_and_so_is_a_bag_of_it(made: P
     sizes = [int(block.records["pedestrians"][0]) for block in collected(tmp_path / "bag")]
     assert len(sizes) == 3
     assert max(sizes) > 1
-
-
-def test_the_page_shows_all_pedestrians_of_an_episode_once(made: Path) -> None:
-    episodes = list(read_episodes(made))
-    assert len({episode.name for episode in episodes}) == len(episodes) == 12
-    assert {episode.pedestrians for episode in episodes} == {1, 2, 3}
-    rows = packed(read_source(made))["episodes"]
-    assert [row.get("others", 0) + 1 for row in rows] == [episode.pedestrians for episode in episodes]

@@ -22,24 +22,5 @@ def test_a_line_tells_kept_simulated_rate_and_time_left(capsys) -> None:
     assert last.endswith(" left")
 
 
-def test_a_unit_that_keeps_more_than_was_wanted_makes_no_rate_negative(capsys) -> None:
-    plan = DatasetPlan({1: 20}, 0, 30, 100.0)
-    with ProgressOfRun({1: "LocationA_PedCross_S-N"}, interval=0.0) as bar:
-        plan.scenarios[1].take(plan.scenarios[1].unit(0), 27)
-        bar.show(plan)
-        bar.show(plan)
-    assert all("20 of 20 kept, 30 simulated, 0 kept/h" in line for line in capsys.readouterr().err.splitlines()[1:])
-
-
-def test_a_run_that_is_over_before_a_line_is_due_says_how_it_ended(capsys) -> None:
-    plan = DatasetPlan({1: 20}, 0, 30, 100.0)
-    with ProgressOfRun({1: "LocationA_PedCross_S-N"}) as bar:
-        bar.show(plan)
-        plan.scenarios[1].take(plan.scenarios[1].unit(0), 20)
-        bar.show(plan)
-    _, line = capsys.readouterr().err.splitlines()
-    assert line.strip().startswith("20 of 20 kept, 30 simulated, ")
-
-
 def test_quiet_is_quiet(capsys) -> None:
     assert shown(capsys, quiet=True) == ""

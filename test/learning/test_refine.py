@@ -5,7 +5,6 @@ import polars as pl
 import pytest
 import torch
 
-from vpsci_ros.data.near_misses import clips_of, split_by_clip
 from vpsci_ros.errors import InvalidInput, Stopped, VpsciError
 from vpsci_ros.evaluation.held_out import HeldOut
 from vpsci_ros.learning.config import PretrainConfig, RefineConfig
@@ -135,17 +134,6 @@ def test_a_world_from_which_it_cannot_learn_is_refused_by_name(tmp_path, network
     with pytest.raises(InvalidInput, match=message):
         refine(near_misses, QUICK, networks().weights({}, {}), simulation, out_dir=tmp_path / "x")
     assert not (tmp_path / "x").exists()
-
-
-def test_clips_that_stage_1_held_out_stay_held_out(networks, near_misses):
-    _, held_out = split_by_clip(near_misses, 0.4, seed=11)
-    clips = clips_of(held_out)
-    weights = networks().weights({}, {"data": {"held_out_clips": clips}})
-    refiner = Refiner(QUICK, weights, near_misses, seed=4)
-    assert set(refiner._held_out.interactions.clip) <= set(clips)
-    assert refiner.current().facts["data"]["held_out_clips"] == clips
-    other = Refiner(QUICK, networks().weights({}, {}), near_misses, seed=4)
-    assert set(other._held_out.interactions.clip) != set(refiner._held_out.interactions.clip)
 
 
 def test_a_machine_with_more_cores_learns_the_same_bits_and_has_its_threads_back(networks, near_misses):

@@ -12,7 +12,7 @@ from nodes.stage import Stage, overrides
 from rclpy.context import Context
 from rclpy.experimental import EventsExecutor
 
-from vpsci_msgs.msg import EpisodeEvent, VehicleControl, WorldState
+from vpsci_msgs.msg import EpisodeEvent, WorldState
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.world_simulator import WorldSimulator
@@ -80,14 +80,6 @@ def test_braking_by_acceleration_stops_the_vehicle_and_never_reverses_it(drive: 
     assert session.missing == 0
 
 
-def test_full_brake_by_control_decelerates_as_the_model_3_does(drive: Callable[..., Drive]) -> None:
-    session = drive()
-    brake = lambda odometry: VehicleControl(header=odometry.header, brake=1.0)  # noqa: E731
-    session.answer(VehicleControl, "vehicle/cmd_control", brake)
-    session.run()
-    assert session.speed[0] - session.speed[1] == pytest.approx(0.05 * 8.88)
-
-
 def test_the_node_drives_what_an_intervention_forces(drive: Callable[..., Drive]) -> None:
     changes = as_parameter({(1, 0): Intervention(frame=4, forced=(-4.0, -4.0))})
     session = drive(interventions=changes, episode_time=0.5)
@@ -107,13 +99,6 @@ def test_a_command_that_is_not_to_be_driven_is_refused_counted_and_the_autopilot
     assert np.isfinite(session.speed).all()
     assert session.missing == 10
     assert session.world.counts.vehicle_commands_refused >= 10
-
-
-def test_a_silent_driving_system_does_not_hang_the_world(drive: Callable[..., Drive]) -> None:
-    session = drive(action_timeout=0.02, episode_time=0.5)
-    session.answer(AccelStamped, "vehicle/cmd_accel", lambda _: None)
-    session.run()
-    assert session.missing == 10
 
 
 def test_a_command_without_a_header_means_the_present_tick(drive: Callable[..., Drive]) -> None:

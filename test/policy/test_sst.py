@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from vpsci_ros.policy.actor import previous
-from vpsci_ros.policy.config import ACTOR_HIDDEN, CRITIC_ACTION, CRITIC_HIDDEN, CRITIC_STATE, NetworkConfig
+from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.sst import SSTLayer, risk
 
 SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
@@ -60,10 +60,3 @@ def test_the_future_does_not_matter(actor):
     difference = (actor(observation, before, curvttc) - actor(changed, before, curvttc)).abs().amax(dim=(0, 2))
     assert difference[:20].max() == 0.0
     assert difference[20:].min() > 0.0
-
-
-def test_table_8_is_the_default():
-    config = NetworkConfig()
-    assert (config.hidden, config.layers, config.heads, config.key_dimension) == (256, 2, 8, 32)
-    assert config.attention_window == 10
-    assert (ACTOR_HIDDEN, CRITIC_HIDDEN, CRITIC_STATE, CRITIC_ACTION) == ((64, 64), (64, 64), 16, 16)

@@ -19,14 +19,10 @@ VEHICLE, PEDESTRIAN = (8, 81, 156), (203, 24, 29)
 
 
 def test_figure_6_draws_both_agents_from_the_first_row_of_the_log_on(tmp_path):
-    for name, episodes in (("short", 1), ("long", 300)):
-        folder = tmp_path / name
-        folder.mkdir()
-        write(folder / "refine_log.csv", [{"updates": 1, "episodes": episodes, "vehicle_critic_loss": 2.0}])
-        rewards = [{"episode": e + 1, "vehicle": -float(e), "pedestrian": 5.0} for e in range(episodes)]
-        write(folder / "refine_episodes.csv", rewards)
-        assert save_learning(folder) == folder / "learning.png"
-        assert {VEHICLE, PEDESTRIAN} <= colours(folder / "learning.png")
+    write(tmp_path / "refine_log.csv", [{"updates": 1, "episodes": 1, "vehicle_critic_loss": 2.0}])
+    write(tmp_path / "refine_episodes.csv", [{"episode": 1, "vehicle": 0.0, "pedestrian": 5.0}])
+    assert save_learning(tmp_path) == tmp_path / "learning.png"
+    assert {VEHICLE, PEDESTRIAN} <= colours(tmp_path / "learning.png")
 
 
 def test_stage_1_is_drawn_while_held_out_errors_are_still_missing(tmp_path):

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -27,33 +26,33 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path(os.environ["NUMBA_CACHE_DIR"])
 
 
-def cut_behind_a_byte_that_ends_pickles(data: bytes) -> bytes:
-    return data[: data.rindex(b".", 0, -1) + 1]
+def look_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Choose the cache as the next process does, which removes what is damaged."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    kernel_cache.choose_cache_folder()
 
 
-@pytest.mark.parametrize(("kind", "spoil"), [("nbi", lambda _: b""), ("nbc", cut_behind_a_byte_that_ends_pickles)])
 def test_a_kernel_whose_kept_file_was_cut_is_compiled_again(
-    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, spoil: Callable[[bytes], bytes]
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "kernel.py").write_text(KERNEL)
     subprocess.run([sys.executable, tmp_path / "kernel.py"], check=True)
-    (kept,) = cache.rglob(f"*.{kind}")
-    kept.write_bytes(spoil(kept.read_bytes()))
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
-    kernel_cache.choose_cache_folder()
-    assert not kept.exists()
+    (code,), (index,) = cache.rglob("*.nbc"), cache.rglob("*.nbi")
+    whole = code.read_bytes()
+    code.write_bytes(whole[: whole.rindex(b".", 0, -1) + 1])  # behind a byte that ends pickles
+    index.write_bytes(b"")
+    look_again(monkeypatch)
+    assert not code.exists()
+    assert not index.exists()
     subprocess.run([sys.executable, tmp_path / "kernel.py"], check=True)
-    assert kept.exists()
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
-    kernel_cache.choose_cache_folder()
-    assert kept.exists(), "what is whole stays"
-    written, data = kept.stat().st_mtime_ns, bytearray(kept.read_bytes())
+    look_again(monkeypatch)
+    assert code.exists(), "what is whole stays"
+    written, data = code.stat().st_mtime_ns, bytearray(code.read_bytes())
     data[len(data) // 2] ^= 1  # a whole pickle still
-    kept.write_bytes(data)
-    os.utime(kept, ns=(written, written))
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
-    kernel_cache.choose_cache_folder()
-    assert not kept.exists(), "what the disk has changed goes"
+    code.write_bytes(data)
+    os.utime(code, ns=(written, written))
+    look_again(monkeypatch)
+    assert not code.exists(), "what the disk has changed goes"
 
 
 def test_only_the_user_may_write_what_is_loaded_and_anothers_folder_is_not_used(

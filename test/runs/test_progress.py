@@ -12,14 +12,3 @@ def test_lines_come_at_their_interval_or_when_it_matters(capsys) -> None:
         bars.line("each")
     said = [line for line in capsys.readouterr().err.splitlines() if "a line every" not in line]
     assert said == ["  the end; 0 s gone", "  each; 0 s gone"]
-
-
-def test_a_command_that_has_nothing_new_to_say_says_what_is_left(capsys) -> None:
-    with Bars("measuring", interval=0.5) as bars:
-        bars._begun -= 100.0
-        bars.bar("measuring", 0, 4)
-        bars.bar("measuring", 2, 4)
-        said = ""
-        while "s left" not in said:  # the limit of every test ends what never comes
-            said += capsys.readouterr().err
-    assert said.startswith("  measuring; a line every 0.5 s says how long it still takes\n")

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from vpsci_ros.safety import closest_encounter, curvttc, drac, second_order_ttc, ttc_2d
@@ -13,15 +12,6 @@ def test_ttc_2d_is_curvttc_on_a_straight_path_and_misses_what_the_turn_leads_to(
     assert ttc_2d(0, 0, 0, 4, *walker) == math.inf
     assert curvttc(0, 0, 0, 4, 1 / 8, *walker) < 4.0
     assert ttc_2d(0, 0, 0, 5, 20, 0, 0, 0) == pytest.approx((20 - 2.345 - 0.3) / 5)
-
-
-def test_second_order_ttc_at_constant_speed_is_curvttc():
-    rng = np.random.default_rng(2)
-    state = (rng.normal(0, 5, 500), rng.normal(0, 5, 500), rng.uniform(-3, 3, 500), rng.uniform(0, 8, 500))
-    curvature, walker = rng.uniform(-0.2, 0.2, 500), rng.normal(0, 4, (4, 500))
-    np.testing.assert_array_equal(
-        second_order_ttc(*state, 0.0, curvature, *walker), curvttc(*state, curvature, *walker)
-    )
 
 
 def test_an_accelerating_vehicle_arrives_when_its_distance_is_covered():

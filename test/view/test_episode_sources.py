@@ -10,16 +10,8 @@ import pytest
 from vpsci_ros.bags import episodes as bags
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.view.sources import open_source, read_episodes
-
-
-@pytest.fixture(scope="module")
-def table_file(near_misses: pl.DataFrame, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("recorded") / "people.parquet"
-    write_near_misses(near_misses, path)
-    return path
 
 
 @pytest.fixture

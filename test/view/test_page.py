@@ -71,13 +71,6 @@ def test_it_plays_pauses_and_stops_at_the_end(browser: Any, path: Path) -> None:
         assert page.text_content("#play").endswith("play")
 
 
-def test_it_plays_by_itself_unless_less_motion_is_wanted(browser: Any, path: Path) -> None:
-    with real.opened(browser, path) as page:
-        real.wait_until(page, "page.clock > 0.05")
-    with real.opened(browser, path, reduced_motion="reduce") as page:
-        assert page.evaluate("[page.playing, page.clock]") == [False, 0]
-
-
 def test_the_state_between_frames_is_that_of_the_motion(browser: Any, path: Path) -> None:
     with real.opened(browser, path, "#a=ads&episode=1:2&t=1.025") as page:
         state = page.evaluate("stateAt(page.panels[0].episode, page.clock)")
@@ -114,16 +107,6 @@ def test_filters_and_order_choose_the_list(browser: Any, path: Path) -> None:
         assert names(page) == ["1:2", "1:3"]
         page.fill("#text", "nothing of the kind")
         assert (names(page), page.is_visible("#nothing")) == ([], True)
-
-
-def test_the_address_names_the_episode_while_it_plays(browser: Any, path: Path) -> None:
-    with real.opened(browser, path, "#a=ads&b=autopilot&sort=source&episode=1:2") as page:
-        real.wait_until(page, "page.playing && page.clock > 0")
-        page.evaluate("page.step(1)")
-        address = page.evaluate("[page.playing, location.hash]")
-        assert address == [True, "#a=ads&episode=1%3A3&b=autopilot&beside=1%3A3&sort=source"]
-    with real.opened(browser, path, address[1]) as page:
-        assert page.evaluate("[page.playing, page.panels[0].episode.name]") == [True, "1:3"]
 
 
 def test_failures_are_filtered_by_their_group_and_found_by_its_words(browser: Any, tmp_path: Path) -> None:

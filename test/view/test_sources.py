@@ -3,31 +3,12 @@
 import shutil
 from pathlib import Path
 
-import polars as pl
 import pytest
 from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
-from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.section_4.comparison import recorded_encounters
 from vpsci_ros.view.sources import Source, read_source, with_unique_keys
-
-
-@pytest.fixture(scope="module")
-def table_file(near_misses: pl.DataFrame, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("recorded") / "people.parquet"
-    write_near_misses(near_misses, path)
-    return path
-
-
-def test_who_yielded_and_what_was_a_conflict_in_recordings_is_what_the_report_says(
-    table_file: Path, near_misses: pl.DataFrame
-) -> None:
-    encounters, source = recorded_encounters(near_misses), read_source(table_file)
-    assert (source.key, source.title, source.total) == ("people", "people (recorded)", 16)
-    assert [each.yielded in ("vehicle", "both") for each in source.episodes] == encounters["vehicle_yields"].to_list()
-    assert ["conflict" in each.marks for each in source.episodes] == encounters["conflict"].to_list()
 
 
 def test_a_bag_and_chosen_episodes_of_it_are_shown(own_bag: Path) -> None:
@@ -59,8 +40,3 @@ def test_the_command_says_what_it_wrote(table_file: Path, dataset: Path, tmp_pat
     assert result.exit_code == 0, result.output
     assert "people (recorded): 16 episodes" in result.output
     assert (tmp_path / "page.html").read_text(encoding="utf-8").startswith("<!doctype html>")
-
-
-def test_the_command_refuses_an_episode_of_several_sources(table_file: Path, dataset: Path) -> None:
-    result = CliRunner().invoke(app, ["view", str(dataset), str(table_file), "--episode", "1:0"])
-    assert isinstance(result.exception, InvalidInput)

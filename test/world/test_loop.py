@@ -62,9 +62,3 @@ def test_a_restart_begins_the_queue_again_at_the_next_policy_tick(ticks):
     assert loop.world.now.policy_frame.all()
     assert loop.world.state.tobytes() == fresh().state.tobytes()
     assert (loop.step().tick.state["status"] == RUNNING).all()
-
-
-def test_nobody_acts_in_a_world_without_policies_however_critical():
-    loop = Loop(World(AUTOPILOT, SCENARIOS, PAIRS, 4, 1), always_critical=True)
-    assert loop.world.now.policy_frame.all()
-    assert not loop.assessment.acting.any()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from seated import seated_here
+from seated import CARELESS, seated_here
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.exam.exam import prepare
@@ -13,15 +13,6 @@ from vpsci_ros.extras.exam_extra.search import seek as plan
 from vpsci_ros.extras.exam_extra.search.run import run_search
 from vpsci_ros.extras.exam_extra.search.seek import SearchConfig
 from vpsci_ros.resources import params_dir
-
-CARELESS = """
-class Careless:
-    def reset(self, begin):
-        pass
-
-    def act(self, observation):
-        return 2.0 * (5.0 - observation.vehicle.speed)
-"""
 
 
 def test_a_search_finds_failures_and_lists_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

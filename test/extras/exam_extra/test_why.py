@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from seated import seated_here
+from seated import CARELESS, seated_here
 
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.episode import Episode, Listed
@@ -21,15 +21,6 @@ from vpsci_ros.extras.exam_extra.factors import FACTORS, Span, case_of
 from vpsci_ros.extras.exam_extra.why import Search
 from vpsci_ros.resources import params_dir
 from vpsci_ros.world.intervention import NOT_FORCED, Intervention, InterventionConfig, from_parameter
-
-CARELESS = """
-class Careless:
-    def reset(self, begin):
-        pass
-
-    def act(self, observation):
-        return 2.0 * (5.0 - observation.vehicle.speed)
-"""
 
 
 def episode(speed: list[float], curvttc: list[float], ahead: float = 2.6, outcome: str = "collision") -> Episode:

@@ -1,7 +1,6 @@
 import polars as pl
 import pytest
 
-from vpsci_ros.errors import Stopped
 from vpsci_ros.extras.paper.studies.learning import WEIGHTINGS, FreshEpisodes, reward_weight_study, sample_size_study
 from vpsci_ros.learning.config import (
     OnlineReplayConfig,
@@ -36,24 +35,6 @@ def test_sizes_are_measured_on_the_same_clips_none_of_which_they_learn_from(tmp_
     learned_from = [load_weights(tmp_path / n / "pretrained.safetensors").facts["data"] for n in ("4", "8", "16")]
     assert [data["interactions"] for data in learned_from] == [4, 8, 16]
     assert pl.read_csv(tmp_path / "table_3.csv").height == 4
-
-
-def test_a_stopped_study_goes_on_without_training_what_is_finished_again(tmp_path, near_misses):
-    def run(folder, stop_at="", seen=None):
-        def report(name, values):
-            if seen is not None:
-                seen.append((name, values["episode"]))
-            if name == stop_at and values["episode"] == 2:
-                raise Stopped
-
-        return sample_size_study(near_misses, STAGE_1, SMALL, sizes=(4, 8), seed=1, out_dir=folder, report=report)
-
-    whole = run(tmp_path / "whole")
-    with pytest.raises(Stopped):
-        run(tmp_path / "parts", stop_at="8")
-    seen: list[tuple[str, float]] = []
-    assert run(tmp_path / "parts", seen=seen).equals(whole)
-    assert seen == [("8", 3)]
 
 
 @pytest.fixture
