@@ -31,7 +31,7 @@ from vpsci_ros.envs import simulation
 from vpsci_ros.envs.right_turn import ACTION_SPACE, OBSERVATION_SPACE, RightTurnEnv
 from vpsci_ros.wire.world_state import read_world_state
 from vpsci_ros.world import IDLE, load_scenarios
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.monitor import assess
 from vpsci_ros.world.scenario import further_files, scenario_files
 from vpsci_ros.world.tables import tables_from
 
@@ -77,7 +77,7 @@ class Driver:
             path = self._tables.lane[state["table"][0]][: self._tables.rows["lane_count"][state["table"][0]]]
             place = np.hypot(*(path - [state["vehicle_x"][0], state["vehicle_y"][0]]).T).argmin()
             state["route_s"] = place * self._tables.rows["lane_step"][state["table"][0]]
-            curvttc = assess(state, MonitorConfig())[0]
+            curvttc = assess(state)[0]
             observation = simulation.observe(state, curvttc, self._tables)[[curvttc.argmin()]]
             action, _ = self._policy.predict(observation, deterministic=True)
             self._held = simulation.controls(action)[0]

@@ -29,7 +29,7 @@ from vpsci_ros.world.state import COLLISION, EPISODE, RUNNING
 ROOT = Path(__file__).parents[1]
 DT, FRAMES = 0.05, 180
 VEHICLE_YIELDS, PEDESTRIAN_YIELDS = "LocationA_PedCross_S-N", "LocationA_PedCross_N-S"
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 GRAPHS = {"chaos", "examples", "extending", "nodes"}  # rooms whose tests start nodes
 LONGEST = {"test_code_style.py", "test_site.py"}  # mypy and the tutorial: most of a minute each
 COMPILING = ["world_simulator", "safety_monitor", "vehicle_policy", "perception", "recorder"]  # each kernel once

@@ -177,10 +177,10 @@ def test_ament_index_finds_the_package_and_ros2_run_would_find_its_executables(m
 
 
 def test_an_executable_that_ros2_run_would_start_refuses_a_parameter_out_of_range():
-    command = [installed("vpsci_ros") / "lib/vpsci_ros/safety_monitor", "--ros-args", "-p", "peer_timeout:=-1.0"]
+    command = [installed("vpsci_ros") / "lib/vpsci_ros/perception", "--ros-args", "-p", "latency:=-1.0"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert result.returncode == 2
-    assert "peer_timeout = -1.0 is out of range" in result.stderr
+    assert "latency = -1.0 is out of range" in result.stderr
 
 
 # ---- a source distribution, and a wheel made of it

@@ -15,19 +15,14 @@ from vpsci_ros.data.dataset_index import DATASET_COLUMNS, INDEX_COLUMNS
 from vpsci_ros.data.parquet import Column
 from vpsci_ros.exam.config import ExamConfig
 from vpsci_ros.generate.job import DatasetConfig
-from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
+from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.nodes.config import GraphConfig, RecorderConfig, ReplayerConfig
 from vpsci_ros.nodes.topics import SERVICES, TOPICS
 from vpsci_ros.parameters import Parameter, table
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.runs.config import PeerConfig, RunConfig
-from vpsci_ros.world.config import WorldConfig
-from vpsci_ros.world.engines import EngineConfig
-from vpsci_ros.world.intervention import InterventionConfig
-from vpsci_ros.world.lockstep import LockStepConfig
-from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.config import SimulatorConfig, WorldConfig
 from vpsci_ros.world.perception import PerceptionConfig
-from vpsci_ros.world.safe_stop import ExternalConfig
 
 DOCS = Path(__file__).parent.parent / "docs"
 BEGIN, END = "<!-- written by tools/node_tables.py -->\n", "<!-- until here -->\n"
@@ -93,19 +88,19 @@ def page() -> str:
 GROUPS: dict[str, tuple[str, tuple[type, ...]]] = {
     "Simulated episodes and datasets": (
         "What happens in a simulated episode, and which episodes a dataset keeps.",
-        (RunConfig, WorldConfig, PolicyConfig, MonitorConfig, DatasetConfig),
+        (RunConfig, WorldConfig, PolicyConfig, DatasetConfig),
     ),
     "Exams of a driving system": (
         "With which pedestrians a driving system is tested, what it perceives, and how its commands are used.",
-        (ExamConfig, ExternalConfig, InterventionConfig, PerceptionConfig),
+        (ExamConfig, PerceptionConfig),
     ),
     "Graphs and bags": (
         "How nodes run together, and how their messages are recorded and replayed.",
-        (GraphConfig, PeerConfig, LockStepConfig, EngineConfig, RecorderConfig, ReplayerConfig),
+        (GraphConfig, PeerConfig, SimulatorConfig, RecorderConfig, ReplayerConfig),
     ),
     "Learning from your own recordings": (
         "From which near misses the policies learn, and where the weights go. Parameter files set the rest.",
-        (LearnerConfig, StartConfig),
+        (LearnerConfig,),
     ),
     "Research: how the policies learn": (
         "The networks and the way in which they learn.",

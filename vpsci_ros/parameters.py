@@ -2,11 +2,11 @@
 
 A configuration class lists its fields with `parameter(...)`, and with `constant(...)` those that only Python sets: a
 constant is recorded and checked as a parameter is, but no node declares it and no parameter file has it. A field whose
-type is another configuration class is a group, and its parameters are named with a dot (`noise.start`), as ROS 2 names
-nested ones. The same fields are checked here when a YAML file is read (`build`), declared on nodes, and printed in
-docs/parameters.md, so that name, default, unit and range are written down exactly once. Parameter files have the layout
-of ROS 2, so that the same file serves `ros2 run ... --ros-args --params-file FILE`, `vpsci graph --params FILE` and the
-commands that run in process.
+type is another configuration class is a group, its default a value of that class; names of its parameters have a dot
+(`noise.start`), as ROS 2 names nested ones. The same fields are checked here when a YAML file is read (`build`),
+declared on nodes, and printed in docs/parameters.md, so that name, default, unit and range are written down exactly
+once. Parameter files have the layout of ROS 2, so that the same file serves `ros2 run ... --ros-args --params-file
+FILE`, `vpsci graph --params FILE` and the commands that run in process.
 """
 
 import dataclasses
@@ -114,17 +114,20 @@ def with_constants(config: type) -> list[Parameter]:
     hints = get_type_hints(config)
     rows = []
     for field in dataclasses.fields(config):
-        kind = hints[field.name]
+        kind, default = hints[field.name], _default(field)
         if dataclasses.is_dataclass(kind):
-            group = with_constants(kind)  # type: ignore[arg-type]
-            rows += [dataclasses.replace(row, name=f"{field.name}.{row.name}") for row in group]
+            for row in with_constants(kind):  # type: ignore[arg-type]
+                value = attrgetter(row.name)(default)
+                rows.append(dataclasses.replace(row, name=f"{field.name}.{row.name}", default=value))
             continue
         if kind not in _TYPES:
             raise TypeError(f"{config.__name__}.{field.name}: {kind} cannot be a ROS 2 parameter")
-        factory = field.default_factory
-        default = field.default if factory is dataclasses.MISSING else factory()
         rows.append(Parameter(field.name, kind, default, **field.metadata))
     return rows
+
+
+def _default(field: dataclasses.Field[Any]) -> Any:
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
 def values_of(*configs: Any) -> dict[str, Any]:
@@ -147,7 +150,7 @@ def build(config: type[T], values: Mapping[str, Any], where: str) -> T:
     refuse_unknown(values, rows, where)
     checked = {name: rows[name].check(value, where) for name, value in values.items()}
     try:
-        return _made(config, checked)
+        return _made(config, checked, {})
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
 
@@ -158,13 +161,14 @@ def pick(config: type[T], values: Mapping[str, Any], where: str) -> T:
     return build(config, {name: value for name, value in values.items() if name in names}, where)
 
 
-def _made(config: type[T], values: Mapping[str, Any]) -> T:
-    arguments: dict[str, Any] = {name: value for name, value in values.items() if "." not in name}
-    for name, kind in get_type_hints(config).items():
-        if dataclasses.is_dataclass(kind):
-            front = f"{name}."
+def _made(config: type[T], values: Mapping[str, Any], defaults: Mapping[str, Any]) -> T:
+    arguments: dict[str, Any] = {**defaults, **{name: value for name, value in values.items() if "." not in name}}
+    hints = get_type_hints(config)
+    for field in dataclasses.fields(config):  # type: ignore[arg-type]
+        if dataclasses.is_dataclass(kind := hints[field.name]):
+            front = f"{field.name}."
             group = {key.removeprefix(front): value for key, value in values.items() if key.startswith(front)}
-            arguments[name] = _made(kind, group)  # type: ignore[arg-type]
+            arguments[field.name] = _made(kind, group, vars(_default(field)))  # type: ignore[arg-type]
     return config(**arguments)
 
 

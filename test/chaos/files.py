@@ -41,7 +41,7 @@ from vpsci_ros.world.scenario import load_scenario, scenario_files
 
 LIMIT = 10  # [s] for one file, on a loaded machine
 CORPUS = Path(__file__).parent / "corpus"
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 
 
 class Kind(NamedTuple):

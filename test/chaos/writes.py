@@ -21,7 +21,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import save_weights
 from vpsci_ros.runs.files import write_json, write_text
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 CALLS = ("fsync", "replace", "chmod", "open", "close")
 
 

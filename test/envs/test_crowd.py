@@ -6,7 +6,7 @@ from vpsci_ros.envs.right_turn import RightTurnEnv
 from vpsci_ros.envs.simulation import Simulation
 from vpsci_ros.envs.vector import RightTurnVectorEnv
 from vpsci_ros.world import WorldConfig
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.monitor import assess
 from vpsci_ros.world.tick import Actions
 
 CROWD = WorldConfig(pedestrians=3)
@@ -41,7 +41,7 @@ def test_the_most_critical_of_several_pedestrians_is_observed() -> None:
     faced = set()
     for _ in range(40):
         shown = simulation.now()
-        curvttc, _, _ = assess(simulation.world.state, MonitorConfig())
+        curvttc, _, _ = assess(simulation.world.state)
         rows = np.arange(0, 12, 3) + curvttc.reshape(4, 3).argmin(axis=1)
         assert shown.state.tobytes() == simulation.world.state[rows].tobytes()
         assert shown.curvttc.tolist() == curvttc.reshape(4, 3).min(axis=1).tolist()

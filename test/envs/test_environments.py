@@ -25,7 +25,7 @@ WALKER = {"pedestrian": "social_force"}
 
 
 def small_weights() -> Weights:
-    return random_weights(NetworkConfig(hidden=8, layers=1, heads=2, key_dimension=4))
+    return random_weights(NetworkConfig(hidden=8, layers=1, heads=2))
 
 
 def drive(observation: np.ndarray) -> np.ndarray:

@@ -6,13 +6,13 @@ import pytest
 
 from vpsci_ros.data.interactions import from_table
 from vpsci_ros.data.near_misses import split_by_clip
-from vpsci_ros.learning.config import OnlineReplayConfig, PretrainConfig, RefineConfig, ReplayConfig
+from vpsci_ros.learning.config import PretrainConfig, RefineConfig, ReplayConfig
 from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.replay import recorded_histories
 from vpsci_ros.policy.config import NetworkConfig
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 SHORT = PretrainConfig(
     episodes=6,
     held_out_fraction=0.3,
@@ -43,13 +43,13 @@ def test_what_stage_1_learns_does_not_depend_on_what_happened_in_the_held_out_cl
 
 
 @pytest.mark.parametrize("named", [True, False])
-def test_stage_2_learns_from_no_clip_that_is_held_out(networks, near_misses, named):
+def test_stage_2_learns_from_no_clip_that_is_held_out(networks, near_misses, named, monkeypatch):
     """Whether its weights name clips of the table that stage 1 held out, or stage 2 holds out clips of its own."""
-    config = RefineConfig(replay=OnlineReplayConfig(real_share=1.0))
-    fraction, seed = (0.4, 11) if named else (config.refresh.held_out_fraction, 4)
+    monkeypatch.setattr("vpsci_ros.learning.refine.REAL_SHARE", 1.0)
+    fraction, seed = (0.4, 11) if named else (RefineConfig().held_out_fraction, 4)
     clips = all_clips(split_by_clip(near_misses, fraction, seed)[1])
     weights = networks().weights({}, {"data": {"held_out_clips": sorted(clips)}} if named else {})
-    refiner = Refiner(config, weights, near_misses, seed=4)
+    refiner = Refiner(RefineConfig(), weights, near_misses, seed=4)
     held_out, real = refiner._held_out.interactions, what_happened(refiner._buffer.histories)
     learned_from = from_table(near_misses.filter(~CLIP.is_in(sorted(clips))))
     assert len(held_out) > 0

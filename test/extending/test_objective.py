@@ -10,7 +10,7 @@ from vpsci_ros.cli.main import app
 from vpsci_ros.policy.weights import load_weights
 
 CLONING = files_of("Add an objective of learning")
-SMALL = ("episodes=20", "replay.batch_size=64", "hidden=16", "heads=2", "key_dimension=8")
+SMALL = ("episodes=20", "replay.batch_size=64", "hidden=16")
 
 
 def test_the_objective_of_the_page_learns_what_it_is_for(

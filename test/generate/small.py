@@ -2,6 +2,6 @@
 
 from vpsci_ros.policy.config import NetworkConfig
 
-NETWORK = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+NETWORK = NetworkConfig(hidden=16, heads=2)
 TARGETS = {1: 12, 6: 12}
 UNIT, PARALLEL = 8, 40

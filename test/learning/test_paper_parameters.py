@@ -24,20 +24,15 @@ NETWORK = {
     "hidden": 256,
     "layers": 2,
     "heads": 8,
-    "key_dimension": 32,
     "attention_window": 10,
     "risk_input": False,  # observations (6) and (7)
 }
 STAGE_1 = {"objective": "ddpg", "episodes": 3000, "updates.actor_learning_rate": 1e-4}
 SECTION_3_2 = {
-    "replay.capacity": 10000,
     "objective": "ddpg",
     "updates.actor_learning_rate": 5e-5,
-    "replay.real_bonus": 0.2,
     "rewards.collision": -200.0,
     "rewards.goal": 100.0,
-    "convergence.gradient_tolerance": 1e-4,
-    "convergence.episodes": 100,
     "rewards.weights": [],
 }
 WORLD = {

@@ -12,7 +12,7 @@ from vpsci_ros.learning.pretrain import pretrain
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 SHORT = PretrainConfig(
     episodes=6,
     evaluate_every=3,

@@ -22,7 +22,12 @@ from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import KindMixture
 from vpsci_ros.world.observation import AGENTS
 
-QUICK = build(RefineConfig, {"replay.batch_size": 40, "replay.real_share": 0.01, "refresh.updates": 2}, "test")
+QUICK = build(RefineConfig, {"replay.batch_size": 40, "refresh_every": 2}, "test")
+
+
+@pytest.fixture(autouse=True)
+def little_real_experience(monkeypatch):
+    monkeypatch.setattr("vpsci_ros.learning.refine.REAL_SHARE", 0.01)
 
 
 def changed(config, values):
@@ -106,7 +111,7 @@ def test_values_of_stage_1_mean_the_same_return_in_stage_2(networks, near_misses
 
 
 def test_what_is_kept_has_all_updates_with_errors_of_its_own(tmp_path, networks, near_misses):
-    config = changed(QUICK, {"refresh.updates": 4, "updates.actor_learning_rate": 0.001})
+    config = changed(QUICK, {"refresh_every": 4, "updates.actor_learning_rate": 0.001})
     refiner = Refiner(config, networks(gain=1.0).weights({}, {}), near_misses, seed=4, out_dir=tmp_path)
     refiner.add(experience())
     while refiner.due:

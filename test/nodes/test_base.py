@@ -18,6 +18,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import SECTIONS
+from vpsci_ros.nodes.perception import Perception
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.parameters import read_parameter_file
@@ -31,30 +32,29 @@ def override(name: str, value: object) -> Parameter:
 
 
 def test_parameters_carry_description_unit_and_range(context: Context) -> None:
-    node = SafetyMonitor(context=context)
-    descriptor = node.describe_parameter("peer_timeout")
-    assert descriptor.description == "wait so long for peers to appear before giving up [s]"
+    node = Perception(context=context)
+    descriptor = node.describe_parameter("field_of_view")
+    assert descriptor.description == "whole angle of view, centred straight ahead [degrees]"
     (within,) = descriptor.floating_point_range
-    assert (within.from_value, within.to_value) == (0.1, 86400.0)
+    assert (within.from_value, within.to_value) == (1.0, 360.0)
     assert descriptor.read_only
-    assert node.get_parameter("peer_timeout").value == 60.0
+    assert node.get_parameter("field_of_view").value == 360.0
     node.destroy_node()
 
 
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("peer_timout", 8.0, "unknown parameter 'peer_timout'; did you mean peer_timeout"),
-        ("peer_timeout", -1.0, "peer_timeout = -1.0 is out of range; expected 0.1 to 86400 s"),
-        ("peer_timeout", "long", "peer_timeout must be a number, got 'long'"),
+        ("latncy", 0.1, "unknown parameter 'latncy'; did you mean latency"),
+        ("latency", -1.0, "latency = -1.0 is out of range; expected 0 to 2 s"),
+        ("latency", "long", "latency must be a number, got 'long'"),
         ("horizon", 8.0, "unknown parameter 'horizon'"),
-        ("method", "circle", "expected one of footprint, center"),
     ],
 )
 def test_a_bad_parameter_is_refused(context: Context, name: str, value: object, message: str) -> None:
     with pytest.raises(InvalidInput) as caught:
-        SafetyMonitor(context=context, parameter_overrides=[override(name, value)])
-    assert "safety_monitor" in str(caught.value)
+        Perception(context=context, parameter_overrides=[override(name, value)])
+    assert "perception" in str(caught.value)
     assert message in str(caught.value)
 
 

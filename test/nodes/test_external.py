@@ -137,7 +137,7 @@ FAST = {"external_mode": "real_time", "real_time_factor": 20.0}  # a tick each 2
 def test_silence_in_real_time_brings_the_vehicle_to_a_safe_stop_which_an_event_tells(
     drive: Callable[..., Drive],
 ) -> None:
-    session = drive(**FAST, command_silence=0.5)
+    session = drive(**FAST)
     keep = iter([0.0, 0.0, 0.0])
     session.answer(AccelStamped, "vehicle/cmd_accel", lambda odometry: given(odometry, next(keep, None)))
     session.run()

@@ -23,7 +23,7 @@ TOGETHER = ["graph.composed=true", "learner.replay.batch_size=16"]  # one proces
 
 def stage_one(folder: Path, near_misses: str) -> GraphResult:
     """Run stage 1; its bag holds the learner's parameters and says why there is nothing to verify."""
-    small = [f"learner.{name}" for name in ("episodes=2", "hidden=16", "heads=2", "key_dimension=8", near_misses)]
+    small = [f"learner.{name}" for name in ("episodes=2", "hidden=16", near_misses)]
     first = run_graph(load("stage1_pretrain", [*TOGETHER, *small]), folder, quiet=True)
     assert first.error == ""
     assert first.nodes["learner"].number("episode") == 2
@@ -44,9 +44,9 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     pretrained = stage_one(tmp_path / "stage1", near_misses).folder / "learner" / "pretrained.safetensors"
     assert load_weights(pretrained).facts["stage"] == "pretrained"
 
-    world: dict[str, Any] = {"scenarios": [1, 6], "episodes": 3, "batch": 2, "replay_window": 64}
+    world: dict[str, Any] = {"scenarios": [1, 6], "episodes": 3, "batch": 2}
     settings = [f"world_simulator.{name}={value}" for name, value in world.items()]
-    settings += [f"learner.{each}" for each in (near_misses, f"weights={pretrained}", "refresh.updates=2")]
+    settings += [f"learner.{each}" for each in (near_misses, f"weights={pretrained}", "refresh_every=2")]
     second = run_graph(load("stage2_online", [*TOGETHER, *settings]), tmp_path / "stage2", quiet=True)
     assert second.error == ""
     learner = {name: float(value) for name, value in second.nodes["learner"].figures.items()}

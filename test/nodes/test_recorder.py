@@ -33,7 +33,6 @@ def test_a_graphs_bag_holds_parameters_episodes_and_counts_over_split_files_and_
     sections = {
         "graph": {"nodes": NODES},
         "world_simulator": world,
-        "safety_monitor": {"method": "center"},
         "recorder": {"chunk_size": 16, "split_size": 20_000},
     }
     with composed(resolve(Sections(sections), tmp_path)):
@@ -44,7 +43,7 @@ def test_a_graphs_bag_holds_parameters_episodes_and_counts_over_split_files_and_
     parameters = info["run"]["parameters"]
     assert parameters["world_simulator"]["seed"] == 11
     assert parameters["world_simulator"]["scenarios"] == [2, 7]
-    assert parameters["safety_monitor"]["method"] == "center"
+    assert parameters["safety_monitor"]["peers"] == NODES
     assert info["messages_seen"] == info["messages_written"] == info["messages"]
     assert sorted(e["name"] for e in info["episodes"]) == ["2:0", "2:1", "2:2", "7:0", "7:1", "7:2"]
     assert {e["first_file"] for e in info["episodes"]} != {e["file"] for e in info["episodes"]}
@@ -80,7 +79,7 @@ def test_a_recorder_alone_learns_who_is_there_and_records_what_comes(context: Co
     here.spin_until(lambda: row.messages == 2 and "safety_monitor" not in recorder._peer_parameters.missing)
     recorder.close()
     run = bag_run(Bag(tmp_path / "bag"))
-    assert run.parameters["safety_monitor"]["method"] == "footprint"
+    assert run.parameters["safety_monitor"]["peers"] == []
     assert json.loads(run.totals["written"])["/episode/event"] == 2
     (episode,) = bag_info(tmp_path / "bag")["episodes"]
     assert (episode["name"], episode["outcome"], episode["least_curvttc"]) == ("4:17", "goal", 1.5)

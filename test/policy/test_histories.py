@@ -13,7 +13,7 @@ from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.observation import AGENTS
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 PAPER = WorldConfig(spawn="paper", episode_time=10.0, release_time=0.0, lane_following=False)
 EPISODES = [(scenario, number) for number in range(3) for scenario in (1, 2, 5, 7)]
 

@@ -5,7 +5,7 @@ from vpsci_ros.policy.actor import previous
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.sst import SSTLayer, risk
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 
 
 def history(batch=2, steps=30):

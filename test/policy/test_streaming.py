@@ -7,7 +7,7 @@ from vpsci_ros.policy.actor import previous
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.streaming import StreamingActor
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 
 STEPS = 200
 

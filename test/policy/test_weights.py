@@ -9,7 +9,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.shapes import weight_shapes
 from vpsci_ros.policy.weights import Weights, load_weights, resolved, save_weights, weights_from_bytes, weights_to_bytes
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 
 
 @pytest.mark.parametrize(
@@ -62,9 +62,7 @@ def test_a_tensor_that_does_not_fit_is_named(networks, tensor, message):
 
 def test_tensors_are_checked_against_the_configuration_in_the_file(networks):
     data = weights_to_bytes(networks().weights({}, {}))
-    other = data.replace(b'\\"hidden\\": 16', b'\\"hidden\\": 32').replace(
-        b'\\"key_dimension\\": 8', b'\\"key_dimension\\":16'
-    )
+    other = data.replace(b'\\"hidden\\": 16', b'\\"hidden\\": 32')
     assert len(other) == len(data)
     assert other != data
     with pytest.raises(InvalidInput, match=r"expected float32\[32, 6\], got float32\[16, 6\]"):

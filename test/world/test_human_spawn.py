@@ -7,7 +7,7 @@ from world.helpers import SCENARIOS, frames, run
 from vpsci_ros.world import RUNNING, World, WorldConfig, people
 from vpsci_ros.world.drivers import RUNNING_SPEED
 from vpsci_ros.world.kinematics import MAX_DECELERATION
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.monitor import assess
 
 HUMAN = WorldConfig(spawn="human", vehicle_driver="autopilot", pedestrian_driver="autopilot")
 PAIRS = [(scenario, number) for number in range(60) for scenario in range(1, 9)]
@@ -25,7 +25,7 @@ def approaches():
     """Episodes of the rule-based pair up to the first critical frame, EPISODE[T], of those that become critical."""
     found = []
     for rows in run(PAIRS, batch=480, config=HUMAN).values():
-        critical = np.flatnonzero(assess(rows, MonitorConfig())[2])
+        critical = np.flatnonzero(assess(rows)[2])
         if len(critical):
             found.append(rows[: critical[0] + 1])
     return found

@@ -10,7 +10,6 @@ from vpsci_ros.world import World, WorldConfig, load_scenarios
 from vpsci_ros.world.intervention import (
     NOT_FORCED,
     Intervention,
-    InterventionConfig,
     Interventions,
     as_parameter,
     from_parameter,
@@ -25,8 +24,7 @@ ONE, TWO = (1, 0), (2, 0)
 def speeds(changes: dict[tuple[int, int], Intervention], commands: Any, ticks: int = 20) -> np.ndarray:
     """Return the speeds of the cars of 1:0 and 2:0, float64[ticks, 2], under one command to both at each tick."""
     world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
-    changed = InterventionConfig(interventions=as_parameter(changes))
-    between = Interventions(changed)
+    between = Interventions(as_parameter(changes))
     found = []
     for tick in range(ticks):
         found.append(world.state["vehicle_speed"].copy())
@@ -64,7 +62,7 @@ def test_throttle_and_brake_are_changed_as_accelerations_are_and_steering_is_lef
     assert found == pytest.approx([-(0.25 * 8.88 + 1.0), 0.0, -4.44])
     command = Actions(vehicle_control=np.array([[0.3, 0.5, 0.0]] * 2))
     world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
-    between = Interventions(InterventionConfig(as_parameter({ONE: Intervention(forced=(-8.88,))})))
+    between = Interventions(as_parameter({ONE: Intervention(forced=(-8.88,))}))
     assert between.applied(world.state, command).vehicle_control.tolist() == [[0.3, 0.0, 1.0], [0.3, 0.5, 0.0]]
 
 
@@ -78,7 +76,7 @@ def test_a_speed_is_held_until_the_system_brakes_firmly_and_then_let_go_for_good
 
 def test_without_a_command_there_is_none_to_change() -> None:
     world = World(WorldConfig(spawn="paper", vehicle_driver="external"), SCENARIOS, [ONE, TWO], 2, 1)
-    between = Interventions(InterventionConfig(as_parameter({ONE: Intervention(firmer=1.0)})))
+    between = Interventions(as_parameter({ONE: Intervention(firmer=1.0)}))
     assert between.applied(world.state, NO_ACTIONS) is NO_ACTIONS
 
 

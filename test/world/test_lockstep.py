@@ -7,12 +7,13 @@ import pytest
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import EPISODE, RUNNING, WorldConfig
+from vpsci_ros.world.config import SimulatorConfig
 from vpsci_ros.world.counts import WorldCounts
-from vpsci_ros.world.lockstep import LockStep, LockStepConfig
-from vpsci_ros.world.safe_stop import ExternalConfig, ExternalDriver
+from vpsci_ros.world.lockstep import REPLAY_WINDOW, LockStep
+from vpsci_ros.world.safe_stop import ExternalDriver
 from vpsci_ros.world.tick import Assessment, Tick
 
-PATIENT = LockStepConfig(action_timeout=2.0, replay_window=100)
+PATIENT = SimulatorConfig(action_timeout=2.0)
 
 
 class Session:
@@ -157,12 +158,9 @@ def test_paced_by_the_wall_clock_a_tick_waits_for_its_beat_and_late_ones_are_cou
 def test_the_world_waits_for_a_learner_that_is_a_window_behind_however_long(session: Session) -> None:
     session.begin()
     session.answer()
-    session.lock_step.unread = 100
+    session.lock_step.unread = REPLAY_WINDOW
     assert not session.lock_step.may_advance(1e9)
-    session.lock_step.unread = 99
-    assert session.lock_step.may_advance()
-    session.lock_step.config = LockStepConfig(replay_window=0)
-    session.lock_step.unread = 10**6
+    session.lock_step.unread = REPLAY_WINDOW - 1
     assert session.lock_step.may_advance()
 
 
@@ -180,7 +178,7 @@ def test_an_external_pedestrian_acts_at_every_tick_at_which_an_episode_runs() ->
 
 
 def test_an_external_vehicles_command_stands_in_for_a_policys_action() -> None:
-    driver = ExternalDriver(ExternalConfig(), 0.05, WorldCounts())
+    driver = ExternalDriver(False, 0.05, WorldCounts())
     session = Session(driver, vehicle_driver="external")
     session.begin()
     session.monitor()

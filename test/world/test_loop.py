@@ -6,7 +6,7 @@ from world.helpers import AUTOPILOT, SCENARIOS
 
 from vpsci_ros.world import RUNNING, World, WorldConfig, handover
 from vpsci_ros.world.loop import Loop
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.monitor import assess
 
 PAIRS = [(scenario, number) for number in range(2) for scenario in range(1, 9)]
 
@@ -27,7 +27,7 @@ def test_the_values_of_each_tick_are_what_their_functions_say():
     acted = 0
     for step in Loop(World(WorldConfig(), SCENARIOS, PAIRS, 6, 1), agents={"vehicle": Braking()}):
         tick, assessment, actions, _ = step
-        curvttc, distance, critical = assess(tick.state, MonitorConfig())
+        curvttc, distance, critical = assess(tick.state)
         frame = handover.policy_frame(tick.state, WorldConfig())
         assert assessment.curvttc.tobytes() == curvttc.tobytes()
         assert assessment.distance.tobytes() == distance.tobytes()

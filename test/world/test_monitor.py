@@ -6,7 +6,7 @@ from world.helpers import SCENARIOS, frames
 
 from vpsci_ros.safety import curvttc
 from vpsci_ros.world import ENDED, IDLE, World, WorldConfig
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.monitor import assess
 
 NAMES = ("vehicle_x", "vehicle_y", "vehicle_heading", "vehicle_speed", "vehicle_curvature")
 NAMES += ("pedestrian_x", "pedestrian_y", "pedestrian_vx", "pedestrian_vy")
@@ -18,12 +18,11 @@ def states():
     return [state for state, _ in frames(world)]
 
 
-@pytest.mark.parametrize("method", ["footprint", "center"])
-def test_the_monitor_gives_the_bits_of_curvttc(states, method):
+def test_the_monitor_gives_the_bits_of_curvttc(states):
     for state in states[::7]:
         present = state["status"] != IDLE
-        ttc, distance, critical = assess(state, MonitorConfig(method=method))
-        assert np.array_equal(ttc[present], curvttc(*(state[n][present] for n in NAMES), method=method))
+        ttc, distance, critical = assess(state)
+        assert np.array_equal(ttc[present], curvttc(*(state[n][present] for n in NAMES)))
         assert np.isinf(ttc[~present]).all()
         assert np.array_equal(critical, (ttc < 5.0) & (state["status"] == 1))
         apart = np.hypot(state["vehicle_x"] - state["pedestrian_x"], state["vehicle_y"] - state["pedestrian_y"])
@@ -32,6 +31,6 @@ def test_the_monitor_gives_the_bits_of_curvttc(states, method):
 
 def test_the_last_frame_of_an_episode_has_a_curvttc_but_is_not_critical(states):
     last = np.concatenate([state[state["status"] == ENDED] for state in states])
-    ttc, _, critical = assess(last, MonitorConfig())
+    ttc, _, critical = assess(last)
     assert (ttc[last["outcome"] == 1] == 0.0).all()
     assert not critical.any()

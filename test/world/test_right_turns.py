@@ -5,7 +5,7 @@ import pytest
 from world.helpers import episodes, run
 
 from vpsci_ros.world import PARKED_COLLISION, World, WorldConfig, load_scenarios, people
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.monitor import assess
 
 TURNS = WorldConfig(spawn="right_turns", vehicle_driver="autopilot", pedestrian_driver="autopilot", episode_time=4.0)
 PAIRS = [(scenario, number) for number in range(40) for scenario in range(1, 9)]
@@ -17,7 +17,7 @@ def approaches():
     """Episodes of the rule-based pair up to the first critical frame, EPISODE[T], of those that become critical."""
     found = []
     for rows in run(PAIRS, batch=len(PAIRS), config=TURNS).values():
-        critical = np.flatnonzero(assess(rows, MonitorConfig())[2])
+        critical = np.flatnonzero(assess(rows)[2])
         if len(critical):
             found.append(rows[: critical[0] + 1])
     return found
@@ -44,7 +44,7 @@ def test_both_come_to_the_onset_as_recorded_there(approaches):
 
 
 def test_curvttc_at_the_onset_is_near_the_recorded_one(approaches):
-    ttc = np.array([assess(rows[-1:], MonitorConfig())[0][0] for rows in approaches])
+    ttc = np.array([assess(rows[-1:])[0][0] for rows in approaches])
     real = np.array([recorded_of(rows)[people.TTC] for rows in approaches])
     assert np.median(np.abs(ttc - real)) < 0.3
     assert np.corrcoef(ttc, real)[0, 1] > 0.7

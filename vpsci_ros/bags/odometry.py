@@ -18,7 +18,7 @@ from vpsci_ros.data.gathered import NO_SCENARIO
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import TYPES, motion
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.monitor import assess
 from vpsci_ros.world.state import ENDED, EPISODE, RUNNING
 
 # ---- One tick of a recorded world.
@@ -58,14 +58,13 @@ def odometry_ticks(bag: Bag) -> Iterator[RecordedTick]:
     bounds = [0, *begins.tolist(), len(vehicle)]
     steps = np.diff(vehicle[:, 0])
     period = float(np.median(steps[steps <= GAP])) if (steps <= GAP).any() else 0.0
-    config = MonitorConfig()
     tick = 0
     for number, (first, after) in enumerate(itertools.pairwise(bounds)):
         for row in range(first, after):
             state = _state(vehicle[row], pedestrian[row])
             state["episode"], state["frame"] = number, row - first
             state["status"] = ENDED if row == after - 1 else RUNNING
-            curvttc, distance, _ = assess(state, config)
+            curvttc, distance, _ = assess(state)
             time = int(vehicle[row, 6])
             yield RecordedTick(number=tick, period=period, state=state, curvttc=curvttc, distance=distance, time=time)
             tick += 1

@@ -33,11 +33,9 @@ from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import Decoder
 from vpsci_ros.wire.layout import EVENTS, SAFETY, WORLD
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
+from vpsci_ros.world.config import SimulatorConfig
 from vpsci_ros.world.counts import MISSING_ANSWERS
-from vpsci_ros.world.engines import EngineConfig
-from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.loop import Agent, Loop
-from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.scenario import scenario_from
 from vpsci_ros.world.state import RUNNING, SAFE_STOP, STARTED
@@ -122,9 +120,11 @@ class _Simulation:
             raise InvalidInput(
                 f"{self._where}: it does not hold the parameters of the nodes, so no recorder of vpsci_ros wrote it"
             )
-        if (engine := pick(EngineConfig, world, "world_simulator").engine) != "vpsci":
+        simulator = pick(SimulatorConfig, world, "world_simulator")
+        if simulator.engine != "vpsci":
             raise InvalidInput(
-                f"{self._where}: its agents were moved by engine = {engine}, which cannot be simulated again here"
+                f"{self._where}: its agents were moved by engine = {simulator.engine}, which cannot be simulated again "
+                "here"
             )
         config = pick(WorldConfig, world, "world_simulator")
         self.cpu = run.software.get("cpu", "")
@@ -133,7 +133,7 @@ class _Simulation:
             raise InvalidInput(f"{self._where}: an external system drove the {' and the '.join(external)}")
         settings = {name: value for name, value in world.items() if name != "queue"}
         self._run = pick(RunConfig, settings, "world_simulator")
-        recorded = pick(LockStepConfig, settings, "world_simulator").recorded_bag
+        recorded = simulator.recorded_bag
         if recorded and not Path(recorded).exists():
             raise InvalidInput(f"{self._where}: its agents replay the bag {recorded}, which is not here")
         queue = [(scenario, number) for scenario, number in world["queue"]] if "queue" in world else self._run.queue()
@@ -145,9 +145,8 @@ class _Simulation:
             self._run.seed,
             recorded_from_bag(recorded) if recorded else None,
         )
-        monitor = pick(MonitorConfig, run.parameters.get("safety_monitor", {}), "safety_monitor")
         agents = [agent for agent in AGENTS if getattr(config, f"{agent}_driver") == "policy"]
-        self._loop = Loop(simulated, monitor, {agent: self._policy(agent, run, weights) for agent in agents})
+        self._loop = Loop(simulated, {agent: self._policy(agent, run, weights) for agent in agents})
         self._events = simulated.take_started()  # of the present tick
         self._recorded = frozenset(bag.topics())
         self.absent: Counter[str] = Counter()

@@ -33,17 +33,15 @@ SMALL: dict[str, dict[str, dict[str, Any]]] = {
             "episodes": 100,
             "hidden": 64,
             "layers": 1,
-            "heads": 4,
-            "key_dimension": 16,
             "updates.actor_learning_rate": 1e-3,
             "updates.critic_learning_rate": 1e-3,
         }
     },
     "stage2_online.yaml": {
-        "world_simulator": {"episodes": 4, "batch": 16, "replay_window": 128, "action_timeout": PATIENCE},
+        "world_simulator": {"episodes": 4, "batch": 16, "action_timeout": PATIENCE},
         "learner": {
             "replay.batch_size": 64,
-            "refresh.updates": 5,
+            "refresh_every": 5,
         },
     },
     "stage3_generate.yaml": {"world_simulator": {"episodes": 24, "batch": 32, "action_timeout": PATIENCE}},
@@ -192,7 +190,7 @@ def demo_sources(folder: Path, sections: Sections, near_misses: Path, learned: s
 
     simulation = simulation_of(sections)
     world = simulation.make_world()
-    steps = Loop(world, simulation.monitor, policies(load_policy(learned), world, simulation.policies))
+    steps = Loop(world, policies(load_policy(learned), world, simulation.policies))
     period = simulation.world.tick
     ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
     trained = sorted(map(shown, gathered(ticks, period, simulation.scenarios)), key=_key)

@@ -7,7 +7,7 @@ import polars as pl
 
 from vpsci_ros.data.near_misses import corpus_files, load_corpus
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig, require_learnable
+from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, require_learnable
 from vpsci_ros.parameters import settings_of
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.simulation import SimulationConfig, simulation_of
@@ -55,11 +55,10 @@ def stage_2_inputs(sections: Sections) -> Stage2Inputs:
     :raises InvalidInput: a parameter, the weights or the near misses are refused, or the section is of stage 1.
     """
     learner, config, simulation = stage_2_parameters(sections)
-    start = weights_path(sections.get(StartConfig, "learner").weights)
+    start = weights_path(learner.weights)
     resolved = {
-        "learner": _without_output(learner, sections.get(StartConfig, "learner"), config),
+        "learner": _without_output(learner, config),
         "world_simulator": settings_of(sections.get(RunConfig, "world_simulator"), simulation.world),
-        "safety_monitor": settings_of(simulation.monitor),
     } | {f"{agent}_policy": settings_of(policy) for agent, policy in simulation.policies.items()}
     files: list[str | Path] = [*corpus_files(learner.near_misses), start]
     return Stage2Inputs(learner, config, simulation, load_weights(start), _corpus(learner), files, Sections(resolved))

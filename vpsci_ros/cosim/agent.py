@@ -15,10 +15,9 @@ from vpsci_ros.policy.agent import policies
 from vpsci_ros.policy.compiling import compile_kernels
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy, load_policy
-from vpsci_ros.safety import curvttc
+from vpsci_ros.safety import CRITICAL_TTC, curvttc
 from vpsci_ros.world import RUNNING, World, WorldConfig
 from vpsci_ros.world.crowd import KINDS, MOST
-from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.paths import Path as Way
 from vpsci_ros.world.paths import nearest, project, resample
 from vpsci_ros.world.scenario import Scenario, load_scenario, scenario_from
@@ -62,11 +61,10 @@ class Body:
         episode: int,
         number: int,
         config: WorldConfig,
-        monitor: MonitorConfig,
         policy: PolicyConfig | None,
     ) -> None:
         compile_kernels()
-        self.monitor, self.parked = monitor, scenario.parked
+        self.parked = scenario.parked
         drives, walks = ("policy", "external") if agent == "vehicle" else ("external", "policy")
         config = replace(config, vehicle_driver=drives, pedestrian_driver=walks)
         spawned = World(config, [scenario], [(scenario.number, episode)], 1, seed).state
@@ -143,7 +141,7 @@ class Body:
         self.state["status"] = np.where(np.arange(MOST) < self.record["pedestrians"], RUNNING, 0)
         self.world.resume(parked)
         now, rows = self.world.now, len(self.state)
-        assessment = now.assessed(ttc, distance, ttc < self.monitor.critical_threshold)
+        assessment = now.assessed(ttc, distance, ttc < CRITICAL_TTC)
         actions = Actions(vehicle_control=np.zeros((rows, 3)), pedestrian=np.zeros((rows, 2)))
         if now.policy_frame.any():
             action = self.agent.act(now, assessment).astype(np.float64)
@@ -153,8 +151,7 @@ class Body:
     def seen(self, vehicles: Sequence[Vehicle], walkers: Sequence[Walker]) -> tuple[NDArray[np.float64], ...]:
         """Return CurvTTC [s] and distance of the centres [m] of pairs, float64[n] each; one may stand against many."""
         cars, people = np.array(vehicles, np.float64).T, np.array(walkers, np.float64).T
-        look: dict[str, Any] = {"horizon": self.monitor.horizon, "method": self.monitor.method}
-        ttc = curvttc(*cars[:5], *people, length=cars[6], width=cars[7], **look)
+        ttc = curvttc(*cars[:5], *people, length=cars[6], width=cars[7])
         return ttc, np.sqrt((cars[0] - people[0]) ** 2 + (cars[1] - people[1]) ** 2)
 
 

@@ -25,7 +25,6 @@ from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.world import Scenario, WorldConfig
 from vpsci_ros.world.crowd import MOST
 from vpsci_ros.world.kinematics import drive
-from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.people import GREATEST_CAR, LEAST_CAR
 
 
@@ -70,7 +69,6 @@ class Driver:
     :param lane: float[N, 2] [m], centreline of its lane, with bends of 6.2 m at least.
     :param speed: [m/s] with nothing near; None: drawn from recorded right turns, 0.4 to 5.6.
     :param config: periods and hand-over; its drivers are ignored.
-    :param monitor: threshold of critical.
     :param policy: random draws; None: by `seed`.
     :raises InvalidInput: not exactly one of scenario and lane, or a refused value.
     """
@@ -85,7 +83,6 @@ class Driver:
         lane: ArrayLike | None = None,
         speed: float | None = None,
         config: WorldConfig | None = None,
-        monitor: MonitorConfig | None = None,
         policy: PolicyConfig | None = None,
     ) -> None:
         require_kinds("Driver", locals())
@@ -93,14 +90,14 @@ class Driver:
             raise InvalidInput(
                 f"speed = {speed!r}: expected {LEAST_CAR:g} to {GREATEST_CAR:g} m/s, as recorded drivers turn right"
             )
-        config, monitor = config or WorldConfig(), monitor or MonitorConfig()
+        config = config or WorldConfig()
         if scenario is not None and lane is None:
             found = named_scenario(scenario)
         elif lane is not None and scenario is None:
             found = scenario_of_lane(lane)
         else:
             raise InvalidInput("Driver: expected one of scenario and lane")
-        self._body = Body("vehicle", weights, found, seed, episode, 0, config, monitor, policy)
+        self._body = Body("vehicle", weights, found, seed, episode, 0, config, policy)
         self._full = found.vehicle.full_throttle_speed
         if scenario is None:
             self._body.begin(meeting_s=math.inf, driver_onset=0)  # it keeps its pace, wherever it may meet somebody

@@ -20,7 +20,6 @@ from vpsci_ros.safety.inputs import as_floats
 from vpsci_ros.safety.line_of_sight import BOX, as_boxes
 from vpsci_ros.world import Scenario, WorldConfig
 from vpsci_ros.world.kinematics import curvature_of, drive, steer_to
-from vpsci_ros.world.monitor import MonitorConfig
 
 SHARPEST = curvature_of(1.0)  # [1/m]
 LONGEST_PERIOD = 2.0  # [s]
@@ -31,7 +30,6 @@ _KINDS: dict[str, tuple[type, ...]] = {
     "scenario": (int, str, Path, Scenario, type(None)),
     "speed": (float, int, np.number, type(None)),
     "config": (WorldConfig, type(None)),
-    "monitor": (MonitorConfig, type(None)),
     "policy": (PolicyConfig, type(None)),
 }  # of an agent's constructor
 

@@ -30,7 +30,6 @@ from vpsci_ros.safety import visible_share
 from vpsci_ros.world import Scenario, WorldConfig
 from vpsci_ros.world.crowd import MOST
 from vpsci_ros.world.kinematics import walk
-from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.parked import EYE_FORWARD, LEAST_VISIBLE
 from vpsci_ros.world.people import LEAST_WALK
 
@@ -73,7 +72,6 @@ class Pedestrian:
     :param speed: [m/s] with nothing near; None: drawn from recorded people.
     :param number: of the pedestrian within an episode of ours with several, see `WorldConfig.pedestrians`.
     :param config: periods, kinds of pedestrian, hand-over; its drivers are ignored.
-    :param monitor: threshold of critical.
     :param policy: random draws; None: by `seed`.
     :raises InvalidInput: not exactly one of scenario, route and goal, or a refused value.
     """
@@ -90,7 +88,6 @@ class Pedestrian:
         speed: float | None = None,
         number: int = 0,
         config: WorldConfig | None = None,
-        monitor: MonitorConfig | None = None,
         policy: PolicyConfig | None = None,
     ) -> None:
         require_kinds("Pedestrian", locals())
@@ -101,7 +98,7 @@ class Pedestrian:
             raise InvalidInput(f"speed = {speed!r}: expected a walking speed from {LEAST_WALK:g} to 5 m/s")
         self._speed, self._goal = speed, goal
         self._config = config or WorldConfig()
-        self._made = weights, seed, episode, number, self._config, monitor or MonitorConfig(), policy
+        self._made = weights, seed, episode, number, self._config, policy
         self._tracks, self._clock = Tracks(), Clock(self._config.tick)
         self._number, self._since = number, 0.0
         self._faces: Hashable | None = None
@@ -182,8 +179,8 @@ class Pedestrian:
 
     def _new_body(self, scenario: Scenario, straight: bool = False) -> Body:
         """Return a body; with `straight` the walker sets off at once and does not cross obliquely."""
-        weights, seed, episode, number, config, monitor, policy = self._made
-        body = Body("pedestrian", weights, scenario, seed, episode, number, config, monitor, policy)
+        weights, seed, episode, number, config, policy = self._made
+        body = Body("pedestrian", weights, scenario, seed, episode, number, config, policy)
         if straight:
             body.begin(start_delay=0.0, walk_slope=0.0, walker_onset=0)
         if self._speed is not None:

@@ -68,7 +68,7 @@ def measure_outcomes(policy: Policy | None, simulation: SimulationConfig, keepin
     if policy is not None:
         agents = {**policies(policy, world, simulation.policies), **dict.fromkeys(keeping, NoAcceleration())}
     outcomes = Outcomes()
-    for step in Loop(world, simulation.monitor, agents):
+    for step in Loop(world, agents):
         outcomes.note(step.events)
     return outcomes
 

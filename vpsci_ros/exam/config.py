@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import constant, parameter
+from vpsci_ros.parameters import parameter
 from vpsci_ros.policy.agent_types import AGENT_TYPES
 from vpsci_ros.policy.config import LEARNED
-from vpsci_ros.safety import CONFLICT_TTC
 
 SEVERE_TTC = 1.0  # [s] a severe conflict is one with a CurvTTC below
 MOVING = 0.5  # [m/s] a vehicle slower than this at the contact stood: the pedestrian walked into it
@@ -73,9 +72,6 @@ class ExamConfig:
         "perception gives, and not on /pedestrian/odometry",
     )
     baseline: bool = parameter(True, "put the rule-based autopilot to the same exam, for comparison")
-    conflict: float = constant(
-        CONFLICT_TTC, "an episode is a conflict where CurvTTC falls below (section 4.5)", unit="s", low=0.0, high=10.0
-    )
     fail_if: list[str] = parameter([], "criteria as for --fail-if, checked in addition")
     failure: str = parameter("moving_collision", "what counts as a failure of an episode", choices=FAILURES)
     bags: bool = parameter(

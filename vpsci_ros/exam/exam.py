@@ -26,10 +26,10 @@ from vpsci_ros.runs.folder import require_same
 from vpsci_ros.runs.provenance import cpu_name, software_versions
 from vpsci_ros.view.sources import EXAM
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
+from vpsci_ros.world.config import SimulatorConfig
 from vpsci_ros.world.crowd import CrowdConfig
-from vpsci_ros.world.engines import EngineConfig
+from vpsci_ros.world.engines import require_own
 from vpsci_ros.world.perception import PerceptionConfig
-from vpsci_ros.world.safe_stop import ExternalConfig
 
 _CHECKED_AGAIN = ("fail_if", "failure")  # parameters that may change when an exam is checked again
 SIDE_BY_SIDE = 256  # episodes of a class
@@ -66,9 +66,9 @@ class Exam:
         return self.seat is not None or bool(self.config.ads_class)
 
     @property
-    def engine(self) -> EngineConfig:
-        """The engine that moves the agents."""
-        return self.sections.get(EngineConfig, "world_simulator")
+    def simulator(self) -> SimulatorConfig:
+        """The engine that moves the agents, and what it changes."""
+        return self.sections.get(SimulatorConfig, "world_simulator")
 
     @property
     def opponents(self) -> list[str]:
@@ -158,7 +158,7 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
     if config.ads_class:
         require_lock_step(exam)
     if config.ads_class or config.baseline:
-        exam.engine.require_own("a class and the autopilot (ads_test.baseline) drive")
+        require_own(exam.simulator.engine, "a class and the autopilot (ads_test.baseline) drive")
     if workers > 1 and config.examined == EXTERNAL:
         raise InvalidInput(f"--workers {workers}: a system that you start yourself (external) drives in one graph only")
     if config.examined.strip() == OWN and world.pedestrians > 1 and not config.perception:
@@ -167,7 +167,7 @@ def prepare(sections: Sections, ads: str | None = None, ads_class: str | None = 
             f"world_simulator.pedestrians = {world.pedestrians}; set ads_test.perception to true, which lists all"
         )
     if config.recorded:
-        exam.engine.require_own("recorded people are replayed")
+        require_own(exam.simulator.engine, "recorded people are replayed")
         read_near_misses(config.recorded)
     _ = exam.weights, exam.scenarios
     return dataclasses.replace(exam, files=driver_files(config))
@@ -178,7 +178,7 @@ def require_lock_step(exam: Exam) -> None:
 
     :raises InvalidInput: the world would not wait for it.
     """
-    if exam.sections.get(ExternalConfig, "world_simulator").external_mode != "lock_step":
+    if exam.simulator.external_mode != "lock_step":
         raise InvalidInput(
             "world_simulator.external_mode = real_time: a system that drives without ROS is called at every tick, "
             "however long it takes; examine it as a program that speaks ROS, by --ads"

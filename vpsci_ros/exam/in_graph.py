@@ -88,7 +88,6 @@ def graph_sections(exam: Exam, name: str, run: Path) -> Sections:
         sections = sections.changed("pedestrian_policy", {"agent": name})
     if exam.perception:
         nodes.insert(-1, "perception")
-        world["pedestrian_odometry"] = False
     if config.pedestrian_driver == "replay":
         bag = run.with_name(f"{run.name}_motion")
         shutil.rmtree(bag, ignore_errors=True)

@@ -35,9 +35,8 @@ from vpsci_ros.runs.folder import RECORD, write_record
 from vpsci_ros.runs.progress import Bars
 from vpsci_ros.world import ENDED, IDLE, RUNNING, Recorded, World
 from vpsci_ros.world.counts import WorldCounts
-from vpsci_ros.world.intervention import InterventionConfig, Interventions
+from vpsci_ros.world.intervention import Interventions
 from vpsci_ros.world.loop import Loop
-from vpsci_ros.world.monitor import MonitorConfig
 from vpsci_ros.world.parked import parked_from
 from vpsci_ros.world.perception import PerceptionConfig, blank, perceive
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Step, Tick
@@ -63,10 +62,8 @@ def loop_with(exam: Exam, pedestrian: str, vehicle: str, episodes: list[Key], ba
         if isinstance(agent, PolicyAgent):
             agent.load(load_policy(exam.weights), version=1)
     world = World(config, exam.scenarios, episodes, min(batch, len(episodes)), exam.run.seed, recorded)
-    monitor = exam.sections.get(MonitorConfig, "safety_monitor")
-    changes = exam.sections.get(InterventionConfig, "world_simulator")
-    interventions = Interventions(changes)
-    return Loop(world, monitor, agents, interventions=interventions if vehicle == "external" else None)
+    interventions = Interventions(exam.simulator.interventions) if vehicle == "external" else None
+    return Loop(world, agents, interventions=interventions)
 
 
 def autopilot_run(exam: Exam, pedestrian: str) -> RunResult:

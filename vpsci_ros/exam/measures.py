@@ -13,7 +13,7 @@ from vpsci_ros.data.gathered import Tick, gathered
 from vpsci_ros.data.parquet import Column
 from vpsci_ros.exam.config import HARD_BRAKING, MOVING, SEVERE_TTC, STANDS, ExamConfig
 from vpsci_ros.exam.report import Conduct
-from vpsci_ros.safety import CRITICAL_TTC, HORIZON
+from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC, HORIZON
 from vpsci_ros.world import COLLISION, GOAL, IDLE, OUTCOME_NAMES, PARKED_COLLISION, Scenario
 from vpsci_ros.world.crowd import KINDS
 from vpsci_ros.world.parked import in_sight, parked_from
@@ -153,7 +153,7 @@ def episode_table(
                 "moving_collision": collided and impact > MOVING,
                 "least_curvttc": least,
                 "critical": least < CRITICAL_TTC,
-                "conflict": least < config.conflict,
+                "conflict": least < CONFLICT_TTC,
                 "severe_conflict": least < SEVERE_TTC,
                 "hardest_braking": braking,
                 "hard_braking": braking > HARD_BRAKING,

@@ -12,6 +12,7 @@ from vpsci_ros.evaluation.statistics import Estimate
 from vpsci_ros.exam.config import HARD_BRAKING, SEVERE_TTC, ExamConfig
 from vpsci_ros.exam.scores import DIFFERENCES, MEASURES, difference, estimate
 from vpsci_ros.policy.config import LEARNED
+from vpsci_ros.safety import CONFLICT_TTC
 from vpsci_ros.world.perception import PerceptionConfig
 
 ADS, BASELINE = "ads", "autopilot"
@@ -90,7 +91,7 @@ def make_report(
 
 def definitions(config: ExamConfig) -> dict[str, dict[str, str]]:
     """Return measure -> title, unit and definition, with the thresholds of `config` in it."""
-    limits = {"conflict": config.conflict, "severe": SEVERE_TTC, "hard_braking": HARD_BRAKING}
+    limits = {"conflict": CONFLICT_TTC, "severe": SEVERE_TTC, "hard_braking": HARD_BRAKING}
     return {
         name: {"title": row.title, "unit": row.unit, "definition": row.definition.format(**limits)}
         for name, row in MEASURES.items()

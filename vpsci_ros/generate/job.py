@@ -15,8 +15,8 @@ from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.provenance import cpu_name
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
-from vpsci_ros.world.engines import EngineConfig
-from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.config import SimulatorConfig
+from vpsci_ros.world.engines import require_own
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.scenario import own_documents
 
@@ -36,7 +36,6 @@ class DatasetConfig:
 
 RECORDED = {
     "world_simulator": (RunConfig, WorldConfig),
-    "safety_monitor": (MonitorConfig,),
     "vehicle_policy": (PolicyConfig,),
     "pedestrian_policy": (PolicyConfig,),
     "dataset": (DatasetConfig, FilterConfig),
@@ -85,7 +84,6 @@ class Job:
     seed: int
     scenarios: tuple[Scenario, ...]
     world: WorldConfig
-    monitor: MonitorConfig
     filters: FilterConfig
     policies: Mapping[str, Policy]
     keep_rejected: bool
@@ -97,7 +95,6 @@ class Job:
             "period": self.world.tick,
             "configuration": {
                 "world_simulator": {"scenarios": [s.number for s in self.scenarios], **values_of(self.world)},
-                "safety_monitor": asdict(self.monitor),
                 **{f"{agent}_policy": values_of(policy.config) for agent, policy in self.policies.items()},
                 "dataset": {"keep_rejected": self.keep_rejected, **asdict(self.filters)},
             },
@@ -121,7 +118,7 @@ def job_from(
     """
     run = sections.get(RunConfig, "world_simulator")
     world = sections.get(WorldConfig, "world_simulator")
-    sections.get(EngineConfig, "world_simulator").require_own("a dataset is generated")
+    require_own(sections.get(SimulatorConfig, "world_simulator").engine, "a dataset is generated")
     if run.only:
         raise InvalidInput("world_simulator.only: a dataset has the episodes that it keeps; take it out")
     policies = {}
@@ -140,7 +137,6 @@ def job_from(
         seed=run.seed,
         scenarios=tuple(load_scenarios(run.scenarios, run.scenario_files if own is None else own)),
         world=world,
-        monitor=sections.get(MonitorConfig, "safety_monitor"),
         filters=sections.get(FilterConfig, "dataset"),
         policies=policies,
         keep_rejected=sections.get(DatasetConfig, "dataset").keep_rejected,

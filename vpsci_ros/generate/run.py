@@ -27,6 +27,7 @@ from vpsci_ros.runs.folder import write_record
 from vpsci_ros.runs.progress import LINE_EVERY, Bars, short_name
 from vpsci_ros.runs.provenance import software_versions
 from vpsci_ros.runs.workers import Workers, computed, local_workers
+from vpsci_ros.safety import CRITICAL_TTC
 from vpsci_ros.world import Scenario
 
 # ---- The datasheet of a generated dataset: content, origin and limits, in its own numbers.
@@ -69,6 +70,7 @@ def datasheet(description: Mapping[str, Any], scenarios: Sequence[Scenario]) -> 
         reasons=REASONS[1:],
         table_10=TABLE_10,
         published=LEAST_CURVTTC,
+        critical=CRITICAL_TTC,
         number="{:,}".format,
         seconds=lambda quartiles: ", ".join(f"{value:.2f}" for value in quartiles) + " s",
     )

@@ -45,7 +45,7 @@ class Simulator:
         """Return the loop over every tick of these episodes, (scenario, number) each, or of one given scenario."""
         scenarios = [own for own in self._job.scenarios if own.number == scenario] or self._job.scenarios
         world = World(self._job.world, scenarios, episodes, self._batch, self._job.seed)
-        return Loop(world, self._job.monitor, self._agents)
+        return Loop(world, self._agents)
 
     def run(self, unit: Unit) -> EpisodeBlock:
         """Simulate the unit's episodes and apply the filters to them."""
@@ -96,7 +96,7 @@ def record_episodes(folder: Path, episodes: list[tuple[int, int]], bag: Path) ->
             raise InvalidInput(f"{folder}: no scenario {scenario}; it has {', '.join(map(str, known))}")
     run = {"seed": job.seed, "scenarios": sorted({scenario for scenario, _ in episodes}), "batch": 1}
     nodes = [node_record("world_simulator", values_of(job.world) | run | {"queue": [list(each) for each in episodes]})]
-    nodes.append(node_record("safety_monitor", values_of(job.monitor)))
+    nodes.append(node_record("safety_monitor", {}))
     for agent, policy in job.policies.items():
         nodes.append(node_record(f"{agent}_policy", values_of(policy.config), policy.digest))
     scenarios = [scenario for scenario in job.scenarios if scenario.number in {number for number, _ in episodes}]

@@ -22,13 +22,13 @@ class LearnerConfig:
     )
     output: str = parameter("out/learner", "folder for weights, log and checkpoints")
     seed: int = parameter(1, "seed of initial weights and sampling", low=0, high=2**63 - 1)
+    weights: str = parameter(
+        "", "where stage 2 starts: a safetensors file, or the name of weights shipped with the package"
+    )
 
-
-@dataclass(frozen=True)
-class StartConfig:
-    """What stage 2 starts from."""
-
-    weights: str = parameter("", "safetensors file, or the name of weights shipped with the package")
+    def __post_init__(self) -> None:
+        if self.stage == "pretrain" and self.weights:
+            raise InvalidInput(f"weights = {self.weights}: stage 1 starts without weights; stage 2 starts from them")
 
 
 # ---- both stages (Table 8)
@@ -36,14 +36,14 @@ class StartConfig:
 
 @dataclass(frozen=True)
 class ReplayConfig:
-    """The replay buffer of stage 1: all recorded steps."""
+    """What is drawn from the replay buffer."""
 
     batch_size: int = parameter(256, "steps of experience in one update", low=1, high=65536)
 
 
 @dataclass(frozen=True)
 class UpdatesConfig:
-    """Updates of the networks in stage 1."""
+    """Updates of the networks; in stage 2 one for every episode that the policies took part in (Algorithm 1)."""
 
     actor_learning_rate: float = parameter(1e-4, "step size of the actors", low=0.0, high=1.0)
     critic_learning_rate: float = parameter(2e-4, "step size of the critics", low=0.0, high=1.0)
@@ -102,25 +102,6 @@ class PretrainConfig:
 
 
 @dataclass(frozen=True)
-class OnlineReplayConfig(ReplayConfig):
-    """The replay buffer of stage 2."""
-
-    capacity: int = constant(
-        10000, "steps at which the policies acted that the replay buffer holds", low=1, high=10_000_000
-    )
-    priority_exponent: float = constant(0.6, "alpha of the sampling probabilities (17)", low=0.0, high=2.0)
-    real_bonus: float = constant(0.2, "beta of (17): extra priority of real experience", low=0.0, high=100.0)
-    real_share: float = constant(0.3, "share of the buffer that real experience keeps", low=0.0, high=0.9)
-
-
-@dataclass(frozen=True)
-class OnlineUpdatesConfig(UpdatesConfig):
-    """Updates of the networks in stage 2: one for every episode that the policies took part in (Algorithm 1)."""
-
-    actor_learning_rate: float = parameter(5e-5, "step size of the actors", low=0.0, high=1.0)
-
-
-@dataclass(frozen=True)
 class RewardsConfig:
     """The rewards of stage 2 (25)-(28)."""
 
@@ -140,37 +121,19 @@ class RewardsConfig:
 
 
 @dataclass(frozen=True)
-class RefreshConfig:
-    """What stage 2 gives the policies to act by."""
-
-    updates: int = parameter(50, "updates between two refreshes of the policies", low=1, high=1_000_000)
-    held_out_fraction: float = constant(
-        0.2, "share of near misses, by whole clips, for the held-out error; take that of stage 1", low=0.0, high=0.9
-    )
-
-
-@dataclass(frozen=True)
-class ConvergenceConfig:
-    """When stage 2 has converged (section 4.1)."""
-
-    gradient_tolerance: float = constant(
-        1e-4, "converged where the policy gradient's norm stays below", low=0.0, high=1.0
-    )
-    episodes: int = constant(100, "for so many episodes in a row", low=1, high=1_000_000)
-
-
-@dataclass(frozen=True)
 class RefineConfig:
     """Stage 2: learning on in simulation (section 3.2)."""
 
     objective: str = parameter(
         "ddpg", "what the actors follow: ddpg, Algorithm 1's policy gradient; or an added one (docs/extending.md)"
     )
-    replay: OnlineReplayConfig = OnlineReplayConfig()
-    updates: OnlineUpdatesConfig = OnlineUpdatesConfig()
+    held_out_fraction: float = constant(
+        0.2, "share of near misses, by whole clips, for the held-out error; take that of stage 1", low=0.0, high=0.9
+    )
+    refresh_every: int = parameter(50, "updates between two refreshes of the policies", low=1, high=1_000_000)
+    replay: ReplayConfig = ReplayConfig()
+    updates: UpdatesConfig = UpdatesConfig(actor_learning_rate=5e-5)
     rewards: RewardsConfig = RewardsConfig()
-    refresh: RefreshConfig = RefreshConfig()
-    convergence: ConvergenceConfig = ConvergenceConfig()
 
 
 def require_learnable(world: WorldConfig) -> None:

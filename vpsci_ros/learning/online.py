@@ -77,7 +77,7 @@ def _simulate(
 ) -> None:
     world = simulation.make_world(episodes)
     agents = policies(refiner.current(), world, simulation.policies)
-    for step in Loop(world, simulation.monitor, agents):
+    for step in Loop(world, agents):
         outcomes.note(step.events)
         completed = builder.observe(step)
         refiner.take(completed.histories, len(completed.transitions))

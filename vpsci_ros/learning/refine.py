@@ -3,7 +3,7 @@
 The simulation replay buffer keeps a share of real experience for good; batches are drawn by (17); steps are rewarded by
 (25)-(28), see `rewards`. What the actors follow is `objective`, see `objectives`.
 
-After every `refresh.updates` updates the policies act by what is learned, and its held-out error is measured.
+After every `refresh_every` updates the policies act by what is learned, and its held-out error is measured.
 """
 
 import math
@@ -35,6 +35,10 @@ from vpsci_ros.runs.folder import require_same
 from vpsci_ros.world.observation import AGENTS
 
 RETURN_SMOOTHING = 0.02  # share of the newest episode in the running mean return (Figure 6)
+CAPACITY = 10_000  # steps at which the policies acted that the replay buffer holds (section 3.2)
+PRIORITY_EXPONENT, REAL_BONUS = 0.6, 0.2  # alpha and beta of the sampling probabilities (17)
+REAL_SHARE = 0.3  # of the buffer that real experience keeps
+GRADIENT_TOLERANCE, CALM_EPISODES = 1e-4, 100  # converged where the norm stays below for so long (section 4.1)
 WEIGHTS, CHECKPOINT = "refined.safetensors", "refine_checkpoint.safetensors"
 
 
@@ -88,7 +92,7 @@ class Refiner:
 
     :param weights: of stage 1; its actors are the frozen reference of the speed reward.
     :param near_misses: near-miss table. Clips that stage 1 held out stay held out; if the weights do not name any of
-        these clips, `refresh.held_out_fraction` of the table is.
+        these clips, `held_out_fraction` of the table is.
     :param seed: of sampling; the noise of the acting policies is theirs.
     :param out_dir: where `save` writes; None for a learner that writes nothing.
     :raises InvalidInput: too few near misses or clips, or no objective has the configuration's name.
@@ -107,16 +111,14 @@ class Refiner:
         self._config, self._start = config, weights
         self._out_dir = None if out_dir is None else Path(out_dir)
         self._rng = np.random.default_rng(seed)
-        training, held_out = split_as_before(near_misses, weights, config.refresh.held_out_fraction, seed)
+        training, held_out = split_as_before(near_misses, weights, config.held_out_fraction, seed)
         self._held_out = HeldOut(held_out)
         self._networks = Networks.from_weights(weights)
         self._maddpg = Maddpg(self._networks, config.updates)
-        interactions, replay = from_table(training), config.replay
+        interactions = from_table(training)
         real = recorded_histories(interactions)
-        kept = up_to_capacity(real, max(1, int(replay.real_share * replay.capacity)), self._rng)
-        self._buffer = ReplayBuffer(
-            replay.capacity, [real[i] for i in kept], replay.priority_exponent, replay.real_bonus
-        )
+        kept = up_to_capacity(real, max(1, int(REAL_SHARE * CAPACITY)), self._rng)
+        self._buffer = ReplayBuffer(CAPACITY, [real[i] for i in kept], PRIORITY_EXPONENT, REAL_BONUS)
         self.assembler = HistoryAssembler()
         self._rewards = SimulatedRewards(config.rewards, self._networks)
         self.reward_weights = self._rewards.weights
@@ -157,7 +159,7 @@ class Refiner:
             progress.episode_returns.append({"episode": progress.episodes} | totals)
             if progress.updates > progress.tested:  # else nothing was learned from the last one, and the norm is old
                 progress.tested = progress.updates
-                small = progress.norm < self._config.convergence.gradient_tolerance
+                small = progress.norm < GRADIENT_TOLERANCE
                 progress.calm = progress.calm + 1 if small else 0
 
     @property
@@ -171,7 +173,7 @@ class Refiner:
 
         An episode counts if there was an update since the last one that did.
         """
-        return self.progress.calm >= self._config.convergence.episodes
+        return self.progress.calm >= CALM_EPISODES
 
     # ---- learning
 
@@ -190,7 +192,7 @@ class Refiner:
         require_finite(progress.last, f"update {progress.updates}")
         self._buffer.reprioritise(histories, result.error)
         progress.updates += 1
-        if progress.updates % self._config.refresh.updates == 0:
+        if progress.updates % self._config.refresh_every == 0:
             self._refresh()
         return dict(progress.last)
 
@@ -234,7 +236,7 @@ class Refiner:
 
         :raises VpsciError: what was learned is not finite.
         """
-        if self.progress.updates % self._config.refresh.updates:
+        if self.progress.updates % self._config.refresh_every:
             self._refresh()
         return self._described()
 

@@ -83,9 +83,7 @@ class GraphNode(Node, metaclass=_Destroying):
         self._offered: list[Output] = []
         self._section = name
         self._values = self._declare()
-        peer_config = self.config(PeerConfig)
-        self.peers = peer_config.peers or list(self.essential_peers)
-        self.peer_timeout = peer_config.peer_timeout
+        self.peers = self.config(PeerConfig).peers or list(self.essential_peers)
         self.finished = False
         self.stop = StopRequest()
         namespace = self.get_namespace().strip("/")
@@ -116,7 +114,7 @@ class GraphNode(Node, metaclass=_Destroying):
     def output(self, topic: str) -> Output:
         """Return an output for a topic of the table."""
         expected = listeners(topic, self.peers)
-        made = Output(self, topic, expected, self.peer_timeout, self._is_stopping)
+        made = Output(self, topic, expected, self._is_stopping)
         self._offered.append(made)
         return made
 
@@ -179,7 +177,7 @@ class GraphNode(Node, metaclass=_Destroying):
         """Publish the status on `/diagnostics` and send it to the graph; once a second of wall time, and at the end.
 
         :param wait: for the expected readers; otherwise the message is dropped where one is missing.
-        :raises VpsciError: waited for longer than `peer_timeout`.
+        :raises VpsciError: waited for longer than `PEER_TIMEOUT`.
         """
         self.intake.look()
         status = self.status()

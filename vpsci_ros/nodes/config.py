@@ -6,17 +6,12 @@ from typing import Any
 
 from vpsci_ros.bags.writer import CHUNK_SIZE
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
+from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.parameters import build, parameter
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
 from vpsci_ros.runs.config import PeerConfig, RunConfig
-from vpsci_ros.world.config import WorldConfig
-from vpsci_ros.world.engines import EngineConfig
-from vpsci_ros.world.intervention import InterventionConfig
-from vpsci_ros.world.lockstep import LockStepConfig
-from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.config import SimulatorConfig, WorldConfig
 from vpsci_ros.world.perception import PerceptionConfig
-from vpsci_ros.world.safe_stop import ExternalConfig
 
 NODES = (
     "world_simulator",
@@ -78,11 +73,8 @@ class ReplayerConfig:
 
 SECTIONS: dict[str, tuple[type, ...]] = {
     "graph": (GraphConfig,),
-    "world_simulator": (
-        *(PeerConfig, RunConfig, LockStepConfig, ExternalConfig),
-        *(InterventionConfig, EngineConfig, WorldConfig),
-    ),
-    "safety_monitor": (PeerConfig, MonitorConfig),
+    "world_simulator": (PeerConfig, RunConfig, SimulatorConfig, WorldConfig),
+    "safety_monitor": (PeerConfig,),
     "vehicle_policy": (PeerConfig, PolicyConfig),
     "pedestrian_policy": (PeerConfig, PolicyConfig),
     "perception": (PeerConfig, PerceptionConfig),
@@ -93,7 +85,7 @@ SECTIONS: dict[str, tuple[type, ...]] = {
 
 LEARNER: dict[str, tuple[type, ...]] = {
     "pretrain": (PeerConfig, LearnerConfig, NetworkConfig, PretrainConfig),
-    "refine": (PeerConfig, LearnerConfig, StartConfig, RefineConfig),
+    "refine": (PeerConfig, LearnerConfig, RefineConfig),
 }
 """Stage -> what the section `learner` may hold."""
 

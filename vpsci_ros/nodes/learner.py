@@ -14,7 +14,7 @@ from std_msgs.msg import UInt64
 from vpsci_msgs.msg import PolicyWeights, Transition
 from vpsci_ros.data.near_misses import load_corpus
 from vpsci_ros.errors import Stopped
-from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, StartConfig
+from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig
 from vpsci_ros.learning.pretrain import CHECKPOINT, pretrain
 from vpsci_ros.learning.refine import WEIGHTS, Refiner
 from vpsci_ros.learning.refine_log import RefineLog
@@ -97,7 +97,7 @@ class Learner(GraphNode):
     # ---- stage 2
 
     def _begin_refining(self) -> Refiner:
-        weights = load_weights(weights_path(self.config(StartConfig).weights))
+        weights = load_weights(weights_path(self.config(LearnerConfig).weights))
         config = self.config(RefineConfig)
         refiner = Refiner(config, weights, self._near_misses, seed=self._config.seed, out_dir=self._folder)
         self._log = RefineLog(refiner, self._folder)

@@ -11,6 +11,7 @@ from vpsci_ros.errors import VpsciError
 from vpsci_ros.nodes.topics import LATCHED, TOPICS
 
 STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
+PEER_TIMEOUT = 60.0  # [s] for expected readers and peers to appear, before a node gives up
 
 
 class Output:
@@ -20,7 +21,6 @@ class Output:
 
     :param topic: of the table.
     :param expected: names of the nodes that are to read it.
-    :param timeout: how long to wait for them [s].
     :param stopping: returns whether the node is to stop, and waits no more.
     :ivar published: number of messages.
     """
@@ -30,7 +30,6 @@ class Output:
         node: Node,
         topic: str,
         expected: list[str],
-        timeout: float,
         stopping: Callable[[], bool],
     ) -> None:
         self.topic = topic
@@ -39,7 +38,6 @@ class Output:
         row = TOPICS[topic]
         self._latched = row.qos is LATCHED
         self._publisher = node.create_publisher(row.type, row.ros_name, **row.quality())
-        self._timeout = timeout
         self._stopping = stopping
         self._ready = False
         self._waiting_since: float | None = None
@@ -72,10 +70,10 @@ class Output:
     def found(self) -> bool:
         """Return whether every expected reader is there, for a node that polls instead of waiting.
 
-        :raises VpsciError: they did not appear within `peer_timeout` of the first time.
+        :raises VpsciError: they did not appear within `PEER_TIMEOUT` of the first time.
         """
         self._waiting_since = self._waiting_since or time.monotonic()
-        if not self.matched and time.monotonic() - self._waiting_since > self._timeout:
+        if not self.matched and time.monotonic() - self._waiting_since > PEER_TIMEOUT:
             raise self._no_reader()
         return self.matched
 
@@ -87,7 +85,7 @@ class Output:
     def publish(self, message: Any) -> None:
         """Publish a message, or the bytes of one; the first time, wait for the expected readers.
 
-        :raises VpsciError: they did not appear within `peer_timeout`.
+        :raises VpsciError: they did not appear within `PEER_TIMEOUT`.
         """
         if not self._ready:
             self._wait()
@@ -111,7 +109,7 @@ class Output:
             now = time.monotonic()
             if self.matched and now - begun > STRANGER_PATIENCE:
                 break
-            if now - begun > self._timeout:
+            if now - begun > PEER_TIMEOUT:
                 raise self._no_reader()
             if now - last_notice > 5.0:
                 self._node.get_logger().info(f"waiting for {' and '.join(self.missing())} on {self.full_name}")
@@ -121,6 +119,6 @@ class Output:
 
     def _no_reader(self) -> VpsciError:
         return VpsciError(
-            f"{self._node.get_name()}: waited {self._timeout:g} s for {' and '.join(self.missing())} to subscribe"
+            f"{self._node.get_name()}: waited {PEER_TIMEOUT:g} s for {' and '.join(self.missing())} to subscribe"
             f" to {self.full_name}; start them, or name only running nodes in the parameter 'peers'"
         )

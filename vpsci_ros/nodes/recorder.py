@@ -12,6 +12,7 @@ from vpsci_ros.bags.run_record import NODE, SCENARIO, SOFTWARE, WEIGHTS, node_re
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import EXECUTABLES, NODES, RecorderConfig
+from vpsci_ros.nodes.output import PEER_TIMEOUT
 from vpsci_ros.nodes.peer_parameters import PeerParameters
 from vpsci_ros.nodes.topics import LATCHED, RECORDING, TOPICS, Topic, speakers
 from vpsci_ros.wire import layout
@@ -69,7 +70,7 @@ class Recorder(GraphNode):
             self._subscribe()
 
     def _subscribe_when_known(self) -> None:
-        late = time.monotonic() - self._begun > 0.5 * self.peer_timeout  # the others wait for this one as long in all
+        late = time.monotonic() - self._begun > 0.5 * PEER_TIMEOUT  # the others wait for this one as long in all
         if self._waiting and (late or not self._peer_parameters.missing):
             if late:
                 missing = ", ".join(self._peer_parameters.missing)

@@ -17,6 +17,7 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.errors import InvalidInput, VpsciError
 from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.config import ReplayerConfig
+from vpsci_ros.nodes.output import PEER_TIMEOUT
 from vpsci_ros.nodes.topics import LATCHED, TOPICS, listeners
 from vpsci_ros.wire.decoder import RawMessage
 
@@ -101,8 +102,8 @@ class Replayer(GraphNode):
         if readers != self._readers:
             self._readers, self._readers_since = readers, now
         if absent := self._absent():
-            if now - self._readers_since > self.peer_timeout:
-                raise VpsciError(f"replayer: waited {self.peer_timeout:g} s for {absent}; or leave it out of 'peers'")
+            if now - self._readers_since > PEER_TIMEOUT:
+                raise VpsciError(f"replayer: waited {PEER_TIMEOUT:g} s for {absent}; or leave it out of 'peers'")
         elif readers and now - self._readers_since > SETTLED:
             self._begun = True
             self._restart_pace()

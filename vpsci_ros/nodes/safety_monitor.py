@@ -7,7 +7,7 @@ from vpsci_ros.nodes.meter import Meter
 from vpsci_ros.wire.answers import SerializedSafety, write_safety_state
 from vpsci_ros.wire.world_state import SerializedState, read_world_state
 from vpsci_ros.wire.world_state import warm_up as warm_up_reading
-from vpsci_ros.world.monitor import MonitorConfig, assess, warm_up
+from vpsci_ros.world.monitor import assess, warm_up
 
 
 class SafetyMonitor(GraphNode):
@@ -15,9 +15,8 @@ class SafetyMonitor(GraphNode):
 
     def __init__(self, **given: Any) -> None:
         super().__init__("safety_monitor", **given)
-        self._config = self.config(MonitorConfig)
         warm_up_reading()
-        warm_up(self._config)  # before the topic is there, for which the world waits
+        warm_up()  # before the topic is there, for which the world waits
         self._meter = Meter()
         self._safety = self.output("/safety/state")
         self.input("/world/state", read_world_state, self._on_state, raw=True)
@@ -28,7 +27,7 @@ class SafetyMonitor(GraphNode):
 
     def _on_state(self, world: SerializedState) -> None:
         header, tick, _ = world
-        curvttc, distance, critical = assess(tick.state, self._config)
+        curvttc, distance, critical = assess(tick.state)
         self._safety.publish(write_safety_state(SerializedSafety(header, tick.number, curvttc, distance, critical)))
         self.simulated_at = header.at
         self._meter.tick(tick.number)

@@ -15,25 +15,27 @@ from vpsci_ros.wire.header import WireHeader, write_clock
 from vpsci_ros.wire.layout import EVENTS, MAP, PlanarMotion, motion_of
 from vpsci_ros.wire.world_state import SerializedState, warm_up, write_world_state
 from vpsci_ros.world import IDLE, Scenario, WorldConfig
-from vpsci_ros.world.lockstep import LockStepConfig
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.tick import Tick
+
+PERCEPTION = "perception"  # the node
 
 
 class WorldOutputs:
     """`/clock`, `/world/state`, `/episode/event`, `/replay`; of one episode at a time odometry, transforms, markers.
 
     `/pedestrian/odometry` is that of the first pedestrian, `/pedestrians/odometry` of each, where there may be several.
+    Where the graph has the node `perception`, pedestrians are on `/perception/objects` instead.
 
     :param config: of the world: its tick, and how many pedestrians an episode may have.
-    :param lock_step: whether to publish pedestrians' odometry beside the vehicle's, and `/replay`.
+    :param transitions: publish `/replay`.
     """
 
     def __init__(
         self,
         node: GraphNode,
         config: WorldConfig,
-        lock_step: LockStepConfig,
+        transitions: bool,
         batch: int,
         scenarios: Mapping[int, Scenario],
     ) -> None:
@@ -42,10 +44,10 @@ class WorldOutputs:
         self._time = node.output("/clock")
         self._state = node.output("/world/state")
         self._event = node.output(EVENTS)
-        self._replay = [node.output("/replay")] if lock_step.publish_transitions else []
-        self._agents = AGENTS if lock_step.pedestrian_odometry else AGENTS[:1]
+        self._replay = [node.output("/replay")] if transitions else []
+        self._agents = AGENTS[:1] if PERCEPTION in node.peers else AGENTS
         one = batch == 1
-        several = one and config.pedestrians > 1 and lock_step.pedestrian_odometry
+        several = one and config.pedestrians > 1 and PERCEPTION not in node.peers
         self._odometry = [node.output(f"/{agent}/odometry") for agent in self._agents] if one else []
         self._people = [node.output("/pedestrians/odometry")] if several else []
         self._drawn = [node.output("/markers")] if one else []

@@ -21,12 +21,13 @@ from vpsci_ros.nodes.respondents import Respondents
 from vpsci_ros.nodes.world_outputs import WorldOutputs
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.world import OUTCOME_NAMES, World, WorldConfig, load_scenarios
+from vpsci_ros.world.config import SimulatorConfig
 from vpsci_ros.world.counts import MISSING_ANSWERS, WorldCounts
-from vpsci_ros.world.engines import ENGINES, EngineConfig
-from vpsci_ros.world.intervention import InterventionConfig, Interventions
-from vpsci_ros.world.lockstep import LockStep, LockStepConfig
+from vpsci_ros.world.engines import ENGINES
+from vpsci_ros.world.intervention import Interventions
+from vpsci_ros.world.lockstep import LockStep
 from vpsci_ros.world.loop import Loop
-from vpsci_ros.world.safe_stop import ExternalConfig, ExternalDriver
+from vpsci_ros.world.safe_stop import ExternalDriver
 from vpsci_ros.world.state import FINISHED
 
 STRANGER_PATIENCE = 3.0  # [s] for readers of the state that are only believed to be on their way
@@ -47,23 +48,21 @@ class WorldSimulator(GraphNode):
 
     def __init__(self, *, server: Any = None, **given: Any) -> None:
         super().__init__("world_simulator", **given)
-        self._run, self._config, config = self.config(RunConfig), self.config(WorldConfig), self.config(LockStepConfig)
-        engine, changed = self.config(EngineConfig).engine, self.config(InterventionConfig)
-        _require_together(self._run, self._config, config, engine, changed)
+        self._run, self._config, config = self.config(RunConfig), self.config(WorldConfig), self.config(SimulatorConfig)
+        _require_together(self._run, self._config, config)
         scenarios = load_scenarios(self._run.scenarios, self._run.scenario_files)
         compiled = World(WorldConfig(), scenarios[:1], [(scenarios[0].number, 0)], 1, 0)
         compiled.advance(compiled.now.unassessed())  # now rather than at the first tick
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
         self._recorded = recorded_from_bag(config.recorded_bag) if config.recorded_bag else None
-        name, _, address = engine.partition("://")
+        name, _, address = config.engine.partition("://")
         self._engine = None if name == "vpsci" else ENGINES.find(name)
         self._server = server or (self._engine.connect(address, self._config.tick) if self._engine else None)
-        changes = Interventions(changed)
-        self._loop = Loop(self._new_world(), interventions=changes)
+        self._loop = Loop(self._new_world(), interventions=Interventions(config.interventions))
         self.counts = WorldCounts()
         external = None
         if self._config.vehicle_driver == "external":
-            external = ExternalDriver(self.config(ExternalConfig), self._config.tick, self.counts)
+            external = ExternalDriver(config.external_mode == "real_time", self._config.tick, self.counts)
         self._lock_step = LockStep(config, self._config, self.counts, external)
         self._builder = TransitionBuilder() if config.publish_transitions else None
         self._consumed = 0  # transitions, by the learner
@@ -72,7 +71,7 @@ class WorldSimulator(GraphNode):
         self._all_here_since: float | None = None
         self._awaited: set[str] = set()
         self._reported_tick = 0
-        self._outputs = WorldOutputs(self, self._config, config, self._run.batch, self._scenarios)
+        self._outputs = WorldOutputs(self, self._config, config.publish_transitions, self._run.batch, self._scenarios)
         self._respondents = Respondents(self, self._lock_step, self._go_on)
         if self._builder:
             self.input("/replay/consumed", None, self._on_consumed)
@@ -123,10 +122,8 @@ class WorldSimulator(GraphNode):
         self._go_on()
 
     def parameters_changed(self) -> None:
-        """Apply real-time factor, timeout and safe stop that were set on the running node."""
-        self._lock_step.config = self.config(LockStepConfig)
-        if self._lock_step.external:
-            self._lock_step.external.config = self.config(ExternalConfig)
+        """Apply the real-time factor and the timeout that were set on the running node."""
+        self._lock_step.config = self.config(SimulatorConfig)
         self._set_pace()
 
     # ---- services
@@ -290,18 +287,16 @@ class WorldSimulator(GraphNode):
         self.get_logger().info(f"ended: {totals}")
 
 
-def _require_together(
-    run: RunConfig, world: WorldConfig, lock_step: LockStepConfig, engine: str, changed: InterventionConfig
-) -> None:
+def _require_together(run: RunConfig, world: WorldConfig, config: SimulatorConfig) -> None:
     """Refuse parameters that do not go together.
 
     :raises InvalidInput: two of them do not.
     """
-    if engine != "vpsci" and changed != InterventionConfig():
-        raise InvalidInput(f"engine = {engine}: interventions change the car by our kinematics; leave them out")
+    if config.engine != "vpsci" and config.interventions:
+        raise InvalidInput(f"engine = {config.engine}: interventions change the car by our kinematics; leave them out")
     if world.vehicle_driver == "external" and run.batch > 1:
         raise InvalidInput(f"an external vehicle driver drives one episode at a time; got batch = {run.batch}")
-    if lock_step.publish_transitions and world.pedestrians > 1:
+    if config.publish_transitions and world.pedestrians > 1:
         raise InvalidInput(
             "publish_transitions: the learner learns from one pedestrian an episode; got pedestrians = "
             f"{world.pedestrians}"

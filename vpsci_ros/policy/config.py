@@ -25,8 +25,7 @@ class NetworkConfig:
     )
     hidden: int = parameter(256, "width of the SST state", low=8, high=1024)
     layers: int = parameter(2, "SST layers", low=1, high=8)
-    heads: int = parameter(8, "attention heads", low=1, high=64)
-    key_dimension: int = parameter(32, "keys and queries of one head; heads * key_dimension = hidden", low=1, high=256)
+    heads: int = constant(8, "attention heads", low=1, high=64)
     attention_window: int = constant(10, "steps that attention looks back over, this one included", low=1, high=64)
     risk_input: bool = parameter(
         False, "CurvTTC's risk enters the networks with the observation, and does not only gate their attention"
@@ -36,11 +35,8 @@ class NetworkConfig:
     )
 
     def __post_init__(self) -> None:
-        if self.heads * self.key_dimension != self.hidden:
-            raise InvalidInput(
-                f"heads * key_dimension must equal hidden (values are the state's slices), "
-                f"got {self.heads} * {self.key_dimension} and {self.hidden}"
-            )
+        if self.hidden % self.heads:
+            raise InvalidInput(f"hidden = {self.hidden}: expected a multiple of the {self.heads} attention heads")
 
 
 @dataclass(frozen=True)
@@ -48,7 +44,6 @@ class NoiseConfig:
     """The exploration noise N(t) = N_0 exp(-beta t) + N_min (16)."""
 
     start: float = parameter(0.06, "N_0 of (16)", unit="of the action limit", low=0.0, high=2.0, read_only=False)
-    decay: float = constant(0.001, "beta of (16), per training episode", low=0.0, high=1.0)
     floor: float = constant(0.01, "N_min of (16)", unit="of the action limit", low=0.0, high=2.0)
 
 

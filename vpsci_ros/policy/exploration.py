@@ -5,7 +5,7 @@ The paper gives N(t) = N_0 exp(-beta t) + N_min and no unit, no t and no distrib
 - N is a share of the largest acceleration, 5 m/s2. The shipped file reads 0.3 and 0.05 as m/s2: 0.06 and 0.01 of it.
 - t counts training episodes. Eight scenarios run in turn, so it is eight times the number of the episode, and the
   noise has faded after the 3,000 episodes of Table 8. Noise is a function of the episode alone, so it does not know
-  how many scenarios a run has: with n of them, give `noise.decay` times n / 8.
+  how many scenarios a run has: `DECAY` is for eight.
 - The noise is normal, and its value is the scaled sum of the last ten steps' independent draws: an agent must lean one
   way for a second to get anywhere, as with the Ornstein-Uhlenbeck noise of the authors' earlier work.
 """
@@ -19,13 +19,14 @@ from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
 
 MEMORY = 10  # steps whose draws add up
 SCENARIOS = 8  # that run in turn
+DECAY = 0.001  # beta of (16), per training episode
 _DEFAULT = NoiseConfig()
 
 
 def amplitude(episode: ArrayLike, config: NoiseConfig = _DEFAULT) -> NDArray[np.float64]:
     """Return N(t) of (16), a share of the largest acceleration, for the number of an episode within its scenario."""
     t = SCENARIOS * np.asarray(episode, np.float64)
-    share: NDArray[np.float64] = config.start * np.exp(-config.decay * t) + config.floor
+    share: NDArray[np.float64] = config.start * np.exp(-DECAY * t) + config.floor
     return share
 
 

@@ -9,8 +9,8 @@ from vpsci_ros.parameters import values_of
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.world import Scenario, World, WorldConfig, load_scenarios
-from vpsci_ros.world.engines import EngineConfig
-from vpsci_ros.world.monitor import MonitorConfig
+from vpsci_ros.world.config import SimulatorConfig
+from vpsci_ros.world.engines import require_own
 from vpsci_ros.world.observation import AGENTS
 
 
@@ -29,7 +29,6 @@ class SimulationConfig:
     batch: int
     seed: int
     world: WorldConfig = field(default_factory=WorldConfig)
-    monitor: MonitorConfig = field(default_factory=MonitorConfig)
     policies: Mapping[str, PolicyConfig] = field(default_factory=dict)
 
     def make_world(self, episodes: Sequence[tuple[int, int]] | None = None) -> World:
@@ -46,24 +45,22 @@ class SimulationConfig:
             "batch": self.batch,
             "seed": self.seed,
             "world": values_of(self.world),
-            "monitor": values_of(self.monitor),
             "policies": {agent: values_of(config) for agent, config in self.policies.items()},
         }
 
 
 def simulation_of(sections: Sections) -> SimulationConfig:
-    """Return the simulation that the sections of the world, the monitor and the policies describe.
+    """Return the simulation that the sections of the world and the policies describe.
 
     :raises InvalidInput: a parameter or a scenario is refused.
     """
     run = sections.get(RunConfig, "world_simulator")
-    sections.get(EngineConfig, "world_simulator").require_own("episodes are simulated")
+    require_own(sections.get(SimulatorConfig, "world_simulator").engine, "episodes are simulated")
     return SimulationConfig(
         load_scenarios(run.scenarios, run.scenario_files),
         list(run.queue()),
         run.batch,
         run.seed,
         sections.get(WorldConfig, "world_simulator"),
-        sections.get(MonitorConfig, "safety_monitor"),
         {agent: sections.get(PolicyConfig, f"{agent}_policy") for agent in AGENTS},
     )

@@ -93,6 +93,8 @@ def weights_from_bytes(data: bytes, where: str = "weights") -> Weights:
     if not isinstance(configuration, dict) or not isinstance(configuration.get("NetworkConfig"), dict):
         raise InvalidInput(f"{where}: damaged weights file: no configuration in the metadata; copy or train it again")
     values = {name: value for name, value in configuration["NetworkConfig"].items() if RETIRED.get(name, ...) != value}
+    if values.get("key_dimension") == values.get("hidden", 0) / values.get("heads", 1):
+        del values["key_dimension"]  # always so
     network = build(NetworkConfig, values, f"{where}, configuration")
     _check(tensors, network, where)
     return Weights(network, tensors, configuration, facts)

@@ -13,9 +13,6 @@ class PeerConfig:
     """What every node has: the peers it waits for before it publishes."""
 
     peers: list[str] = parameter([], "nodes of this graph; empty: only those without which this node cannot work")
-    peer_timeout: float = parameter(
-        60.0, "wait so long for peers to appear before giving up", unit="s", low=0.1, high=86400.0
-    )
 
 
 @dataclass(frozen=True)

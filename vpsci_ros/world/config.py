@@ -92,3 +92,37 @@ class WorldConfig:
     def release_ticks(self) -> int:
         """Ticks from the last critical one to the hand-back."""
         return round(self.release_time / self.tick)
+
+
+@dataclass(frozen=True)
+class SimulatorConfig:
+    """The node `world_simulator`: its engine and pace, who drives from outside, and what it publishes."""
+
+    engine: str = parameter(
+        "vpsci", "vpsci: our kinematics; carla or carla://HOST:PORT/MAP: a CARLA server (docs/carla.md)"
+    )
+    action_timeout: float = parameter(
+        2.0,
+        "time without an answer after which the rule-based driver acts for the tick",
+        unit="s",
+        low=0.01,
+        high=3600.0,
+        read_only=False,
+    )
+    real_time_factor: float = parameter(
+        0.0, "simulated over wall time; 0: as fast as possible", low=0.0, high=1000.0, read_only=False
+    )
+    external_mode: str = parameter(
+        "lock_step",
+        "lock_step: wait for a command at every tick, action_timeout at most; real_time: go on at real_time_factor "
+        "(1 where that is 0), the last command holds",
+        choices=("lock_step", "real_time"),
+    )
+    interventions: list[float] = parameter(
+        [],
+        "set by `vpsci ads-why` and `ads-protocol`; of each episode: scenario, number, frame, change of speed [m/s], "
+        "by what its braking is firmer [m/s2], speed held until it brakes with 3 m/s2 [m/s], how many accelerations "
+        "follow, and these, forced from the frame on [m/s2]",
+    )
+    recorded_bag: str = parameter("", "bag that the replay drivers follow; same scenarios and numbers")
+    publish_transitions: bool = parameter(False, "publish /replay for a learner")

@@ -5,29 +5,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import parameter
 from vpsci_ros.runs.plugins import PluginGroup
 from vpsci_ros.world.world import World
 
 
-@dataclass(frozen=True)
-class EngineConfig:
-    """The engine that moves the agents."""
+def require_own(engine: str, what: str) -> None:
+    """Refuse another engine than our kinematics where `what` simulates in its own process.
 
-    engine: str = parameter(
-        "vpsci", "vpsci: our kinematics; carla or carla://HOST:PORT/MAP: a CARLA server (docs/carla.md)"
-    )
-
-    def require_own(self, what: str) -> None:
-        """Refuse another engine where `what` simulates in its own process.
-
-        :raises InvalidInput: another engine is chosen.
-        """
-        if self.engine != "vpsci":
-            raise InvalidInput(
-                f"world_simulator.engine = {self.engine}: {what} in this process, by our kinematics; `vpsci graph` "
-                "runs the nodes, whose world takes that engine"
-            )
+    :raises InvalidInput: another engine is chosen.
+    """
+    if engine != "vpsci":
+        raise InvalidInput(
+            f"world_simulator.engine = {engine}: {what} in this process, by our kinematics; `vpsci graph` "
+            "runs the nodes, whose world takes that engine"
+        )
 
 
 @dataclass(frozen=True)

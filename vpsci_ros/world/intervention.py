@@ -6,14 +6,13 @@ are not changed.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import parameter
 from vpsci_ros.world.kinematics import (
     MAX_ACCELERATION,
     MAX_DECELERATION,
@@ -28,18 +27,6 @@ _SAME = 1e-9  # [m/s] by which a speed that is held may differ from itself
 NOT_FORCED = 50.0  # [m/s2] above any command: at this frame the system drives
 RELEASED = 3.0  # [m/s2] AEB has activated when it brakes so firmly (the same definition): robots let go then
 _HEAD = 7  # numbers of an intervention before its accelerations
-
-
-@dataclass(frozen=True)
-class InterventionConfig:
-    """Changes between the driving system and the car; none by default."""
-
-    interventions: list[float] = parameter(
-        [],
-        "set by `vpsci ads-why` and `ads-protocol`; of each episode: scenario, number, frame, change of speed [m/s], "
-        "by what its braking is firmer [m/s2], speed held until it brakes with 3 m/s2 [m/s], how many accelerations "
-        "follow, and these, forced from the frame on [m/s2]",
-    )
 
 
 class Intervention(NamedTuple):
@@ -89,10 +76,10 @@ def from_parameter(numbers: Sequence[float]) -> dict[tuple[int, int], Interventi
 
 
 class Interventions:
-    """The changes of a run."""
+    """The changes of a run; `numbers` is the parameter `interventions`."""
 
-    def __init__(self, config: InterventionConfig) -> None:
-        self._changes = from_parameter(config.interventions)
+    def __init__(self, numbers: Sequence[float]) -> None:
+        self._changes = from_parameter(numbers)
 
     def applied(self, state: NDArray[np.void], actions: Actions) -> Actions:
         """Return the commands that reach the car at a tick, and set changed speeds in `state`, EPISODE[B].

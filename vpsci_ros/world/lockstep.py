@@ -1,15 +1,14 @@
 """Lock-step: the answers to the present tick, and whether the world may advance."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import parameter
-from vpsci_ros.world.config import WorldConfig
+from vpsci_ros.world.config import SimulatorConfig, WorldConfig
 from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.observation import AGENTS
 from vpsci_ros.world.safe_stop import ExternalDriver
@@ -20,35 +19,7 @@ T = TypeVar("T", bound=Assessment | Floats)
 REMEMBERED = 16  # ticks for which a first answer is kept, to compare with later ones
 SAFETY = "safety"  # the monitor among those who answer
 FIRST_ANSWER = 10.0  # [s] for monitor and policies, whose readers may be matched seconds after the world's
-
-
-@dataclass(frozen=True)
-class LockStepConfig:
-    """Timeouts and pace of the world simulator."""
-
-    action_timeout: float = parameter(
-        2.0,
-        "time without an answer after which the rule-based driver acts for the tick",
-        unit="s",
-        low=0.01,
-        high=3600.0,
-        read_only=False,
-    )
-    real_time_factor: float = parameter(
-        0.0, "simulated over wall time; 0: as fast as possible", low=0.0, high=1000.0, read_only=False
-    )
-    recorded_bag: str = parameter("", "bag that the replay drivers follow; same scenarios and numbers")
-    pedestrian_odometry: bool = parameter(
-        True, "publish /pedestrian/odometry; false: a driving system has /perception/objects alone"
-    )
-    publish_transitions: bool = parameter(False, "publish /replay for a learner")
-    replay_window: int = parameter(
-        4096,
-        "wait when the learner is this many transitions behind; 0: never wait",
-        low=0,
-        high=10_000_000,
-        read_only=False,
-    )
+REPLAY_WINDOW = 512  # transitions by which the learner may be behind before the world waits: some episodes
 
 
 class LockStep:
@@ -75,7 +46,7 @@ class LockStep:
     """
 
     def __init__(
-        self, config: LockStepConfig, world: WorldConfig, counts: WorldCounts, external: ExternalDriver | None = None
+        self, config: SimulatorConfig, world: WorldConfig, counts: WorldCounts, external: ExternalDriver | None = None
     ) -> None:
         self.config = config
         self.external = external
@@ -220,7 +191,7 @@ class LockStep:
     @property
     def behind(self) -> bool:
         """Whether the learner has to catch up first."""
-        return 0 < self.config.replay_window <= self.unread
+        return self.unread >= REPLAY_WINDOW
 
     def pause(self, paused: bool, now: float) -> None:
         """Pause or resume the world; a pause makes no answer late."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.world.intervention import Interventions
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.monitor import assess
 from vpsci_ros.world.state import RUNNING
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Assessment, Step, Tick
 from vpsci_ros.world.world import World
@@ -28,7 +28,6 @@ class Agent(Protocol):
 class Loop:
     """A world with its monitor and its agents.
 
-    :param monitor: None: the defaults.
     :param agents: by "vehicle" and "pedestrian"; called at policy frames.
     :param always_critical: every running episode counts as critical, so that policy drivers act from its first frame.
     :param interventions: changes between an external driver's commands and the car; None: no change.
@@ -37,7 +36,6 @@ class Loop:
     def __init__(
         self,
         world: World,
-        monitor: MonitorConfig | None = None,
         agents: Mapping[str, Agent] | None = None,
         *,
         always_critical: bool = False,
@@ -45,7 +43,6 @@ class Loop:
     ) -> None:
         self.world = world
         self.agents = agents or {}
-        self._monitor = monitor or MonitorConfig()
         self._always_critical = always_critical
         self._interventions = interventions
         self._assessed: tuple[Tick, Assessment] | None = None
@@ -60,7 +57,7 @@ class Loop:
         """The monitor's assessment of the present tick."""
         tick = self.world.now
         if self._assessed is None or self._assessed[0] is not tick:
-            curvttc, distance, critical = assess(tick.state, self._monitor)
+            curvttc, distance, critical = assess(tick.state)
             if self._always_critical:
                 critical = tick.state["status"] == RUNNING
             self._assessed = tick, tick.assessed(curvttc, distance, critical)

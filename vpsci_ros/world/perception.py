@@ -57,7 +57,7 @@ _TRACKER = np.dtype(
 class PerceptionConfig:
     """View of the sensor and errors of the tracker; none by default."""
 
-    seed: int = parameter(1, "seed of the errors", low=0, high=2**63 - 1)
+    seed: int = constant(1, "seed of the errors", low=0, high=2**63 - 1)
     field_of_view: float = parameter(
         360.0, "whole angle of view, centred straight ahead", unit="degrees", low=1.0, high=360.0
     )

@@ -2,64 +2,43 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.parameters import constant, parameter
 from vpsci_ros.world.counts import WorldCounts
 from vpsci_ros.world.state import EPISODE, EVENT, NO_EVENTS, RUNNING, SAFE_STOP
 from vpsci_ros.world.tick import NO_ACTIONS, Actions, Tick
 
 ANSWERS_TO_A_REPETITION = 2  # to its odometry, and to the list of objects
+COMMAND_SILENCE = 0.5  # [s] of simulated time without a command, in real time, after which the vehicle brakes
+SAFE_STOP_DECELERATION = 5.0  # [m/s2] in the end
 SAFE_STOP_JERK = 5.0  # [m/s3] at which a safe stop builds up; half of what people brake with (`people.JERK`)
 LARGEST_ACCELERATION = 50.0  # [m/s2] beyond any vehicle's: a sign of wrong units
-
-
-@dataclass(frozen=True)
-class ExternalConfig:
-    """Parameters of an external driving system (`vehicle_driver: external`)."""
-
-    external_mode: str = parameter(
-        "lock_step",
-        "lock_step: wait for a command at every tick, action_timeout at most; real_time: go on at real_time_factor "
-        "(1 where that is 0), the last command holds",
-        choices=("lock_step", "real_time"),
-    )
-    command_silence: float = parameter(
-        0.5,
-        "real time: without a command for so long, in simulated time, the vehicle brakes until commands come again",
-        unit="s",
-        low=0.05,
-        high=60.0,
-        read_only=False,
-    )
-    safe_stop_deceleration: float = constant(
-        5.0, "real time: final deceleration of a safe stop", unit="m/s2", low=0.5, high=8.88
-    )
 
 
 class ExternalDriver:
     """The command for the present tick of one episode.
 
     In lock-step the command has to answer the present tick, and the world waits for it. In real time the last good
-    command holds; when it is older than `command_silence`, the vehicle brakes, more and more firmly, until commands
+    command holds; when it is older than `COMMAND_SILENCE`, the vehicle brakes, more and more firmly, until commands
     come again.
 
     A command is refused and counted when it is not finite, out of range, for a tick that has not been, or too old:
-    stamped before the present tick (lock-step), or longer than `command_silence` ago or before the last one (real
+    stamped before the present tick (lock-step), or longer than `COMMAND_SILENCE` ago or before the last one (real
     time). Stamps are nanoseconds of simulated time; None means the present.
 
+    :param real_time: the world does not wait for commands.
     :param period: of a tick [s].
     :param counts: counts of commands and safe stops.
     :ivar present: returns whether a publisher of commands exists.
     """
 
-    def __init__(self, config: ExternalConfig, period: float, counts: WorldCounts) -> None:
-        self.config = config
+    def __init__(self, real_time: bool, period: float, counts: WorldCounts) -> None:
+        self.real_time = real_time
         self.present: Callable[[], bool] = lambda: True
         self._counts = counts
         self._tick_time = round(period * 1e9)  # [ns]
@@ -72,11 +51,6 @@ class ExternalDriver:
         self._fresh = False
         self._given_up = False
         self._stopping = False
-
-    @property
-    def real_time(self) -> bool:
-        """Whether the world runs in real time, without waiting for commands."""
-        return self.config.external_mode == "real_time"
 
     @property
     def answered(self) -> bool:
@@ -110,12 +84,12 @@ class ExternalDriver:
         """
         if not self.real_time or self._commanded is None or state["status"][0] != RUNNING:
             return _in_all(self._command, len(state)), NO_EVENTS
-        silence = (self._now - self._commanded) / 1e9 - self.config.command_silence
+        silence = (self._now - self._commanded) / 1e9 - COMMAND_SILENCE
         if silence <= 0.0:
             self._stopping = False
             return _in_all(self._command, len(state)), NO_EVENTS
         self._counts.safe_stop_ticks += 1
-        braking = min(self.config.safe_stop_deceleration, SAFE_STOP_JERK * silence)
+        braking = min(SAFE_STOP_DECELERATION, SAFE_STOP_JERK * silence)
         begins = not self._stopping or state["frame"][0] == 0
         self._stopping = True
         return _in_all(Actions(np.array([[-braking, 0.0]])), len(state)), self._safe_stop(
@@ -149,7 +123,7 @@ class ExternalDriver:
         stamp = self._now if stamp is None else stamp
         oldest = self._now
         if self.real_time:
-            oldest = max(self._stamp, self._now - round(self.config.command_silence * 1e9))
+            oldest = max(self._stamp, self._now - round(COMMAND_SILENCE * 1e9))
         if stamp > self._now:
             self._counts.vehicle_commands_ahead += 1
             self.refuse(

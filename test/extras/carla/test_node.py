@@ -31,14 +31,13 @@ from vpsci_ros.nodes.recorder import Recorder  # noqa: E402
 from vpsci_ros.nodes.safety_monitor import SafetyMonitor  # noqa: E402
 from vpsci_ros.resources import params_dir  # noqa: E402
 from vpsci_ros.world import load_scenario  # noqa: E402
-from vpsci_ros.world.monitor import MonitorConfig  # noqa: E402
 
 BARE = {"pedestrians": ["learned"], "baseline": False}
 PEERS = ["world_simulator", "safety_monitor", "vehicle_policy", "pedestrian_policy", "recorder"]
 
 
 def test_policies_monitor_and_recorder_work_on_the_car_of_a_server_and_the_bag_holds_its_episodes(
-    context: Context, closed: Callable[[Any], Any], weights: str, tmp_path: Path
+    context: Context, closed: Callable[[Any], Any], weights: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_map(load_scenario(1), tmp_path / "road.xodr")
     stand_in = StandInServer((tmp_path / "road.xodr").read_text())
@@ -52,7 +51,7 @@ def test_policies_monitor_and_recorder_work_on_the_car_of_a_server_and_the_bag_h
     recorder = Recorder(**given(bag=str(tmp_path / "bag")))
     policies = VehiclePolicy(**given(weights=weights)), PedestrianPolicy(**given(weights=weights))
     monitor = SafetyMonitor(**given())
-    monitor._config = MonitorConfig(critical_threshold=9.9)
+    monkeypatch.setattr("vpsci_ros.world.monitor.CRITICAL_TTC", 9.9)
     nodes = world, monitor, *policies, recorder
     session = closed(Stage(context, *nodes, executor=EventsExecutor))
     session.spin_until(lambda: world.finished)

@@ -11,7 +11,7 @@ from vpsci_ros.policy.models import make_actor, network_of
 from vpsci_ros.policy.stepped import SteppedActor
 from vpsci_ros.policy.weights import weights_from_bytes, weights_to_bytes
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8, attention_window=4)
+SMALL = NetworkConfig(hidden=16, heads=2, attention_window=4)
 LAYERS = (FeedForwardLayer, LSTMLayer, TransformerLayer)
 REACH = {FeedForwardLayer: 1, TransformerLayer: 4}  # steps that an output depends on
 

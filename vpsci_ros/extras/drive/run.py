@@ -24,7 +24,7 @@ from vpsci_ros.extras.drive.page import Page, Person
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.view.pack import write_view
 from vpsci_ros.view.sources import Source, shown
-from vpsci_ros.world.lockstep import LockStepConfig
+from vpsci_ros.world.config import SimulatorConfig
 from vpsci_ros.world.tick import Actions
 
 RELOADED = 3.0  # [s] in which a page that was closed may come back, as when it is loaded again
@@ -36,7 +36,7 @@ def prepare_person(sections: Sections) -> tuple[Exam, float]:
     :raises InvalidInput: see `prepare`, or its time does not go.
     """
     exam = prepare(sections, ads=EXTERNAL)
-    factor = sections.get(LockStepConfig, "world_simulator").real_time_factor
+    factor = sections.get(SimulatorConfig, "world_simulator").real_time_factor
     if factor <= 0.0:
         raise InvalidInput("world_simulator.real_time_factor = 0: a person drives in real time; set it to 1.0")
     config = dataclasses.replace(exam.config, ads=PERSON, bags=True)

@@ -9,7 +9,7 @@ from vpsci_ros.nodes.live import subscribe_to_graph
 from vpsci_ros.wire.layout import WORLD
 from vpsci_ros.wire.world_state import read_world_state
 from vpsci_ros.world import IDLE, Scenario
-from vpsci_ros.world.monitor import MonitorConfig, assess
+from vpsci_ros.world.monitor import assess
 
 EYES = 0.04  # [s] between two frames
 
@@ -51,7 +51,7 @@ class Seen:
                 raise InvalidInput(f"the graph drives scenario {key[0]}; name its file in scenario_files")
             self._page.begin(f"{key[0]}:{key[1]}", self._roads[key[0]], f"episode {key[0]}:{key[1]}")
             self._episode = key
-        curvttc, _, _ = assess(rows, MonitorConfig())
+        curvttc, _, _ = assess(rows)
         nearest = int(curvttc.argmin())
         people = [as_odometry(rows[k], "pedestrian") for k in (nearest, *(k for k in range(len(rows)) if k != nearest))]
         self._page.show(

@@ -24,6 +24,7 @@ from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.view.pack import write_view
 from vpsci_ros.view.sources import EXAM, LIMIT, Shown, Source, shown
+from vpsci_ros.world.engines import require_own
 
 FOLDER = "why"
 _TEMPLATE = Path(__file__).resolve().parent / "templates" / "why.html"
@@ -43,7 +44,7 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool) -> P
         raise InvalidInput(f"{folder}: a person, or a program behind a socket, drove it, and cannot be called again")
     failure = read_json(folder / "report.json")["failure"]
     exam = prepare(Sections(stored["parameters"]).changed("ads_test", {"failure": failure}))
-    exam.engine.require_own("failures are driven again from their seed, with commands and speeds changed")
+    require_own(exam.simulator.engine, "failures are driven again from their seed, with commands and speeds changed")
     take_folder(folder, identity_of(exam))
     parts, own = exam.parts(), folder / FOLDER
     runs = {

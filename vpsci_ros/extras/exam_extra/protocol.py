@@ -34,6 +34,7 @@ from vpsci_ros.view.pack import write_view
 from vpsci_ros.view.sources import LIMIT
 from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.autopilot import too_near
+from vpsci_ros.world.engines import require_own
 from vpsci_ros.world.intervention import Intervention, as_parameter
 from vpsci_ros.world.kinematics import MAX_DECELERATION
 from vpsci_ros.world.observation import to_heading_frame
@@ -99,7 +100,7 @@ def run_protocol(
     :raises InvalidInput: `folder` holds something else, or `beside` is no exam that is over.
     :raises VpsciError: a node has failed.
     """
-    exam.engine.require_own("the tests hold the speed by our kinematics")
+    require_own(exam.simulator.engine, "the tests hold the speed by our kinematics")
     people = {} if beside is None else read_json(beside / "report.json")
     if beside is not None:
         require_form(people, {"drivers": dict, "exam": {"ads": str}}, f"--exam {beside}: no exam that is over")

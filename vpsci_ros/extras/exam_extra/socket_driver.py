@@ -24,6 +24,7 @@ from vpsci_ros.exam.driver_class import Begin, Driver, Observation
 from vpsci_ros.exam.exam import Exam, prepare, require_lock_step
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.processes import ChildProcess
+from vpsci_ros.world.engines import require_own
 
 PORT = "VPSCI_ADS_PORT"  # environment variable in which a system that is started here finds the port
 HELLO = {"type": "hello", "protocol": "vpsci-ads", "version": 1}
@@ -150,7 +151,7 @@ def prepare_socket(sections: Sections, ads: str | None, port: int, workers: int 
             "environment, or 'external' with the port to which you connect it"
         )
     require_lock_step(exam)
-    exam.engine.require_own("a program behind a socket drives")
+    require_own(exam.simulator.engine, "a program behind a socket drives")
     return dataclasses.replace(exam, seat=partial(connected, command, port, exam.world.tick))
 
 

@@ -200,7 +200,7 @@ def weights(
 
     In full, with params/stage2_online.yaml: hours on one core. A trial of
     a minute: --weightings equal,adaptive --fresh-episodes 5
-    --set world_simulator.episodes=4 --set learner.refresh.updates=5
+    --set world_simulator.episodes=4 --set learner.refresh_every=5
     """
     from vpsci_ros.extras.paper.studies.run import run_weight_study
 

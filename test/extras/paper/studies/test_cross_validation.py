@@ -13,7 +13,7 @@ from vpsci_ros.learning.config import (
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 CONFIG = PretrainConfig(episodes=3, replay=ReplayConfig(batch_size=10))
 
 

@@ -3,7 +3,6 @@ import pytest
 
 from vpsci_ros.extras.paper.studies.learning import WEIGHTINGS, FreshEpisodes, reward_weight_study, sample_size_study
 from vpsci_ros.learning.config import (
-    OnlineReplayConfig,
     PretrainConfig,
     RefineConfig,
     ReplayConfig,
@@ -14,14 +13,14 @@ from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.observation import AGENTS
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 STAGE_1 = PretrainConfig(
     episodes=3,
     held_out_fraction=0.3,
     replay=ReplayConfig(batch_size=10),
 )
 EXPLORING = dict.fromkeys(AGENTS, PolicyConfig(explore=True, seed=4))
-STAGE_2 = RefineConfig(replay=OnlineReplayConfig(batch_size=40))
+STAGE_2 = RefineConfig(replay=ReplayConfig(batch_size=40))
 TWO = {name: WEIGHTINGS[name] for name in ("safety", "adaptive")}
 
 

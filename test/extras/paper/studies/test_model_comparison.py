@@ -9,7 +9,6 @@ from vpsci_ros.extras.paper.studies.model_table import Hybrid
 from vpsci_ros.extras.paper.studies.networks import train
 from vpsci_ros.extras.paper.studies.tables import table_9_page
 from vpsci_ros.learning.config import (
-    OnlineReplayConfig,
     PretrainConfig,
     RefineConfig,
     ReplayConfig,
@@ -19,7 +18,7 @@ from vpsci_ros.policy.simulation import SimulationConfig
 from vpsci_ros.policy.weights import load_weights
 from vpsci_ros.world import WorldConfig, load_scenarios
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 CONFIG = PretrainConfig(episodes=2, replay=ReplayConfig(batch_size=32))
 SIMULATED = ["ma_sst_ddpg", "transformer"]  # also in the hybrid setting
 
@@ -28,7 +27,7 @@ OPTIONS = {"models": ["lstm", "ddpg"], "folds": 2, "seed": 1}
 
 
 def test_both_settings_of_a_model_stand_in_table_and_page_with_outcomes_and_what_people_do(tmp_path):
-    learner = RefineConfig(replay=OnlineReplayConfig(batch_size=32))
+    learner = RefineConfig(replay=ReplayConfig(batch_size=32))
     world = WorldConfig(spawn="paper", episode_time=6.0)
     simulation = SimulationConfig(load_scenarios([1]), [(1, e) for e in range(6)], 6, 2, world)
     seen = Hybrid(

@@ -14,7 +14,7 @@ from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.models import MODELS
 from vpsci_ros.world.observation import AGENTS
 
-SMALL = NetworkConfig(hidden=16, heads=2, key_dimension=8)
+SMALL = NetworkConfig(hidden=16, heads=2)
 CONFIG = PretrainConfig(episodes=3, replay=ReplayConfig(batch_size=32))
 SUPERVISED = [name for name in ROWS if MODELS.find(name).learning == "supervised"]
 

@@ -16,7 +16,7 @@ from scipy.special import expit
 
 from vpsci_ros.data.episode import Key
 from vpsci_ros.exam.config import MOVING, SEVERE_TTC, ExamConfig
-from vpsci_ros.safety import HORIZON, clearance
+from vpsci_ros.safety import CONFLICT_TTC, HORIZON, clearance
 from vpsci_ros.world import ENDED, IDLE
 
 Floats = NDArray[np.float64]
@@ -131,7 +131,7 @@ class Watched(NamedTuple):
         :param curvttc: float64[B] [s].
         """
         if self.failure.endswith("conflict"):
-            threshold = self.config.conflict if self.failure == "conflict" else SEVERE_TTC
+            threshold = CONFLICT_TTC if self.failure == "conflict" else SEVERE_TTC
             found = np.fmin(curvttc, HORIZON) - threshold
         else:
             place = ("vehicle_x", "vehicle_y", "vehicle_heading", "pedestrian_x", "pedestrian_y")

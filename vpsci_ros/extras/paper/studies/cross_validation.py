@@ -94,7 +94,7 @@ FoldReport = Callable[[str, stage_1.Report], None] | None
 class Refinement:
     """Stage 2 of every fold, as `vpsci_ros.learning.online.refine` takes it.
 
-    What guards against forgetting is `GUARD` of the fold's own clips instead of `refresh.held_out_fraction`, since the
+    What guards against forgetting is `GUARD` of the fold's own clips instead of `held_out_fraction`, since the
     clips held out are for measuring alone.
     """
 
@@ -169,7 +169,7 @@ def _refined(
     folder, start = fold / REFINED, load_weights(fold / stage_1.WEIGHTS)
     once(folder, refinement.identity() | {"weights": start.digest()}, dict)
     if not (folder / stage_2.WEIGHTS).exists() or (folder / stage_2.CHECKPOINT).exists():
-        config = replace(refinement.config, refresh=replace(refinement.config.refresh, held_out_fraction=GUARD))
+        config = replace(refinement.config, held_out_fraction=GUARD)
         seed = refinement.learner_seed
         online.refine(training, config, start, refinement.simulation, learner_seed=seed, out_dir=folder, report=report)
     return folder / stage_2.WEIGHTS

@@ -153,7 +153,7 @@ class _Run:
             own = replace(
                 refinement.config,
                 objective=MODELS.find(self._name).learning,
-                refresh=replace(refinement.config.refresh, held_out_fraction=GUARD),
+                held_out_fraction=GUARD,
             )
             began = time.process_time()
             online.refine(
