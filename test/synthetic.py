@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.data.episode_block import RECORD, EpisodeBlock
-from vpsci_ros.data.importers.importer import Clip
 from vpsci_ros.data.importers.run import ImportResult, near_misses_of
-from vpsci_ros.data.importers.tracks import Track
+from vpsci_ros.data.importers.tracks import Clip, Track
 from vpsci_ros.data.near_misses import check_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.config import NetworkConfig

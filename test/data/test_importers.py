@@ -9,8 +9,7 @@ import polars as pl
 import pytest
 
 from vpsci_ros.data.importers import import_folders, import_trajectories
-from vpsci_ros.data.importers.importer import BACKWARDS
-from vpsci_ros.data.importers.tracks import resample, slope
+from vpsci_ros.data.importers.tracks import BACKWARDS, resample, slope
 from vpsci_ros.data.near_misses import check_near_misses
 from vpsci_ros.data.reference import AFTER, BEFORE, around_critical, clean, flags, trailing_slope
 from vpsci_ros.errors import InvalidInput

@@ -26,7 +26,7 @@ def run():
         step = loop.step(Actions(vehicle=action, pedestrian=-action))
         made.append(builder.observe(step, 3, 4))
         ticks.append(step)
-    return np.concatenate([tick.transitions for tick in made]), ticks, builder, [h for t in made for h in t.histories]
+    return np.concatenate([rows for rows, _ in made]), ticks, builder, [h for _, whole in made for h in whole]
 
 
 def test_histories_in_process_are_those_that_the_transitions_make(run):

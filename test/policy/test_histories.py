@@ -33,7 +33,7 @@ def histories(networks: Networks, batch: int, explore: bool = False) -> dict[tup
     world, builder = World(PAPER, load_scenarios([1, 2, 5, 7]), EPISODES, batch, 3), TransitionBuilder()
     config = PolicyConfig(explore=explore, seed=4, noise=NoiseConfig(start=0.2))
     agents = policies(networks.weights({}, {}), world, dict.fromkeys(AGENTS, config))
-    made = [whole for step in Loop(world, agents=agents) for whole in builder.observe(step).histories]
+    made = [whole for step in Loop(world, agents=agents) for whole in builder.observe(step)[1]]
     return {(int(whole["scenario"][0]), int(whole["episode"][0])): whole for whole in made}
 
 

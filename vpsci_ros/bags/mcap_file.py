@@ -14,7 +14,7 @@ import zlib
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
@@ -90,12 +90,8 @@ _DAMAGE = (
 LARGEST_CHUNK = 2**28  # [bytes] unpacked; recorders write chunks of less than a megabyte
 
 
-class McapMessage(NamedTuple):
-    """A message with the channel and the schema that it was written with."""
-
-    schema: Schema
-    channel: Channel
-    message: Message
+McapMessage = tuple[Schema, Channel, Message]
+"""A message after the schema and the channel that it was written with."""
 
 
 class McapFile:
@@ -204,7 +200,7 @@ class McapFile:
                         undescribed += 1
                     else:
                         read += 1
-                        yield McapMessage(schema, channel, entry)
+                        yield schema, channel, entry
         if undescribed:
             self._report_damage(f"{undescribed} messages belong to topics whose description is lost")
 

@@ -128,7 +128,7 @@ def seen_and_done(motion: NDArray[np.float64], length: NDArray[np.int64]) -> tup
         change = np.zeros_like(velocities[agent])
         change[:, :-1] = np.diff(velocities[agent], axis=1)
         change[~(np.arange(steps) < length[:, None] - 1)] = 0.0
-        change = _to_heading_frame(change, motion[..., 2])
+        change = to_heading_frame(change, motion[..., 2])
         actions[agent] = (change / STEP).astype(np.float32)
         next_velocities[agent] = (change + observations[agent][..., :2]).astype(np.float32)
     return observations, actions, next_velocities
@@ -142,7 +142,8 @@ def table_hash(table: pl.DataFrame) -> str:
     return digest.hexdigest()
 
 
-def _to_heading_frame(vectors: NDArray[np.float64], heading: NDArray[np.float64]) -> NDArray[np.float64]:
+def to_heading_frame(vectors: NDArray[np.float64], heading: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (east, north) vectors [..., 2] in the frames of `heading` [...] [rad], as (forward, left)."""
     c, s = np.cos(heading), np.sin(heading)
     east, north = vectors[..., 0], vectors[..., 1]
     return np.stack([c * east + s * north, c * north - s * east], axis=-1)

@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vpsci_ros.data.interactions import Interactions
+from vpsci_ros.data.interactions import Interactions, to_heading_frame
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.predictors import Predictor
 from vpsci_ros.evaluation.scene import Seen, roll_out, scene_at
@@ -98,9 +98,7 @@ def constant_velocity_reconstruction(interactions: Interactions) -> ProtocolErro
     error = np.zeros((n, steps, 4))
     for columns, out in (((3, 4), (0, 1)), ((7, 8), (2, 3))):
         held = motion[rows, interactions.first][:, None, columns] - np.roll(motion[..., columns], -1, axis=1)
-        c, s = np.cos(motion[..., 2]), np.sin(motion[..., 2])
-        error[..., out[0]] = c * held[..., 0] + s * held[..., 1]
-        error[..., out[1]] = c * held[..., 1] - s * held[..., 0]
+        error[..., out] = to_heading_frame(held, motion[..., 2])
     return _reconstruction_errors(error, interactions)
 
 
@@ -115,9 +113,9 @@ def closed_loop(model: Predictor, interactions: Interactions) -> ProtocolErrors:
     gap = predicted - truth
     distance = np.stack([np.hypot(gap[..., 0], gap[..., 1]), np.hypot(gap[..., 5], gap[..., 6])], axis=2)
     velocity = np.concatenate(
-        [_turn(gap[..., 3:5], predicted[..., 2]), _turn(gap[..., 7:9], predicted[..., 2])], axis=2
+        [to_heading_frame(gap[..., 3:5], predicted[..., 2]), to_heading_frame(gap[..., 7:9], predicted[..., 2])], axis=2
     )
-    apart = _turn(gap[..., 0:2] - gap[..., 5:7], predicted[..., 2])
+    apart = to_heading_frame(gap[..., 0:2] - gap[..., 5:7], predicted[..., 2])
     return _errors(distance, np.concatenate([velocity, apart, -apart], axis=2), inside)
 
 
@@ -163,9 +161,9 @@ def _reconstruction_errors(velocity_error: NDArray[np.float64], interactions: In
     inside = (steps >= interactions.first[:, None]) & (steps < interactions.last[:, None])
     velocity_error = np.where(inside[..., None], velocity_error, 0.0)
     heading = interactions.motion[..., 2]
-    position = [np.cumsum(_turn(velocity_error[..., c], -heading), axis=1) * STEP for c in ([0, 1], [2, 3])]
+    position = [np.cumsum(to_heading_frame(velocity_error[..., c], -heading), axis=1) * STEP for c in ([0, 1], [2, 3])]
     distance = np.stack([np.hypot(p[..., 0], p[..., 1]) for p in position], axis=2)
-    apart = _turn(position[0] - position[1], heading)
+    apart = to_heading_frame(position[0] - position[1], heading)
     return _errors(distance, np.concatenate([velocity_error, apart, -apart], axis=2), inside)
 
 
@@ -180,9 +178,3 @@ def _errors(
         (differences**2 * inside[..., None]).sum(axis=1),
         steps,
     )
-
-
-def _turn(vectors: NDArray[np.float64], heading: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (east, north) vectors in the frame of `heading`, as (forward, left)."""
-    c, s = np.cos(heading), np.sin(heading)
-    return np.stack([c * vectors[..., 0] + s * vectors[..., 1], c * vectors[..., 1] - s * vectors[..., 0]], axis=-1)

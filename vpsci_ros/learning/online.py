@@ -79,8 +79,8 @@ def _simulate(
     agents = policies(refiner.current(), world, simulation.policies)
     for step in Loop(world, agents):
         outcomes.note(step.events)
-        completed = builder.observe(step)
-        refiner.take(completed.histories, len(completed.transitions))
+        transitions, histories = builder.observe(step)
+        refiner.take(histories, len(transitions))
         while refiner.due:
             refiner.update()
         if refiner.take_refresh():

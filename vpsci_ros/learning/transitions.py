@@ -1,7 +1,5 @@
 """Experience for the learner: one record per policy step, made from successive states of a world."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,15 +60,8 @@ def usable(rows: NDArray[np.void]) -> NDArray[np.bool_]:
     return good
 
 
-class Completed(NamedTuple):
-    """What a tick completed.
-
-    :ivar transitions: TRANSITION[n], in the order of the episodes' slots.
-    :ivar histories: those that end with one of these, whole, TRANSITION[T] each.
-    """
-
-    transitions: NDArray[np.void]
-    histories: list[NDArray[np.void]]
+Completed = tuple[NDArray[np.void], list[NDArray[np.void]]]
+"""Transitions, TRANSITION[n], in the order of the slots; histories that end with one of them, whole, TRANSITION[T]."""
 
 
 class TransitionBuilder:
@@ -111,7 +102,7 @@ class TransitionBuilder:
         _, steps = self._histories.take(state, policy_frame, acts)
         due = self._open & (policy_frame | (state["status"] == ENDED))
         if not (due.any() or steps.any()):
-            return Completed(np.zeros(0, TRANSITION), [])
+            return np.zeros(0, TRANSITION), []
         seen = dict(zip(AGENTS, observe(state), strict=True))
         completed = self._complete(np.flatnonzero(due), state, assessment.curvttc, seen)
         if steps.any():
@@ -164,4 +155,4 @@ class TransitionBuilder:
         self._steps[slots, self._begun[slots] - 1] = rows
         histories = [self._steps[slot, : self._begun[slot]].copy() for slot in slots[ended]]
         self._begun[slots[ended]] = 0
-        return Completed(rows, histories)
+        return rows, histories

@@ -230,7 +230,7 @@ class WorldSimulator(GraphNode):
         step = self._loop.advance(assessment, actions)
         if self._builder and not self._lock_step.external:
             versions = {f"{agent}_version": version for agent, version in self._lock_step.versions.items()}
-            self._outputs.transitions(self._builder.observe(step, **versions).transitions, step.tick.number)
+            self._outputs.transitions(self._builder.observe(step, **versions)[0], step.tick.number)
             self._count_unread()
         self._publish(np.concatenate([notices, step.events]) if len(notices) else step.events)
 

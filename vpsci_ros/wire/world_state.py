@@ -37,14 +37,6 @@ class SerializedState(NamedTuple):
     period: float  # [s] of a tick, unchecked
 
 
-class _Fields(NamedTuple):
-    """The sequences of a WorldState in their order."""
-
-    names: tuple[str, ...]
-    sizes: NDArray[np.int64]  # [bytes] of a value of each
-    places: NDArray[np.int64]  # of it in a record of EPISODE
-
-
 def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> SerializedState:
     """Return what a serialized WorldState says, as a world can have sent it.
 
@@ -55,26 +47,26 @@ def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> S
 
     A bag of before November 2026, whose states do not say which pedestrian is which, is read where episodes have one.
     """
-    fields = _fields(definition or layout.own_definition("WorldState"), where)
+    names, sizes, places = _fields(definition or layout.own_definition("WorldState"), where)
     header, number, at = read_start(data, where)
     if at + _REST.size > len(data):
         raise InvalidInput(f"{where}: {len(data)} bytes, which end before the first sequence of a WorldState")
     period, count = _REST.unpack_from(data, at)
     if count == 0:
         raise InvalidInput(f"{where}: expected at least one episode, got none; does another program publish it?")
-    if count * int(fields.sizes.sum()) > len(data):
+    if count * int(sizes.sum()) > len(data):
         raise InvalidInput(f"{where}: {len(data)} bytes, too few for a WorldState of {count} episodes")
     octets, words = np.frombuffer(data, np.uint8), np.frombuffer(data, np.uint32, len(data) // 4)
     state, frame = np.zeros(count * EPISODE.itemsize, np.uint8), np.zeros(count, np.bool_)
     rows = state.reshape(count, EPISODE.itemsize)
-    missing = _read(octets, words, at + _REST.size - 4, *fields[1:], rows, rows.view(np.uint32), frame)
+    missing = _read(octets, words, at + _REST.size - 4, sizes, places, rows, rows.view(np.uint32), frame)
     if missing >= 0:
         raise InvalidInput(
-            f"{where}: expected {count} entries in {fields.names[missing]}, as in {fields.names[0]}, got another number"
+            f"{where}: expected {count} entries in {names[missing]}, as in {names[0]}, got another number"
             "; are two graphs in one domain, or is the bag damaged?"
         )
     records = state.view(EPISODE)
-    if not set(layout.NUMBERS) <= set(fields.names):
+    if not set(layout.NUMBERS) <= set(names):
         _number_one(records, where)
     if not _in_range(records):  # at every tick, so one compiled look at all; this one finds out what is wrong
         _require_range(records, where)
@@ -84,14 +76,14 @@ def read_world_state(data: bytes, where: str = WORLD, definition: str = "") -> S
 def write_world_state(world: SerializedState) -> bytes:
     """Return the serialized WorldState that says this."""
     state, frame, count = world.tick.state, world.tick.policy_frame, len(world.tick.state)
-    fields = _fields(layout.own_definition("WorldState"), WORLD)
+    _, sizes, places = _fields(layout.own_definition("WorldState"), WORLD)
     start = write_start(world.header, world.tick.number) + _REST.pack(world.period, count)
     # with room for lengths and padding
-    words = np.zeros((len(start) + count * int(fields.sizes.sum())) // 4 + 4 * len(fields.sizes), np.uint32)
+    words = np.zeros((len(start) + count * int(sizes.sum())) // 4 + 4 * len(sizes), np.uint32)
     data = words.view(np.uint8)
     data[: len(start)] = np.frombuffer(start, np.uint8)
     rows = state.view(np.uint8).reshape(count, EPISODE.itemsize)
-    end = _write(data, words, len(start) - 4, *fields[1:], rows, rows.view(np.uint32), frame)
+    end = _write(data, words, len(start) - 4, sizes, places, rows, rows.view(np.uint32), frame)
     return data[:end].tobytes()
 
 
@@ -102,8 +94,8 @@ def warm_up() -> None:
 
 
 @lru_cache(maxsize=16)
-def _fields(definition: str, where: str) -> _Fields:
-    """Return the sequences of a WorldState of this definition.
+def _fields(definition: str, where: str) -> tuple[tuple[str, ...], NDArray[np.int64], NDArray[np.int64]]:
+    """Return the sequences of a WorldState of this definition: names, bytes of a value, its places in EPISODE records.
 
     :raises InvalidInput: it has other ones than this package's.
     """
@@ -116,7 +108,7 @@ def _fields(definition: str, where: str) -> _Fields:
         )
     offsets = {name: int(field[1]) for name, field in dict(EPISODE.fields or {}).items()}
     sizes = np.array([np.dtype(kind).itemsize for kind in given.values()])
-    return _Fields(tuple(given), sizes, np.array([offsets.get(name, _FRAME) for name in given]))
+    return tuple(given), sizes, np.array([offsets.get(name, _FRAME) for name in given])
 
 
 def _number_one(state: NDArray[np.void], where: str) -> None:

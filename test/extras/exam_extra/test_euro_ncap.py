@@ -81,7 +81,7 @@ def test_a_turn_is_90_degrees_with_the_protocols_radius_at_its_tightest() -> Non
         path = SCENARIOS[cell.number - euro_ncap.FIRST_NUMBER].vehicle.path
         side = 1.0 if cell.spec.left else -1.0
         assert path.heading(path.length - 1.0) == pytest.approx(side * math.pi / 2.0, abs=2e-3)
-        assert 1.0 / np.abs(path.curvature()).max() == pytest.approx(cell.spec.turn[cell.speed].radius, rel=0.02)
+        assert 1.0 / np.abs(path.curvature()).max() == pytest.approx(cell.spec.turn[cell.speed][0], rel=0.02)
 
 
 def test_parked_vehicles_hide_the_child_until_it_steps_out() -> None:

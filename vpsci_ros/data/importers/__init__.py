@@ -1,11 +1,10 @@
 """Real recordings in, near misses out: every format becomes clips of tracks at 0.1 s, and then the same thing happens.
 
-`importer` says what an importer is and what comes out of it; `tracks` reads, checks, resamples, and puts each vehicle
+`tracks` says what an importer is and what comes out of it, reads, checks, resamples, and puts each vehicle
 together with each pedestrian; `vci`, `cqut_pvi` and `described` know formats, some by a `layout` of columns; `run` is
 the door, with the list of formats, to which other distributions add theirs (`docs/extending.md`).
 """
 
-from vpsci_ros.data.importers.importer import Clip, Importer
 from vpsci_ros.data.importers.run import (
     IMPORTERS,
     ImportResult,
@@ -15,7 +14,7 @@ from vpsci_ros.data.importers.run import (
     joined,
     print_import_summary,
 )
-from vpsci_ros.data.importers.tracks import Track
+from vpsci_ros.data.importers.tracks import Clip, Importer, Track
 
 __all__ = [
     "IMPORTERS",

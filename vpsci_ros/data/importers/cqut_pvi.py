@@ -22,8 +22,7 @@ import numpy as np
 import polars as pl
 from scipy.linalg import solveh_banded
 
-from vpsci_ros.data.importers.importer import Clip, Importer
-from vpsci_ros.data.importers.tracks import Floats, Track, read_text, require_columns
+from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track, read_text, require_columns
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP

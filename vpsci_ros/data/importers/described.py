@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.importers.importer import Clip, Importer
 from vpsci_ros.data.importers.layout import Layout, classes_in, clip_of, read_csv
+from vpsci_ros.data.importers.tracks import Clip, Importer
 from vpsci_ros.data.near_misses import TURN_LIMIT
 from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import read_yaml, reason, require_form, shown

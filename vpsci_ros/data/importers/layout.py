@@ -12,8 +12,18 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from vpsci_ros.data.importers.importer import BACKWARDS, Clip
-from vpsci_ros.data.importers.tracks import LARGEST, WHOLE, Floats, Track, read_text, require_columns, resample, slope
+from vpsci_ros.data.importers.tracks import (
+    BACKWARDS,
+    LARGEST,
+    WHOLE,
+    Clip,
+    Floats,
+    Track,
+    read_text,
+    require_columns,
+    resample,
+    slope,
+)
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 

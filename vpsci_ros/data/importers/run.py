@@ -12,8 +12,7 @@ from rich.console import Console
 
 from vpsci_ros.data.importers.cqut_pvi import CQUT_PVI
 from vpsci_ros.data.importers.described import DESCRIBED
-from vpsci_ros.data.importers.importer import Clip, Importer
-from vpsci_ros.data.importers.tracks import Track, slope
+from vpsci_ros.data.importers.tracks import Clip, Importer, Track, slope
 from vpsci_ros.data.importers.vci import VCI_CITR, VCI_DUT
 from vpsci_ros.data.near_misses import NEAR_MISS_COLUMNS, concat_near_misses
 from vpsci_ros.data.reference import causal_curvttc, flags, trailing_slope

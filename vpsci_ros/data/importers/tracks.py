@@ -1,9 +1,12 @@
-"""Tracks of one clip: read from CSV with every value checked, cut at gaps, and resampled to the 0.1 s grid."""
+"""Importers, clips and tracks: read from CSV with every value checked, cut at gaps, and resampled to the 0.1 s grid.
+
+The built-in importers are listed in `run`; other distributions add theirs by entry points, see `docs/extending.md`.
+"""
 
 import codecs
 import itertools
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +21,7 @@ Floats = NDArray[np.float64]
 MAX_GAP = 0.25  # [s] frames further apart than this are not bridged: the track is cut there
 LARGEST = 2.0**53  # above it a float64 does not hold every whole number
 WHOLE = r"^([+-]?\d+)\.0*$"  # a whole number as pandas writes it where values are missing
+BACKWARDS = "frames of vehicles that drive backwards"  # a count of `Clip.left_out`
 _GRID = 1e-6  # [steps] a frame this near to a grid point counts as on it
 
 
@@ -39,6 +43,41 @@ class Track:
     def last(self) -> int:
         """Grid step k of the last value."""
         return self.first + len(next(iter(self.values.values()))) - 1
+
+
+@dataclass(frozen=True)
+class Clip:
+    """One recording: tracks on the 0.1 s grid under the near-miss table's names, without their `veh_` and `ped_`.
+
+    Vehicles have x, y, heading, speed, pedestrians x, y, vx, vy (float64[T]), right-handed, in metres, m/s and radians
+    counter-clockwise from x. `left_out` counts what is not among them by what it is, say frames of vehicles that drive
+    backwards, which is not a near miss that CurvTTC describes. `assumed` says in a few words what the recording does
+    not hold.
+    """
+
+    name: str
+    vehicles: list[Track]
+    pedestrians: list[Track]
+    left_out: Mapping[str, int] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
+
+    def with_size(self, length: float, width: float) -> "Clip":
+        """Return the clip with this size [m] for vehicles whose tracks have none."""
+        return replace(self, vehicles=[replace(each, size=each.size or (length, width)) for each in self.vehicles])
+
+
+@dataclass(frozen=True)
+class Importer:
+    """How recordings of one format are read.
+
+    :ivar read: folder of recordings -> its clips, in an order of its own that is always the same; raises
+        `InvalidInput` where the folder or a file does not hold what it should.
+    :ivar length, width: of a vehicle [m] whose track does not say.
+    """
+
+    read: Callable[[Path], Iterable[Clip]]
+    length: float
+    width: float
 
 
 def read_text(path: Path, delimiter: str = ",") -> pl.DataFrame:

@@ -37,16 +37,10 @@ _STANDS = 1.0  # [s] at least that the target stands before it sets off
 _STEP = 0.1  # [m] between the points of a path
 
 
-class Turn(NamedTuple):
-    """The path of a turning test (section 1.2.4): clothoid, arc, clothoid; R1 is 1500 m, all for 90 degrees."""
-
-    radius: float  # [m] R2
-    clothoid: float  # [degrees] alpha
-    arc: float  # [degrees] beta
-
-
-FARSIDE = {10: Turn(9.0, 20.62, 48.75), 15: Turn(11.75, 20.93, 48.14), 20: Turn(14.75, 21.79, 46.42)}
-NEARSIDE = {10: Turn(8.0, 22.85, 44.30)}
+Turn = tuple[float, float, float]
+"""The path of a turning test (section 1.2.4), clothoid, arc, clothoid: R2 [m], alpha and beta [degrees]."""
+FARSIDE = {10: (9.0, 20.62, 48.75), 15: (11.75, 20.93, 48.14), 20: (14.75, 21.79, 46.42)}
+NEARSIDE = {10: (8.0, 22.85, 44.30)}
 WIDEST = 1500.0  # [m] R1
 LANE_OFFSET = 1.75  # [m] of the vehicle from the middle of its road (section 3.2.2.1)
 
@@ -223,9 +217,10 @@ def _walked(test: Test, time: Floats) -> tuple[Floats, Floats]:
 
 def _bend(turn: Turn, side: float) -> Floats:
     """Return points of a turn from the origin, along x, and of 45 m straight on after it, float64[N, 2] [m]."""
-    tightest, widest = 1.0 / turn.radius, 1.0 / WIDEST
-    clothoid = 2.0 * math.radians(turn.clothoid) / (tightest + widest)
-    arc = math.radians(turn.arc) * turn.radius
+    radius, alpha, beta = turn
+    tightest, widest = 1.0 / radius, 1.0 / WIDEST
+    clothoid = 2.0 * math.radians(alpha) / (tightest + widest)
+    arc = math.radians(beta) * radius
     step = 0.01
     s = np.arange(0.0, 2.0 * clothoid + arc + 45.0, step)
     knots = [0.0, clothoid, clothoid + arc, 2.0 * clothoid + arc, 2.0 * clothoid + arc + step]

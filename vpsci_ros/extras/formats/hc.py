@@ -12,8 +12,7 @@ import numpy as np
 import polars as pl
 from scipy.interpolate import CubicSpline
 
-from vpsci_ros.data.importers.importer import Clip, Importer
-from vpsci_ros.data.importers.tracks import Floats, Track
+from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track
 from vpsci_ros.documents import require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP

@@ -21,9 +21,8 @@ from vpsci_ros.data.dataset_index import DATASET_COLUMNS, NEXT_PEDESTRIAN
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.episode_block import QUANTITIES, RECORD, EpisodeBlock
-from vpsci_ros.data.importers.importer import Clip, Importer
 from vpsci_ros.data.importers.layout import Layout, check_rate, clip_of, read_csv
-from vpsci_ros.data.importers.tracks import Floats, Track, require_columns
+from vpsci_ros.data.importers.tracks import Clip, Floats, Importer, Track, require_columns
 from vpsci_ros.documents import read_yaml, reason, require_regular, shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import VEHICLE_LENGTH, VEHICLE_WIDTH

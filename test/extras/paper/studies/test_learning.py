@@ -1,7 +1,7 @@
 import polars as pl
 import pytest
 
-from vpsci_ros.extras.paper.studies.learning import WEIGHTINGS, FreshEpisodes, reward_weight_study, sample_size_study
+from vpsci_ros.extras.paper.studies.learning import WEIGHTINGS, reward_weight_study, sample_size_study
 from vpsci_ros.learning.config import (
     PretrainConfig,
     RefineConfig,
@@ -54,7 +54,8 @@ def weight_study(near_misses, networks):
                 WorldConfig(pedestrian_gain=0.5),
                 policies=EXPLORING,
             ),
-            fresh=FreshEpisodes([(1, e) for e in range(6)], fresh_seed),
+            fresh=[(1, e) for e in range(6)],
+            fresh_seed=fresh_seed,
             out_dir=folder,
             weightings=weightings,
             report=report,

@@ -5,7 +5,7 @@ one that is repeated with more configurations runs only those.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -105,14 +105,6 @@ def sample_size_study(
     return _written(rows, out_dir / "table_3.csv")
 
 
-@dataclass(frozen=True)
-class FreshEpisodes:
-    """What the rates of Table 5 are measured on: simulated without exploration, after training."""
-
-    episodes: Sequence[tuple[int, int]]
-    seed: int
-
-
 def reward_weight_study(
     near_misses: pl.DataFrame,
     config: RefineConfig,
@@ -120,7 +112,8 @@ def reward_weight_study(
     simulation: SimulationConfig,
     *,
     learner_seed: int | None = None,
-    fresh: FreshEpisodes,
+    fresh: Sequence[tuple[int, int]],
+    fresh_seed: int,
     out_dir: str | Path,
     weightings: Mapping[str, Sequence[float]] = WEIGHTINGS,
     report: StudyReport | None = None,
@@ -133,16 +126,16 @@ def reward_weight_study(
 
     :param weightings: name -> w_1 to w_3 of (27), or nothing for the adaptive scheme (28).
     :param simulation, learner_seed: as for `refine`.
-    :param fresh: other episodes, by another seed.
+    :param fresh, fresh_seed: other episodes, by another seed: the rates are measured on them, without exploration.
     :param report: called with the weighting's name and what `refine` reports.
-    :raises InvalidInput: `fresh` has the seed of training, or `out_dir` holds another study.
+    :raises InvalidInput: `fresh_seed` is the seed of training, or `out_dir` holds another study.
     """
-    if fresh.seed == simulation.seed:
-        raise InvalidInput(f"fresh episodes: expected another seed than training's, got {fresh.seed} for both")
+    if fresh_seed == simulation.seed:
+        raise InvalidInput(f"fresh episodes: expected another seed than training's, got {fresh_seed} for both")
     out_dir = Path(out_dir)
     learner_seed = simulation.seed if learner_seed is None else learner_seed
-    resting = {a: replace(c, explore=False, seed=fresh.seed) for a, c in simulation.policies.items()}
-    measuring = replace(simulation, episodes=fresh.episodes, seed=fresh.seed, policies=resting)
+    resting = {a: replace(c, explore=False, seed=fresh_seed) for a, c in simulation.policies.items()}
+    measuring = replace(simulation, episodes=fresh, seed=fresh_seed, policies=resting)
     identity = {"weights": weights.digest(), "data": table_hash(near_misses), "learner_seed": learner_seed}
     identity |= {"simulation": simulation.identity(), "fresh": measuring.identity()}
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
-from vpsci_ros.cli.stage_inputs import stage_1_inputs, stage_2_inputs, stage_2_parameters
+from vpsci_ros.cli.stages import stage_1_inputs, stage_2_inputs, stage_2_parameters
 from vpsci_ros.data.near_misses import corpus_files, read_near_misses
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.errors import print_errors
@@ -16,7 +16,6 @@ from vpsci_ros.extras.paper.studies.cross_validation import RESULT, Refinement, 
 from vpsci_ros.extras.paper.studies.learning import (
     SAMPLE_SIZES,
     WEIGHTINGS,
-    FreshEpisodes,
     reward_weight_study,
     sample_size_study,
 )
@@ -209,7 +208,7 @@ def run_weight_study(
     learner, config, simulation, weights, corpus, files, resolved = stage_2_inputs(sections)
     facts = {"study": {"weightings": list(weightings), "fresh_episodes": fresh_episodes, "fresh_seed": fresh_seed}}
     scenarios = [scenario.number for scenario in simulation.scenarios]
-    fresh = FreshEpisodes([(s, e) for e in range(fresh_episodes) for s in scenarios], fresh_seed)
+    fresh = [(s, e) for e in range(fresh_episodes) for s in scenarios]
     with RunFolder(folder, resolved, files, facts) as record:
         with StageBar("weights", quiet) as bar:
             table = reward_weight_study(
@@ -219,6 +218,7 @@ def run_weight_study(
                 simulation,
                 learner_seed=learner.seed,
                 fresh=fresh,
+                fresh_seed=fresh_seed,
                 out_dir=folder,
                 weightings={name: WEIGHTINGS[name] for name in weightings},
                 report=lambda name, values: bar.show(values, name),
