@@ -192,13 +192,24 @@ def one_thread() -> None:
         sys.modules["torch"].set_num_threads(1)
 
 
+def data_with(*folders: str) -> Path:
+    """Return the folder of data that the package does not hold, VPSCI_DATA or shared/data beside the repository."""
+    folder = Path(os.environ.get("VPSCI_DATA", Path(__file__).parents[2] / "shared" / "data"))
+    if missing := [name for name in folders if not (folder / name).is_dir()]:
+        pytest.skip(f"no {', '.join(missing)} in {folder}; set VPSCI_DATA")
+    return folder
+
+
 @pytest.fixture(scope="session")
 def real_data() -> Path:
-    """Folder with vci_dut and vci_citr: VPSCI_DATA, or shared/data beside the repository."""
-    folder = Path(os.environ.get("VPSCI_DATA", Path(__file__).parents[2] / "shared" / "data"))
-    if not (folder / "vci_dut").is_dir() or not (folder / "vci_citr").is_dir():
-        pytest.skip(f"no real recordings in {folder}; set VPSCI_DATA")
-    return folder
+    """Folder with the recordings vci_dut and vci_citr."""
+    return data_with("vci_dut", "vci_citr")
+
+
+@pytest.fixture(scope="session")
+def town10hd() -> Path:
+    """Folder with the map of Town10HD and its right turns."""
+    return data_with("town10hd") / "town10hd"
 
 
 @pytest.fixture(scope="session")

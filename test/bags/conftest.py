@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bags.copied import copied
 from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -13,6 +14,12 @@ from vpsci_ros.world.state import EPISODE
 
 MESSAGES = Path(__file__).parents[2] / "msg_defs" / "msg"
 SimulatedTick = tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]]
+
+
+@pytest.fixture(scope="session")
+def foreign(own_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The odometry of `own_bag` as another tool would have recorded it; not to be changed."""
+    return copied(own_bag, tmp_path_factory.mktemp("foreign") / "bag")
 
 
 @pytest.fixture(scope="session")

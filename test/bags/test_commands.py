@@ -9,7 +9,6 @@ from pathlib import Path
 import polars as pl
 import pytest
 from rich.console import Console
-from rosbags.rosbag2 import StoragePlugin, Writer
 from typer.testing import CliRunner
 
 from vpsci_ros.bags.export import export_bag
@@ -23,26 +22,11 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage, known_types
 from vpsci_ros.wire.layout import WORLD
 
-ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
 SHIPPED = Path(__file__).parents[2] / "bags" / "LocationA_PedCross_N-S"
 
 
 def run(*arguments: object):
     return CliRunner().invoke(bag_app, [str(argument) for argument in arguments])
-
-
-@pytest.fixture
-def foreign(own_bag: Path, tmp_path: Path) -> Path:
-    """What `ros2 bag record /vehicle/odometry /pedestrian/odometry` leaves."""
-    writer = Writer(tmp_path / "foreign", version=9, storage_plugin=StoragePlugin.MCAP)
-    writer.open()
-    connections = {
-        name: writer.add_connection(name, "nav_msgs/msg/Odometry", typestore=known_types()) for name in ODOMETRY
-    }
-    for raw in Bag(own_bag).messages(ODOMETRY, ordered=True):
-        writer.write(connections[raw.topic], 1_700_000_000 * 10**9 + raw.time, raw.data)
-    writer.close()
-    return tmp_path / "foreign"
 
 
 def changed(

@@ -6,7 +6,8 @@ from pathlib import Path
 import mcap.writer
 import numpy as np
 import pytest
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from bags.copied import ODOMETRY, copied
+from rosbags.rosbag2 import Reader
 
 from vpsci_ros.bags.info import bag_info
 from vpsci_ros.bags.reader import Bag, bag_files
@@ -15,34 +16,7 @@ from vpsci_ros.bags.run_record import bag_run
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.wire.decoder import known_types
 from vpsci_ros.world.state import GOAL
-
-ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
-
-
-def copied(bag: Path, folder: Path, topics: tuple[str, ...] = ODOMETRY, *, early: bool = False) -> Path:
-    """What another tool would have recorded of these topics, with receipt times that run twice as fast.
-
-    :param early: the first message once more before, at time 0.
-    """
-    store = known_types()
-    writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-    writer.open()
-    connections = {}
-    for raw in Bag(bag).messages(topics, ordered=True):
-        if raw.topic not in connections:
-            connections[raw.topic] = writer.add_connection(raw.topic, raw.type, typestore=store)
-            if early and len(connections) == 1:
-                writer.write(connections[raw.topic], 0, raw.data)
-        writer.write(connections[raw.topic], 1_700_000_000 * 10**9 + raw.time // 2, raw.data)
-    writer.close()
-    return folder
-
-
-@pytest.fixture
-def foreign(own_bag: Path, tmp_path: Path) -> Path:
-    return copied(own_bag, tmp_path / "foreign")
 
 
 def split_bag(folder: Path, messages: int = 60) -> Path:

@@ -29,14 +29,12 @@ def car(time: float, speed: float = 5.0, meets: float = 4.0, **more: Any) -> Veh
     return Vehicle(-2.345 - speed * (meets - time), 0.0, 0.0, speed, **{"curvature": 0.0, "acceleration": 0.0} | more)
 
 
-def crossing(
-    pedestrian: Pedestrian, seconds: float = 10.0, period: float = 0.05, gone: float = math.inf, late: float = 0.0
-) -> list[Walk]:
-    """Walk; the car is there from `late` until it has `gone` [s]."""
+def crossing(pedestrian: Pedestrian, seconds: float = 10.0, period: float = 0.05, gone: float = math.inf) -> list[Walk]:
+    """Walk; the car is there until it has `gone` [s]."""
     own, walked = AT_THE_KERB, []
     for k in range(round(seconds / period)):
         time = k * period
-        walked.append(pedestrian.step(own, {"car": car(time)} if late <= time < gone else {}, period=period))
+        walked.append(pedestrian.step(own, {"car": car(time)} if time < gone else {}, period=period))
         own = Walker(*walked[-1][:4])
     return walked
 

@@ -22,23 +22,18 @@ def edit(path: Path, change: Callable[[list[str]], list[str]]) -> None:
     path.write_text("\n".join(change(path.read_text().splitlines())) + "\n")
 
 
-def write_clip(
-    folder: Path, name: str, *, frames: int = 96, lateral: float = 0.0, turn: float = 0.0, rate: float = RATE
-) -> None:
+def write_clip(folder: Path, name: str, *, frames: int = 96, lateral: float = 0.0, rate: float = RATE) -> None:
     """Write one clip as published: a car along x at 5 m/s, a pedestrian who crosses 20 m ahead at 1.2 m/s.
 
-    `lateral` moves the pedestrian along its line [m], `turn` rotates the scene [rad].
+    `lateral` moves the pedestrian along its line [m].
     """
     frame = np.arange(10, 10 + frames)
     t = (frame - 10) / rate
-    cos, sin = np.cos(turn), np.sin(turn)
     car, walker = np.stack([5.0 * t, 0.0 * t]), np.stack([20.0 + 0.0 * t, 1.2 * (t - 4.0) + lateral])
-    car, walker = (np.stack([cos * p[0] - sin * p[1], sin * p[0] + cos * p[1]]) for p in (car, walker))
-    heading = np.angle(np.exp(1j * turn))
-    rows = [f"7,{k},veh,{x},{y},{heading},5.0" for k, x, y in zip(frame, *car, strict=True)]
+    rows = [f"7,{k},veh,{x},{y},0.0,5.0" for k, x, y in zip(frame, *car, strict=True)]
     edited = ["id,frame,label,x_est,y_est,psi_est,vel_est", *rows]
     (folder / f"{name}_traj_veh_filtered.csv").write_text("\n".join(edited) + "\n")
-    rows = [f"3,{k},ped,{x},{y},{-1.2 * sin},{1.2 * cos}" for k, x, y in zip(frame, *walker, strict=True)]
+    rows = [f"3,{k},ped,{x},{y},0.0,1.2" for k, x, y in zip(frame, *walker, strict=True)]
     edited = ["id,frame,label,x_est,y_est,vx_est,vy_est", *rows]
     (folder / f"{name}_traj_ped_filtered.csv").write_text("\n".join(edited) + "\n")
 

@@ -7,7 +7,6 @@ are not part of this package: VPSCI_DATA, or shared/data beside the repository.
 """
 
 import csv
-import os
 from pathlib import Path
 
 import numpy as np
@@ -24,20 +23,16 @@ with (Path(__file__).parent / "yield_answers.csv").open(encoding="utf-8") as fil
 
 
 @pytest.fixture(scope="module")
-def rated():
+def rated(real_data):
     """Rows of the table, each with the rule's answer."""
-    root = Path(os.environ.get("VPSCI_DATA", Path(__file__).parents[3] / "shared" / "data"))
-    folders = {source: root / source.replace("-", "_") for source in FRAME_RATES}
-    if missing := [str(folder) for folder in folders.values() if not folder.is_dir()]:
-        pytest.skip(f"no real recordings in {', '.join(missing)}; set VPSCI_DATA")
     rows = []
-    for source, folder in folders.items():
-        for name, *files in find_clips(folder):
+    for source in FRAME_RATES:
+        for name, *files in find_clips(real_data / source.replace("-", "_")):
             wanted = [row for row in ANSWERS if (row["source"], row["clip"]) == (source, name)]
             clip = read_clip(name, *files, FRAME_RATES[source]) if wanted else None
             rows += [(row, answer(clip, row, IMPORTERS.find(source))) for row in wanted]
     if len(rows) < len(ANSWERS):
-        pytest.skip(f"{len(ANSWERS) - len(rows)} of the rated clips are not in {root}")
+        pytest.skip(f"{len(ANSWERS) - len(rows)} of the rated clips are not in {real_data}")
     return rows
 
 

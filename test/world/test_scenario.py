@@ -2,8 +2,6 @@
 
 import copy
 import json
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from vpsci_ros.world.scenario import scenario_files, scenario_from
 
 FILES = scenario_files()
 DOCUMENT = yaml.safe_load(FILES[0].read_text(encoding="utf-8"))
-DATA = Path(os.environ.get("VPSCI_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 
 
 def test_the_eight_scenarios_are_those_of_table_6():
@@ -46,11 +43,10 @@ def test_vehicles_turn_right_and_reach_their_goal_with_the_crosswalk_behind_the_
     assert 2.0 < vehicle.goal - conflict - half_crosswalk - half_vehicle < 9.0
 
 
-@pytest.mark.skipif(not (DATA / "town10hd").is_dir(), reason="needs data/town10hd (set VPSCI_DATA)")
 @pytest.mark.parametrize("number", range(1, 9))
-def test_centrelines_are_those_of_the_map_within_five_centimetres(number):
+def test_centrelines_are_those_of_the_map_within_five_centimetres(number, town10hd):
     scenario = load_scenario(number)
-    turns = json.loads((DATA / "town10hd" / "right_turns.json").read_text(encoding="utf-8"))["locations"]
+    turns = json.loads((town10hd / "right_turns.json").read_text(encoding="utf-8"))["locations"]
     centreline = np.array(turns[scenario.location]["right_turn_routes"][0]["centreline"])
     located = np.array([scenario.vehicle.path.locate(*point) for point in centreline])
     within = located[:, 0] >= 0.0

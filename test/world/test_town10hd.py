@@ -1,8 +1,5 @@
 """The scenarios beyond Table 6 lie on the lanes of Town10HD, are found as the paper's are, and become critical."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,7 +7,6 @@ from vpsci_ros.world import World, WorldConfig, load_scenario, load_scenarios
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.opendrive import OpenDriveMap
 
-DATA = Path(os.environ.get("VPSCI_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")) / "town10hd"
 NUMBERS = [101, 102, 103, 104]
 LANES = {
     101: [("12", 1), ("150", 1)],
@@ -20,11 +16,10 @@ LANES = {
 }
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="needs data/town10hd (set VPSCI_DATA)")
 @pytest.mark.parametrize("number", NUMBERS)
-def test_centrelines_are_those_of_the_map_within_five_centimetres(number):
+def test_centrelines_are_those_of_the_map_within_five_centimetres(number, town10hd):
     path = load_scenario(number).vehicle.path
-    centre, width = OpenDriveMap(DATA / "Town10HD.xodr").route(LANES[number], 0.5)
+    centre, width = OpenDriveMap(town10hd / "Town10HD.xodr").route(LANES[number], 0.5)
     located = np.array([path.locate(*point) for point in centre])
     assert np.abs(located[:, 1]).max() < 0.05
     assert width == load_scenario(number).vehicle.lane_width

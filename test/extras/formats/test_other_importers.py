@@ -21,13 +21,13 @@ def write_hc(folder: Path, turn: float = 0.0) -> None:
     (folder / "D1.csv").write_text("\n".join(rows) + "\n")
 
 
-def write_taf(folder: Path, *, frozen: bool = False, flipped: bool = False) -> None:
+def write_taf(folder: Path, *, flipped: bool = False) -> None:
     """Write the same scene at 10 Hz in the INTERACTION columns."""
     header = "track_id,frame_id,timestamp_ms,agent_type,vx,vy,psi_rad,length,width,x,y"
     rows = []
     for k in range(65):
         t = 0.1 * k
-        x = 5.0 * 0.1 * (29 if frozen and k == 30 else k)
+        x = 5.0 * t
         heading = np.pi if flipped and k >= 40 else 0.0
         rows.append(f"1,{k},{100 * k},Car,{-5.0 if heading else 5.0},0,{heading},4.6,2.1,{x},0")
         rows.append(f"2,{k},{100 * k},Pedestrian,0,1.2,0,0.5,0.5,30,{1.2 * (t - 6.0)}")
