@@ -56,7 +56,7 @@ def renamed(distribution: str, points: str) -> dict[str, str]:
         ('broken = "no_such_module:IT"', "entry point broken = no_such_module:IT of .*: ModuleNotFoundError"),
         (
             'broken = "camera_tracks:read"',
-            r"entry point broken .*: expected an instance of .*importer\.Importer, got <function read",
+            r"entry point broken .*: expected an instance of .*tracks\.Importer, got <function read",
         ),
     ],
 )
