@@ -30,8 +30,9 @@ class Mine(ExampleDriver):
 
 
 def test_parts_workers_and_a_worker_that_dies_change_nothing_that_comes_out(
-    driven: Path, small_exam: Small, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    driven: Path, small_exam: Small, here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Workers are processes of their own, in which classes have theirs; `here` only spares this process one."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "dies_once.py").write_text(DIES_ONCE)

@@ -12,6 +12,7 @@ from vpsci_ros.view.pack import FIELDS, write_view
 from vpsci_ros.view.sources import Shown, Source, shown
 from vpsci_ros.world import load_scenario
 
+ROAD = load_scenario(1)
 ODD = '<img src=x onerror="alert(1)">&"\'</script>{{ 1 }} é☃'
 
 
@@ -24,7 +25,7 @@ def approach(name: str, *, speed: float, scenario: int = 1, frames: int = 101, m
     values[:, 9] = np.where(t < 2.0, 12.0 / speed - t, np.inf).clip(0.05)
     values[:, 10] = (t > 0.5) & (t < 2.0)
     outcome = "collision" if speed > 5.0 else "goal"
-    road = load_scenario(scenario) if scenario else 0
+    road = ROAD if scenario else 0
     group = "LocationA_PedCross_S-N" if scenario else ODD
     return shown(episode(values, name, group, road, outcome, period=0.05, marks=marks))
 
