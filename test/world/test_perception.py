@@ -128,22 +128,9 @@ def test_what_is_listed_late_is_what_was_seen_then_and_nothing_before_the_episod
             assert objects["status"][0] == (SEEN if frame > 2 else ABSENT), "nothing of another episode"
 
 
-def test_two_who_are_swapped_change_numbers_and_a_single_one_gets_a_new_one() -> None:
-    pair = watch(scene(2), 60, PerceptionConfig(swap_rate=2.0), pedestrians=2)["track"]
-    assert {tuple(row) for row in pair.tolist()} == {(1, 2), (2, 1)}
-    alone = watch(scene(1), 60, PerceptionConfig(swap_rate=2.0))["track"][:, 0]
-    assert alone[0] == 1
-    assert alone[-1] > 1
-    assert (np.diff(alone.astype(int)) >= 0).all()
-    changes = np.count_nonzero(
-        np.diff(watch(scene(500), 41, PerceptionConfig(swap_rate=0.5))["track"].astype(int), axis=0)
-    )
-    assert changes / (500 * 40 * TICK) == pytest.approx(0.5, rel=0.15)
-
-
 ALL = PerceptionConfig(
     seed=5, field_of_view=200.0, reach=60.0, position_noise=0.2, velocity_noise=0.1, missed=0.1, latency=0.1,
-    lost_rate=0.3, swap_rate=0.3,
+    lost_rate=0.3,
 )  # fmt: skip
 
 

@@ -65,7 +65,7 @@ def stands_still(idle: float, graph: GraphConfig, logs: object, statuses: Mappin
 def hangs(nodes: Collection[str], statuses: Mapping[str, NodeStatus], logs: object) -> str:
     """Say which node of the graph lacks most answers, where a run cannot end well any more."""
     world = statuses.get("world_simulator", NodeStatus()).counts or WorldCounts()
-    counted = [(world.faults(sender).missing, node) for node, sender in RESPONDENTS.items() if node in nodes]
+    counted = [(world.faults(sender)["missing"], node) for node, sender in RESPONDENTS.items() if node in nodes]
     missing, node = max(counted, default=(0, ""))
     if missing < HANGS:
         return ""
@@ -160,13 +160,13 @@ def incomplete(
     if world.episodes_ended < requested:
         found.append(f"{world.episodes_ended} of {requested} episodes ended")
     for node, sender in RESPONDENTS.items():
-        faults = world.faults(sender)
-        if node in nodes and faults.missing:
-            found.append(f"{faults.missing} answers of {node} are missing")
-        if faults.contradicted:
-            found.append(f"{faults.contradicted} answers differ from the first ones of {node} to their ticks")
-        if faults.early:
-            found.append(f"{faults.early} answers for {node} came before their tick")
+        missing, _, contradicted, early = world.faults(sender).values()
+        if node in nodes and missing:
+            found.append(f"{missing} answers of {node} are missing")
+        if contradicted:
+            found.append(f"{contradicted} answers differ from the first ones of {node} to their ticks")
+        if early:
+            found.append(f"{early} answers for {node} came before their tick")
     found += [f"a second publisher: {each}" for each in second_publishers(statuses)]
     return found + (list(_not_recorded(statuses, recorded, killed)) if recorded else [])
 

@@ -15,7 +15,7 @@ from vpsci_ros.policy.histories import Histories
 from vpsci_ros.policy.people import PeopleAtWork
 from vpsci_ros.policy.policy_file import Policy
 from vpsci_ros.policy.stepped import actor_at_work
-from vpsci_ros.policy.weights import ActorWeights, Weights
+from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world import EPISODE, RUNNING, World, observation
 from vpsci_ros.world.crowd import leading_rows
 from vpsci_ros.world.observation import AGENTS
@@ -123,12 +123,12 @@ class NetworkAtWork:
     :param agent: index in `AGENTS`.
     """
 
-    def __init__(self, weights: ActorWeights, agent: int, capacity: int) -> None:
+    def __init__(self, weights: Weights, agent: int, capacity: int) -> None:
         self._agent, self._limit = agent, weights.network.action_limit
         self._actor = actor_at_work(weights, capacity)
         self._histories = Histories(capacity)
 
-    def load(self, weights: ActorWeights) -> None:
+    def load(self, weights: Weights) -> None:
         """Act by other weights of the same shape from the next step on."""
         self._actor.load(weights)
 

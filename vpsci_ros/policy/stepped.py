@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from vpsci_ros.policy.config import SST
 from vpsci_ros.policy.streaming import StreamingActor
-from vpsci_ros.policy.weights import ActorWeights
+from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
 
 STEPS = 128  # of a history, before its memory doubles
 
 
-def actor_at_work(weights: ActorWeights, capacity: int) -> Union[StreamingActor, "SteppedActor"]:
+def actor_at_work(weights: Weights, capacity: int) -> Union[StreamingActor, "SteppedActor"]:
     """Return what acts by these weights over `capacity` parallel histories."""
     return (StreamingActor if weights.network.encoder == SST else SteppedActor)(weights, capacity)
 
@@ -29,7 +29,7 @@ class SteppedActor:
     :param capacity: number of slots, B.
     """
 
-    def __init__(self, weights: ActorWeights, capacity: int) -> None:
+    def __init__(self, weights: Weights, capacity: int) -> None:
         from vpsci_ros.policy.models import make_actor
 
         self.capacity, self._actor = capacity, make_actor(weights.network)
@@ -38,7 +38,7 @@ class SteppedActor:
         self._before = np.zeros((capacity, ACTION_SIZE), np.float32)
         self.load(weights)
 
-    def load(self, weights: ActorWeights) -> None:
+    def load(self, weights: Weights) -> None:
         """See `StreamingActor.load`."""
         import torch
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.streaming_kernels import step_slots, take_in
-from vpsci_ros.policy.weights import ActorWeights
+from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world.observation import ACTION_SIZE, OBSERVATION_SIZE
 
 ROWS = 64  # rows worked together, layer by layer, so that a layer's weights are read from memory once for all of them
@@ -28,7 +28,7 @@ class StreamingActor:
     :param capacity: number of slots, B.
     """
 
-    def __init__(self, weights: ActorWeights, capacity: int) -> None:
+    def __init__(self, weights: Weights, capacity: int) -> None:
         if capacity < 1:
             raise InvalidInput(f"capacity: expected at least one slot, got {capacity}")
         network = weights.network
@@ -45,7 +45,7 @@ class StreamingActor:
         self._work = np.empty((6, ROWS, width), np.float32)
         self.load(weights)
 
-    def load(self, weights: ActorWeights) -> None:
+    def load(self, weights: Weights) -> None:
         """Act with other weights of the same shape from the next step on; histories are kept.
 
         :raises InvalidInput: the networks differ in shape.
@@ -101,7 +101,7 @@ class StreamingActor:
         np.copyto(self._action, action, where=active[:, None])
 
 
-def _kernel_parameters(weights: ActorWeights) -> tuple[Any, ...]:
+def _kernel_parameters(weights: Weights) -> tuple[Any, ...]:
     """Return `entry, layers, head` of `step_slots`: transposed and stacked."""
     network, tensors = weights.network, weights.tensors
     inputs = ["observation", "action", *(["risk"] if network.risk_input else [])]

@@ -32,14 +32,6 @@ RETIRED: dict[str, Any] = {  # parameters of networks in earlier files, always s
 
 
 @dataclass(frozen=True)
-class ActorWeights:
-    """The tensors of one agent's actor, named as in `vpsci_ros.policy.shapes.actor_shapes`."""
-
-    network: NetworkConfig
-    tensors: Tensors
-
-
-@dataclass(frozen=True)
 class Weights:
     """Everything that a weights file holds.
 
@@ -59,14 +51,14 @@ class Weights:
         prefix = f"{name}."
         return {key.removeprefix(prefix): value for key, value in self.tensors.items() if key.startswith(prefix)}
 
-    def actor(self, agent: str) -> ActorWeights:
-        """Return the actor of "vehicle" or "pedestrian".
+    def actor(self, agent: str) -> "Weights":
+        """Return the actor of "vehicle" or "pedestrian", tensors named as in `vpsci_ros.policy.shapes.actor_shapes`.
 
         :raises InvalidInput: another name.
         """
         if agent not in AGENTS:
             raise InvalidInput(f"agent: expected one of {', '.join(AGENTS)}, got {agent!r}")
-        return ActorWeights(self.network, self.part(f"{agent}_actor"))
+        return Weights(self.network, self.part(f"{agent}_actor"))
 
     def digest(self) -> str:
         """Return the SHA-256 of names and values of all tensors, as hexadecimal digits; facts do not enter."""

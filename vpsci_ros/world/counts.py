@@ -1,22 +1,13 @@
 """Counts of a world in lock-step, from where they are counted to the exit status."""
 
 from dataclasses import asdict, dataclass
-from typing import Literal, NamedTuple
+from typing import Literal, get_args
 
 from vpsci_ros.world.state import PEDESTRIAN_ACTION_MISSING, SAFETY_MISSING, VEHICLE_ACTION_MISSING
 
 MISSING_ANSWERS = {VEHICLE_ACTION_MISSING: "vehicle", PEDESTRIAN_ACTION_MISSING: "pedestrian", SAFETY_MISSING: "safety"}
 """Kind of event -> whose answer was missing."""
 Fault = Literal["missing", "refused", "contradicted", "early"]
-
-
-class Faults(NamedTuple):
-    """Counts of one node's answers that were missing, refused, contradicting the first one, or early."""
-
-    missing: int
-    refused: int
-    contradicted: int
-    early: int
 
 
 @dataclass
@@ -64,9 +55,9 @@ class WorldCounts:
         """Count faulty answers of "safety", "vehicle" or "pedestrian"."""
         self.add(f"{sender}_answers_{fault}", number)
 
-    def faults(self, sender: str) -> Faults:
+    def faults(self, sender: str) -> dict[Fault, int]:
         """Return the counts of faulty answers of "safety", "vehicle" or "pedestrian"."""
-        return Faults(*(getattr(self, f"{sender}_answers_{fault}") for fault in Faults._fields))
+        return {fault: getattr(self, f"{sender}_answers_{fault}") for fault in get_args(Fault)}
 
     def nonzero(self) -> dict[str, int]:
         """Return the counts that are not 0, by name."""

@@ -2,7 +2,7 @@
 
 The sensor has a field of view and a range, and sees nobody behind parked vehicles. The tracker that follows misses
 detections, is off in position and velocity by noise that is correlated in time (Gauss and Markov's of first order),
-loses tracks, takes one person for another, and publishes its objects late. Every error is off by default.
+loses tracks, and publishes its objects late. Every error is off by default.
 
 `perceive` is a pure function of its memory and the state, row by row: a row is a vehicle and one of its pedestrians,
 and with P pedestrians an episode takes P rows in a row. Errors are drawn from the counter-based generator, by seed,
@@ -76,10 +76,6 @@ class PerceptionConfig:
     )  # fmt: skip
     lost_rate: float = parameter(0.0, "rate of losing a track", unit="1/s", low=0.0, high=10.0)
     lost_time: float = constant(0.5, "time until a lost pedestrian is found again", unit="s", low=0.05, high=60.0)
-    swap_rate: float = constant(
-        0.0, "rate of changing a track's number: swapped with another one, or a new one",
-        unit="1/s", low=0.0, high=10.0,
-    )  # fmt: skip
 
     def delay(self, period: float) -> int:
         """Return the latency in ticks of `period` seconds."""
@@ -108,7 +104,6 @@ class _Settings(NamedTuple):
     missed: float
     lost: float  # probability in a tick
     lost_frames: int
-    swapped: float  # probability in a tick
 
 
 def blank(rows: int, config: PerceptionConfig, period: float) -> PerceptionState:
@@ -173,7 +168,6 @@ def _settings(config: PerceptionConfig, period: float) -> _Settings:
         missed=config.missed,
         lost=1.0 - math.exp(-config.lost_rate * period),
         lost_frames=max(1, round(config.lost_time / period)),
-        swapped=1.0 - math.exp(-config.swap_rate * period),
     )
 
 
@@ -187,9 +181,8 @@ def _perceive(state, share, begun, settings, pedestrians, trackers, objects):  #
             trackers[first].tracks = 0
         for i in range(first, first + pedestrians):
             if objects[i].status == SEEN and trackers[i].track == 0:
-                trackers[i].track = _next(trackers[first])
-        for i in range(first, first + pedestrians):
-            _swap(state[i], settings, trackers, i, first, pedestrians)
+                trackers[first].tracks += 1
+                trackers[i].track = trackers[first].tracks
         for i in range(first, first + pedestrians):
             objects[i].track = trackers[i].track if objects[i].status == SEEN else 0
 
@@ -246,26 +239,6 @@ def _sight(episode, share, settings):  # type: ignore[no-untyped-def]
     if not ahead or distance > settings.reach:
         return OUT_OF_VIEW
     return HIDDEN if share < settings.least_visible else SEEN
-
-
-@kernel
-def _next(leader):  # type: ignore[no-untyped-def]
-    """Return the next number of a track of the episode whose first row this is."""
-    leader.tracks += 1
-    return leader.tracks
-
-
-@kernel
-def _swap(episode, settings, trackers, i, first, pedestrians):  # type: ignore[no-untyped-def]
-    """Have a track change its number now and then: with the next one that is followed, or for a new number."""
-    if trackers[i].track == 0 or unit(_draws(episode, settings.seed, 1)[2]) >= settings.swapped:
-        return
-    for step in range(1, pedestrians):
-        other = first + (i - first + step) % pedestrians
-        if trackers[other].track > 0:
-            trackers[i].track, trackers[other].track = trackers[other].track, trackers[i].track
-            return
-    trackers[i].track = _next(trackers[first])
 
 
 @kernel

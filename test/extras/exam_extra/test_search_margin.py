@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from vpsci_ros.exam.config import ExamConfig
-from vpsci_ros.extras.exam_extra.search.risk import LeastMargins, Watched
+from vpsci_ros.extras.exam_extra.search.risk import LeastMargins, margin
 from vpsci_ros.world import ENDED, IDLE, RUNNING
 from vpsci_ros.world.state import EPISODE
 
@@ -16,29 +15,24 @@ def tick(ahead, speed=3.0, status=RUNNING, frame=1, episodes=(0,)):
     return state
 
 
-def watched(failure):
-    return Watched(ExamConfig(failure=failure))
-
-
 def test_the_margin_of_a_contact_is_the_clearance_between_the_footprints():
-    margin = watched("collision").margin(tick(4.645), np.array([np.inf]))
-    assert margin == pytest.approx(4.645 - 2.345 - 0.3)
+    assert margin("collision", tick(4.645), np.array([np.inf])) == pytest.approx(4.645 - 2.345 - 0.3)
 
 
 @pytest.mark.parametrize(("speed", "more"), [(0.6, 0.0), (0.5, 1.0), (0.0, 1.0)])
 def test_who_walks_into_a_standing_car_is_a_metre_further_from_being_hit(speed, more):
-    margin = watched("moving_collision").margin(tick(2.645, speed), np.array([np.inf]))
-    assert margin == pytest.approx(more, abs=1e-9)
+    found = margin("moving_collision", tick(2.645, speed), np.array([np.inf]))
+    assert found == pytest.approx(more, abs=1e-9)
 
 
 @pytest.mark.parametrize(("failure", "expected"), [("conflict", 1.0), ("severe_conflict", 2.0)])
 def test_the_margin_of_a_conflict_is_curvttc_less_its_threshold(failure, expected):
-    assert watched(failure).margin(tick(9.0), np.array([3.0])) == pytest.approx(expected)
-    assert watched(failure).margin(tick(9.0), np.array([np.inf])) == pytest.approx(7.0 + expected)
+    assert margin(failure, tick(9.0), np.array([3.0])) == pytest.approx(expected)
+    assert margin(failure, tick(9.0), np.array([np.inf])) == pytest.approx(7.0 + expected)
 
 
 def test_an_episode_has_the_least_margin_of_its_ticks_and_of_its_pedestrians_once_it_has_ended():
-    least = LeastMargins(watched("collision"))
+    least = LeastMargins("collision")
     far = np.array([np.inf, np.inf])
     for ahead, status, frame in (((5.645, 9.0), RUNNING, 0), ((3.645, 6.645), RUNNING, 1), ((7.0, 8.0), ENDED, 2)):
         assert least.found == {}

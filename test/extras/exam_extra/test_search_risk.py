@@ -17,9 +17,9 @@ def pool(seed, size=8_000):
 
 def searched(seed, margin, failed, budget=600):
     plan = Plan(len(margin), budget, seed)
-    for part in plan.parts():
-        plan.take(part.chosen, failed[part.chosen])
-        if part.learns:
+    for _, chosen, learns in plan.parts():
+        plan.take(chosen, failed[chosen])
+        if learns:
             plan.rehearsed(np.where(plan.driven, np.nan, margin))
     return plan
 

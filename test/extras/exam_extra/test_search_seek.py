@@ -10,7 +10,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.exam.exam import prepare
 from vpsci_ros.exam.in_process import loop_with
 from vpsci_ros.extras.exam_extra.search.imitation import HOLDING, Imitation, Recent, lessons
-from vpsci_ros.extras.exam_extra.search.risk import LeastMargins, Watched
+from vpsci_ros.extras.exam_extra.search.risk import LeastMargins
 from vpsci_ros.extras.exam_extra.search.seek import Driven, SearchConfig, rehearse, seek
 from vpsci_ros.resources import params_path
 from vpsci_ros.world import RUNNING
@@ -37,7 +37,7 @@ def careless(state):
 def margins(exam, keys, ticks=None):
     """Return the least margins of episodes that `careless` drives; their ticks go to the list `ticks`."""
     loop = loop_with(exam, "walker", "external", keys, len(keys))
-    least = LeastMargins(Watched(exam.config))
+    least = LeastMargins(exam.config.failure)
     while not loop.world.done:
         step = loop.step(Actions(vehicle=careless(loop.world.now.state)))
         least.add(step.tick.state, step.assessment.curvttc)
@@ -77,7 +77,7 @@ def test_the_stand_in_comes_as_near_as_who_it_has_learned_from():
     keys = [(scenario, number) for number in range(20) for scenario in (1, 8)]
     _, seen, done = drive_with(exam, keys)
     stand_in, others = Imitation(seen, done, seed=0), [(1, n) for n in range(100, 140)]
-    played = rehearse(exam, "walker", others, stand_in, Watched(exam.config), lambda _: None)
+    played = rehearse(exam, "walker", others, stand_in, lambda _: None)
     own = margins(exam, others)
     assert np.corrcoef(np.clip(played, -1.0, 5.0), np.clip(own, -1.0, 5.0))[0, 1] > 0.9
     assert np.median(abs(played - own)) < 0.2 * np.median(abs(own - np.median(own)))

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from vpsci_ros.data.episode import Key
-from vpsci_ros.exam.config import MOVING, SEVERE_TTC, ExamConfig
+from vpsci_ros.exam.config import MOVING, SEVERE_TTC
 from vpsci_ros.safety import CONFLICT_TTC, HORIZON, clearance
 from vpsci_ros.world import ENDED, IDLE
 
@@ -111,46 +111,35 @@ STANDING = (
 )
 
 
-class Watched(NamedTuple):
-    """What counts as a failure, by the thresholds of the exam.
+def margin(failure: str, state: NDArray[np.void], curvttc: Floats) -> Floats:
+    """Return the margin of a failure of each record of EPISODE[B] at this tick, float64[B]; infinity where none runs.
 
     The margin of a collision is the clearance between the footprints [m], of one with a moving vehicle a metre more
     while it stands; that of a conflict is CurvTTC less the threshold [s].
+
+    :param failure: the column of the exam's table that holds it.
+    :param curvttc: float64[B] [s].
     """
-
-    config: ExamConfig
-
-    @property
-    def failure(self) -> str:
-        """The column of the exam's table that holds it."""
-        return self.config.failure
-
-    def margin(self, state: NDArray[np.void], curvttc: Floats) -> Floats:
-        """Return the margin of each record of EPISODE[B] at this tick, float64[B]; infinity where none runs.
-
-        :param curvttc: float64[B] [s].
-        """
-        if self.failure.endswith("conflict"):
-            threshold = CONFLICT_TTC if self.failure == "conflict" else SEVERE_TTC
-            found = np.fmin(curvttc, HORIZON) - threshold
-        else:
-            place = ("vehicle_x", "vehicle_y", "vehicle_heading", "pedestrian_x", "pedestrian_y")
-            found = clearance(*(state[name] for name in place))
-            if self.failure == "moving_collision":
-                found = np.where(state["vehicle_speed"] > MOVING, found, found + STANDING)
-        margin: Floats = np.where(state["status"] == IDLE, np.inf, found)
-        return margin
+    if failure.endswith("conflict"):
+        found = np.fmin(curvttc, HORIZON) - (CONFLICT_TTC if failure == "conflict" else SEVERE_TTC)
+    else:
+        place = ("vehicle_x", "vehicle_y", "vehicle_heading", "pedestrian_x", "pedestrian_y")
+        found = clearance(*(state[name] for name in place))
+        if failure == "moving_collision":
+            found = np.where(state["vehicle_speed"] > MOVING, found, found + STANDING)
+    return np.where(state["status"] == IDLE, np.inf, found)
 
 
 class LeastMargins:
     """The least margin of each episode, gathered tick by tick.
 
+    :param failure: see `margin`.
     :ivar found: (scenario, episode) -> the least over all its pedestrians, of the episodes that have ended.
     """
 
-    def __init__(self, watched: Watched) -> None:
+    def __init__(self, failure: str) -> None:
         self.found: dict[Key, float] = {}
-        self._watched = watched
+        self._failure = failure
         self._least: Floats = np.zeros(0)
 
     def add(self, state: NDArray[np.void], curvttc: Floats) -> None:
@@ -158,7 +147,7 @@ class LeastMargins:
         if not len(self._least):
             self._least = np.full(len(state), np.inf)
         self._least[state["frame"] == 0] = np.inf
-        np.fmin(self._least, self._watched.margin(state, curvttc), out=self._least)
+        np.fmin(self._least, margin(self._failure, state, curvttc), out=self._least)
         for slot in np.flatnonzero(state["status"] == ENDED):
             key = int(state["scenario"][slot]), int(state["episode"][slot])
             self.found[key] = min(self.found.get(key, np.inf), float(self._least[slot]))

@@ -14,7 +14,7 @@ from vpsci_ros.exam.config import DRIVERS, added_pedestrians
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_process import loop_with
 from vpsci_ros.extras.exam_extra.search.imitation import Floats32, Imitation, Recent
-from vpsci_ros.extras.exam_extra.search.risk import Count, Floats, LeastMargins, Risk, Watched
+from vpsci_ros.extras.exam_extra.search.risk import Count, Floats, LeastMargins, Risk
 from vpsci_ros.world.tick import Actions
 
 # ---- Which episodes the driving system drives next: many where a failure is likely, a few at random.
@@ -26,17 +26,8 @@ ROUNDS = 3  # of what is left
 _LEAST = 8  # episodes of a part
 
 
-class Part(NamedTuple):
-    """Episodes to drive now.
-
-    :ivar name: such as "2_focus".
-    :ivar chosen: int64[k], places in the pool.
-    :ivar learns: the stand-in learns from what has been driven before it is rehearsed for the next part.
-    """
-
-    name: str
-    chosen: NDArray[np.int64]
-    learns: bool
+Part = tuple[str, NDArray[np.int64], bool]
+"""Episodes to drive now: name, as "2_focus"; places in the pool, int64[k]; whether the stand-in learns from them."""
 
 
 class Plan:
@@ -90,10 +81,10 @@ class Plan:
         free = np.flatnonzero(~self.driven)
         size = min(size, len(free))
         if np.isnan(self.margin[free]).all():
-            return Part(name, np.sort(rng.choice(free, size, replace=False)), learns)
+            return name, np.sort(rng.choice(free, size, replace=False)), learns
         weight = np.sqrt(self.risk().chance(self.margin[free]))  # the allocation of Neyman (1934), for rare failures
         share = (1.0 - AT_RANDOM) * weight / weight.sum() + AT_RANDOM / len(free)
-        return Part(name, np.sort(rng.choice(free, size, replace=False, p=share)), learns)
+        return name, np.sort(rng.choice(free, size, replace=False, p=share)), learns
 
     def _rng(self, stream: int) -> np.random.Generator:
         return np.random.default_rng([self._seed, 0x5EA2C4, stream])
@@ -141,14 +132,13 @@ def seek(
 
     :param drive: has the driving system drive the episodes of a part, by its name.
     """
-    watched = Watched(exam.config)
     place = {key: number for number, key in enumerate(pool)}
     plan = Plan(len(pool), search.budget, exam.run.seed)
     seen, done = [], []
-    for part in plan.parts():
-        driven = drive(part.name, [pool[number] for number in part.chosen])
+    for name, chosen, learns in plan.parts():
+        driven = drive(name, [pool[number] for number in chosen])
         plan.take(np.array([place[key] for key in driven.episodes]), driven.failed)
-        if not part.learns:
+        if not learns:
             continue
         seen.append(driven.seen)
         done.append(driven.done)
@@ -158,9 +148,8 @@ def seek(
         rest = np.flatnonzero(~plan.driven)
         margin = np.full(len(pool), np.nan)
         margin[rest] = rehearse(
-            exam, search.pedestrian, [pool[number] for number in rest], stand_in, watched,
-            partial(_tell, report, len(rest)),
-        )  # fmt: skip
+            exam, search.pedestrian, [pool[number] for number in rest], stand_in, partial(_tell, report, len(rest))
+        )
         plan.rehearsed(margin)
     return plan
 
@@ -170,7 +159,7 @@ def _tell(report: Report, total: int, done: int) -> None:
 
 
 def rehearse(
-    exam: Exam, pedestrian: str, episodes: list[Key], driver: Imitation, watched: Watched, report: Callable[[int], None]
+    exam: Exam, pedestrian: str, episodes: list[Key], driver: Imitation, report: Callable[[int], None]
 ) -> Floats:
     """Return the least margin of each episode with the stand-in at the wheel, float64[n].
 
@@ -178,7 +167,7 @@ def rehearse(
     """
     loop = loop_with(exam, pedestrian, "external", episodes, _BATCH)
     most = exam.world.pedestrians
-    recent, least = Recent(most), LeastMargins(watched)
+    recent, least = Recent(most), LeastMargins(exam.config.failure)
     with driver.at_the_wheel():
         while not loop.world.done:
             features, rows = recent.features(loop.world.now.state, loop.assessment.curvttc)
