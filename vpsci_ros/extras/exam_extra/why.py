@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import polars as pl
 
@@ -88,12 +88,8 @@ class Search:
         }
 
 
-class Unit(NamedTuple):
-    """A run in which some cases are driven again, each with one amount of one factor; none: as they were."""
-
-    number: int
-    factor: str
-    amounts: tuple[tuple[Key, float], ...]
+Unit = tuple[int, str, tuple[tuple[Key, float], ...]]
+"""A run in which cases are driven again: number, factor (empty: as they were), and each case's amount of it."""
 
 
 def explain(
@@ -183,7 +179,7 @@ class _Again:
 
     def _unit(self, factor: str, amounts: Sequence[tuple[Key, float]]) -> Unit:
         self._units += 1
-        return Unit(self._units, factor, tuple(sorted(amounts, key=lambda each: (each[0][1], each[0][0]))))
+        return self._units, factor, tuple(sorted(amounts, key=lambda each: (each[0][1], each[0][0])))
 
     def _units_of(self, wanted: Sequence[tuple[Search, float]]) -> Iterator[Unit]:
         """Yield runs in which each episode comes once, and with one amount where a factor has it in common."""
@@ -201,27 +197,25 @@ class _Again:
     def _driven(self, units: Sequence[Unit]) -> Iterator[tuple[str, Key, float, bool, Episode]]:
         """Yield factor, episode, amount, whether it failed, and the episode that came of it."""
         waiting = iter(units)
-        for unit, result in computed(self._pool, lambda: next(waiting, None), ahead=0):
+        for (_, factor, changed), result in computed(self._pool, lambda: next(waiting, None), ahead=0):
             rows = episode_table(result, [], self._exam.config, driver=ADS, pedestrian=self._pedestrian)
             failed = dict(zip(rows.select("scenario", "episode").iter_rows(),
                               rows[self._exam.config.failure], strict=True))  # fmt: skip
-            amounts = dict(unit.amounts)
+            amounts = dict(changed)
             self.drives += len(result.episodes)
             for episode in result.episodes:
-                yield unit.factor, episode.key, amounts[episode.key], bool(failed[episode.key]), episode
+                yield factor, episode.key, amounts[episode.key], bool(failed[episode.key]), episode
 
 
 def _conductor(exam: Exam, folder: Path, pedestrian: str, cases: Mapping[Key, Case]) -> Callable[[Unit], RunResult]:
     """Return what conducts a run of changed episodes, in a process of its own or not."""
 
     def conduct(unit: Unit) -> RunResult:
-        amounts = dict(unit.amounts)
-        changed = exam.only(list(amounts))
-        if unit.factor:
-            changed = FACTORS[unit.factor].change(
-                changed, {key: (cases[key], amount) for key, amount in amounts.items()}
-            )
+        number, factor, amounts = unit
+        changed = exam.only([key for key, _ in amounts])
+        if factor:
+            changed = FACTORS[factor].change(changed, {key: (cases[key], amount) for key, amount in amounts})
         with domain_of(exam):
-            return run_with(changed, pedestrian, folder / f"{unit.number}-{unit.factor or 'as_it_was'}", "", quiet=True)
+            return run_with(changed, pedestrian, folder / f"{number}-{factor or 'as_it_was'}", "", quiet=True)
 
     return conduct
