@@ -4,8 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Three processes, which take tests from each other in the end: a third of the time is spent waiting for graphs. JOBS=0: one.
 JOBS ?= 3
-# No test uses hypothesis, whose plugin each of these processes would import for two seconds.
-PYTEST := $(BIN)/python -m pytest -q -rs -p no:hypothesispytest
+PYTEST := $(BIN)/python -m pytest -q -rs
 PYTEST_ARGS ?=
 # Whether `make test` ends with test-engines, whose install and searches take minutes: ENGINES=yes.
 ENGINES ?=
@@ -60,6 +59,6 @@ dist: setup  ## make the source distribution and from it the wheel, in out/dist,
 	@$(BIN)/twine check --strict out/dist/*
 
 clean:  ## remove .venv and whatever was built, keep out/; says how much that frees
-	@built="$(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis"; \
+	@built="$(VENV) build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache"; \
 		echo "frees $$(du -shc $$built 2>/dev/null | tail -1 | cut -f 1)"; rm -rf $$built
 	@find vpsci_ros benchmarks test -name __pycache__ -type d -prune -exec rm -rf {} +

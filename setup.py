@@ -115,7 +115,6 @@ EXTRAS = {
     "sumo": ["eclipse-sumo>=1.20,<2", "traci>=1.20,<2"],
     "highway": ["highway-env>=1.10,<2"],
     "test": [
-        "hypothesis>=6.100,<7",
         "lanelet2>=1.2.2,<2",
         "mypy>=1.13,<3",
         "playwright>=1.45,<2",  # with Debian's chromium: the pages in a real browser
