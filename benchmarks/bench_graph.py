@@ -4,7 +4,7 @@
 
 Every row is a run of its own from spawn to end; the rate is counted from the first tick to the last. `separate`: each
 node in a process; `composed`: all in one; `engine`: the same episodes without nodes, as the control. The graph with
-policies is world, monitor and both policies (the shipped `pretrained` weights unless given); without policies the
+policies is world, monitor and both policies (the shipped `people` unless given); without policies the
 rule-based pair drives. Some minutes on two cores.
 """
 
@@ -101,7 +101,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--batches", type=int, nargs="+", default=[1, 1024])
     parser.add_argument("--ticks", type=int, default=2000, help="about so many ticks a run of one episode at a time")
-    parser.add_argument("--weights", default="pretrained", help="safetensors file, or the name of shipped weights")
+    parser.add_argument("--weights", default="people", help="safetensors file, or the name of shipped weights")
     parser.add_argument("--quick", action="store_true", help="events and shared memory only")
     parser.add_argument("--json", type=Path, help="write the results there, too")
     arguments = parser.parse_args()

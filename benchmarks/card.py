@@ -115,7 +115,7 @@ def policies(rounds: int) -> list[Row]:
     from vpsci_ros.policy.weights import load_weights
     from vpsci_ros.resources import weights_path
 
-    weights = load_weights(weights_path("refined")).actor("vehicle")
+    weights = load_weights(weights_path("ma_sst_ddpg")).actor("vehicle")
     flops = 2e-9 * sum(array.size for array in weights.tensors.values() if array.ndim == 2)  # of the matrices alone
     square = np.random.default_rng(0).normal(size=(1024, 1024)).astype(np.float32)
     rows = []
@@ -143,7 +143,7 @@ def graph(rounds: int) -> list[Row]:
     rows = []
     for batch, ticks, size in ((1, 3000, 260), (1024, 400, 99_600)):  # size: of a state in bytes
         ways: dict[str, Callable[[], float]] = {
-            "loop": partial(engine, sections(batch, ticks, "pretrained"), "pretrained"),
+            "loop": partial(engine, sections(batch, ticks, "people"), "people"),
             "chain": partial(rounds_per_second, 2000, size),
         }
         controls = {}
@@ -153,7 +153,7 @@ def graph(rounds: int) -> list[Row]:
                 controls[name] = how if node else control
                 ways[name] = partial(
                     rate_of,
-                    sections(batch, ticks, "pretrained", more=(node,) if node else (), composed=how == "composed"),
+                    sections(batch, ticks, "people", more=(node,) if node else (), composed=how == "composed"),
                 )
         with domain_id() as number:
             os.environ["ROS_DOMAIN_ID"] = str(number)
