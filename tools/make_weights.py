@@ -1,5 +1,7 @@
 #!/usr/bin/env python
-"""Make the shipped `ma_sst_ddpg`: stages 1 and 2 by the paper's algorithm, from the right turns of part train.
+"""Learn `ma_sst_ddpg` by the present code: stages 1 and 2 by the paper's algorithm, right turns of part train.
+
+The shipped file is from this command at commit ca2dc60.
 
     tools/make_weights.py [-o out/weights] [--seed 1] [--install]
 

@@ -105,9 +105,11 @@ class PretrainConfig:
 class RewardsConfig:
     """The rewards of stage 2 (25)-(28)."""
 
-    collision: float = parameter(-200.0, "C_collision of (25)", low=-1e6, high=0.0)
+    collision: float = constant(-200.0, "C_collision of (25)", low=-1e6, high=0.0)
     goal: float = constant(100.0, "C_goal of (26)", low=0.0, high=1e6)
-    speed_scaling: float = constant(100.0, "factor on the speed reward", low=0.0, high=1e6)
+    speed_scaling: float = parameter(
+        100.0, "factor on the speed reward in simulation (Table 8); docs/results.md says what 1 does", low=0.0, high=1e6
+    )
     weights: list[float] = constant(
         [], "fixed w_1 (collision), w_2 (goal), w_3 (speed) of (27); empty: adaptive by (28)", low=0.0, high=1.0
     )
