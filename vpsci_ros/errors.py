@@ -21,17 +21,22 @@ _REMEDIES = {
 }
 _EXTRAS = {
     "av": "formats",
+    "carla": "carla",
     "commonroad": "commonroad",
+    "fiss_planner": "planner",
     "foxglove": "drive",
     "gymnasium": "rl",
+    "highway_env": "highway",
     "osi3": "formats",
     "osi_utilities": "formats",
     "pettingzoo": "rl",
+    "pyproj": "geo",
     "scenariogeneration": "formats",
     "sklearn": "paper",
     "threadpoolctl": "exam_extra",
     "torch": "learn",
     "tornado": "drive",
+    "traci": "sumo",
 }
 """Module -> the extra of this package (setup.py) that brings it."""
 _NO_ROOM = "failed to map segment from shared object"  # of a library, for which the address space has no room
