@@ -35,7 +35,7 @@ from vpsci_ros.runs.folder import require_same
 from vpsci_ros.world.observation import AGENTS
 
 RETURN_SMOOTHING = 0.02  # share of the newest episode in the running mean return (Figure 6)
-CAPACITY = 10_000  # steps at which the policies acted that the replay buffer holds (section 3.2)
+CAPACITY = 10_000  # steps at which the policies acted that the replay buffer holds (Table 8)
 PRIORITY_EXPONENT, REAL_BONUS = 0.6, 0.2  # alpha and beta of the sampling probabilities (17)
 REAL_SHARE = 0.3  # of the buffer that real experience keeps
 GRADIENT_TOLERANCE, CALM_EPISODES = 1e-4, 100  # converged where the norm stays below for so long (section 4.1)
