@@ -2,7 +2,7 @@
 
     python benchmarks/card.py [--only dataset world ...] [-o docs/speed.md]
 
-About ten minutes on two cores that have nothing else to do. It prints the table and writes the page, with machine,
+Ten to fifteen minutes on two cores that have nothing else to do. It prints the table and writes the page, with machine,
 versions and load. Whoever is compared is measured in turn, three times each, and the ratio is that of the medians. Each
 part runs in a process of its own; a part that fails is a row that says why.
 """
