@@ -111,7 +111,7 @@ def test_two_processes_of_which_one_is_killed_and_other_units_and_batches_give_t
             found = super().collect()
             if self.victims:
                 self.victims -= 1
-                os.kill(self.pids[0], signal.SIGKILL)
+                os.kill(next(iter(self._processes.values())).pid, signal.SIGKILL)
             return found
 
     generate(job, TARGETS, tmp_path / "d", lambda: Murdered(partial(computing, job, 8), 2), unit=21)

@@ -33,7 +33,6 @@ class Bars:
 
     def __init__(self, title: str = "", *, quiet: bool = False, interval: float = LINE_EVERY) -> None:
         console = Console(stderr=True)
-        self._quiet = quiet
         self._lines, self._interval = not console.is_terminal and not quiet, interval
         self._begun = self._said = time.monotonic()
         self._tasks: dict[str, TaskID] = {}
@@ -92,11 +91,6 @@ class Bars:
         self._shares.clear()
         while self._tasks:
             self._progress.remove_task(self._tasks.popitem()[1])
-
-    def notice(self, text: str) -> None:
-        """Say this above the bars, at once."""
-        if not self._quiet:
-            self._progress.console.print(text, markup=False, soft_wrap=True)
 
     def line(self, text: str, *, now: bool = False) -> None:
         """Where there is no terminal, say this if the last line is `interval` ago, or `now`."""

@@ -77,11 +77,6 @@ class Processes(Generic[Unit, Result]):
         there.close()
         self._processes[here] = process
 
-    @property
-    def pids(self) -> list[int]:
-        """Process ids of the workers."""
-        return [process.pid for process in self._processes.values() if process.pid is not None]
-
     def submit(self, unit: Unit) -> None:
         """Hand a unit to the next free process."""
         self._queue.append(unit)
