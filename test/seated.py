@@ -30,8 +30,8 @@ class Seated:
     def __init__(self, text: str) -> None:
         self._driver = find_driver(text)
 
-    def seat(self, scenarios: Sequence[Scenario], seats: int) -> None:
-        self.answers = Cockpit(self._driver, scenarios, seats).answers
+    def seat(self, scenarios: Sequence[Scenario], seats: int, spawn: str) -> None:
+        self.answers = Cockpit(self._driver, scenarios, seats, spawn).answers
 
 
 @contextlib.contextmanager

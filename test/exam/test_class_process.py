@@ -39,7 +39,7 @@ def drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Drive:
         (tmp_path / "a_driver.py").write_text(text)
         scenes = [a_scene(0), a_scene(1)]
         with class_process("a_driver:Mine", tmp_path / "log", 60.0) as process:
-            process.seat([load_scenario(1)], 2)
+            process.seat([load_scenario(1)], 2, "paper")
             process._patience = patience  # once it is there
             return [answer for _ in range(ticks) for answer in process.answers(scenes)]
 

@@ -53,7 +53,7 @@ def test_each_seat_has_a_driver_of_its_own_which_learns_where_it_is_and_sees_wha
 
     scenario = load_scenario(1)
     state = World(WorldConfig(spawn="paper"), [scenario], [(1, 4), (1, 5)], 2, 0).state
-    cockpit = Cockpit(Mine, [scenario], 2)
+    cockpit = Cockpit(Mine, [scenario], 2, "paper")
     near = np.array([4.0]), np.array([9.0])
     scenes = [Scene(n, (1, 4 + n, 70 + n), 0.0, state[n : n + 1], *near, None) for n in (0, 1)]
     assert [answer.values for answer in cockpit.answers(scenes)] == [(0.5, 0.0)] * 2

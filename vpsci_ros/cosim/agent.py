@@ -73,7 +73,7 @@ class Body:
             raise InvalidInput(f"number = {number}: episode {episode} of seed {seed} has pedestrians 0 to {most - 1}")
         self.world = World(replace(config, pedestrians=MOST), [scenario], [], 1, seed)
         self.world.place([0], [(scenario.number, episode)])
-        self.state, self.tables = self.world.state, tables_from([scenario])
+        self.state, self.tables = self.world.state, tables_from([scenario], config.spawn)
         self.state[:] = spawned[number]
         self.state[: len(spawned)] = spawned
         self.state["pedestrian"] = np.arange(MOST)

@@ -115,7 +115,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = render_mode
         self.observation_space, self.action_space = OBSERVATION_SPACE, ACTION_SPACE
         self._simulation = Simulation(scenarios, 1, pedestrian=pedestrian, weights=weights, config=config)
-        self._tables = tables_from(self._simulation.scenarios)
+        self._tables = tables_from(self._simulation.scenarios, self._simulation.config.spawn)
         self._views = Views(self._simulation.scenarios)
         self._last: Snapshot | None = None
 

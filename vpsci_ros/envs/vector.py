@@ -52,7 +52,7 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         self.observation_space = batch_space(OBSERVATION_SPACE, num_envs)
         self.action_space = batch_space(ACTION_SPACE, num_envs)
         self._simulation = Simulation(scenarios, num_envs, pedestrian=pedestrian, weights=weights, config=config)
-        self._tables = tables_from(self._simulation.scenarios)
+        self._tables = tables_from(self._simulation.scenarios, self._simulation.config.spawn)
         self._views = Views(self._simulation.scenarios)
         self._last: Snapshot | None = None
 

@@ -118,13 +118,13 @@ class ClassProcess:
         self._ended = ""
         self.path: str = self._first("while its module was imported")
 
-    def seat(self, scenarios: Sequence[Scenario], seats: int) -> None:
-        """Make an object of the class for each seat.
+    def seat(self, scenarios: Sequence[Scenario], seats: int, spawn: str) -> None:
+        """Make an object of the class for each seat, see `Cockpit`.
 
         :raises InvalidInput: it cannot be made.
         """
         with contextlib.suppress(OSError):  # it has ended, which reading from it shows
-            self._connection.send((scenarios, seats))
+            self._connection.send((scenarios, seats, spawn))
         self._first("while its objects were made")
 
     def answers(self, scenes: Sequence[Scene]) -> Iterator[Answer]:

@@ -210,10 +210,11 @@ class Cockpit:
     """Drivers of one class, one for each seat.
 
     :param make: the class.
+    :param spawn: `WorldConfig.spawn`, which places the goals that the drivers observe.
     :raises InvalidInput: the class cannot be made.
     """
 
-    def __init__(self, make: Callable[[], Driver], scenarios: Sequence[Scenario], seats: int) -> None:
+    def __init__(self, make: Callable[[], Driver], scenarios: Sequence[Scenario], seats: int, spawn: str) -> None:
         try:
             self._drivers = [make() for _ in range(seats)]
         except (Exception, SystemExit) as error:
@@ -222,7 +223,7 @@ class Cockpit:
                 "takes no argument"
             ) from error
         self._scenarios = {scenario.number: scenario for scenario in scenarios}
-        self._tables = tables_from(scenarios)
+        self._tables = tables_from(scenarios, spawn)
 
     def answers(self, scenes: Iterable[Scene]) -> Iterator[Answer]:
         """Yield the answer to each scene; an error of the driver, whatever it is, is an answer."""

@@ -76,7 +76,7 @@ class World:
         self._has_policies = "policy" in (config.vehicle_driver, config.pedestrian_driver)
         self._settings = settings_from(config)
         self._crowd = crowd_from(config)
-        self._tables = tables_from(scenarios)
+        self._tables = tables_from(scenarios, config.spawn)
         self._parked = parked_from(scenarios)
         self._queue: Iterator[tuple[int, int]] = iter(episodes)
         self._exhausted = False

@@ -165,7 +165,7 @@ def _autopilot(exam: Exam, folder: Path) -> RunResult:
     """Return what the autopilot's braking rule comes to, in the same tests."""
     loop = loop_with(exam, EURO_NCAP, "external", exam.episodes, len(exam.episodes))
     brake = partial(AutopilotBrake, exam.world.proximity_distance)
-    cockpit = Cockpit(brake, exam.scenarios, len(exam.episodes))
+    cockpit = Cockpit(brake, exam.scenarios, len(exam.episodes), exam.world.spawn)
     steps = InProcess(loop, cockpit.answers, None, folder / "autopilot.log").ticks(lambda _: None)
     ticks = ((step.tick.state, step.assessment.curvttc, step.assessment.distance) for step in steps)
     found, first_critical = episodes_of(ticks, exam.world.tick, exam.scenarios, BASELINE)
