@@ -7,8 +7,12 @@ import torch
 from vpsci_ros.data.interactions import from_table
 from vpsci_ros.learning.config import UpdatesConfig
 from vpsci_ros.learning.maddpg import UNIT, Maddpg, Scored
+from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.replay import Batch, History, collate, draw_recorded, recorded_histories
+from vpsci_ros.policy.actor import InwardClamp, previous
 from vpsci_ros.world.observation import AGENTS
+
+NO_NOISE = np.random.default_rng(0)  # drawn from by nothing where `target_noise` is 0
 
 
 @pytest.fixture
@@ -25,7 +29,7 @@ def test_targets_follow_at_the_soft_update_rate(networks, batch):
     made = networks()
     maddpg = Maddpg(made, UpdatesConfig(target_update_rate=0.25, critic_learning_rate=1e-3))
     before = made.target_critic["vehicle"].state.weight.clone()
-    maddpg.update(batch, scored(batch, 1.0), None)
+    maddpg.update(batch, scored(batch, 1.0), None, NO_NOISE)
     after, fast = made.target_critic["vehicle"].state.weight, made.critic["vehicle"].state.weight
     torch.testing.assert_close(after, 0.75 * before + 0.25 * fast)
 
@@ -68,15 +72,15 @@ def by_algorithm_1(networks, histories, scored, agent, other, config):
         for a in AGENTS:
             before = np.concatenate([np.zeros((1, 2), np.float32), history.action[a]])
             seen[a] = [torch.from_numpy(x)[None] for x in (history.observation[a], before, history.curvttc)]
-        q = critic.value(critic.encode(*seen[agent])[0, :-1], own, others)
+        q = critic.value(critic.branch(critic.encoder(*seen[agent]))[0, :-1], own, others)
         next_own, next_other = (networks.target_actor[a](*seen[a])[0] for a in (agent, other))
-        next_q = target.value(target.encode(*seen[agent])[0], next_own, next_other)[1:]
+        next_q = target.value(target.branch(target.encoder(*seen[agent]))[0], next_own, next_other)[1:]
         if history.terminal:
             next_q = torch.cat([next_q[:-1], torch.zeros(1)])
         y = scored.reward[agent][k, :steps] / UNIT + config.discount * next_q
         delta.append(y - q)
         mine, theirs = (networks.actor[a](*seen[a])[0, :-1] for a in (agent, other))
-        value.append(critic.value(critic.encode(*seen[agent])[0, :-1], mine, theirs.detach()))
+        value.append(critic.value(critic.branch(critic.encoder(*seen[agent]))[0, :-1], mine, theirs.detach()))
     delta = torch.cat(delta)
     omega = torch.exp(UNIT * delta.detach().abs() / TEMPERATURE)
     return UNIT * delta.detach(), (omega / omega.mean() * delta**2).mean(), -torch.cat(value).mean()
@@ -104,7 +108,7 @@ def test_updates_follow_the_gradients_of_algorithm_1_with_the_weights_of_equatio
             expected[name, agent] = torch.autograd.grad(of, list(network.parameters()))
             assert max(float(gradient.abs().max()) for gradient in expected[name, agent]) > 1e-3
     maddpg = Maddpg(made, config)
-    result = maddpg.update(batch, scored, maddpg.act(batch))
+    result = maddpg.update(batch, scored, maddpg.act(batch), NO_NOISE)
     for agent in AGENTS:
         assert (result.critic_loss[agent], result.actor_loss[agent]) == pytest.approx(known[agent], rel=1e-4)
     for (name, agent), gradients in expected.items():
@@ -119,7 +123,7 @@ def test_recorded_steps_alone_teach_what_their_whole_windows_teach(networks, nea
     for step in (Batch.step, None):
         monkeypatch.setattr(Batch, "step", step)
         maddpg = Maddpg(networks(gain=20.0), config)
-        result = maddpg.update(batch, scored(batch, -50.0), maddpg.act(batch))
+        result = maddpg.update(batch, scored(batch, -50.0), maddpg.act(batch), NO_NOISE)
         learned.append((result, {n: p.grad for n, p in maddpg.networks.named_parameters() if p.requires_grad}))
     (alone, gradients), (whole, plain) = learned
     np.testing.assert_allclose(alone.error, whole.error, atol=1e-4)
@@ -134,12 +138,82 @@ def test_values_reach_over_a_hand_back_to_the_next_hand_over_discounted_by_the_t
     history.acting[:] = [True, True, False, False, again]
     batch = collate([history])
     reward = {a: UNIT * torch.tensor([[1.0, 2.0, 8.0, 0.0, 4.0]]) for a in AGENTS}
-    targets = Maddpg(made, UpdatesConfig(discount=0.5))._targets(Scored(batch.action, reward, batch))["vehicle"][0]
+    targets = Maddpg(made, UpdatesConfig(discount=0.5))._targets(Scored(batch.action, reward, batch), NO_NOISE)["vehicle"][0]
     before = {a: torch.cat([torch.zeros(1, 1, 2), batch.action[a]], dim=1) for a in AGENTS}
     seen = {a: (batch.observation[a], before[a], batch.curvttc) for a in AGENTS}
     critic, actions = made.target_critic["vehicle"], [made.target_actor[a](*seen[a]) for a in AGENTS]
-    value = critic.value(critic.encode(*seen["vehicle"]), *actions)[0]
+    value = critic.value(critic.branch(critic.encoder(*seen["vehicle"])), *actions)[0]
     after = value[4] if again else torch.tensor(4.0)  # else the episode goes on to its end without them
     torch.testing.assert_close(targets[0], 1.0 + 0.5 * value[1])
     torch.testing.assert_close(targets[1], 2.0 + 0.5 * 8.0 + 0.125 * after)
     assert not batch.present[0, 2:4].any()
+
+
+def test_the_lesser_of_two_critics_targets_counts(networks):
+    made = Networks.from_weights(networks(gain=20.0).weights({}, {}), critics=2)
+    batch = collate([made_up(40, terminal=False, seed=4)])
+    scored = Scored(batch.action, {a: torch.zeros(1, 40) for a in AGENTS}, batch)
+    alone = Networks.from_weights(made.weights({}, {}))
+    middle = Maddpg(alone, UpdatesConfig(discount=1.0))._targets(scored, NO_NOISE)["vehicle"].median()
+    with torch.no_grad():  # values on both sides of zero, and a second critic whose values are the opposite
+        alone.target_critic["vehicle"].head[-1].bias.sub_(middle)
+        for critics, sign in zip(made.target_critics, (1.0, -1.0), strict=True):
+            critics.load_state_dict(alone.target_critic.state_dict())
+            critics["vehicle"].scale_values(sign)
+    one = Maddpg(alone, UpdatesConfig(discount=1.0))._targets(scored, NO_NOISE)["vehicle"]
+    least = Maddpg(made, UpdatesConfig(discount=1.0))._targets(scored, NO_NOISE)["vehicle"]
+    assert (one < 0.0).any() and (one > 0.0).any()
+    torch.testing.assert_close(least, -one.abs())
+
+
+def test_noise_on_target_actions_is_cut_off_at_two_deviations_and_at_the_limit(networks, monkeypatch):
+    made, batch = networks(gain=20.0), collate([made_up(200, terminal=False, seed=5)])
+    seen = []
+    value = type(made.critic["vehicle"]).value
+    monkeypatch.setattr(
+        type(made.critic["vehicle"]), "value", lambda *given: (seen.append(given[2].clone()), value(*given))[1]
+    )
+    scored = Scored(batch.action, {a: torch.zeros(1, 200) for a in AGENTS}, batch)
+    for deviation in (0.0, 0.5):
+        Maddpg(made, UpdatesConfig(target_noise=deviation))._targets(scored, np.random.default_rng(6))
+    plain, noisy = seen[0], seen[2]  # the vehicle's actions of both calls
+    inside = plain.abs() < 4.0
+    off = (noisy - plain)[inside]
+    assert 0.35 < float(off.std()) < 0.55
+    assert 0.99 < float(off.abs().max()) <= 1.0 + 1e-6
+    assert float(noisy.abs().max()) <= 5.0
+
+
+@pytest.mark.parametrize("real", [True, False])
+def test_actors_imitate_recorded_steps_and_follow_the_value_divided_by_its_size_at_simulated_ones(
+    networks, real, monkeypatch
+):
+    monkeypatch.setattr("vpsci_ros.learning.maddpg.GRADIENT_CLIP", 1e9)
+    made, history = networks(gain=20.0), made_up(8, terminal=True, seed=7)
+    history.real = real
+    batch = collate([history])
+    maddpg = Maddpg(made, UpdatesConfig(0.0, 0.0), imitation=0.3)
+    actions = maddpg.act(batch)
+    expected = {}
+    for agent, other in (AGENTS, AGENTS[::-1]):
+        critic, before = made.critic[agent], previous(batch.action[agent])
+        q = critic.value(
+            critic.branch(critic.encoder(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1])),
+            actions[agent],
+            actions[other].detach(),
+        )
+        off = ((actions[agent] - batch.action[agent]) ** 2).sum(dim=2).mean()
+        of = 0.3 * off if real else -q.mean() / q.detach().abs().mean()
+        expected[agent] = torch.autograd.grad(of, list(made.actor[agent].parameters()), retain_graph=True)
+    maddpg.update(batch, scored(batch, 0.0), actions, NO_NOISE)
+    for agent in AGENTS:
+        for parameter, gradient in zip(made.actor[agent].parameters(), expected[agent], strict=True):
+            torch.testing.assert_close(parameter.grad, gradient, atol=1e-6, rtol=1e-3)
+
+
+def test_the_output_beyond_the_limit_gets_the_gradient_that_leads_back_inside_alone():
+    out = torch.tensor([6.0, 6.0, -6.0, -6.0, 1.0], requires_grad=True)
+    clamped = InwardClamp.apply(out, 5.0)
+    assert clamped.tolist() == [5.0, 5.0, -5.0, -5.0, 1.0]
+    (clamped * torch.tensor([1.0, -1.0, 1.0, -1.0, 2.0])).sum().backward()  # descent moves against the gradient
+    assert out.grad.tolist() == [1.0, 0.0, 0.0, -1.0, 2.0]

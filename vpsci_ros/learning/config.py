@@ -43,7 +43,7 @@ class ReplayConfig:
 
 @dataclass(frozen=True)
 class UpdatesConfig:
-    """Updates of the networks; in stage 2 one for every episode that the policies took part in (Algorithm 1)."""
+    """Updates of the networks."""
 
     actor_learning_rate: float = parameter(1e-4, "step size of the actors", low=0.0, high=1.0)
     critic_learning_rate: float = parameter(2e-4, "step size of the critics", low=0.0, high=1.0)
@@ -51,6 +51,10 @@ class UpdatesConfig:
     target_update_rate: float = constant(0.01, "soft update rate of the target networks", low=0.0, high=1.0)
     importance_temperature: float = constant(
         100.0, "tau of (5), in units of the reward; the paper gives none", low=1e-3, high=1e9
+    )
+    critics: int = constant(1, "critics of an agent; the least of their targets counts", low=1, high=8)
+    target_noise: float = constant(
+        0.0, "standard deviation of the noise on target actions, cut off at twice that", unit="m/s2", low=0.0, high=5.0
     )
 
 
@@ -108,13 +112,13 @@ class RewardsConfig:
     collision: float = constant(-200.0, "C_collision of (25)", low=-1e6, high=0.0)
     goal: float = constant(100.0, "C_goal of (26)", low=0.0, high=1e6)
     speed_scaling: float = parameter(
-        100.0, "factor on the speed reward in simulation (Table 8); docs/results.md says what 1 does", low=0.0, high=1e6
+        1.0, "factor on the speed reward in simulation; Table 8 has 100: docs/results.md", low=0.0, high=1e6
     )
     weights: list[float] = constant(
         [], "fixed w_1 (collision), w_2 (goal), w_3 (speed) of (27); empty: adaptive by (28)", low=0.0, high=1.0
     )
     weight_temperature: float = constant(
-        1e-4, "lambda of the adaptive weights (28); the paper gives none", low=0.0, high=10.0
+        1e-5, "lambda of the adaptive weights (28); the paper gives none", low=0.0, high=10.0
     )
 
     def __post_init__(self) -> None:
@@ -132,9 +136,24 @@ class RefineConfig:
     held_out_fraction: float = constant(
         0.2, "share of near misses, by whole clips, for the held-out error; take that of stage 1", low=0.0, high=0.9
     )
-    refresh_every: int = parameter(50, "updates between two refreshes of the policies", low=1, high=1_000_000)
+    refresh_every: int = parameter(100, "updates between two refreshes of the policies", low=1, high=1_000_000)
+    updates_per_episode: int = parameter(
+        2,
+        "updates for every episode that the policies took part in; Algorithm 1 has one, of 256 whole histories perhaps, "
+        "where ours are some seven",
+        low=1,
+        high=64,
+    )
+    imitation: float = parameter(
+        0.3,
+        "weight of the squared error of the action at recorded steps, beside the policy gradient at simulated ones; more "
+        "makes agents more like people, and collide more: docs/results.md",
+        unit="(m/s2)^-2",
+        low=0.0,
+        high=100.0,
+    )
     replay: ReplayConfig = ReplayConfig()
-    updates: UpdatesConfig = UpdatesConfig(actor_learning_rate=5e-5)
+    updates: UpdatesConfig = UpdatesConfig(actor_learning_rate=5e-5, critics=2, target_noise=0.5)
     rewards: RewardsConfig = RewardsConfig()
 
 

@@ -1,4 +1,11 @@
-"""One update of Algorithm 1, the same in both stages: critics by temporal difference, actors by the policy gradient."""
+"""One update of Algorithm 1: critics by temporal difference, actors by the policy gradient.
+
+Stage 2 adds what an ablation showed to matter (docs/results.md): two critics an agent, of whose targets the lesser counts,
+and noise on the target actions, both from 'Addressing function approximation error in actor-critic methods' by Fujimoto
+et al. 2018 (TD3, https://arxiv.org/abs/1802.09477); and imitation of recorded steps beside a policy gradient that is
+divided by the mean |Q|, from 'A minimalist approach to offline reinforcement learning' by Fujimoto and Gu 2021 (TD3+BC,
+https://arxiv.org/abs/2106.06860).
+"""
 
 from dataclasses import dataclass, field
 
@@ -15,6 +22,7 @@ from vpsci_ros.world.observation import AGENTS
 
 UNIT = 100.0  # rewards are divided by this before the critics learn them, so that values are of order one; ours
 GRADIENT_CLIP = 1.0  # gradients are scaled down to this norm; ours
+LEAST_VALUE = 0.05  # the policy gradient is divided by the mean |Q| of a batch, or by this; in units of `UNIT`
 Tensors = dict[str, Tensor]
 
 
@@ -66,13 +74,15 @@ class Maddpg:
     actors, as in 'Multi-agent actor-critic for mixed cooperative-competitive environments' by Lowe et al. 2017
     (https://arxiv.org/abs/1706.02275), which Algorithm 1 abbreviates.
 
+    :param imitation: weight of the imitation of recorded steps [(m/s2)^-2], see `_improve_actors`; None: the actors
+        follow the policy gradient at recorded steps, as at all others.
     :ivar alone: the critics are single agents': whatever the other does, they see zero in its place.
     """
 
-    def __init__(self, networks: Networks, config: UpdatesConfig) -> None:
-        self.networks, self.config = networks, config
+    def __init__(self, networks: Networks, config: UpdatesConfig, imitation: float | None = None) -> None:
+        self.networks, self.config, self.imitation = networks, config, imitation
         self.alone = False
-        self.critic_optimiser = torch.optim.Adam(networks.critic.parameters(), config.critic_learning_rate)
+        self.critic_optimiser = torch.optim.Adam(networks.critics.parameters(), config.critic_learning_rate)
         self.actor_optimiser = torch.optim.Adam(networks.actor.parameters(), config.actor_learning_rate)
 
     def act(self, batch: Batch, gradient: bool = True) -> Tensors:
@@ -85,31 +95,39 @@ class Maddpg:
                 actions[agent] = action.expand(-1, batch.present.shape[1], -1)
         return actions
 
-    def update(self, batch: Batch, scored: Scored, actions: Tensors | None) -> UpdateResult:
-        """Take one step with the critics and, given `actions` of `act`, with the actors; then the targets follow."""
+    def update(
+        self, batch: Batch, scored: Scored, actions: Tensors | None, rng: np.random.Generator
+    ) -> UpdateResult:
+        """Take one step with the critics and, given `actions` of `act`, with the actors; then the targets follow.
+
+        Errors and losses are those of the first critics, whose values the actors follow.
+        """
         count = batch.present.sum()
-        targets = self._targets(scored)
-        encoded, critic_loss, error = {}, {}, torch.zeros_like(scored.reward["vehicle"])
+        targets = self._targets(scored, rng)
+        states, critic_loss, error = {}, {}, torch.zeros_like(scored.reward["vehicle"])
         losses = []
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
-            critic = self.networks.critic[agent]
             before = previous(batch.action[agent])
-            state = critic.encode(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1], batch.step)
-            encoded[agent] = state.expand(-1, batch.present.shape[1], -1)
-            value = critic.value(encoded[agent], scored.action[agent], self._others(scored.action[other]))
-            delta = (targets[agent] - value) * batch.present
-            omega = importance(delta.detach() * UNIT, batch.present, self.config.importance_temperature)
-            losses.append((omega * delta**2).sum() / count)
-            critic_loss[agent] = float((delta.detach() ** 2).sum() / count) * UNIT**2
-            error += delta.detach().abs() * (UNIT / len(AGENTS))
+            encoder = self.networks.critic[agent].encoder
+            encoded = encoder(batch.observation[agent][:, :-1], before, batch.curvttc[:, :-1], batch.step)
+            for critics in self.networks.critics:
+                state = critics[agent].branch(encoded).expand(-1, batch.present.shape[1], -1)
+                value = critics[agent].value(state, scored.action[agent], self._others(scored.action[other]))
+                delta = (targets[agent] - value) * batch.present
+                omega = importance(delta.detach() * UNIT, batch.present, self.config.importance_temperature)
+                losses.append((omega * delta**2).sum() / count)
+                if agent not in states:
+                    states[agent] = state
+                    critic_loss[agent] = float((delta.detach() ** 2).sum() / count) * UNIT**2
+                    error += delta.detach().abs() * (UNIT / len(AGENTS))
         self.critic_optimiser.zero_grad()
         torch.stack(losses).sum().backward()
-        torch.nn.utils.clip_grad_norm_(self.networks.critic.parameters(), GRADIENT_CLIP)
+        torch.nn.utils.clip_grad_norm_(self.networks.critics.parameters(), GRADIENT_CLIP)
         self.critic_optimiser.step()
         actor_loss: dict[str, float] = {}
         norm: dict[str, float] = {}
         if actions is not None:
-            actor_loss, norm = self._improve_actors(batch, actions, encoded)
+            actor_loss, norm = self._improve_actors(batch, actions, states)
         self.networks.follow(self.config.target_update_rate)
         return UpdateResult(critic_loss, actor_loss, norm, error.double().numpy())
 
@@ -118,8 +136,10 @@ class Maddpg:
         return torch.zeros_like(action) if self.alone else action
 
     @torch.no_grad()
-    def _targets(self, scored: Scored) -> Tensors:
-        """Return y(t) = R(t) + gamma Q'(H(t + 1), mu'(H(t + 1)), mu'_other(H(t + 1))).
+    def _targets(self, scored: Scored, rng: np.random.Generator) -> Tensors:
+        """Return y(t) = R(t) + gamma min Q'(H(t + 1), mu'(H(t + 1)), mu'_other(H(t + 1))), the least of all critics.
+
+        Target actions get normal noise of `target_noise`, cut off at twice that.
 
         Where the rule-based pair drives at t + 1, the return goes on, reward by reward, to the next step at which the
         policies act, and is discounted by the time until then; without such a step it ends with the episode.
@@ -129,14 +149,19 @@ class Maddpg:
         at = None if batch.step is None else batch.step + 1
         for agent in AGENTS:
             actor = networks.target_actor[agent]
-            following[agent] = actor(batch.observation[agent], before[agent], batch.curvttc, at)
+            action = actor(batch.observation[agent], before[agent], batch.curvttc, at)
+            if deviation := self.config.target_noise:
+                noise = rng.normal(0.0, deviation, tuple(action.shape)).clip(-2.0 * deviation, 2.0 * deviation)
+                action = (action + torch.from_numpy(noise.astype(np.float32))).clamp(-actor.limit, actor.limit)
+            following[agent] = action
         rows, targets = torch.arange(len(batch.length)), {}
         goes_on = ~batch.terminal & batch.present[rows, batch.length - 1]
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
-            critic = networks.target_critic[agent]
-            encoded = critic.encode(batch.observation[agent], before[agent], batch.curvttc, at)
-            value = critic.value(encoded, following[agent], self._others(following[other]))
-            value = value.expand(-1, batch.present.shape[1] + 1)
+            encoder, others = networks.target_critic[agent].encoder, self._others(following[other])
+            encoded = encoder(batch.observation[agent], before[agent], batch.curvttc, at)
+            critics = [every[agent] for every in networks.target_critics]
+            values = [critic.value(critic.branch(encoded), following[agent], others) for critic in critics]
+            value = torch.stack(values).amin(dim=0).expand(-1, batch.present.shape[1] + 1)
             last, reward = value[rows, batch.length] * goes_on, scored.reward[agent] / UNIT
             found, after = torch.zeros_like(reward), last
             for step in range(reward.shape[1] - 1, -1, -1):
@@ -147,25 +172,35 @@ class Maddpg:
         return targets
 
     def _improve_actors(
-        self, batch: Batch, actions: Tensors, encoded: Tensors
+        self, batch: Batch, actions: Tensors, states: Tensors
     ) -> tuple[dict[str, float], dict[str, float]]:
-        """Follow the gradient of Q(H, mu(H), mu_other(H_other)), the critics held fixed.
+        """Follow the gradient of Q(H, mu(H), mu_other(H_other)), the critics held fixed, and imitate recorded steps.
+
+        With `imitation` the policy gradient is that of simulated steps alone, divided by the mean |Q|, since recorded
+        steps say what people did; at these the loss is `imitation` times the squared error of the action.
 
         Both agents' actions are what their actors do now, as in the framework that the paper's authors released; Lowe
         et al. take the other's from the buffer, though its actor may have left that long ago.
 
-        `encoded` are the histories as the critics encoded them before their step of this update; to encode them again
+        `states` are the histories as the first critics had them before their step of this update; to encode them again
         would turn the gradient by less than 4 degrees and cost a quarter of the update.
         """
         self.actor_optimiser.zero_grad()
         loss: dict[str, float] = {}
         norm: dict[str, float] = {}
+        count, recorded = batch.present.sum(), batch.present & batch.real[:, None]
+        followed = batch.present if self.imitation is None else batch.present & ~recorded
         for agent, other in zip(AGENTS, AGENTS[::-1], strict=True):
             others = self._others(actions[other].detach())
-            value = self.networks.critic[agent].value(encoded[agent].detach(), actions[agent], others)
-            objective = -(value * batch.present).sum() / batch.present.sum()
+            value = self.networks.critic[agent].value(states[agent].detach(), actions[agent], others)
+            objective = -(value * followed).sum() / count
+            whole = objective
+            if self.imitation is not None:
+                size = (value.detach().abs() * batch.present).sum() / count
+                off = ((actions[agent] - batch.action[agent]) ** 2).sum(dim=-1)
+                whole = objective / size.clamp(min=LEAST_VALUE) + self.imitation * (off * recorded).sum() / count
             parameters = list(self.networks.actor[agent].parameters())
-            for parameter, gradient in zip(parameters, torch.autograd.grad(objective, parameters), strict=True):
+            for parameter, gradient in zip(parameters, torch.autograd.grad(whole, parameters), strict=True):
                 parameter.grad = gradient
             norm[agent] = float(torch.nn.utils.clip_grad_norm_(parameters, GRADIENT_CLIP)) * UNIT
             loss[agent] = float(objective.detach()) * UNIT

@@ -17,11 +17,14 @@ from vpsci_ros.world.observation import ACTION_SIZE, AGENTS
 
 
 class Critic(nn.Module):
-    """Q(H(t), A_own(t), A_other(t)) of one agent: history on one branch (an encoder of its own), actions on another."""
+    """Q(H(t), A_own(t), A_other(t)) of one agent: history on one branch (an encoder of its own), actions on another.
 
-    def __init__(self, config: NetworkConfig) -> None:
+    :param encoder: of another critic of the agent, which both share; None: one of its own.
+    """
+
+    def __init__(self, config: NetworkConfig, encoder: SSTEncoder | None = None) -> None:
         super().__init__()
-        self.encoder = SSTEncoder(config, MODELS.find(config.encoder).layer)
+        self.encoder = SSTEncoder(config, MODELS.find(config.encoder).layer) if encoder is None else encoder
         self.state = nn.Linear(config.hidden, CRITIC_STATE)
         self.action = nn.Linear(2 * ACTION_SIZE, CRITIC_ACTION)
         first, second = CRITIC_HIDDEN
@@ -41,14 +44,14 @@ class Critic(nn.Module):
         last.weight.mul_(factor)
         last.bias.mul_(factor)
 
-    def encode(self, observation: Tensor, action_before: Tensor, curvttc: Tensor, step: Tensor | None = None) -> Tensor:
-        """Return the state branch, float32[B, T or 1, 16], of histories and steps as in `SSTEncoder.forward`."""
-        return torch.relu(self.state(self.encoder(observation, action_before, curvttc, step)))
+    def branch(self, encoded: Tensor) -> Tensor:
+        """Return the state branch, float32[..., 16], of histories as `encoder` returns them, float32[..., hidden]."""
+        return torch.relu(self.state(encoded))
 
-    def value(self, encoded: Tensor, own_action: Tensor, other_action: Tensor) -> Tensor:
-        """Return Q, float32[...], of encoded histories [..., 16] and the joint action [..., 2] each, m/s2."""
+    def value(self, state: Tensor, own_action: Tensor, other_action: Tensor) -> Tensor:
+        """Return Q, float32[...], of `branch`'s histories [..., 16] and the joint action [..., 2] each, m/s2."""
         joint = torch.relu(self.action(torch.cat([own_action, other_action], dim=-1)))
-        q: Tensor = self.head(torch.cat([encoded, joint], dim=-1))
+        q: Tensor = self.head(torch.cat([state, joint], dim=-1))
         return q.squeeze(-1)
 
 
@@ -63,20 +66,39 @@ class Critics(nn.ModuleDict):
 class Networks(nn.Module):
     """Actors mu, critics Q and their targets mu', Q' for both agents (Figure 3 of the paper).
 
-    `actor`, `critic`, `target_actor` and `target_critic` map "vehicle" and "pedestrian" to networks. `speed_mean` and
-    `speed_deviation` [m/s], float32[2] per agent, are the fixed statistics of rewards (14)-(15).
+    `actor` and `target_actor` map "vehicle" and "pedestrian" to networks, and so does each of `critics` and
+    `target_critics`. A weights file holds the first critics. `speed_mean` and `speed_deviation` [m/s], float32[2] per
+    agent, are the fixed statistics of rewards (14)-(15).
+
+    :param critics: how many critics an agent has; they share its encoder, which is most of their cost.
     """
 
-    def __init__(self, config: NetworkConfig) -> None:
+    def __init__(self, config: NetworkConfig, critics: int = 1) -> None:
         super().__init__()
         self.config = config
         self.actor = Actors({agent: make_actor(config) for agent in AGENTS})
-        self.critic = Critics({agent: Critic(config) for agent in AGENTS})
-        self.target_actor, self.target_critic = copy.deepcopy(self.actor), copy.deepcopy(self.critic)
-        for parameter in [*self.target_actor.parameters(), *self.target_critic.parameters()]:
+        first = Critics({agent: Critic(config) for agent in AGENTS})
+        further = [Critics({a: Critic(config, first[a].encoder) for a in AGENTS}) for _ in range(critics - 1)]
+        self.critics, self.target_actor = nn.ModuleList([first, *further]), copy.deepcopy(self.actor)
+        self.target_critics = copy.deepcopy(self.critics)
+        for parameter in [*self.target_actor.parameters(), *self.target_critics.parameters()]:
             parameter.requires_grad_(False)
         self.speed_mean = {agent: torch.zeros(2) for agent in AGENTS}
         self.speed_deviation = {agent: torch.ones(2) for agent in AGENTS}
+
+    @property
+    def critic(self) -> Critics:
+        """The first critic of each agent."""
+        return cast(Critics, self.critics[0])
+
+    @property
+    def target_critic(self) -> Critics:
+        """The target of the first critic of each agent."""
+        return cast(Critics, self.target_critics[0])
+
+    def every_critic(self) -> list[Critics]:
+        """Return all critics, then all of their targets."""
+        return [cast(Critics, critics) for critics in (*self.critics, *self.target_critics)]
 
     def set_statistics(
         self,
@@ -90,8 +112,7 @@ class Networks(nn.Module):
         """
         for agent in AGENTS:
             mean, deviation = _moments(observations[agent])
-            for network in (self.actor, self.critic, self.target_actor, self.target_critic):
-                encoder = network[agent].encoder
+            for encoder in (network[agent].encoder for network in (self.actor, self.target_actor, *self.every_critic())):
                 encoder.observation_mean.copy_(mean)
                 encoder.observation_scale.copy_(deviation)
             self.speed_mean[agent], deviation = _moments(speeds[agent])
@@ -99,14 +120,14 @@ class Networks(nn.Module):
 
     def scale_values(self, factor: float) -> None:
         """Make the values of all critics, the targets among them, so many times what they are."""
-        for critics in (self.critic, self.target_critic):
+        for critics in self.every_critic():
             for agent in AGENTS:
                 critics[agent].scale_values(factor)
 
     @torch.no_grad()
     def follow(self, rate: float) -> None:
         """Move the targets by `rate` towards the networks: theta' <- rate theta + (1 - rate) theta' (Algorithm 1)."""
-        for target, network in ((self.target_actor, self.actor), (self.target_critic, self.critic)):
+        for target, network in ((self.target_actor, self.actor), (self.target_critics, self.critics)):
             for slow, fast in zip(target.parameters(), network.parameters(), strict=True):
                 slow.lerp_(fast, rate)
 
@@ -122,9 +143,14 @@ class Networks(nn.Module):
         return Weights(self.config, arrays, configuration, facts)
 
     @classmethod
-    def from_weights(cls, weights: Weights) -> "Networks":
-        """Build the networks that `weights` holds; targets start equal to them."""
-        networks = cls(weights.network)
+    def from_weights(cls, weights: Weights, critics: int = 1, seed: int = 0) -> "Networks":
+        """Build the networks that `weights` holds; targets start equal to them.
+
+        :param critics: how many critics an agent gets; those beyond the first begin untrained, drawn by `seed`.
+        """
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            networks = cls(weights.network, critics)
         for agent in AGENTS:
             for kind, targets in (("actor", networks.target_actor), ("critic", networks.target_critic)):
                 state = {k: torch.from_numpy(v.copy()) for k, v in weights.part(f"{agent}_{kind}").items()}

@@ -34,7 +34,7 @@ class Training(NamedTuple):
         """Update critics and targets once, by what the actors would do now; the actors are left as they are."""
         actions = self.maddpg.act(batch, gradient=False)
         scored = self.rewards.score(batch, actions, rng)
-        return replace(self.maddpg.update(batch, scored, None), actions=actions)
+        return replace(self.maddpg.update(batch, scored, None, rng), actions=actions)
 
 
 class StageObjective(Protocol):
@@ -73,7 +73,7 @@ class PolicyGradient:
         """See `StageObjective.update`."""
         actions = self._training.maddpg.act(batch)
         scored = self._training.rewards.score(batch, actions, rng)
-        return replace(self._training.maddpg.update(batch, scored, actions), actions=actions)
+        return replace(self._training.maddpg.update(batch, scored, actions, rng), actions=actions)
 
 
 def _by_critics(training: Training, config: PretrainConfig | RefineConfig) -> PolicyGradient:

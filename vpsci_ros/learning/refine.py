@@ -58,7 +58,7 @@ class Progress:
     """How far stage 2 is; what a checkpoint keeps beside networks, optimisers and experience.
 
     :ivar updates, episodes, received: updates made, episodes and transitions taken in so far.
-    :ivar owed: episodes that have not been paid for by an update yet.
+    :ivar owed: updates that are due for the episodes so far.
     :ivar version: of the weights that act; `refreshes` of them so far; `refreshed`: since last asked.
     :ivar norm: of the last policy gradient; it has been below the tolerance for `calm` episodes, the last of which had
         seen `tested` updates.
@@ -113,8 +113,8 @@ class Refiner:
         self._rng = np.random.default_rng(seed)
         training, held_out = split_as_before(near_misses, weights, config.held_out_fraction, seed)
         self._held_out = HeldOut(held_out)
-        self._networks = Networks.from_weights(weights)
-        self._maddpg = Maddpg(self._networks, config.updates)
+        self._networks = Networks.from_weights(weights, config.updates.critics, seed)
+        self._maddpg = Maddpg(self._networks, config.updates, config.imitation)
         interactions = from_table(training)
         real = recorded_histories(interactions)
         kept = up_to_capacity(real, max(1, int(REAL_SHARE * CAPACITY)), self._rng)
@@ -147,7 +147,7 @@ class Refiner:
         """Take whole histories in, TRANSITION[T] each, as so many new transitions completed them."""
         progress = self.progress
         progress.received += transitions
-        progress.owed += len(finished)
+        progress.owed += self._config.updates_per_episode * len(finished)
         for history in self._rewards.histories(finished):
             sums = self._rewards.components(history).sum(axis=1)
             self.reward_weights.episode(sums / history.steps)
@@ -164,7 +164,7 @@ class Refiner:
 
     @property
     def due(self) -> bool:
-        """Whether an episode is owed its update (Algorithm 1), and there is a batch to learn from."""
+        """Whether an episode is owed an update (Algorithm 1), and there is a batch to learn from."""
         return self.progress.received >= self._config.replay.batch_size and self.progress.owed > 0
 
     @property

@@ -1,6 +1,6 @@
 """The actor: an encoder of the history and two hidden layers on top, to two accelerations (Table 8)."""
 
-from typing import cast
+from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
@@ -8,8 +8,29 @@ from torch import Tensor, nn
 from vpsci_ros.policy.config import ACTOR_HIDDEN, NetworkConfig
 from vpsci_ros.policy.sst import EncoderLayer, SSTEncoder, SSTLayer
 from vpsci_ros.world.observation import ACTION_SIZE
-
 OUTPUT_INIT = 3e-3  # bound of the last layer's initial weights, so that an untrained actor keeps its velocity
+
+
+class InwardClamp(torch.autograd.Function):
+    """Clamp to [-limit, limit] whose gradient passes beyond the limit, too, where it leads back inside.
+
+    An output that a plain clamp has cut would get no gradient, and stay beyond the limit for good. After 'inverting
+    gradients' in 'Deep reinforcement learning in parameterized action space' by Hausknecht and Stone 2016
+    (https://arxiv.org/abs/1511.04143).
+    """
+
+    @staticmethod
+    def forward(ctx: Any, out: Tensor, limit: float) -> Tensor:  # type: ignore[override]
+        """Return `out` clamped."""
+        ctx.save_for_backward(out)
+        ctx.limit = limit
+        return out.clamp(-limit, limit)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None]:  # type: ignore[override]
+        """Return the gradient; descent moves an output against it, so inward where both have the same sign."""
+        (out,) = ctx.saved_tensors
+        return gradient * ((out.abs() <= ctx.limit) | (gradient * out > 0)), None
 
 
 class Actor(nn.Module):
@@ -40,7 +61,8 @@ class Actor(nn.Module):
         With `step` float32[B, 1, 2]: the action at that step alone.
         """
         out: Tensor = self.head(self.encoder(observation, action_before, curvttc, step))
-        return out.clamp(-self.limit, self.limit)
+        clamped: Tensor = InwardClamp.apply(out, self.limit)  # type: ignore[no-untyped-call]
+        return clamped
 
 
 class Actors(nn.ModuleDict):

@@ -43,7 +43,7 @@ class NetworkConfig:
 class NoiseConfig:
     """The exploration noise N(t) = N_0 exp(-beta t) + N_min (16)."""
 
-    start: float = parameter(0.06, "N_0 of (16)", unit="of the action limit", low=0.0, high=2.0, read_only=False)
+    start: float = parameter(0.2, "N_0 of (16)", unit="of the action limit", low=0.0, high=2.0, read_only=False)
     floor: float = constant(0.01, "N_min of (16)", unit="of the action limit", low=0.0, high=2.0)
 
 
