@@ -139,10 +139,14 @@ class Simulation:
 #
 # Observation, float32[21], in SI units and the vehicle's heading frame (forward, left):
 #
-# | entries | what | |---|---| | 0-2 | speed, acceleration, path curvature | | 3, 4 | distance to the left of the
-# lane's centre, heading relative to the lane | | 5 | distance to the goal along the lane | | 6-15 | lane centre 2, 4,
-# 7, 11 and 16 m ahead, (forward, left) each | | 16-19 | pedestrian's position and velocity, (forward, left) each | |
-# 20 | CurvTTC, at most 10 s |
+# | entries | content                                                                |
+# |---------|------------------------------------------------------------------------|
+# | 0-2     | speed, acceleration, path curvature                                    |
+# | 3, 4    | distance to the left of the lane's centre, heading relative to the lane|
+# | 5       | distance to the goal along the lane                                    |
+# | 6-15    | lane centre 2, 4, 7, 11 and 16 m ahead, (forward, left) each           |
+# | 16-19   | pedestrian's position and velocity, (forward, left) each               |
+# | 20      | CurvTTC, at most 10 s                                                  |
 #
 # Action, float32[2] in -1..1: steer (positive to the left), and throttle where positive, brake where negative.
 #

@@ -22,7 +22,7 @@ Actions = tuple[NDArray[np.float32], NDArray[np.float32]]
 class Predictor(Protocol):
     """Anything that answers observations of N parallel interactions with both agents' accelerations.
 
-    `tracked_steps` is that of `kinematics.scene.scene_at` from which its closed loop starts.
+    `tracked_steps` is the argument of `scene.scene_at`, which makes the first scene of the closed loop.
     """
 
     @property

@@ -7,7 +7,7 @@ within 5 s for at least one second, from the first critical step to the last.
   step. The trajectory is integrated from predicted speeds and compared with the one integrated from recorded speeds.
 - Closed loop: both agents run on their own predictions up to the last critical step, at most 3 s, and their positions
   are compared with the recorded ones. Where the model says so (`tracked_steps`), the vehicle sets out with the velocity
-  of its last observed positions instead of the published one, see `kinematics.scene.scene_at`.
+  of its last observed positions instead of the published one, see `scene.scene_at`.
 
 ADE (30) and FDE (31) are means over both agents. RMSE (29) pools all steps, in the vehicle's heading frame: of the
 recorded step in reconstruction, of the predicted step in closed loop.

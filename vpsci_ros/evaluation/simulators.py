@@ -34,7 +34,7 @@ def rolled_out(model: Predictor, onsets: Onsets) -> Floats:
 
 
 def tracked(onsets: Onsets) -> Floats:
-    """Constant velocity, the vehicle's by its last positions (`kinematics.scene.scene_at`), K = 1."""
+    """Constant velocity, the vehicle's by its last positions (`scene.scene_at`), K = 1."""
     return rolled_out(RepeatVelocity(TRACKED_STEPS), onsets)
 
 

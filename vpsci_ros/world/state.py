@@ -100,7 +100,7 @@ _CODES = (
     "vehicle_goal",  # 1: the vehicle has reached its goal
     "pedestrian_goal",  # 1: the pedestrian has reached its goal
     "pedestrian",  # number within the episode, from 0
-    "kind",  # index in `kinds.KINDS`
+    "kind",  # index in `crowd.KINDS`
     "role",  # index in `crowd.ROLES`
     "struck",  # 1: the vehicle has struck this pedestrian
 )

@@ -246,7 +246,7 @@ IMPORTERS = PluginGroup("vpsci_ros.importers", "format", Importer, BUILT_IN)
 
 
 def import_trajectories(folder: str | Path, format_name: str) -> ImportResult:
-    """Read every clip of a folder as published and return its near misses; `pairing` sets which steps are kept.
+    """Return the near misses of every clip of a folder, read as published.
 
     :param format_name: of `IMPORTERS`; the table's `source`.
     :raises InvalidInput: an unknown format, a missing folder or file, a file that does not hold what it should.

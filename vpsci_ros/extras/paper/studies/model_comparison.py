@@ -63,7 +63,7 @@ def compare_models(
     :param factors: of the step sizes of stage 1, tried for each model and fold (`trials.try_steps`); none: no trial.
     :param report: called with the fold's name ("1", ...) and what `train` reports, updates counted over all its models.
     :raises InvalidInput: as `held_out_folds`; an objective is chosen, which this study would ignore; a model by
-        reinforcement without `reinforcement`; `network.carry_state` is false, or `out_dir` holds another study.
+        reinforcement without `hybrid`; `network.carry_state` is false, or `out_dir` holds another study.
     """
     if config.objective != PretrainConfig.objective:
         raise InvalidInput(
