@@ -1,6 +1,9 @@
 """Rooms lie one upon the other, and whoever needs another room looks down: imports within functions, too."""
 
 import ast
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import vpsci_ros
@@ -47,6 +50,23 @@ def upward(path: Path, tree: ast.AST) -> list[str]:
         ):
             arrows.append(f"{path.relative_to(ROOT)}:{line} imports {module}, but only nodes knows ROS")
     return arrows
+
+
+def at_import(tree: ast.Module) -> list[ast.stmt]:
+    """Return the statements that run when a module is imported: not those for type checkers, nor those in functions."""
+    for_types = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
+    return [node for node in tree.body if node not in for_types and not isinstance(node, ast.FunctionDef)]
+
+
+def test_the_package_imports_none_of_its_rooms_and_touches_no_file(tmp_path: Path) -> None:
+    tree = ast.parse((ROOT / "__init__.py").read_text(encoding="utf-8"))
+    assert {module for node in at_import(tree) for _, module in imported(node)} == {"importlib", "typing"}
+    code = "import os, sys, vpsci_ros; print(*(name for name in sys.modules if name.startswith('vpsci_ros')))"
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    environment |= {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
+    loaded = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert loaded.stdout.split() == ["vpsci_ros"]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_every_room_has_its_place() -> None:

@@ -3,16 +3,12 @@
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from vpsci_ros.runs.kernel_cache import choose_cache_folder
-
 if TYPE_CHECKING:
     from vpsci_ros.cosim import Driver, Pedestrian, Vehicle, Walker
 
 __all__ = ["Driver", "Pedestrian", "Vehicle", "Walker"]
 
 __version__ = "0.1.0"
-
-choose_cache_folder()
 
 _LATE = ("Driver", "Pedestrian", "Vehicle", "Walker")  # imported when first used, so that the package imports at once
 

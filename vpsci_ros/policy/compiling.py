@@ -6,12 +6,12 @@ that compiles hears a request to stop only when it is done, later than a graph w
 finds the kernels compiled imports nothing for it.
 """
 
-import os
 import subprocess
 import sys
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
+
+from vpsci_ros.runs.kernel_cache import choose_cache_folder
 
 DONE = "compiled"  # a file of this name in the cache folder: all of it has been compiled
 
@@ -64,8 +64,8 @@ def compile_kernels() -> None:
 
     A part that fails is said with its reason; whoever needs its kernels compiles them, or fails in its own words.
     """
-    folder = Path(os.environ.get("NUMBA_CACHE_DIR", ""))
-    if not folder.is_absolute() or (folder / DONE).exists():
+    folder = choose_cache_folder()
+    if folder is None or not folder.is_absolute() or (folder / DONE).exists():
         return
     print("compiling for this machine, once: some 20 s on two cores", file=sys.stderr, flush=True)
     command = [sys.executable, "-m", __name__]

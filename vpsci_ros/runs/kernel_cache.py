@@ -1,5 +1,7 @@
 """Where compiled kernels are kept: a folder of its own for each state of the sources.
 
+The module that compiles kernels chooses it (`safety.compiled`).
+
 Numba keeps compiled code on disk and looks only at the file in which a function stands, so it would go on using a
 kernel after an edit to a function that the kernel calls from another file. Here every state of the sources has its
 own folder, and folders of earlier states of the same installation are removed.
@@ -27,27 +29,31 @@ _ROOMS = ("policy", "safety", "world")
 CHECKSUMS = "checksums.json"  # path of a file of numba's -> when it was written [ns], and its checksum
 
 
-def choose_cache_folder() -> None:
-    """Point numba to the folder of the present sources, unless `NUMBA_CACHE_DIR` names one."""
-    if os.environ.get("NUMBA_CACHE_DIR"):
-        return
+def choose_cache_folder() -> Path | None:
+    """Point numba to the folder of the present sources, unless `NUMBA_CACHE_DIR` names one; return the folder.
+
+    None: there is no home to write to, or the folder belongs to another user; numba then looks for a place of its own.
+    """
+    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(chosen)
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vpsci_ros"
     installation = root / hashlib.sha256(str(_PACKAGE).encode()).hexdigest()[:16]
     folder = installation / _digest()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if root.stat().st_uid != os.getuid():
-            return  # somebody else's, who could have this process run anything
+            return None  # another user could have this process run anything
         root.chmod(0o700)
         _remove_damaged_files(folder)
         for other in installation.iterdir():
             if other != folder:
                 shutil.rmtree(other, ignore_errors=True)
     except OSError:
-        return  # no home to write to: numba then looks for a place of its own
+        return None
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
+    return folder
 
 
 def _remove_damaged_files(folder: Path) -> None:

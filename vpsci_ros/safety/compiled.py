@@ -6,12 +6,17 @@ Compiled code is cached on disk, divides as IEEE says and never reorders arithme
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import TypeVar
 
 from numba import njit
 
+from vpsci_ros.runs.kernel_cache import choose_cache_folder
+
 T = TypeVar("T")
-kernel = njit(cache=True, no_cfunc_wrapper=True, error_model="numpy", nogil=True)
+choose_cache_folder()  # before numba decorates the first function
+compiled = partial(njit, cache=True, no_cfunc_wrapper=True, error_model="numpy", nogil=True)
+kernel = compiled()
 
 
 class _Pool:

@@ -5,9 +5,9 @@ its own. What takes the whole state is `inlined` where it is called from the loo
 arrays costs more than most of what these functions do.
 """
 
-from numba import njit
+from vpsci_ros.safety.compiled import compiled
 
-kernel = njit(cache=True, no_cfunc_wrapper=True, error_model="numpy", nogil=True, _nrt=False)
-inlined = njit(cache=True, no_cfunc_wrapper=True, error_model="numpy", nogil=True, _nrt=False, inline="always")
+kernel = compiled(_nrt=False)
+inlined = compiled(_nrt=False, inline="always")
 PER_THREAD = 2048  # slots below which another thread costs more than it saves
 SPAWNS_PER_THREAD = 16  # episodes that start at once, likewise: a start takes some 30 us
