@@ -1,5 +1,7 @@
 """Bags of any ROS 2 tool: MCAP, one file or several, whole or in part, with definitions or without."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +19,23 @@ from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.state import GOAL
+
+SHIPPED = Path(__file__).parents[2] / "bags" / "LocationA_PedCross_E-W"
+
+
+def test_reading_a_bag_loads_neither_torch_nor_policies_nor_learning() -> None:
+    code = f"""
+import sys
+from vpsci_ros.bags.ticks import read_bag
+print(len([tick for tick in read_bag({str(SHIPPED)!r})]), *sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    ticks, *modules = done.stdout.split()
+    assert int(ticks) > 200
+    rooms = {name.split(".")[1] for name in modules if name.startswith("vpsci_ros.")}
+    assert {"bags", "wire", "world"} <= rooms
+    assert not rooms & {"policy", "learning", "evaluation"}
+    assert "torch" not in modules
 
 
 def split_bag(folder: Path, messages: int = 60) -> Path:

@@ -12,7 +12,6 @@ from vpsci_ros.learning.maddpg import UNIT
 from vpsci_ros.learning.online import refine
 from vpsci_ros.learning.refine import Refiner
 from vpsci_ros.learning.replay import collate
-from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.parameters import build, values_of
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.policy.config import NetworkConfig, PolicyConfig
@@ -21,6 +20,7 @@ from vpsci_ros.policy.weights import load_weights, resolved
 from vpsci_ros.world import WorldConfig, load_scenarios
 from vpsci_ros.world.crowd import KindMixture
 from vpsci_ros.world.observation import AGENTS
+from vpsci_ros.world.transition import TRANSITION
 
 QUICK = build(RefineConfig, {"replay.batch_size": 40, "refresh_every": 2}, "test")
 

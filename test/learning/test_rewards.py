@@ -11,8 +11,8 @@ from vpsci_ros.learning.rewards import (
     SimulatedRewards,
     speed_reward,
 )
-from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.world.observation import AGENTS, STEP
+from vpsci_ros.world.transition import TRANSITION
 
 STEPS = 10
 

@@ -2,12 +2,13 @@ import numpy as np
 import pytest
 
 from vpsci_ros.learning.assembly import STALE, HistoryAssembler
-from vpsci_ros.learning.transitions import TRANSITION, TransitionBuilder, usable
+from vpsci_ros.learning.transitions import TransitionBuilder, usable
 from vpsci_ros.world import COLLISION, ENDED, EPISODE, GOAL, RUNNING, World, WorldConfig, load_scenarios
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.observation import STEP
 from vpsci_ros.world.state import NO_EVENTS
 from vpsci_ros.world.tick import Actions, Step, Tick
+from vpsci_ros.world.transition import TRANSITION
 
 
 @pytest.fixture(scope="module")

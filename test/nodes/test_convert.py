@@ -8,7 +8,6 @@ from nodes.stage import odometry_messages, state_bytes
 from rclpy.serialization import deserialize_message, serialize_message
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, SafetyState, WorldState
-from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.nodes import convert
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.answers import SerializedAction, SerializedSafety, write_action, write_safety_state
@@ -16,6 +15,7 @@ from vpsci_ros.wire.decoder import rewritten
 from vpsci_ros.wire.header import WireHeader, whole_words
 from vpsci_ros.world import EPISODE, EVENT
 from vpsci_ros.world.perception import OBJECT
+from vpsci_ros.world.transition import TRANSITION
 
 
 def random_records(dtype: np.dtype, count: int, seed: int = 1) -> np.ndarray:

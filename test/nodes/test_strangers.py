@@ -18,7 +18,6 @@ from std_msgs.msg import Header, UInt64
 
 from vpsci_msgs.msg import AgentAction, EpisodeEvent, PolicyWeights, SafetyState, Transition, WorldState
 from vpsci_ros.bags.info import bag_info
-from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.nodes import convert
 from vpsci_ros.nodes.agent_policy import VehiclePolicy
 from vpsci_ros.nodes.base import GraphNode
@@ -30,6 +29,7 @@ from vpsci_ros.nodes.status import NodeStatus
 from vpsci_ros.nodes.topics import LOCK_STEP
 from vpsci_ros.nodes.world_simulator import WorldSimulator
 from vpsci_ros.world import EPISODE, RUNNING
+from vpsci_ros.world.transition import TRANSITION
 
 PERIOD = 0.05
 

@@ -70,7 +70,7 @@ def evaluate(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor]
 
 
 def fixed_3s(near_misses: pl.DataFrame, models: Mapping[str, Policy | Predictor], seed: int) -> dict[str, Any]:
-    """Return errors and energy score [m] over the 3 s after each onset, whatever comes of it; see `onsets.energy_score`.
+    """Return errors and energy score [m] over the 3 s after each onset, whether critical or not.
 
     {"interactions": N, "clips": C, "models": {NAME: {"roll_outs": K, "ade": m, "fde": m, "energy_score": m,
     "energy_score_interval": [m, m], "of_constant_velocity": share of the tracked control's energy score,

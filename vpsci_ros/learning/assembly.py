@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from vpsci_ros.learning.transitions import TRANSITION, usable
+from vpsci_ros.learning.transitions import usable
+from vpsci_ros.world.transition import TRANSITION
 
 STALE = 65536  # transitions; no world steps more episodes at once, so an open history gets one within so many
 

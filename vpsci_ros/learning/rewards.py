@@ -19,9 +19,9 @@ from vpsci_ros.learning.config import RewardsConfig, SpeedRewardsConfig
 from vpsci_ros.learning.maddpg import Scored
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.learning.replay import Batch, History, collate
-from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.policy.actor import previous
 from vpsci_ros.world.observation import AGENTS, STEP
+from vpsci_ros.world.transition import TRANSITION
 
 
 def predicted_velocity(velocity: Tensor, action: Tensor) -> Tensor:

@@ -4,37 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.policy.histories import Histories
-from vpsci_ros.world.observation import ACTION_SIZE, AGENTS, OBSERVATION_SIZE, observe
+from vpsci_ros.world.observation import AGENTS, observe
 from vpsci_ros.world.state import COLLISION, ENDED, GOAL, PARKED_COLLISION
 from vpsci_ros.world.tick import Step
-
-# Fields as in vpsci_msgs/Transition, which says what each one holds; `number` counts transitions without gaps. What the
-# step after sees is zero but in the last transition of a history: elsewhere it is in the next transition.
-TRANSITION = np.dtype(
-    [
-        ("number", "u8"),
-        ("scenario", "u1"),
-        ("episode", "u4"),
-        ("step", "u4"),
-        ("curvttc", "f4"),
-        ("vehicle_observation", "f4", OBSERVATION_SIZE),
-        ("pedestrian_observation", "f4", OBSERVATION_SIZE),
-        ("vehicle_action", "f4", ACTION_SIZE),
-        ("pedestrian_action", "f4", ACTION_SIZE),
-        ("acting", "u1"),
-        ("next_curvttc", "f4"),
-        ("next_vehicle_observation", "f4", OBSERVATION_SIZE),
-        ("next_pedestrian_observation", "f4", OBSERVATION_SIZE),
-        ("collision", "u1"),
-        ("vehicle_goal", "u1"),
-        ("pedestrian_goal", "u1"),
-        ("last", "u1"),
-        ("terminal", "u1"),
-        ("vehicle_policy_version", "u4"),
-        ("pedestrian_policy_version", "u4"),
-    ]
-)
-
+from vpsci_ros.world.transition import TRANSITION
 
 STEPS = 128  # of a history, before its memory doubles
 MOST = 1e6  # no position [m], speed [m/s], acceleration [m/s2] or angle [rad] of a transition is beyond

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.learning.transitions import TRANSITION
 from vpsci_ros.resources import messages_dir
 from vpsci_ros.world.state import EPISODE, EVENT, OUTCOME_NAMES, SAFE_STOP, STARTED
 from vpsci_ros.world.tick import Assessment, Tick, has_nan
+from vpsci_ros.world.transition import TRANSITION
 
 Array = NDArray[Any]
 MAP = "map"
