@@ -12,6 +12,7 @@ from vpsci_ros.bags.odometry import RecordedTick
 from vpsci_ros.bags.run_record import NODE, node_record
 from vpsci_ros.bags.writer import BagWriter
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.report.summary import print_info
 from vpsci_ros.world.state import COLLISION, GOAL
 
 
@@ -27,9 +28,10 @@ def bag(tmp_path: Path, simulate, monkeypatch: pytest.MonkeyPatch) -> Path:
     return run / "bag"
 
 
-def test_an_exported_bag_is_a_dataset_with_a_summary(bag: Path, tmp_path: Path) -> None:
+def test_an_exported_bag_is_a_dataset_that_a_summary_reads(bag: Path, tmp_path: Path) -> None:
     text = io.StringIO()
-    description = export_bag(bag, tmp_path / "dataset", console=Console(width=80, file=text))
+    description = export_bag(bag, tmp_path / "dataset")
+    print_info(tmp_path / "dataset", Console(width=80, file=text))
     assert {path.name for path in (tmp_path / "dataset").iterdir()} == {
         "LocationA_PedCross_S-N.parquet",
         "dataset.json",

@@ -1,4 +1,4 @@
-"""From a bag to a dataset: the episodes that a graph recorded, filtered, as tables, with a summary."""
+"""From a bag to a dataset: the episodes that a graph recorded, filtered, as tables."""
 
 import itertools
 from collections.abc import Collection, Sequence
@@ -20,7 +20,6 @@ from vpsci_ros.data.episode_block import EpisodeFrames
 from vpsci_ros.data.filters import FilterConfig
 from vpsci_ros.data.gathered import NO_SCENARIO, group_of
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.report.summary import print_info
 from vpsci_ros.runs.files import sha256
 
 KEEP_ALL = FilterConfig(
@@ -41,10 +40,11 @@ def export_bag(
     keep_rejected: bool = False,
     console: Console | None = None,
 ) -> dict[str, Any]:
-    """Write the episodes of a bag as a dataset, print what it holds, and return its description.
+    """Write the episodes of a bag as a dataset and return its description.
 
     :param bag: rosbag2 folder; what it says of its making goes into the dataset's description.
     :param folder: output folder; must be new or empty.
+    :param console: prints how many frames lack a state or its CurvTTC.
     :param episodes, outcome, curvttc_below: only these episodes, see `vpsci_ros.bags.episodes.choose`, and all of them:
         filters that are not given then let everything pass, and those that never were critical go to `rejected/`.
     :raises InvalidInput: no bag of a graph, no episode that ended in it or is as chosen, or the folder is not empty.
@@ -77,7 +77,6 @@ def export_bag(
         if writer.empty:
             raise InvalidInput(f"{bag}: not one of its {frames.unfinished} episodes ended while it was recorded")
         description = writer.close(unfinished=frames.unfinished)
-    print_info(folder, console)
     if unseen:
         console.print(f"the bag lacks states, or the monitor's answers to them, of {unseen} frames: empty cells")
     return description

@@ -60,8 +60,11 @@ def export(
 
     Without a selection the paper's four filters decide. A selection by number, outcome or CurvTTC overrides them.
     """
+    from rich.console import Console
+
     from vpsci_ros.bags.export import export_bag
     from vpsci_ros.bags.reader import Bag
+    from vpsci_ros.report.summary import print_info
     from vpsci_ros.runs.progress import Bars
 
     opened = Bag(bag, recover=recover, topic_prefix=topic_prefix)
@@ -75,6 +78,7 @@ def export(
             curvttc_below=curvttc_below,
             keep_rejected=keep_rejected,
         )
+    print_info(output, Console())
 
 
 @bag_app.command()
