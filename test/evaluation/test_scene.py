@@ -2,8 +2,17 @@ import numpy as np
 import pytest
 import torch
 
-from vpsci_ros.evaluation.scene import SHARPEST_TURN, Scene, advance, observe, scene_at, time_to_collision
-from vpsci_ros.world.observation import observe_arrays
+from vpsci_ros.evaluation.scene import (
+    SHARPEST_TURN,
+    Scene,
+    advance,
+    from_heading_frame,
+    observe,
+    scene_at,
+    time_to_collision,
+    to_heading_frame,
+)
+from vpsci_ros.world.observation import arrays_to_heading_frame, observe_arrays
 
 
 def scenes(batch=6, seed=0):
@@ -30,6 +39,15 @@ def test_observations_are_those_of_the_world():
     theirs = observe_arrays(*place.T, scene.heading.numpy(), *velocity.T, *walker.T, *walking.T)
     for a, b in zip(mine, theirs, strict=True):
         np.testing.assert_allclose(a.numpy(), b, atol=1e-5)
+
+
+def test_the_heading_frame_of_tensors_is_that_of_arrays():
+    rng = np.random.default_rng(2)
+    headings, vectors = rng.uniform(-4.0, 4.0, (20, 3)), rng.normal(0.0, 9.0, (20, 3, 2))
+    turned = to_heading_frame(torch.from_numpy(vectors), torch.from_numpy(headings))
+    np.testing.assert_allclose(turned.numpy(), arrays_to_heading_frame(headings, vectors), rtol=0.0, atol=1e-14)
+    back = from_heading_frame(turned, torch.from_numpy(headings))
+    np.testing.assert_allclose(back.numpy(), vectors, rtol=0.0, atol=1e-13)
 
 
 def test_the_next_velocities_are_those_of_equations_8_and_9():

@@ -7,6 +7,7 @@ import pytest
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world import EPISODE, observe, observe_arrays
+from vpsci_ros.world.observation import arrays_to_heading_frame, from_heading_frame, to_heading_frame
 
 
 def record(**values):
@@ -63,6 +64,17 @@ def test_a_rows_bits_do_not_depend_on_its_place_or_its_neighbours():
         own_vehicle, own_pedestrian = observe_arrays(*columns[:, i])
         assert own_vehicle.tobytes() == vehicle[i].tobytes()
         assert own_pedestrian.tobytes() == pedestrian[i].tobytes()
+
+
+def test_the_compiled_turn_into_the_heading_frame_and_that_of_arrays_agree():
+    assert to_heading_frame(0.5 * math.pi, 3.0, 4.0) == pytest.approx((4.0, -3.0))  # north is ahead, east to the right
+    rng = np.random.default_rng(4)
+    headings, vectors = rng.uniform(-4.0, 4.0, (50, 3)), rng.normal(0.0, 9.0, (50, 3, 2))
+    arrays = arrays_to_heading_frame(headings, vectors)
+    for place in np.ndindex(headings.shape):
+        compiled = to_heading_frame(headings[place], *vectors[place])
+        np.testing.assert_allclose(arrays[place], compiled, rtol=0.0, atol=1e-14)
+        assert from_heading_frame(headings[place], *compiled) == pytest.approx(tuple(vectors[place]), abs=1e-13)
 
 
 def test_arrays_of_different_shapes_are_refused():

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.reference import around_critical, trailing_slope
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.safety import CRITICAL_TTC
-from vpsci_ros.world.observation import AGENTS, STEP, observe_arrays
+from vpsci_ros.world.observation import AGENTS, STEP, arrays_to_heading_frame, observe_arrays
 
 _MOTION = ("veh_x", "veh_y", "veh_heading", "veh_vx", "veh_vy", "ped_x", "ped_y", "ped_vx", "ped_vy")
 
@@ -128,7 +128,7 @@ def seen_and_done(motion: NDArray[np.float64], length: NDArray[np.int64]) -> tup
         change = np.zeros_like(velocities[agent])
         change[:, :-1] = np.diff(velocities[agent], axis=1)
         change[~(np.arange(steps) < length[:, None] - 1)] = 0.0
-        change = to_heading_frame(change, motion[..., 2])
+        change = arrays_to_heading_frame(motion[..., 2], change)
         actions[agent] = (change / STEP).astype(np.float32)
         next_velocities[agent] = (change + observations[agent][..., :2]).astype(np.float32)
     return observations, actions, next_velocities
@@ -140,10 +140,3 @@ def table_hash(table: pl.DataFrame) -> str:
     for name in ("interaction", "source", "clip", *_MOTION, "curvttc"):
         digest.update("\0".join(table[name].cast(pl.String)).encode())
     return digest.hexdigest()
-
-
-def to_heading_frame(vectors: NDArray[np.float64], heading: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (east, north) vectors [..., 2] in the frames of `heading` [...] [rad], as (forward, left)."""
-    c, s = np.cos(heading), np.sin(heading)
-    east, north = vectors[..., 0], vectors[..., 1]
-    return np.stack([c * east + s * north, c * north - s * east], axis=-1)

@@ -19,11 +19,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vpsci_ros.data.interactions import Interactions, to_heading_frame
+from vpsci_ros.data.interactions import Interactions
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.predictors import Predictor
 from vpsci_ros.evaluation.scene import Seen, roll_out, scene_at
-from vpsci_ros.world.observation import AGENTS, STEP
+from vpsci_ros.world.observation import AGENTS, STEP, arrays_to_heading_frame
 
 OBSERVED = 10  # steps observed before the first predicted one, at most
 LONGEST = 30  # steps of closed loop, 3 s
@@ -98,7 +98,7 @@ def constant_velocity_reconstruction(interactions: Interactions) -> ProtocolErro
     error = np.zeros((n, steps, 4))
     for columns, out in (((3, 4), (0, 1)), ((7, 8), (2, 3))):
         held = motion[rows, interactions.first][:, None, columns] - np.roll(motion[..., columns], -1, axis=1)
-        error[..., out] = to_heading_frame(held, motion[..., 2])
+        error[..., out] = arrays_to_heading_frame(motion[..., 2], held)
     return _reconstruction_errors(error, interactions)
 
 
@@ -112,11 +112,10 @@ def closed_loop(model: Predictor, interactions: Interactions) -> ProtocolErrors:
     inside = np.arange(steps) < horizon(interactions)[:, None]
     gap = predicted - truth
     distance = np.stack([np.hypot(gap[..., 0], gap[..., 1]), np.hypot(gap[..., 5], gap[..., 6])], axis=2)
-    velocity = np.concatenate(
-        [to_heading_frame(gap[..., 3:5], predicted[..., 2]), to_heading_frame(gap[..., 7:9], predicted[..., 2])], axis=2
-    )
-    apart = to_heading_frame(gap[..., 0:2] - gap[..., 5:7], predicted[..., 2])
-    return _errors(distance, np.concatenate([velocity, apart, -apart], axis=2), inside)
+    heading = predicted[..., 2]
+    velocity = [arrays_to_heading_frame(heading, gap[..., c : c + 2]) for c in (3, 7)]
+    apart = arrays_to_heading_frame(heading, gap[..., 0:2] - gap[..., 5:7])
+    return _errors(distance, np.concatenate([*velocity, apart, -apart], axis=2), inside)
 
 
 def measure(model: Predictor, interactions: Interactions) -> Measured:
@@ -161,9 +160,10 @@ def _reconstruction_errors(velocity_error: NDArray[np.float64], interactions: In
     inside = (steps >= interactions.first[:, None]) & (steps < interactions.last[:, None])
     velocity_error = np.where(inside[..., None], velocity_error, 0.0)
     heading = interactions.motion[..., 2]
-    position = [np.cumsum(to_heading_frame(velocity_error[..., c], -heading), axis=1) * STEP for c in ([0, 1], [2, 3])]
+    back = [arrays_to_heading_frame(-heading, velocity_error[..., c : c + 2]) for c in (0, 2)]
+    position = [np.cumsum(vectors, axis=1) * STEP for vectors in back]
     distance = np.stack([np.hypot(p[..., 0], p[..., 1]) for p in position], axis=2)
-    apart = to_heading_frame(position[0] - position[1], heading)
+    apart = arrays_to_heading_frame(heading, position[0] - position[1])
     return _errors(distance, np.concatenate([velocity_error, apart, -apart], axis=2), inside)
 
 

@@ -126,7 +126,10 @@ def time_to_collision(scene: Scene) -> Tensor:
 
 
 def to_heading_frame(vector: Tensor, heading: Tensor) -> Tensor:
-    """Return the (forward, left) components [..., 2] of (east, north) vectors [..., 2] for headings [...] [rad]."""
+    """Return the (forward, left) components [..., 2] of (east, north) vectors [..., 2] for headings [...] [rad].
+
+    `world.observation.to_heading_frame` for tensors: gradients flow through both arguments.
+    """
     c, s = torch.cos(heading)[..., None], torch.sin(heading)[..., None]
     return c * vector + s * (vector.flip(-1) * _TO_THE_RIGHT)
 

@@ -21,6 +21,7 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.compiled import kernel
 
 Observations: TypeAlias = NDArray[np.float32]
+Floats: TypeAlias = NDArray[np.float64]
 AGENTS = ("vehicle", "pedestrian")
 OBSERVATION_SIZE = 6
 ACTION_SIZE = 2
@@ -32,6 +33,16 @@ def to_heading_frame(heading: float, east: float, north: float) -> tuple[float, 
     """Return the (forward, left) components of an (east, north) vector for a `heading` [rad]."""
     c, s = math.cos(heading), math.sin(heading)
     return c * east + s * north, c * north - s * east
+
+
+def arrays_to_heading_frame(heading: Floats, vectors: Floats) -> Floats:
+    """Return the (forward, left) components float64[..., 2] of (east, north) vectors for headings float64[...] [rad].
+
+    `to_heading_frame` for arrays. Numpy's sine and cosine may differ from those of compiled code in the last bit.
+    """
+    c, s = np.cos(heading), np.sin(heading)
+    east, north = vectors[..., 0], vectors[..., 1]
+    return np.stack([c * east + s * north, c * north - s * east], axis=-1)
 
 
 @kernel

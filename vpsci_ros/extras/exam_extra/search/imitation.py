@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.safety import HORIZON, clearance
 from vpsci_ros.world import EPISODE, IDLE, RUNNING
+from vpsci_ros.world.observation import arrays_to_heading_frame
 
 Floats32 = NDArray[np.float32]
 LAGS = (0, 2, 4, 6, 8, 10)  # [ticks]
@@ -71,18 +72,10 @@ def nearest(state: NDArray[np.void], pedestrians: int) -> NDArray[np.int64]:
 
 def _seen(state: NDArray[np.void], curvttc: NDArray[np.float64]) -> Floats32:
     """Return the pedestrian in the vehicle's frame [m, m/s], the vehicle's speed and CurvTTC [s], float32[E, 6]."""
-    cos, sin = np.cos(state["vehicle_heading"]), np.sin(state["vehicle_heading"])
-    x, y = (state[f"pedestrian_{axis}"] - state[f"vehicle_{axis}"] for axis in "xy")
-    vx, vy = state["pedestrian_vx"], state["pedestrian_vy"]
-    columns = (
-        cos * x + sin * y,
-        cos * y - sin * x,
-        cos * vx + sin * vy,
-        cos * vy - sin * vx,
-        state["vehicle_speed"],
-        curvttc,
-    )
-    return np.stack(columns, axis=1).astype(np.float32)
+    place = np.stack([state[f"pedestrian_{axis}"] - state[f"vehicle_{axis}"] for axis in "xy"], axis=1)
+    velocity = np.stack([state["pedestrian_vx"], state["pedestrian_vy"]], axis=1)
+    place, velocity = (arrays_to_heading_frame(state["vehicle_heading"], vectors) for vectors in (place, velocity))
+    return np.column_stack([place, velocity, state["vehicle_speed"], curvttc]).astype(np.float32)
 
 
 def lessons(episodes: Iterable[Episode], pedestrians: int) -> tuple[Floats32, Floats32]:
