@@ -6,16 +6,39 @@ Compiled code is cached on disk, divides as IEEE says and never reorders arithme
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from numba import njit
+from numba.core.caching import FunctionCache
 
 from vpsci_ros.runs.kernel_cache import choose_cache_folder
 
 T = TypeVar("T")
 choose_cache_folder()  # before numba decorates the first function
-compiled = partial(njit, cache=True, no_cfunc_wrapper=True, error_model="numpy", nogil=True)
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """Compiled code on disk as numba keeps it; what cannot be loaded is compiled and written again."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # noqa: BLE001  # pickle and LLVM raise errors of any kind for a damaged file
+            self.flush()
+            return None
+
+
+def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator that compiles scalar functions; `options` are those of numba's `njit`."""
+
+    def decorated(function: Callable[..., Any]) -> Any:
+        dispatcher = njit(no_cfunc_wrapper=True, error_model="numpy", nogil=True, **options)(function)
+        dispatcher._cache = _Cache(function)
+        return dispatcher
+
+    return decorated
+
+
 kernel = compiled()
 
 
