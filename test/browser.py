@@ -44,12 +44,6 @@ def opened(browser: Any, path: Path, address: str = "", **context: Any) -> Itera
     assert said == []
 
 
-def cpu_time(browser: Any) -> float:
-    """Return the processor time of all processes of the browser [s], which does not mind what else the machine does."""
-    rows = browser.new_browser_cdp_session().send("SystemInfo.getProcessInfo")["processInfo"]
-    return sum(row["cpuTime"] for row in rows)
-
-
 def wait_until(page: Any, expression: str) -> None:
     """Wait until JavaScript holds on a page; Playwright's own way needs `eval`, which pages forbid."""
     deadline = time.monotonic() + 60.0

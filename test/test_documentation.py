@@ -82,9 +82,10 @@ def test_every_page_and_picture_of_docs_is_linked_from_somewhere() -> None:
 
 def test_each_promise_names_a_test_that_there_is() -> None:
     page = (ROOT / "docs" / "promises.md").read_text("utf-8")
-    files = sorted((ROOT / "test").rglob("test_*.py"))
-    known = {path.name for path in files}
-    known |= {name for path in files for name in re.findall(r"def (test_\w+)\(", path.read_text("utf-8"))}
-    named = set(re.findall(r"test_\w+(?:\.py)?", page))
-    assert len(named) > 30
-    assert named <= known
+    known: dict[str, set[str]] = {}  # file name -> tests in files of this name, and "" for the file itself
+    for path in (ROOT / "test").rglob("test_*.py"):
+        tests = re.findall(r"^def (test_\w+)\(", path.read_text("utf-8"), re.MULTILINE)
+        known.setdefault(path.name, {""}).update(tests)
+    named = re.findall(r"`(test_\w+\.py)(?:::(test_\w+))?`", page)
+    assert sum(1 + bool(name) for _, name in named) == page.count("test_") > 30
+    assert [f"{file}::{name}" for file, name in named if name not in known.get(file, ())] == []

