@@ -27,7 +27,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from vpsci_ros.envs import simulation
+from vpsci_ros.envs import task
 from vpsci_ros.envs.right_turn import ACTION_SPACE, OBSERVATION_SPACE, RightTurnEnv
 from vpsci_ros.wire.world_state import read_world_state
 from vpsci_ros.world import IDLE, load_scenarios
@@ -78,9 +78,9 @@ class Driver:
             place = np.hypot(*(path - [state["vehicle_x"][0], state["vehicle_y"][0]]).T).argmin()
             state["route_s"] = place * self._tables.rows["lane_step"][state["table"][0]]
             curvttc = assess(state)[0]
-            observation = simulation.observe(state, curvttc, self._tables)[[curvttc.argmin()]]
+            observation = task.observe(state, curvttc, self._tables)[[curvttc.argmin()]]
             action, _ = self._policy.predict(observation, deterministic=True)
-            self._held = simulation.controls(action)[0]
+            self._held = task.controls(action)[0]
         return self._held
 
 
@@ -95,7 +95,7 @@ class PolicyDriver:
         """Return steer, throttle and brake, chosen at every second tick and held at the others."""
         if self._tick % HOLD == 0:
             action, _ = self._policy.predict(observation.of_environment()[None], deterministic=True)
-            self._held = simulation.controls(action)[0]
+            self._held = task.controls(action)[0]
         self._tick += 1
         return self._held
 

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from pettingzoo.test import parallel_api_test  # noqa: E402
 from synthetic import random_weights  # noqa: E402
 
-from vpsci_ros.envs import ENV_ID, simulation  # noqa: E402
+from vpsci_ros.envs import ENV_ID, task  # noqa: E402
 from vpsci_ros.envs.parallel import COLLISION_REWARD, GOAL_REWARD, parallel_env  # noqa: E402
 from vpsci_ros.envs.right_turn import RightTurnEnv  # noqa: E402
 from vpsci_ros.envs.vector import RightTurnVectorEnv  # noqa: E402
@@ -119,8 +119,8 @@ def test_leaving_the_lane_ends_the_episode_at_a_cost():
     total, rows, terminated, info = episode_of(env, None, lambda o: np.float32([1.0, 0.3]))
     assert terminated
     assert info["outcome"] == "none"
-    assert abs(rows[-1, 3]) > simulation.OFF_LANE
-    assert total < 0.5 * simulation.AT_FAILURE
+    assert abs(rows[-1, 3]) > task.OFF_LANE
+    assert total < 0.5 * task.AT_FAILURE
 
 
 def test_the_picture_shows_lane_vehicle_and_pedestrian():

@@ -21,7 +21,7 @@ from vpsci_ros.exam.conduct import run_with
 from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.run import read_exam, run_exam
 from vpsci_ros.resources import params_dir
-from vpsci_ros.view.sources import open_source
+from vpsci_ros.view.episode_sources import open_source
 
 Write = Callable[[str], str]
 Small = Callable[..., Exam]

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from vpsci_ros.cli.main import app
 from vpsci_ros.extras.formats.run import EXPORTERS
-from vpsci_ros.view.sources import read_episodes
+from vpsci_ros.view.episode_sources import read_episodes
 
 
 def test_the_format_of_the_page_is_written_by_the_command(install: Install, own_bag: Path, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from vpsci_ros.bags import episodes as bags
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.view.sources import open_source, read_episodes
+from vpsci_ros.view.episode_sources import open_source, read_episodes
 
 
 @pytest.fixture

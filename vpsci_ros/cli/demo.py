@@ -21,7 +21,7 @@ from vpsci_ros.resources import TO_LEARN_FROM, near_misses_path, params_dir
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import is_empty_folder
 from vpsci_ros.safety import CRITICAL_TTC
-from vpsci_ros.view.pack import write_view
+from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import Shown, Source, read_source, shown
 
 PAGE = "demo.html"

@@ -30,7 +30,7 @@ def view(
     """
     from vpsci_ros.errors import InvalidInput
     from vpsci_ros.exam.run import is_exam, read_exam
-    from vpsci_ros.view.pack import write_view
+    from vpsci_ros.view.page import write_view
     from vpsci_ros.view.sources import read_source
 
     if episodes and (len(sources) > 1 or is_exam(sources[0])):

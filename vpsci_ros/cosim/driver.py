@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vpsci_ros.cosim.agent import Body, Clock, Person, named_scenario, scenario_of_lane
+from vpsci_ros.cosim.agent import Body, Clock, Person
 from vpsci_ros.cosim.inputs import (
     Vehicle,
     Walker,
@@ -19,6 +19,7 @@ from vpsci_ros.cosim.inputs import (
     require_kinds,
     walked_on,
 )
+from vpsci_ros.cosim.routes import named_scenario, scenario_of_lane
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.config import PolicyConfig
 from vpsci_ros.policy.policy_file import Policy

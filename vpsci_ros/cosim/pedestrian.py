@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vpsci_ros.cosim.agent import Body, Clock, Person, named_scenario, scenario_of_walk
+from vpsci_ros.cosim.agent import Body, Clock, Person
 from vpsci_ros.cosim.inputs import (
     GREATEST,
     Tracks,
@@ -22,6 +22,7 @@ from vpsci_ros.cosim.inputs import (
     require_kinds,
     walked_on,
 )
+from vpsci_ros.cosim.routes import named_scenario, scenario_of_walk
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.config import PolicyConfig

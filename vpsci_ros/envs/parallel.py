@@ -9,7 +9,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from vpsci_ros.envs.right_turn import Views, check_render_mode, chosen_episode
+from vpsci_ros.envs.rendering import Views
+from vpsci_ros.envs.right_turn import check_render_mode, chosen_episode
 from vpsci_ros.envs.simulation import Simulation, Snapshot
 from vpsci_ros.learning.config import RewardsConfig
 from vpsci_ros.world import COLLISION, GOAL, OUTCOME_NAMES, PARKED_COLLISION, TIMEOUT, WorldConfig

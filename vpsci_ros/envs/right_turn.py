@@ -8,86 +8,22 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw
 
-from vpsci_ros.envs import simulation
+from vpsci_ros.envs import task
+from vpsci_ros.envs.rendering import Views
 from vpsci_ros.envs.simulation import Simulation, Snapshot
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.policy_file import Policy
-from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
 from vpsci_ros.world import OUTCOME_NAMES, WorldConfig
-from vpsci_ros.world.scenario import Scenario
 from vpsci_ros.world.tables import tables_from
 from vpsci_ros.world.tick import Actions
 
-# ---- The scene from above as an image, north up: lane, crosswalk, vehicle and pedestrian with its velocity.
-
-
-SIZE = 480  # [pixels] width and height
-MARGIN = 3.0  # [m] around the lane and the walking route
-GROUND, ROAD, STRIPES, VEHICLE, GLASS, PEDESTRIAN = "#e9e9e4", "#b9b9b5", "#f7f7f4", "#08519c", "#9ecae1", "#a50f15"
-_CORNERS = 0.5 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * [VEHICLE_LENGTH, VEHICLE_WIDTH]
-_WINDSCREEN = np.array([[0.5, 0.9], [0.5, -0.9], [0.2, -0.9], [0.2, 0.9]]) * _CORNERS[0]
-_CANVAS = 2 * SIZE
-
-
-class View:
-    """One scenario from above, drawn at twice its size and scaled down, so that edges are smooth."""
-
-    def __init__(self, scenario: Scenario) -> None:
-        lane = scenario.vehicle.path.band(scenario.vehicle.lane_width)
-        points = np.concatenate([lane, scenario.pedestrian.path.points, scenario.crosswalk])
-        low, high = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
-        self._scale = _CANVAS / float((high - low).max())
-        self._centre = 0.5 * (low + high)
-        self._ground = Image.new("RGB", (_CANVAS, _CANVAS), GROUND)
-        draw = ImageDraw.Draw(self._ground)
-        draw.polygon(self._pixels(lane), ROAD)
-        if len(scenario.crosswalk):
-            draw.polygon(self._pixels(scenario.crosswalk), STRIPES, outline=ROAD)
-
-    def image(self, record: np.void) -> NDArray[np.uint8]:
-        """Return uint8[480, 480, 3] for one EPISODE record."""
-        picture = self._ground.copy()
-        draw = ImageDraw.Draw(picture)
-        c, s = np.cos(record["vehicle_heading"]), np.sin(record["vehicle_heading"])
-        turn, vehicle = np.array([[c, s], [-s, c]]), np.array([record["vehicle_x"], record["vehicle_y"]])
-        draw.polygon(self._pixels(vehicle + _CORNERS @ turn), VEHICLE)
-        draw.polygon(self._pixels(vehicle + _WINDSCREEN @ turn), GLASS)
-        pedestrian = np.array([record["pedestrian_x"], record["pedestrian_y"]])
-        ahead = pedestrian + np.array([record["pedestrian_vx"], record["pedestrian_vy"]])
-        (x, y), tip = self._pixels(np.array([pedestrian, ahead]))
-        radius = max(8.0, PEDESTRIAN_RADIUS * self._scale)
-        draw.line([(x, y), tip], PEDESTRIAN, 4)
-        draw.ellipse([x - radius, y - radius, x + radius, y + radius], PEDESTRIAN)
-        return np.asarray(picture.resize((SIZE, SIZE), Image.Resampling.BOX))
-
-    def _pixels(self, points: NDArray[np.float64]) -> list[tuple[float, float]]:
-        x, y = ((points - self._centre) * self._scale).T
-        return list(zip((0.5 * _CANVAS + x).tolist(), (0.5 * _CANVAS - y).tolist(), strict=True))
-
-
-class Views:
-    """The views of several scenarios, each drawn when first needed."""
-
-    def __init__(self, scenarios: tuple[Scenario, ...]) -> None:
-        self._scenarios = {scenario.number: scenario for scenario in scenarios}
-        self._drawn: dict[int, View] = {}
-
-    def image(self, record: np.void) -> NDArray[np.uint8]:
-        """Return uint8[480, 480, 3] for one EPISODE record of one of the scenarios."""
-        number = int(record["scenario"])
-        if number not in self._drawn:
-            self._drawn[number] = View(self._scenarios[number])
-        return self._drawn[number].image(record)
-
-
-OBSERVATION_SPACE = spaces.Box(-simulation.BOUND, simulation.BOUND, (simulation.SIZE,), np.float32)
+OBSERVATION_SPACE = spaces.Box(-task.BOUND, task.BOUND, (task.SIZE,), np.float32)
 ACTION_SPACE = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
 class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """One episode after the other; `vpsci_ros.envs.simulation` has observation, action and reward.
+    """One episode after the other; `vpsci_ros.envs.task` has observation, action and reward.
 
     A step is the policy period, 0.1 s. An episode terminates on collision, at the vehicle's goal and off the lane, and
     is truncated after `episode_time` (30 s). `reset(seed=...)` starts episode 0 of that seed, each later reset the
@@ -131,16 +67,16 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._simulation.seed(0, seed)
         self._simulation.start([0], chosen_episode(options))
         self._last = self._simulation.now()
-        return simulation.observe(self._last.state, self._last.curvttc, self._tables)[0], self._info(self._last)
+        return task.observe(self._last.state, self._last.curvttc, self._tables)[0], self._info(self._last)
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Advance by 0.1 s; return observation, reward, terminated, truncated and info."""
         if self._last is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         before = self._last.state
-        self._last = self._simulation.step(Actions(vehicle_control=simulation.controls(np.asarray(action)[None])))
-        observation = simulation.observe(self._last.state, self._last.curvttc, self._tables)
-        reward, terminated, truncated = simulation.outcome(before, self._last.state, observation)
+        self._last = self._simulation.step(Actions(vehicle_control=task.controls(np.asarray(action)[None])))
+        observation = task.observe(self._last.state, self._last.curvttc, self._tables)
+        reward, terminated, truncated = task.outcome(before, self._last.state, observation)
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), self._info(self._last)
 
     def render(self) -> NDArray[np.uint8] | None:

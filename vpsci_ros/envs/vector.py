@@ -10,8 +10,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from vpsci_ros.envs import simulation
-from vpsci_ros.envs.right_turn import ACTION_SPACE, OBSERVATION_SPACE, Views, check_render_mode
+from vpsci_ros.envs import task
+from vpsci_ros.envs.rendering import Views
+from vpsci_ros.envs.right_turn import ACTION_SPACE, OBSERVATION_SPACE, check_render_mode
 from vpsci_ros.envs.simulation import Simulation, Snapshot
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.policy_file import Policy
@@ -75,7 +76,7 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
                 self._simulation.seed(slot, own)
         self._simulation.start(range(self.num_envs))
         self._last = self._simulation.now()
-        return simulation.observe(self._last.state, self._last.curvttc, self._tables), self._infos(self._last)
+        return task.observe(self._last.state, self._last.curvttc, self._tables), self._infos(self._last)
 
     def step(
         self, actions: NDArray[np.float32]
@@ -84,9 +85,9 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
         if self._last is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         before = self._last.state
-        step = self._simulation.step(Actions(vehicle_control=simulation.controls(actions)))
-        observation = simulation.observe(step.state, step.curvttc, self._tables)
-        reward, terminated, truncated = simulation.outcome(before, step.state, observation)
+        step = self._simulation.step(Actions(vehicle_control=task.controls(actions)))
+        observation = task.observe(step.state, step.curvttc, self._tables)
+        reward, terminated, truncated = task.outcome(before, step.state, observation)
         infos = self._infos(step)
         over = terminated | truncated
         self._last = step
@@ -97,7 +98,7 @@ class RightTurnVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDA
             infos |= {"final_obs": final, "_final_obs": over, "final_info": self._infos(step), "_final_info": over}
             self._simulation.start(np.flatnonzero(over).tolist())
             self._last = self._simulation.now()
-            fresh = simulation.observe(self._last.state, self._last.curvttc, self._tables)
+            fresh = task.observe(self._last.state, self._last.curvttc, self._tables)
             observation[over] = fresh[over]
         return observation, reward, terminated, truncated, infos
 

@@ -62,8 +62,8 @@ class Observation:
     _tables: Tables
 
     def of_environment(self) -> NDArray[np.float32]:
-        """Return what the Gymnasium environment shows, float32[21], see `vpsci_ros.envs.simulation`."""
-        from vpsci_ros.envs.simulation import observe
+        """Return what the Gymnasium environment shows, float32[21], see `vpsci_ros.envs.task`."""
+        from vpsci_ros.envs.task import observe
 
         nearest = self._curvttc.argmin()
         shown: NDArray[np.float32] = observe(self._state, self._curvttc, self._tables)[nearest]

@@ -33,7 +33,7 @@ from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.policy.config import LEARNED
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.folder import require_same
-from vpsci_ros.view.sources import EXAM
+from vpsci_ros.view.episode_sources import EXAM
 
 _KEY = ["scenario", "episode"]
 _SAME = ("outcome", "duration", "driven", "impact_speed", "least_curvttc", "hardest_braking")

@@ -24,7 +24,7 @@ from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256, write_json
 from vpsci_ros.runs.folder import require_same
 from vpsci_ros.runs.provenance import cpu_name, software_versions
-from vpsci_ros.view.sources import EXAM
+from vpsci_ros.view.episode_sources import EXAM
 from vpsci_ros.world import Scenario, WorldConfig, load_scenarios
 from vpsci_ros.world.config import SimulatorConfig
 from vpsci_ros.world.crowd import CrowdConfig

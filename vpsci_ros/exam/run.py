@@ -26,8 +26,9 @@ from vpsci_ros.exam.page import print_report, write_page
 from vpsci_ros.exam.report import ADS, BASELINE, make_report
 from vpsci_ros.exam.view import Driven, exam_sources
 from vpsci_ros.runs.files import write_text
-from vpsci_ros.view.pack import write_view
-from vpsci_ros.view.sources import EXAM, LIMIT, Source
+from vpsci_ros.view.episode_sources import EXAM
+from vpsci_ros.view.page import write_view
+from vpsci_ros.view.sources import LIMIT, Source
 
 VIEW, REPORT = "view.html", "report.html"
 

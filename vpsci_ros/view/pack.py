@@ -6,15 +6,13 @@ middle of their episode. Pedestrians beside the most critical one take eight byt
 
 import base64
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vpsci_ros.data.episode import Episode, Floats
-from vpsci_ros.report import html
 from vpsci_ros.safety import CRITICAL_TTC
-from vpsci_ros.view.sources import Source, with_unique_keys
+from vpsci_ros.view.sources import Source
 from vpsci_ros.world import COLLISION, OUTCOME_NAMES, Scenario
 from vpsci_ros.world.scenario import shipped_scenarios
 
@@ -151,33 +149,3 @@ def _quantised(frames: np.ndarray, steps: np.ndarray) -> np.ndarray:
     codes[np.isposinf(frames)] = INFINITE
     codes[np.isnan(frames) | np.isneginf(frames)] = UNKNOWN
     return codes
-
-
-# ---- The page as one HTML file: template, style, script and episodes.
-
-
-TEMPLATES = Path(__file__).resolve().parent / "templates"
-SCENE = ("data.js", "scene.js")
-"""Scripts that draw an episode, for other pages too."""
-
-
-def write_view(path: Path, sources: Sequence[Source], title: str) -> int:
-    """Write the page, whole or not at all, and return its size in bytes.
-
-    :param sources: at least one, each with an episode, in the order of the page's menu.
-    """
-    html.write_page(
-        path,
-        TEMPLATES / "view.html",
-        title=title,
-        sources=[packed(source) for source in with_unique_keys(sources)],
-        grounds=grounds(sources),
-        style=inlined("view.css"),
-        script=inlined(*SCENE, "charts.js", "list.js", "changes.js", "view.js", "controls.js"),
-    )
-    return path.stat().st_size
-
-
-def inlined(*names: str) -> str:
-    """Return the joined text of files of `templates`."""
-    return "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in names)

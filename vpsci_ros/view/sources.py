@@ -2,32 +2,15 @@
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from vpsci_ros.bags.episodes import bag_episodes
-from vpsci_ros.bags.episodes import read_episodes as read_bag_episodes
-from vpsci_ros.bags.reader import Bag
-from vpsci_ros.bags.run_record import scenarios_of
-from vpsci_ros.bags.ticks import read_bag
-from vpsci_ros.data.dataset_index import DESCRIPTION
-from vpsci_ros.data.dataset_reader import Dataset
-from vpsci_ros.data.episode import YIELDED, Episode, Listed
-from vpsci_ros.data.gathered import group_of
-from vpsci_ros.data.kept import KEPT, read_kept
-from vpsci_ros.data.near_misses import read_near_misses
-from vpsci_ros.data.recorded import recorded_episodes, recorded_list
+from vpsci_ros.data.episode import YIELDED, Episode
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.resources import near_misses_part
 from vpsci_ros.safety import CONFLICT_TTC, CRITICAL_TTC, Yielded
-from vpsci_ros.world import Scenario
-from vpsci_ros.world.observation import STEP
-from vpsci_ros.world.scenario import own_documents
+from vpsci_ros.view.episode_sources import open_source
 
 LIMIT = 1000  # episodes of a source on one page, unless more are requested
 
@@ -102,163 +85,3 @@ def with_unique_keys(sources: Sequence[Source]) -> list[Source]:
         renamed = dataclasses.replace(source, key=f"{source.key}-{again}", title=f"{source.title} {again}")
         out.append(source if again == 1 else renamed)
     return out
-
-
-# ---- Episodes of a near-miss table, a dataset, a bag or an exam: listed by name, and read.
-#
-# A dataset, a bag and the runs of an exam contain their own scenarios: an episode takes its road from there, never
-# from another file of the same number.
-
-
-EXAM = "exam.json"
-ALONE = "alone"  # of an exam's runs the one without a pedestrian
-EXPECTED = "expected a near-miss table (Parquet), the folder of a dataset, a bag or the folder of an exam"
-_OF_A_BAG = (".mcap", ".db3", ".zstd")
-
-
-@dataclass(frozen=True)
-class EpisodeSource:
-    """A readable source of episodes.
-
-    :ivar path: file or folder.
-    :ivar kind: "recorded", "generated", "bag" or "exam".
-    :ivar period: time from one frame to the next [s].
-    :ivar listed: all episodes without their motion, in order.
-    :ivar scenarios: your own scenarios among theirs.
-    :ivar reader: yields the episodes of these names.
-    """
-
-    path: Path
-    kind: str
-    period: float
-    listed: Sequence[Listed]
-    scenarios: Sequence[Scenario]
-    reader: Callable[[Collection[str]], Iterator[Episode]]
-
-    @property
-    def key(self) -> str:
-        """Its name: that of the file or folder."""
-        return self.path.resolve().name if self.kind == "generated" else self.path.resolve().stem
-
-    def chosen(self, wanted: Sequence[str] = (), limit: int | None = None) -> list[Listed]:
-        """Return the episodes with these names, labels or numbers; all, or evenly spread ones, without any.
-
-        :param limit: of all at most so many.
-        :raises InvalidInput: one that is not there.
-        """
-        if not wanted:
-            rows = range(len(self.listed)) if limit is None else spread(len(self.listed), limit)
-            return [self.listed[row] for row in rows]
-        found, left = [], set(wanted)
-        for one in self.listed:
-            if meant := {one.name, one.label, str(one.number)} & set(wanted):
-                found.append(one)
-                left -= meant
-        if left:
-            names = [one.name for one in self.listed]
-            some = ", ".join(names[:8]) + (f", ... {len(names)} in all" if len(names) > 8 else "")
-            raise InvalidInput(f"{self.path}: no episode {', '.join(sorted(left))}; it has {some or 'none'}")
-        return found
-
-    def read(self, wanted: Sequence[str] = (), limit: int | None = None) -> Iterator[Episode]:
-        """Yield the chosen episodes, see `chosen`."""
-        return self.reader({one.name for one in self.chosen(wanted, limit)})
-
-
-def read_episodes(
-    path: str | Path, wanted: Sequence[str] = (), *, limit: int | None = None, recover: bool = False
-) -> Iterator[Episode]:
-    """Yield the episodes of a near-miss table, of a dataset (kept ones), of a bag (ended ones) or of an exam.
-
-    :param wanted: only these, by name ("6:12", "17"), label or number; none: all.
-    :param limit: most episodes, evenly spread.
-    :param recover: read the whole messages of a damaged bag.
-    :raises InvalidInput: another kind of file, a damaged one, or an unknown episode.
-    """
-    return open_source(path, recover=recover).read(wanted, limit)
-
-
-def open_source(path: str | Path, *, recover: bool = False) -> EpisodeSource:
-    """Return the source at `path`, or near misses by a name of `read_near_misses`; see `read_episodes`."""
-    path, part = near_misses_part(path)
-    if not path.exists():
-        raise InvalidInput(f"{path}: no such file or folder; {EXPECTED}")
-    if (path / DESCRIPTION).is_file():
-        dataset = Dataset(path)
-        return EpisodeSource(path, "generated", dataset.period, dataset.listed(), dataset.own_scenarios, dataset.read)
-    if (path / EXAM).is_file():
-        return _exam(path, recover)
-    if path.suffix in _OF_A_BAG[:2] or (path.is_dir() and any(map(_of_a_bag, path.iterdir()))):
-        return _bag(path, recover)
-    if path.is_dir():
-        raise InvalidInput(f"{path}: neither {DESCRIPTION} nor a bag in it; {EXPECTED}")
-    path = path / part
-    table = read_near_misses(path)
-    return EpisodeSource(
-        path, "recorded", STEP, recorded_list(table), (), partial(recorded_episodes, table, source=str(path))
-    )
-
-
-def _of_a_bag(file: Path) -> bool:
-    return file.suffix in _OF_A_BAG or file.name == "metadata.yaml"
-
-
-def _bag(path: Path, recover: bool) -> EpisodeSource:
-    bag = Bag(path, recover=recover)
-    found = bag_episodes(bag)
-    if not found:
-        raise InvalidInput(f"{path}: not one episode ended while it was recorded, so it holds none that is whole")
-    roads = {scenario.number: scenario for scenario in scenarios_of(bag)}
-    listed = [
-        Listed(one.name, group_of(one.scenario, roads.get(one.scenario)), *one.key, one.outcome, one.least_curvttc)
-        for one in found
-    ]
-
-    def read(wanted: Collection[str]) -> Iterator[Episode]:
-        chosen = [one for one in found if one.name in wanted]
-        return read_bag_episodes(bag, None if len(chosen) == len(found) else chosen)
-
-    period = next(read_bag(bag)).period
-    return EpisodeSource(path, "bag", period, listed, scenarios_of(bag, own=True), read)
-
-
-def _exam(folder: Path, recover: bool) -> EpisodeSource:
-    """Return the episodes of every run with a pedestrian, whose name stands before theirs: "learned/6:12"."""
-    runs = [path for path in sorted((folder / "runs").glob("*")) if path.name.partition("-")[0] != ALONE]
-    kept = {run.name: _kept(run / KEPT) for run in runs if (run / KEPT).is_file()}
-    bags = {run.name: _bag(run / "bag", recover) for run in runs if run.name not in kept and (run / "bag").is_dir()}
-    bags |= {name: source for name, source in kept.items() if source.listed}
-    if not bags:
-        raise InvalidInput(f"{folder}: an exam without a finished run; let it come to its end")
-    first = next(iter(bags.values()))
-
-    def read(wanted: Collection[str]) -> Iterator[Episode]:
-        for run, bag in bags.items():
-            for episode in bag.reader({one.name for one in bag.listed if _of_run(run, one).name in wanted}):
-                yield dataclasses.replace(episode, listed=_of_run(run, episode.listed))
-
-    listed = [_of_run(run, one) for run, bag in bags.items() for one in bag.listed]
-    return EpisodeSource(folder, "exam", first.period, listed, first.scenarios, read)
-
-
-def _kept(path: Path) -> EpisodeSource:
-    episodes = read_kept(path)
-    listed = [episode.listed for episode in episodes]
-    roads = {episode.scenario.number: episode.scenario for episode in episodes if episode.scenario is not None}
-    own = own_documents(roads.values())
-
-    def read(wanted: Collection[str]) -> Iterator[Episode]:
-        return (episode for episode in episodes if episode.name in wanted)
-
-    period = episodes[0].period if episodes else 0.0
-    return EpisodeSource(path, "exam", period, listed, [road for road in roads.values() if road.name in own], read)
-
-
-def _of_run(run: str, listed: Listed) -> Listed:
-    return listed._replace(name=f"{run}/{listed.name}", group=f"{run}_{listed.group}")
-
-
-def spread(total: int, limit: int) -> list[int]:
-    """Return the indices of at most `limit` of `total` episodes, evenly spread."""
-    rows: list[int] = np.unique(np.linspace(0, total - 1, min(total, limit)).round().astype(int)).tolist()
-    return rows if total else []

@@ -5,7 +5,7 @@ import pytest
 
 from vpsci_ros.extras.formats.movers import movers, road_of
 from vpsci_ros.extras.formats.run import Options, export
-from vpsci_ros.view.sources import read_episodes
+from vpsci_ros.view.episode_sources import read_episodes
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")
 reader = pytest.importorskip(

@@ -7,7 +7,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from vpsci_ros.extras.formats.run import export
-from vpsci_ros.view.sources import read_episodes
+from vpsci_ros.view.episode_sources import read_episodes
 from vpsci_ros.world.observation import AGENTS
 
 BAG = "bags/LocationA_PedCross_S-N"

@@ -13,7 +13,7 @@ from vpsci_ros.data.gathered import gathered
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.extras.formats.movers import movers, road_of
 from vpsci_ros.extras.formats.run import export
-from vpsci_ros.view.sources import read_episodes
+from vpsci_ros.view.episode_sources import read_episodes
 from vpsci_ros.world import World, WorldConfig
 from vpsci_ros.world.loop import Loop
 from vpsci_ros.world.scenario import load_scenario, scenario_from

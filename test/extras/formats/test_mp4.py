@@ -5,7 +5,7 @@ import pytest
 
 from vpsci_ros.extras.formats.mp4 import SIZE, pictures
 from vpsci_ros.extras.formats.run import export
-from vpsci_ros.view.sources import read_episodes
+from vpsci_ros.view.episode_sources import read_episodes
 
 BAG = "bags/LocationB_PedCross_S-N"
 VEHICLE, PEDESTRIAN = (8, 81, 156), (165, 15, 21)

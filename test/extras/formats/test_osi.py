@@ -5,7 +5,7 @@ import pytest
 
 from vpsci_ros.extras.formats.movers import movers
 from vpsci_ros.extras.formats.run import export
-from vpsci_ros.view.sources import read_episodes
+from vpsci_ros.view.episode_sources import read_episodes
 
 osi_trace = pytest.importorskip("osi3trace.osi_trace", reason="pip install 'vpsci_ros[formats]'")
 

@@ -8,7 +8,7 @@ import pytest
 from vpsci_ros.extras.formats.movers import movers, road_of
 from vpsci_ros.extras.formats.run import export
 from vpsci_ros.extras.formats.scenarionet import record
-from vpsci_ros.view.sources import read_episodes
+from vpsci_ros.view.episode_sources import read_episodes
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from vpsci_ros.exam.measures import RunResult
 from vpsci_ros.exam.run import run_exam
 from vpsci_ros.extras.drive.page import Page, Person
 from vpsci_ros.runs.config import Sections
-from vpsci_ros.view.pack import write_view
+from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import Source, shown
 from vpsci_ros.world.config import SimulatorConfig
 from vpsci_ros.world.tick import Actions

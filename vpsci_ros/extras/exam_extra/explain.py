@@ -22,8 +22,9 @@ from vpsci_ros.extras.exam_extra.why import Search, explain
 from vpsci_ros.report import html
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import write_text
-from vpsci_ros.view.pack import write_view
-from vpsci_ros.view.sources import EXAM, LIMIT, Shown, Source, shown
+from vpsci_ros.view.episode_sources import EXAM
+from vpsci_ros.view.page import write_view
+from vpsci_ros.view.sources import LIMIT, Shown, Source, shown
 from vpsci_ros.world.engines import require_own
 
 FOLDER = "why"

@@ -30,7 +30,7 @@ from vpsci_ros.report import html
 from vpsci_ros.runs.config import RunConfig
 from vpsci_ros.runs.files import write_text
 from vpsci_ros.safety import PEDESTRIAN_RADIUS, VEHICLE_LENGTH, VEHICLE_WIDTH
-from vpsci_ros.view.pack import write_view
+from vpsci_ros.view.page import write_view
 from vpsci_ros.view.sources import LIMIT
 from vpsci_ros.world import WorldConfig
 from vpsci_ros.world.autopilot import too_near

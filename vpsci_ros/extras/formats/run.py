@@ -12,7 +12,7 @@ from vpsci_ros.resources import near_misses_part
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.folder import PARAMETERS, RunFolder
 from vpsci_ros.runs.plugins import PluginGroup
-from vpsci_ros.view.sources import open_source
+from vpsci_ros.view.episode_sources import open_source
 
 VEHICLES = ("controllable", "trajectory")
 
@@ -84,7 +84,7 @@ def export(
 
     Each of these folders is a run of its own, with its record, so that another format can be added later.
 
-    :param source: see `vpsci_ros.view.sources.read_episodes`.
+    :param source: see `vpsci_ros.view.episode_sources.read_episodes`.
     :param episodes: only those whose number, name or label is in this list with commas; empty: all.
     :raises InvalidInput: an unknown format or option, a missing library, a source that is none, no such episode, or
         `folder`/FORMAT holds anything else than what the same command wrote; only formats named before it are written.

@@ -48,7 +48,7 @@ def report(
     from vpsci_ros.extras.paper.section_4.page import PAGE, VIEW, sources_of_report, write_report
     from vpsci_ros.runs.folder import output_folder
     from vpsci_ros.runs.progress import Bars
-    from vpsci_ros.view.pack import write_view
+    from vpsci_ros.view.page import write_view
     from vpsci_ros.view.sources import read_source
 
     folder_of_report = output or folder / "report"

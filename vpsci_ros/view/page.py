@@ -1,0 +1,34 @@
+"""The page as one HTML file: template, style, script and episodes."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from vpsci_ros.report import html
+from vpsci_ros.view.pack import grounds, packed
+from vpsci_ros.view.sources import Source, with_unique_keys
+
+TEMPLATES = Path(__file__).resolve().parent / "templates"
+SCENE = ("data.js", "scene.js")
+"""Scripts that draw an episode, for other pages too."""
+
+
+def write_view(path: Path, sources: Sequence[Source], title: str) -> int:
+    """Write the page, whole or not at all, and return its size in bytes.
+
+    :param sources: at least one, each with an episode, in the order of the page's menu.
+    """
+    html.write_page(
+        path,
+        TEMPLATES / "view.html",
+        title=title,
+        sources=[packed(source) for source in with_unique_keys(sources)],
+        grounds=grounds(sources),
+        style=inlined("view.css"),
+        script=inlined(*SCENE, "charts.js", "list.js", "changes.js", "view.js", "controls.js"),
+    )
+    return path.stat().st_size
+
+
+def inlined(*names: str) -> str:
+    """Return the joined text of files of `templates`."""
+    return "\n".join((TEMPLATES / name).read_text(encoding="utf-8") for name in names)
