@@ -8,7 +8,7 @@ import json
 import re
 import reprlib
 import stat
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,23 @@ def shown(value: Any) -> str:
         return _REPR.repr(value)
     except ValueError:  # a number of more digits than Python writes out
         return f"a {type(value).__name__} too long to write out"
+
+
+def listed(names: Iterable[object], most: int = 8) -> str:
+    """Return names for an error message: at most so many of them, and how many there are; "none" without any."""
+    texts = [str(name) for name in names]
+    return ", ".join(texts[:most] + [f"... {len(texts)} in all"] * (len(texts) > most)) or "none"
+
+
+def given_names(text: str, where: str) -> list[str]:
+    """Return the names of a list with commas; none where the text is empty.
+
+    :raises InvalidInput: the text holds no name, or nothing between two commas; `where` opens the message.
+    """
+    names = [part.strip() for part in text.split(",")] if text else []
+    if not all(names):
+        raise InvalidInput(f"{where} {text!r}: expected names with a comma between two of them, got an empty one")
+    return names
 
 
 def reason(error: BaseException) -> str:

@@ -66,6 +66,15 @@ def test_the_command_is_a_program_with_help_and_an_exit_status() -> None:
             ["generate", "--params", "params/stage3_generate.yaml", "-o", "x", "--scenarios", "1,A"],
             "--scenarios 1,A: expected numbers",
         ),
+        (["people", "right_turns", "--without", "cqut-pvi/dv", "-o", "x.safetensors"], "--without cqut-pvi/dv: no cl"),
+        (["pretrain", "-o", "x", "--set", "learner.held_out_clips=[cqut-pvi/dv]"], "clips = cqut-pvi/dv: no clip"),
+        (
+            ["study", "folds", "--params", "stage1_pretrain", "-o", "x", "--set", "learner.held_out_clips=[cqut-pvi/]"],
+            "held_out_clips = cqut-pvi/: ",
+        ),
+        (["study", "models", "--params", "stage1_pretrain", "-o", "x", "--models", "sst,,lstm"], "'sst,,lstm': expect"),
+        (["export", "right_turns/dev", "--to", "osi", "-o", "x", "--episodes", ","], "--episodes ',': expected names"),
+        (["view", "right_turns/dev", "--episode", "9999999", "-o", "x.html"], "no episode 9999999; it has "),
         (["world", "show", "1", "-o", "docs"], "expected a file to write, found a folder"),
     ],
 )
@@ -78,7 +87,7 @@ def test_an_error_is_one_line_that_says_what_and_where(
     said = [line for line in result.stderr.splitlines() if not line.startswith("  ")]  # but for what it begins with
     assert len(said) == 1
     assert said[0].startswith("error: ")
-    assert not any((ROOT / name).exists() for name in ("x", "x.parquet", "x.png"))
+    assert not any((ROOT / name).exists() for name in ("x", "x.parquet", "x.png", "x.html", "x.safetensors"))
 
 
 @pytest.mark.parametrize("path", sorted(PARAMS.glob("*.yaml")), ids=lambda path: path.name)

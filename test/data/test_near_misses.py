@@ -23,6 +23,7 @@ from vpsci_ros.data.near_misses import (
 )
 from vpsci_ros.data.parquet import read_metadata
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.make_bank import bank_of_tables
 from vpsci_ros.resources import near_misses_path
 
 
@@ -153,12 +154,25 @@ def test_one_clip_cannot_be_split(table: pl.DataFrame) -> None:
 
 def test_clips_held_out_by_name_are_those_whose_names_begin_so(table: pl.DataFrame) -> None:
     names = clips_of(table)
-    training, held_out = split_by_name(table, [names[0][:-1] + "1", names[-1]])
-    assert clips_of(held_out) == [name for name in names if name in (names[0][:-1] + "1", names[-1])]
+    training, held_out = split_by_name(table, [names[0], names[-1]])
+    assert clips_of(held_out) == [names[0], names[-1]]
     assert sorted(clips_of(training) + clips_of(held_out)) == names
-    assert split_by_name(table, ["elsewhere/"])[1].is_empty()
+    assert split_by_name(table, [])[1].is_empty()
     with pytest.raises(InvalidInput, match="held_out_clips = .*: all 6 clips begin so"):
         split_by_name(table, [""])
+
+
+def test_a_name_with_which_no_clip_begins_is_refused_with_what_there_is(table: pl.DataFrame) -> None:
+    names = ", ".join(clips_of(table))
+    told = f"held_out_clips = elsewhere/: no clip begins so; the near misses have {names}"
+    with pytest.raises(InvalidInput, match=told):
+        split_by_name(table, [clips_of(table)[0], "elsewhere/"])
+    has = (
+        r"cqut-pvi/dev/corner1/ \(\d+ clips\), cqut-pvi/dev/corner2/ .*, cqut-pvi/train/corner2/ \(\d+ clips\), "
+        "such as cqut-pvi/dev/corner1/"
+    )
+    with pytest.raises(InvalidInput, match=f"--without cqut-pvi/dv: no clip begins so; the near misses have {has}"):
+        bank_of_tables(["right_turns"], without=["cqut-pvi/train/", "cqut-pvi/dv"])
 
 
 def test_the_right_turns_of_the_package_are_real_near_misses_of_two_corners_and_two_parts() -> None:

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.learning.networks import Networks
 from vpsci_ros.policy.agent import PolicyAgent
 from vpsci_ros.policy.config import NetworkConfig, NoiseConfig
+from vpsci_ros.policy.policy_file import load_policy
 from vpsci_ros.policy.weights import Weights
 from vpsci_ros.world import EPISODE, RUNNING
 from vpsci_ros.world.tick import Tick
@@ -38,6 +40,14 @@ def test_the_noise_that_is_added_is_the_noise_that_is_set(weights: Weights) -> N
     assert none.tobytes() == plain.tobytes()
     np.testing.assert_allclose(twice - plain, 2 * (little - plain), atol=1e-5)
     assert np.std(little - plain) > 0.01
+
+
+def test_people_are_named_of_a_bank_alone(weights: Weights) -> None:
+    agent = PolicyAgent("pedestrian", 1, explore=False, people="cqut")
+    with pytest.raises(InvalidInput, match="people: expected a bank for 'cqut', got weights of networks"):
+        agent.load(weights, version=1)
+    agent.load(load_policy("people"), version=1)
+    assert agent.version == 1
 
 
 def test_an_exploring_action_stays_within_the_limit(weights: Weights) -> None:

@@ -20,6 +20,7 @@ from vpsci_ros.bags.run_record import scenarios_of
 from vpsci_ros.bags.ticks import read_bag
 from vpsci_ros.data.episode import Episode
 from vpsci_ros.data.gathered import gathered
+from vpsci_ros.documents import given_names, listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire import layout
 from vpsci_ros.wire.decoder import Decoder
@@ -199,7 +200,7 @@ def choose(
     """
     if outcome and outcome not in OUTCOME_NAMES:
         raise InvalidInput(f"outcome {outcome!r}: expected one of {', '.join(OUTCOME_NAMES)}")
-    ranges = [text.strip() for text in numbers.split(",") if text.strip()]
+    ranges = given_names(numbers, "--episodes")
     chosen = [
         episode
         for episode in episodes
@@ -224,9 +225,11 @@ def _matches(episode: BagEpisode, text: str) -> bool:
     return int(first) <= episode.episode <= int(last) and (not colon or int(scenario) == episode.scenario)
 
 
+_NONE = "no episode that ended in it"
+
+
 def _some(episodes: list[BagEpisode]) -> str:
-    names = [f"{episode.name} ({episode.outcome})" for episode in episodes]
-    return ", ".join(names[:8] + [f"... {len(names)} in all"] * (len(names) > 8)) or "no episode that ended in it"
+    return listed(f"{episode.name} ({episode.outcome})" for episode in episodes) if episodes else _NONE
 
 
 def episode_ticks(bag: str | Path | Bag, chosen: Iterable[BagEpisode]) -> Iterator[RecordedTick]:

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from vpsci_ros.data.importers import IMPORTERS, import_trajectories
 from vpsci_ros.data.interactions import table_hash
-from vpsci_ros.data.near_misses import corpus_files, load_corpus, read_near_misses
+from vpsci_ros.data.near_misses import corpus_files, load_corpus, read_near_misses, split_by_name
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.errors import evaluate, print_errors
 from vpsci_ros.learning.config import LearnerConfig, PretrainConfig, RefineConfig, require_learnable
@@ -149,7 +149,9 @@ def stage_1_inputs(sections: Sections) -> Stage1Inputs:
     learner = _learner(sections, "pretrain")
     config, network = sections.get(PretrainConfig, "learner"), sections.get(NetworkConfig, "learner")
     resolved = Sections({"learner": _without_output(learner, config, network)})
-    return learner, config, network, load_corpus(learner.near_misses), resolved
+    corpus = load_corpus(learner.near_misses)
+    split_by_name(corpus, config.held_out_clips)  # refuses names before a folder is begun
+    return learner, config, network, corpus, resolved
 
 
 def stage_2_inputs(sections: Sections) -> Stage2Inputs:

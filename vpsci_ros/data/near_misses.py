@@ -9,6 +9,7 @@ by this table.
 import hashlib
 import math
 import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import polars as pl
 
 from vpsci_ros.data.parquet import Column, read_metadata, read_parquet, write_parquet
 from vpsci_ros.data.reference import AFTER, with_reference
-from vpsci_ros.documents import require_form
+from vpsci_ros.documents import listed, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import TO_LEARN_FROM, near_misses_part, near_misses_path
 from vpsci_ros.safety import CRITICAL_TTC
@@ -292,16 +293,34 @@ def clips_of(table: pl.DataFrame) -> list[str]:
     return sorted("/".join(row) for row in table.select("source", "clip").unique().rows())
 
 
-def split_by_name(table: pl.DataFrame, clips: Sequence[str]) -> tuple[pl.DataFrame, pl.DataFrame]:
+def split_by_name(
+    table: pl.DataFrame, clips: Sequence[str], option: str = "held_out_clips ="
+) -> tuple[pl.DataFrame, pl.DataFrame]:
     """Split interactions into (training, held out): those of clips whose "source/clip" begins with one of `clips`.
 
-    :raises InvalidInput: every clip is held out.
+    :param option: by which the clips are named, the opening of an error message.
+    :raises InvalidInput: no clip begins with one of the names, or every clip is held out.
     """
     own = [(str(source), str(clip)) for source, clip in table.select("source", "clip").unique().rows()]
+    names = sorted(map("/".join, own))
+    for name in clips:
+        if not any(each.startswith(name) for each in names):
+            raise InvalidInput(f"{option} {name}: no clip begins so; the near misses have {_folders(names)}")
     held = [(source, clip) for source, clip in own if f"{source}/{clip}".startswith(tuple(clips))]
     if len(held) == len(own):
-        raise InvalidInput(f"held_out_clips = {list(clips)}: all {len(own)} clips begin so; leave some to learn from")
+        raise InvalidInput(f"{option} {listed(clips)}: all {len(own)} clips begin so; leave some to learn from")
     return split_off(table, held)
+
+
+def _folders(names: Sequence[str], most: int = 8) -> str:
+    """Return how clips are called: each by its name where they are few, otherwise the folders that their names have."""
+    if len(names) <= most:
+        return listed(names)
+    parts = [name.split("/")[:-1] for name in names]
+    depths = range(1, 1 + max(map(len, parts)))
+    counts = [Counter("/".join(part[:depth]) + "/" for part in parts) for depth in depths]
+    deepest = max((count for count in counts if len(count) <= most), key=len, default=counts[0])
+    return f"{listed((f'{name} ({n} clips)' for name, n in sorted(deepest.items())), most)}, such as {names[0]}"
 
 
 def split_off(table: pl.DataFrame, held: list[tuple[str, str]]) -> tuple[pl.DataFrame, pl.DataFrame]:

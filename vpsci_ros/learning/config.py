@@ -92,8 +92,8 @@ class PretrainConfig:
     )
     held_out_clips: list[str] = parameter(
         [],
-        "clips kept out of training, as source/clip or how that begins, e.g. cqut-pvi/dev/; where the near misses hold "
-        "none of them, the share is",
+        "clips kept out of training instead of the share, as source/clip or how that begins, e.g. cqut-pvi/dev/; a "
+        "name with which no clip begins is refused",
     )
     evaluate_every: int = constant(100, "iterations from one held-out error to the next", low=1, high=1_000_000)
     checkpoint_every: int = constant(500, "iterations from one checkpoint to the next", low=1, high=1_000_000)

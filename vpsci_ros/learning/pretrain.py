@@ -54,14 +54,14 @@ def pretrain(
     iteration leaves the last one as it is. The log is written again at every held-out error and checkpoint, and however
     the run ends.
 
-    :param near_misses: near-miss table; of it `config.held_out_clips`, or else `held_out_fraction` by whole clips, is
-        kept for the held-out error.
+    :param near_misses: near-miss table; of it `config.held_out_clips`, or without any `held_out_fraction` by whole
+        clips, is kept for the held-out error.
     :param report: called after every iteration with `episode`, `episodes`, `seconds`, the losses and rewards of the
         iteration by name, and, where they were measured, the held-out errors [m] and, named `control_...`, those of
         the last velocity repeated.
     :param beginning: what surrounds reading the near misses, and then compiling, before the first iteration: up to a
         minute of which nothing is worth keeping, so an exception may end it anywhere.
-    :raises InvalidInput: too few near misses or clips.
+    :raises InvalidInput: too few near misses or clips, or no clip is called as one of `held_out_clips`.
     :raises DivergedError: a loss is not a number.
     """
     out_dir = Path(out_dir)

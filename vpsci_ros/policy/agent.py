@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vpsci_ros.errors import InvalidInput
 from vpsci_ros.policy.bank import Bank
 from vpsci_ros.policy.config import NoiseConfig, PolicyConfig
 from vpsci_ros.policy.exploration import exploration_noise
@@ -54,10 +55,12 @@ class PolicyAgent:
 
         The first call takes seconds where the kernels are not compiled yet, so that no step has to.
 
-        :raises InvalidInput: a bank that does not know the people.
+        :raises InvalidInput: a bank that does not know the people, or networks where people are named.
         """
         if isinstance(policy, Bank):
             policy.of(self._people)
+        elif self._people:
+            raise InvalidInput(f"people: expected a bank for {self._people!r}, got weights of networks; leave it empty")
         first, same = self._policy is None, isinstance(policy, Weights) and isinstance(self._work, NetworkAtWork)
         self._policy, self.version = policy, version
         if first:

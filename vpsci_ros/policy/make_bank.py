@@ -44,10 +44,11 @@ def bank_of_tables(names: Sequence[str | Path], without: Sequence[str] = ()) -> 
     """Return the bank of near-miss tables of whole tracks, see `vpsci_ros.data.near_misses.read_near_misses`.
 
     :param without: how clips, "source/clip", begin whose reactions are left out.
-    :raises InvalidInput: a table is refused, nothing is left, or no onset has 3 s recorded after it.
+    :raises InvalidInput: a table is refused, no clip is called so, nothing is left, or no onset has 3 s recorded
+        after it.
     """
     table = concat_near_misses([read_near_misses(name) for name in names])
-    table, held_out = split_by_name(table, without) if without else (table, table.head(0))
+    table, held_out = split_by_name(table, without, "--without") if without else (table, table.head(0))
     interactions = from_table(table, whole_tracks=True)
     of = np.array([people_of(clip) for clip in interactions.clip])
     made = {name: reactions_of(interactions.take(np.flatnonzero(of == name))) for name in dict.fromkeys(of.tolist())}

@@ -24,6 +24,7 @@ from vpsci_ros.data.gathered import group_of
 from vpsci_ros.data.kept import KEPT, read_kept
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.recorded import recorded_episodes, recorded_list
+from vpsci_ros.documents import listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import near_misses_part
 from vpsci_ros.world import Scenario
@@ -75,9 +76,8 @@ class EpisodeSource:
                 found.append(one)
                 left -= meant
         if left:
-            names = [one.name for one in self.listed]
-            some = ", ".join(names[:8]) + (f", ... {len(names)} in all" if len(names) > 8 else "")
-            raise InvalidInput(f"{self.path}: no episode {', '.join(sorted(left))}; it has {some or 'none'}")
+            some = listed(one.name for one in self.listed)
+            raise InvalidInput(f"{self.path}: no episode {', '.join(sorted(left))}; it has {some}")
         return found
 
     def read(self, wanted: Sequence[str] = (), limit: int | None = None) -> Iterator[Episode]:

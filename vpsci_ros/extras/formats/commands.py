@@ -43,10 +43,10 @@ def export(
     ] = "",
 ) -> None:
     """Write episodes in other people's formats, each in a folder of its own below the output folder."""
+    from vpsci_ros.documents import given_names
     from vpsci_ros.extras.formats.run import Options
     from vpsci_ros.extras.formats.run import export as run
 
-    names = [name.strip() for name in formats.split(",") if name.strip()]
-    counts = run(source, names, output, Options(vehicle, road), episodes)
+    counts = run(source, given_names(formats, "--to"), output, Options(vehicle, road), episodes)
     for name, count in counts.items():
         print(f"written: {output / name}, {count:,} file{'s' * (count != 1)}")

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from vpsci_ros.data.episode import Episode
+from vpsci_ros.documents import given_names
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import near_misses_part
 from vpsci_ros.runs.config import Sections
@@ -95,7 +96,7 @@ def export(
         raise InvalidInput(f"no format given; expected some of {', '.join(EXPORTERS.names())}")
     writers = {name: EXPORTERS.find(name).load() for name in formats}
     found = open_source(source)
-    chosen = [text.strip() for text in episodes.split(",") if text.strip()]
+    chosen = given_names(episodes, "--episodes")
     if not found.chosen(chosen):
         raise InvalidInput(f"{source}: holds no episode, so there is nothing to export")
     root, _ = near_misses_part(source)

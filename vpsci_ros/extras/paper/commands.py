@@ -16,6 +16,7 @@ from vpsci_ros.cli.options import (
     stoppable,
     writes_folder,
 )
+from vpsci_ros.documents import given_names
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.resources import RIGHT_TURNS, TO_MEASURE_ON
 
@@ -77,7 +78,7 @@ def samples(
     """
     from vpsci_ros.extras.paper.studies.run import run_sample_study
 
-    chosen = _parts(sizes)
+    chosen = given_names(sizes or "", "--sizes")
     if not all(part.isdigit() for part in chosen):
         raise InvalidInput(f"--sizes {sizes}: expected whole numbers with commas, say 50,100")
     with stoppable(output):
@@ -168,7 +169,8 @@ def models(
     factors = _factors(steps)
     with stoppable(output):
         stage_2 = None if refine is None else read_sections(refine, None, near_misses)
-        study = ModelStudy(_parts(chosen), count, seeds, stage_2, simulated, fresh_episodes, factors)
+        names = given_names(chosen or "", "--models")
+        study = ModelStudy(names, count, seeds, stage_2, simulated, fresh_episodes, factors)
         run_model_study(read_sections(params, settings, near_misses), output, study, quiet=quiet)
 
 
@@ -208,7 +210,7 @@ def weights(
         run_weight_study(
             read_sections(params, settings, near_misses),
             output,
-            _parts(weightings),
+            given_names(weightings or "", "--weightings"),
             fresh_episodes=fresh_episodes,
             fresh_seed=fresh_seed,
             quiet=quiet,
@@ -249,14 +251,9 @@ def paper(
     print(f"written: {output / PAGE}; paper.json and figure_N.png beside it")
 
 
-def _parts(text: str | None) -> list[str]:
-    """Return what stands between the commas; nothing where nothing was given."""
-    return [part.strip() for part in text.split(",")] if text else []
-
-
 def _factors(text: str | None) -> list[float]:
     try:
-        factors = [float(part) for part in _parts(text)]
+        factors = [float(part) for part in given_names(text or "", "--steps")]
     except ValueError:
         factors = [math.nan]
     if not all(0.01 <= factor <= 100.0 for factor in factors):

@@ -7,8 +7,9 @@ from typing import Any
 
 from rich.console import Console
 
-from vpsci_ros.cli.stages import stage_1_inputs, stage_2_inputs, stage_2_parameters
+from vpsci_ros.cli.stages import Stage1Inputs, stage_1_inputs, stage_2_inputs, stage_2_parameters
 from vpsci_ros.data.near_misses import corpus_files, read_near_misses
+from vpsci_ros.documents import listed
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation.errors import print_errors
 from vpsci_ros.extras.paper.models import ROWS
@@ -47,7 +48,7 @@ def run_sample_study(sections: Sections, folder: Path, sizes: Sequence[int], *, 
     :raises Stopped: a signal stopped it; what is done is in `folder`.
     """
     sizes = sizes or SAMPLE_SIZES
-    learner, config, network, corpus, resolved = stage_1_inputs(sections)
+    learner, config, network, corpus, resolved = _stage_1_inputs(sections)
     facts = {"study": {"sizes": list(sizes)}}
     with RunFolder(folder, resolved, corpus_files(learner.near_misses), facts) as run:
         with StageBar("samples", quiet) as bar, stopped_between_updates() as check:
@@ -75,7 +76,7 @@ def run_fold_study(
         study.
     :raises Stopped: a signal stopped it; what is done is in `folder`.
     """
-    learner, config, network, corpus, resolved = stage_1_inputs(sections)
+    learner, config, network, corpus, resolved = _stage_1_inputs(sections)
     refinement = None
     if stage_2 is not None:
         their_learner, refine, simulation = stage_2_parameters(stage_2)
@@ -101,6 +102,20 @@ def run_fold_study(
         run.results |= result
     print_errors(result, Console())
     print(f"written: {folder / RESULT} and run.json beside it")
+
+
+def _stage_1_inputs(sections: Sections) -> Stage1Inputs:
+    """Return the inputs of stage 1, see `stage_1_inputs`.
+
+    :raises InvalidInput: also where they name clips to hold out, which no study would do.
+    """
+    inputs = stage_1_inputs(sections)
+    if inputs[1].held_out_clips:
+        raise InvalidInput(
+            f"learner.held_out_clips = {listed(inputs[1].held_out_clips)}: a study chooses the clips that it holds out "
+            "itself; leave it out"
+        )
+    return inputs
 
 
 @dataclass(frozen=True)
@@ -135,7 +150,7 @@ def run_model_study(sections: Sections, folder: Path, study: ModelStudy, *, quie
     models = list(study.models) or list(ROWS)
     for name in models:
         MODELS.find(name)
-    learner, config, network, corpus, resolved = stage_1_inputs(sections)
+    learner, config, network, corpus, resolved = _stage_1_inputs(sections)
     hybrid, files = _hybrid(study), corpus_files(learner.near_misses)
     facts: dict[str, Any] = {
         "models": models,
