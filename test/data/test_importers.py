@@ -1,18 +1,23 @@
 """Published recordings become near misses at 0.1 s, and a damaged file is named with its line."""
 
 import math
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
+from polars.testing import assert_frame_equal
 
 from vpsci_ros.data.importers import import_folders, import_trajectories
+from vpsci_ros.data.importers.run import near_misses_of
 from vpsci_ros.data.importers.tracks import BACKWARDS, resample, slope
-from vpsci_ros.data.near_misses import check_near_misses
+from vpsci_ros.data.importers.vci import VCI_DUT
+from vpsci_ros.data.near_misses import check_near_misses, clips_of, load_corpus, write_near_misses
 from vpsci_ros.data.reference import AFTER, BEFORE, around_critical, clean, flags, trailing_slope
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.policy.make_bank import bank_of_tables
 
 RATE, CITR_RATE = 23.976, 29.97  # [1/s] frames of clips of VCI-DUT and VCI-CITR
 
@@ -104,6 +109,56 @@ def test_each_format_has_its_own_vehicle_size(tmp_path: Path, form: str, rate: f
     table = import_trajectories(tmp_path, form).table.filter(pl.col("curvttc").is_between(0.1, 2.0))
     contact = table["veh_x"] + 5.0 * table["curvttc"]
     assert contact.to_numpy() == pytest.approx(20.0 - 0.3 - length / 2.0, abs=5e-3)
+
+
+def test_folders_of_one_format_with_clips_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    for place, lateral in (("a/EP", 0.0), ("b/EP", 0.2), ("c", 0.3)):
+        (tmp_path / place).mkdir(parents=True)
+        write_clip(tmp_path / place, "meeting_01", lateral=lateral)
+    write_clip(tmp_path / "c", "meeting_02")
+    folders = [tmp_path / name for name in ("a/EP", "b/EP", "c")]
+    result = import_folders(folders, ["vci-dut"])
+    assert clips_of(result.table) == [
+        f"vci-dut/{name}" for name in ("a/EP/meeting_01", "b/EP/meeting_01", "c/meeting_01", "c/meeting_02")
+    ]
+    assert (result.summaries[0].clips, result.summaries[0].near_misses) == (4, 4)
+    assert list(result.metadata["sources"]) == ["vci-dut"]
+    for place, folder in zip(("a/EP", "b/EP"), folders[:2], strict=True):
+        own = result.table.filter(pl.col("clip").str.starts_with(place)).drop("interaction", "clip")
+        assert_frame_equal(own, import_folders([folder], ["vci-dut"]).table.drop("interaction", "clip"))
+    (tmp_path / "citr").mkdir()
+    write_clip(tmp_path / "citr", "meeting_01", rate=CITR_RATE)
+    two = import_folders([folders[0], tmp_path / "citr"], ["vci-dut", "vci-citr"])  # of two formats: two sources
+    assert clips_of(two.table) == ["vci-citr/meeting_01", "vci-dut/meeting_01"]
+
+
+def test_a_recording_that_is_given_twice_is_refused(clip_folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="this folder is given twice"):
+        import_folders([clip_folder, clip_folder / ".." / clip_folder.name], ["vci-dut"])
+    shutil.copytree(clip_folder, tmp_path / "copy")
+    with pytest.raises(
+        InvalidInput, match=r"copy: its clip meeting_01 is that of .* to the bit; give each recording onc"
+    ):
+        import_folders([clip_folder, tmp_path / "copy"], ["vci-dut"])
+
+
+def test_two_clips_of_one_name_in_a_folder_are_refused(clip_folder: Path) -> None:
+    clips = [*VCI_DUT.read(clip_folder)]
+    with pytest.raises(InvalidInput, match="vci-dut: two recordings are called meeting_01; rename one"):
+        near_misses_of("vci-dut", [*clips, *clips], length=4.5, width=1.8)
+
+
+def test_tables_with_a_clip_of_one_name_are_refused(tmp_path: Path) -> None:
+    for name, lateral in (("EP0", 0.0), ("EP1", 0.2)):
+        (tmp_path / name).mkdir()
+        write_clip(tmp_path / name, "meeting_01", lateral=lateral)
+        write_near_misses(import_trajectories(tmp_path / name, "vci-dut").table, tmp_path / f"{name}.parquet")
+    tables = [tmp_path / "EP0.parquet", tmp_path / "EP1.parquet"]
+    for read in (load_corpus, bank_of_tables):
+        with pytest.raises(
+            InvalidInput, match="clip vci-dut/meeting_01 is there twice, in two tables .* by one command"
+        ):
+            read(tables)
 
 
 def test_tracks_are_cut_at_long_gaps_and_bridged_over_short_ones() -> None:

@@ -239,12 +239,19 @@ def _refuse_first(table: pl.DataFrame, bad: pl.Expr, name: str, where: str, expe
 def concat_near_misses(tables: list[pl.DataFrame]) -> pl.DataFrame:
     """Return near-miss tables as one, interactions numbered again from 0 in order.
 
-    :raises InvalidInput: no table, or the same interaction of the same source twice.
+    :raises InvalidInput: no table, a clip in two of them, or the same interaction of the same source twice.
     """
     if not tables:
         raise InvalidInput("expected at least one near-miss table, got none")
-    parts, count = [], 0
+    parts, count, seen = [], 0, set[str]()
     for table in tables:
+        if both := seen.intersection(own := clips_of(table)):
+            raise InvalidInput(
+                f"clip {min(both)} is there twice, in two tables ({len(both)} clips are in both); give each recording "
+                "once, or, where they differ, import their folders by one command (vpsci import DIR DIR ...), which "
+                "tells clips of one name apart"
+            )
+        seen.update(own)
         numbers = table["interaction"].rle_id().cast(pl.Int64) + count
         parts.append(table.with_columns(numbers.alias("interaction")))
         count = 1 + int(numbers.max()) if len(numbers) else count  # type: ignore[arg-type]

@@ -5,7 +5,7 @@ takes a table by it, compares frame rate, units and headings with the motion its
 """
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,15 +14,20 @@ import polars as pl
 
 from vpsci_ros.data.importers.tracks import (
     BACKWARDS,
+    GAPS,
     LARGEST,
+    MAX_GAP,
     WHOLE,
     Clip,
     Floats,
     Track,
+    longest_gap,
     read_text,
     require_columns,
     resample,
     slope,
+    spaces,
+    spacing,
 )
 from vpsci_ros.documents import shown
 from vpsci_ros.errors import InvalidInput
@@ -90,17 +95,29 @@ def clip_of(name: str, parts: Mapping[Path, tuple[pl.DataFrame, Layout]]) -> Cli
     pedestrians: list[Track] = []
     left_out: Counter[str] = Counter()
     assumed: list[str] = []
+
+    def pieces(tracks: pl.DataFrame, layout: Layout, path: Path) -> Iterator[Track]:
+        rate = _rate(layout)
+        gap = longest_gap(tracks, rate, path)
+        left_out[GAPS] += spaces(tracks, rate).filter(pl.col("seconds") > gap).height
+        if gap > MAX_GAP:
+            assumed.append(
+                f"rows are {spacing(tracks, rate):.2g} s apart, between them motion is interpolated; "
+                f"tracks are cut at gaps of more than {gap:.2g} s"
+            )
+        return resample(tracks, rate, "heading", gap)
+
     for path, (table, layout) in parts.items():
         require_columns(table, layout.columns.values(), path)
         left_out.update(_other_classes(table, layout))
         if len(walkers := _canonical(table, layout, layout.pedestrians, path)):
-            pedestrians += [_pedestrian(track) for track in resample(walkers, _rate(layout))]
+            pedestrians += [_pedestrian(track) for track in pieces(walkers, layout, path)]
         if len(cars := _canonical(table, layout, layout.vehicles, path)):
             if "heading" in cars.columns:
                 _check_heading(cars, layout, path)
             forward, backwards = _forward(cars)
             left_out[BACKWARDS] += backwards
-            vehicles += [_vehicle(track) for track in resample(forward, _rate(layout), angle="heading")]
+            vehicles += [_vehicle(track) for track in pieces(forward, layout, path)]
             assumed += ["headings are directions of motion"] if "heading" not in cars.columns else []
             assumed += ["sizes of vehicles are the format's"] if "length" not in cars.columns else []
             without = len({track.number for track in vehicles if track.size is None})

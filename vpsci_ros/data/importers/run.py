@@ -1,5 +1,6 @@
 """The door of the importers: folders and format names in, one near-miss table and a summary out."""
 
+import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -32,7 +33,7 @@ class SourceSummary:
     """What one source holds.
 
     :ivar pairs: vehicles and pedestrians that are there at the same time.
-    :ivar near_misses: those of them whose CurvTTC falls below 5 s.
+    :ivar near_misses: those of them whose CurvTTC falls below 5 s and that have `LEAST_STEPS` rows.
     :ivar steps: rows of the table; `critical_steps` of them below 5 s.
     :ivar quartiles: of the least CurvTTC of each near miss [s], NaN where there is none.
     :ivar vehicle_length, vehicle_width: the rectangle that CurvTTC was computed with [m], unless a track has its own.
@@ -78,8 +79,26 @@ def joined(results: Sequence[ImportResult]) -> ImportResult:
 
     :raises InvalidInput: none given, or the same recording twice.
     """
-    summaries = tuple(summary for result in results for summary in result.summaries)
-    return ImportResult(concat_near_misses([result.table for result in results]), summaries)
+    table = concat_near_misses([result.table for result in results])
+    by_source: dict[str, list[SourceSummary]] = {}
+    for result in results:
+        for summary in result.summaries:
+            by_source.setdefault(summary.source, []).append(summary)
+    return ImportResult(table, tuple(_of_one_source(own, table) for own in by_source.values()))
+
+
+def _of_one_source(parts: Sequence[SourceSummary], table: pl.DataFrame) -> SourceSummary:
+    """Return what several folders of one source hold together."""
+    if len(parts) == 1:
+        return parts[0]
+    left_out: Counter[str] = Counter()
+    for part in parts:
+        left_out.update(part.left_out)
+    names = ("clips", "pairs", "near_misses", "steps", "critical_steps")
+    sums = {name: sum(getattr(part, name) for part in parts) for name in names}
+    assumed = dict.fromkeys(text for part in parts for text in part.assumed)
+    quartiles = least_quartiles(table.filter(pl.col("source") == parts[0].source))
+    return replace(parts[0], **sums, quartiles=quartiles, left_out=dict(left_out), assumed=tuple(assumed))
 
 
 def least_quartiles(table: pl.DataFrame) -> tuple[float, float, float]:
@@ -121,6 +140,8 @@ def print_import_summary(result: ImportResult, console: Console | None = None) -
 # The whole joint track of a near miss is kept; `vpsci_ros.data.reference` says which of its rows learning takes.
 
 
+LEAST_STEPS = 5  # of a near miss: a slope over 0.4 s, as velocities and yaw rates are, takes so many
+BRIEF = f"near misses of fewer than {LEAST_STEPS} steps"  # a count of `SourceSummary.left_out`
 LEAST_EXTENT = 1.0  # [m] of a clip: as far apart are the middles of a vehicle and of a pedestrian at least
 
 
@@ -131,14 +152,20 @@ def near_misses_of(
 
     :param length, width: of vehicles whose tracks do not say [m].
     :param critical: CurvTTC below which a pair is a near miss [s].
-    :raises InvalidInput: no vehicle at all, or no pedestrian; or see `clips`.
+    :raises InvalidInput: no vehicle at all, no pedestrian, or two clips of one name; or see `clips`.
     """
     parts: list[pl.DataFrame] = []
-    clip_count = pairs = vehicles = pedestrians = 0
+    pairs = vehicles = pedestrians = 0
     left_out: Counter[str] = Counter()
     assumed: dict[str, None] = {}
+    names: set[str] = set()
     for clip in clips:
-        clip_count += 1
+        if clip.name in names:
+            raise InvalidInput(
+                f"{source}: two recordings are called {clip.name}; rename one, or give their folders one by one, which "
+                "tells clips of one name apart"
+            )
+        names.add(clip.name)
         _require_metres(source, clip)
         vehicles, pedestrians = vehicles + len(clip.vehicles), pedestrians + len(clip.pedestrians)
         left_out.update(clip.left_out)
@@ -146,22 +173,24 @@ def near_misses_of(
         for vehicle, pedestrian in _together(clip):
             near_miss = _near_miss(vehicle, pedestrian, *(vehicle.size or (length, width)), critical)
             pairs += 1
-            if near_miss is not None:
+            if near_miss is not None and near_miss.height < LEAST_STEPS:
+                left_out[BRIEF] += 1
+            elif near_miss is not None:
                 number = pl.lit(len(parts), pl.Int64)
                 table = near_miss.with_columns(interaction=number, source=pl.lit(source), clip=pl.lit(clip.name))
                 parts.append(table.select(list(NEAR_MISS_COLUMNS)))
     events = any(what.startswith("events") for what in left_out)  # whole pairs, each for a reason of its own
-    if clip_count and not (vehicles and pedestrians) and not events:
+    if names and not (vehicles and pedestrians) and not events:
         others = ", ".join(f"{count:,} {what}" for what, count in (+left_out).items()) or "nothing"
         what = "vehicle" if not vehicles else "pedestrian"
         raise InvalidInput(
-            f"{source}: no {what} in {clip_count} clips; left out were {others}; name the classes as there"
+            f"{source}: no {what} in {len(names)} clips; left out were {others}; name the classes as there"
         )
     empty = pl.DataFrame(schema={name: column.dtype for name, column in NEAR_MISS_COLUMNS.items()})
     table = pl.concat(parts) if parts else empty
     summary = SourceSummary(
         source,
-        clips=clip_count,
+        clips=len(names),
         pairs=pairs,
         near_misses=len(parts),
         steps=table.height,
@@ -267,4 +296,44 @@ def import_folders(folders: Sequence[str | Path], formats: Sequence[str]) -> Imp
         raise InvalidInput(
             f"expected one format for each folder, or one for all; got {len(folders)} folders, {len(formats)} formats"
         )
-    return joined([import_trajectories(folder, form) for folder, form in zip(folders, formats, strict=True)])
+    results = [import_trajectories(folder, form) for folder, form in zip(folders, formats, strict=True)]
+    return joined(told_apart([Path(folder) for folder in folders], results))
+
+
+def told_apart(folders: Sequence[Path], results: Sequence[ImportResult]) -> list[ImportResult]:
+    """Return imports of folders whose clips have names of their own.
+
+    Where two folders of one format have a clip of one name, all clips of this format have their folder before their
+    names: its path below the folder that all of these are in.
+
+    :raises InvalidInput: two folders are the same one, or hold the same recording.
+    """
+    out = list(results)
+    for source in dict.fromkeys(result.summaries[0].source for result in results):
+        mine = [number for number, result in enumerate(results) if result.summaries[0].source == source]
+        paths = [folders[number].resolve() for number in mine]
+        if twice := [path for path in paths if paths.count(path) > 1]:
+            raise InvalidInput(f"{twice[0]}: this folder is given twice; give each folder of recordings once")
+        tables = [results[number].table for number in mine]
+        if not _have_clips_in_common(tables):
+            continue
+        _refuse_copies(paths, tables)
+        root = Path(os.path.commonpath([path.parent for path in paths]))
+        for number, path in zip(mine, paths, strict=True):
+            named = pl.lit(f"{path.relative_to(root).as_posix()}/") + pl.col("clip")
+            out[number] = replace(results[number], table=results[number].table.with_columns(clip=named))
+    return out
+
+
+def _have_clips_in_common(tables: Sequence[pl.DataFrame]) -> bool:
+    names = pl.concat([table.select(pl.col("clip").unique()) for table in tables])
+    return bool(names["clip"].is_duplicated().any())
+
+
+def _refuse_copies(folders: Sequence[Path], tables: Sequence[pl.DataFrame]) -> None:
+    seen: dict[tuple[str, int], tuple[Path, pl.DataFrame]] = {}
+    for folder, table in zip(folders, tables, strict=True):
+        for (clip,), rows in table.drop("interaction").partition_by("clip", as_dict=True, maintain_order=True).items():
+            other, theirs = seen.setdefault((str(clip), rows.height), (folder, rows))
+            if other != folder and theirs.equals(rows):
+                raise InvalidInput(f"{folder}: its clip {clip} is that of {other} to the bit; give each recording once")

@@ -18,10 +18,14 @@ from vpsci_ros.errors import InvalidInput
 from vpsci_ros.world.observation import STEP
 
 Floats = NDArray[np.float64]
-MAX_GAP = 0.25  # [s] frames further apart than this are not bridged: the track is cut there
+MAX_GAP = 0.25  # [s] rows further apart than this are not bridged: the track is cut there
+SPARSEST = 0.5  # [s] from one row of a road user to the next, 2 Hz; recordings of fewer rows are refused
+GAPS = "gaps between rows, at which tracks are cut"  # a count of `Clip.left_out`
 LARGEST = 2.0**53  # above it a float64 does not hold every whole number
 WHOLE = r"^([+-]?\d+)\.0*$"  # a whole number as pandas writes it where values are missing
 BACKWARDS = "frames of vehicles that drive backwards"  # a count of `Clip.left_out`
+_SLACK = 0.05  # by which times may differ from the rate
+_BRIDGED = 1.5  # spacings of rows; a track is cut where one row or more is missing
 _GRID = 1e-6  # [steps] a frame this near to a grid point counts as on it
 
 
@@ -116,13 +120,43 @@ def require_columns(table: pl.DataFrame, names: Iterable[str], path: Path) -> No
         )
 
 
-def resample(table: pl.DataFrame, frame_rate: float, angle: str | None = None) -> Iterator[Track]:
+def spaces(table: pl.DataFrame, frame_rate: float) -> pl.DataFrame:
+    """Return id and seconds from each row of a road user to its next one."""
+    return table.select("id", seconds=pl.col("frame").diff().over("id") / frame_rate).drop_nulls()
+
+
+def spacing(table: pl.DataFrame, frame_rate: float) -> float:
+    """Return the time from one row of a road user to the next [s]: the median of its rows, of all of them the median.
+
+    0 where no road user has two rows.
+    """
+    each = spaces(table, frame_rate).group_by("id").median()["seconds"].to_numpy()
+    return float(np.median(each)) if len(each) else 0.0
+
+
+def longest_gap(table: pl.DataFrame, frame_rate: float, path: Path) -> float:
+    """Return the time between two rows [s] beyond which a track is cut: `MAX_GAP`, or what the rows' own rate says.
+
+    :raises InvalidInput: rows are further apart than `SPARSEST`.
+    """
+    apart = spacing(table, frame_rate)
+    if apart > SPARSEST * (1.0 + _SLACK):
+        raise InvalidInput(
+            f"{path}: rows of a road user are {apart:.3g} s apart (median); expected at most {SPARSEST:g} s, since "
+            "motion between rows is interpolated; check the frame rate or the unit of time, or take a recording of "
+            "more rows"
+        )
+    return max(MAX_GAP, _BRIDGED * apart)
+
+
+def resample(table: pl.DataFrame, frame_rate: float, angle: str | None = None, gap: float = MAX_GAP) -> Iterator[Track]:
     """Yield each id's unbroken pieces on the 0.1 s grid, frame 0 being time 0.
 
     Values between two frames are interpolated linearly, `angle` [rad] after unwrapping; nothing is extrapolated, and
-    no value is made across a gap of more than `MAX_GAP`. Pieces that hold no grid point do not appear.
+    no value is made across a gap. Pieces that hold no grid point do not appear.
 
     :param frame_rate: of the recording [1/s].
+    :param gap: time between two rows [s] beyond which a track is cut, see `longest_gap`.
     """
     if table.is_empty():
         return
@@ -131,7 +165,7 @@ def resample(table: pl.DataFrame, frame_rate: float, angle: str | None = None) -
     order = np.argsort(begins[which], kind="stable")  # ids as they first appear, the rows of each together
     number, time = columns["id"][order], columns["frame"][order] / frame_rate
     raw = {name: columns[name][order] for name in table.columns[2:]}
-    cuts = np.flatnonzero((np.diff(number) != 0) | (np.diff(time) > MAX_GAP)) + 1
+    cuts = np.flatnonzero((np.diff(number) != 0) | (np.diff(time) > gap)) + 1
     for begin, end in itertools.pairwise([0, *cuts.tolist(), len(time)]):
         own = time[begin:end]
         first = int(np.ceil(own[0] / STEP - _GRID))
