@@ -1,6 +1,7 @@
 """The command line as a stranger meets it: help without heavy imports, one line for an error, nothing half written."""
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -88,6 +89,25 @@ def test_an_error_is_one_line_that_says_what_and_where(
     assert len(said) == 1
     assert said[0].startswith("error: ")
     assert not any((ROOT / name).exists() for name in ("x", "x.parquet", "x.png", "x.html", "x.safetensors"))
+
+
+def test_every_option_that_names_an_output_file_refuses_a_pipe_before_the_work(
+    vpsci: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for arguments in (
+        ["import", "nowhere", "--format", "described", "-o"],
+        ["people", "nowhere", "-o"],
+        ["world", "show", "1", "-o"],
+        ["view", "nowhere", "-o"],
+        ["evaluate", "--data", "nowhere", "--json"],
+        ["realism", "--data", "nowhere", "--json"],
+    ):
+        result = vpsci(*arguments, str(pipe))
+        assert result.returncode == 2, arguments
+        assert result.stderr.startswith(f"error: {pipe}: expected a file to write, found a pipe, a device or")
+    assert pipe.is_fifo()
 
 
 @pytest.mark.parametrize("path", sorted(PARAMS.glob("*.yaml")), ids=lambda path: path.name)

@@ -1,12 +1,14 @@
 """Files appear whole or not at all, and outputs never mix with what is already there."""
 
+import os
+import socket
 import subprocess
 import sys
 
 import pytest
 
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.runs.files import require_empty_folder, written_whole
+from vpsci_ros.runs.files import require_empty_folder, write_text, written_whole
 
 
 def test_a_failed_write_keeps_the_file_that_was_there(tmp_path) -> None:
@@ -42,6 +44,30 @@ def test_a_write_removes_what_a_killed_one_left_of_the_same_file_and_not_what_an
             second.write_text("second")
         first.write_text("first")
     assert {path.name: path.read_text() for path in tmp_path.iterdir() if path != other} == {target.name: "first"}
+
+
+def test_what_is_no_file_is_never_replaced_by_one(tmp_path) -> None:
+    pipe, server, link, regular = (tmp_path / name for name in ("pipe", "socket", "link", "file"))
+    os.mkfifo(pipe)
+    link.symlink_to(os.devnull)
+    regular.write_text("before")
+    with socket.socket(socket.AF_UNIX) as bound:
+        bound.bind(str(server))
+        for path in (pipe, server, link):
+            before = path.lstat()
+            with pytest.raises(InvalidInput, match="found a pipe, a device or a socket, which a file would replace"):
+                write_text(path, "after")
+            assert (path.lstat().st_ino, path.lstat().st_mode) == (before.st_ino, before.st_mode)
+    standard_output = tmp_path / "stdout"
+    with open(regular) as opened:
+        standard_output.symlink_to(f"/proc/self/fd/{opened.fileno()}")  # as /dev/stdout is one, sent to a file
+        with pytest.raises(InvalidInput, match="found an open file of a process"):
+            write_text(standard_output, "after")
+    assert standard_output.is_symlink()
+    assert regular.read_text() == "before"
+    assert not [*tmp_path.glob(".*.part")]
+    write_text(regular, "after")
+    assert regular.read_text() == "after"
 
 
 def test_a_folder_that_holds_anything_is_refused(tmp_path) -> None:

@@ -11,6 +11,7 @@ from vpsci_ros.cli.options import (
     Quiet,
     Resumable,
     Settings,
+    file_to_write,
     read_sections,
     stoppable,
     writes_folder,
@@ -71,7 +72,8 @@ def evaluate(
         str, typer.Option("--format", help="near-misses, vci-dut, vci-citr or an added one.")
     ] = "near-misses",
     json_path: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers to this file.")
+        Path | None,
+        typer.Option("--json", metavar="FILE", callback=file_to_write, help="Write all numbers to this file."),
     ] = None,
     weights: Annotated[
         list[str] | None,

@@ -15,7 +15,7 @@ from vpsci_ros.cli.dataset import dataset_app, generate
 from vpsci_ros.cli.doctor import doctor
 from vpsci_ros.cli.exam import ads_test
 from vpsci_ros.cli.learning import evaluate, pretrain, refine
-from vpsci_ros.cli.options import Output, Params, Quiet, Settings, read_sections, writes_folder
+from vpsci_ros.cli.options import Output, Params, Quiet, Settings, file_to_write, read_sections, writes_folder
 from vpsci_ros.cli.people import people
 from vpsci_ros.cli.view import view
 from vpsci_ros.errors import InvalidInput, VpsciError, in_words, is_shortage
@@ -46,7 +46,7 @@ def import_command(
             "--format", help="Format of all folders, or one for each: vci-dut, levelx, ... (docs/formats.md)."
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Parquet file to write.")],
+    output: Annotated[Path, typer.Option("--output", "-o", callback=file_to_write, help="Parquet file to write.")],
     compact: Annotated[bool, typer.Option("--compact", help="Write single precision: a third as large.")] = False,
     check: Annotated[
         bool,
@@ -128,7 +128,7 @@ def world_show(
     scenario: Annotated[
         str, typer.Argument(help="Number 1 to 8 (Table 6) or 101 to 104, name, or a YAML file of your own.")
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="PNG to write.")],
+    output: Annotated[Path, typer.Option("--output", "-o", callback=file_to_write, help="PNG to write.")],
     seed: Annotated[int, typer.Option(help="Seed of the spawns in the picture.")] = 1,
 ) -> None:
     """Draw a scenario: lane, crosswalk, routes, goals and where agents are spawned."""

@@ -19,6 +19,20 @@ Params = Annotated[
 ]
 Output = Annotated[Path, typer.Option("--output", "-o", help="Output folder; must be new or empty.")]
 Resumable = Annotated[Path, typer.Option("--output", "-o", help="Output folder: new, empty, or of the same run.")]
+
+
+def file_to_write(path: Path | None) -> Path | None:
+    """Return the value of an option that names an output file; a callback of `typer.Option`.
+
+    :raises InvalidInput: no file can be written there, which is said before the work begins.
+    """
+    from vpsci_ros.runs.files import require_writable
+
+    if path is not None:
+        require_writable(path)
+    return path
+
+
 Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="NODE.PARAMETER=VALUE", help="Override one parameter; repeatable.")
 ]

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from vpsci_ros.cli.options import file_to_write
+
 
 def people(
     tables: Annotated[
@@ -13,7 +15,9 @@ def people(
             metavar="TABLE...", help="Near misses: right_turns, a Parquet file, or a part (right_turns/train)."
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Bank to write, a .safetensors file.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", callback=file_to_write, help="Bank to write, a .safetensors file.")
+    ],
     without: Annotated[
         list[str] | None,
         typer.Option(

@@ -5,13 +5,17 @@ from typing import Annotated
 
 import typer
 
+from vpsci_ros.cli.options import file_to_write
+
 
 def view(
     sources: Annotated[
         list[Path],
         typer.Argument(metavar="SOURCE...", help="Near-miss tables, folders of datasets, bags, folders of exams."),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="HTML file to write.")] = Path("view.html"),
+    output: Annotated[Path, typer.Option("--output", "-o", callback=file_to_write, help="HTML file to write.")] = Path(
+        "view.html"
+    ),
     limit: Annotated[
         int, typer.Option(min=1, max=20_000, metavar="N", help="Most episodes of each source, evenly spread.")
     ] = 1000,

@@ -48,15 +48,12 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     temporary file is locked while this process lives. What an earlier process left of the same file, when it was
     killed, is removed here where no output folder is claimed (`remove_parts` does it there).
 
-    :raises InvalidInput: the parent folder does not exist, or `path` is a folder.
+    :raises InvalidInput: see `require_writable`.
     :raises VpsciError: an output folder above it was deleted, moved or replaced since it was claimed.
     """
     path = Path(path)
     require_claimed(path)
-    if not path.parent.is_dir():
-        raise InvalidInput(f"{path}: folder {path.parent} does not exist; make it or choose another output path")
-    if path.is_dir():
-        raise InvalidInput(f"{path}: expected a file to write, found a folder; give the name of a file")
+    require_writable(path)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     temporary = Path(name)
     try:
@@ -75,6 +72,27 @@ def written_whole(path: str | Path) -> Iterator[Path]:
     finally:
         temporary.unlink(missing_ok=True)
         os.close(handle)
+
+
+def require_writable(path: Path) -> None:
+    """Refuse a path where `written_whole` could not write a file, or would put one in the place of something else.
+
+    :raises InvalidInput: the parent folder does not exist; the path names a folder, a pipe, a device or a socket, or
+        leads to an open file of a process, as /dev/stdout does.
+    """
+    if not path.parent.is_dir():
+        raise InvalidInput(f"{path}: folder {path.parent} does not exist; make it or choose another output path")
+    if path.is_dir():
+        raise InvalidInput(f"{path}: expected a file to write, found a folder; give the name of a file")
+    if path.is_symlink() and {path.parent.resolve().parts[:2], path.readlink().parts[:2]} & {("/", "proc")}:
+        raise InvalidInput(
+            f"{path}: expected a file to write, found an open file of a process; give the name of a file"
+        )
+    if path.exists() and not path.is_file():
+        raise InvalidInput(
+            f"{path}: expected a file to write, found a pipe, a device or a socket, which a file would replace; give "
+            "the name of a file"
+        )
 
 
 def _remove_parts_of(path: Path) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from vpsci_ros.cli.options import Quiet, writes_folder
+from vpsci_ros.cli.options import Quiet, file_to_write, writes_folder
 from vpsci_ros.resources import TO_MEASURE_ON
 
 realism_app = typer.Typer(add_completion=False)
@@ -42,7 +42,8 @@ def realism(
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the roll-outs.")] = 0,
     json_path: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write all numbers to this file.")
+        Path | None,
+        typer.Option("--json", metavar="FILE", callback=file_to_write, help="Write all numbers to this file."),
     ] = None,
     output: Annotated[
         Path | None,
