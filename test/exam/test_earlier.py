@@ -20,7 +20,8 @@ from vpsci_ros.cli.main import app
 from vpsci_ros.cli.parameter_file import load
 from vpsci_ros.data.parquet import write_parquet
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.exam.earlier import Earlier, compare, write_junit, write_summary
+from vpsci_ros.exam.ci import write_verdict
+from vpsci_ros.exam.earlier import Earlier, compare
 from vpsci_ros.exam.exam import Exam, prepare
 from vpsci_ros.exam.measures import COLUMNS
 from vpsci_ros.exam.report import ADS
@@ -119,22 +120,57 @@ def test_junit_fails_what_is_newly_broken_skips_what_failed_before_and_passes_wh
     criterion = {"criterion": "newly_failed > 0", "pedestrian": "walker", "value": 2.0, "failed": True}
     report = {"exam": {"ads": "new.py"}, "failures": ["newly_failed > 0: 2"], "criteria": [criterion],
               "conduct": {"walker": {"failure": ""}}, "against": verdict}  # fmt: skip
-    write_junit(tmp_path / "junit.xml", report)
-    suites = ET.parse(tmp_path / "junit.xml").getroot()
-    said = {
-        (case.get("classname"), case.get("name")): [child.tag for child in case] for case in suites.iter("testcase")
-    }
+    write_verdict(tmp_path, report, rows(1, 4, 9), "")
     of = "vpsci ads-test.walker"
-    assert said == {
+    assert cases(tmp_path / "junit.xml") == {
         ("vpsci ads-test.exam", "every episode was driven"): [],
         ("vpsci ads-test.exam", "newly_failed > 0 @walker"): ["failure"],
         (of, "1:2"): [], (of, "1:3"): [], (of, "1:4"): ["failure"], (of, "1:9"): ["failure"], (of, "1:1"): ["skipped"],
     }  # fmt: skip
-    counts = [(suite.get("tests"), suite.get("failures"), suite.get("skipped")) for suite in suites]
+    counts = [
+        (suite.get("tests"), suite.get("failures"), suite.get("skipped"))
+        for suite in ET.parse(tmp_path / "junit.xml").getroot()
+    ]
     assert counts == [("2", "1", "0"), ("5", "2", "1")]
-    write_summary(tmp_path / "summary.md", report, "")
     assert "| walker, does not react | 10 | 10 | 2 | 2 | 1 |" in (tmp_path / "summary.md").read_text()
     assert "Newly broken: walker 1:4, walker 1:9\n" in (tmp_path / "summary.md").read_text()
+
+
+def cases(junit: Path) -> dict[tuple[str | None, str | None], list[str]]:
+    """Return class and name of each case -> what is said of it: nothing, or a failure."""
+    suites = ET.parse(junit).getroot()
+    return {(case.get("classname"), case.get("name")): [each.tag for each in case] for case in suites.iter("testcase")}
+
+
+def test_an_exam_without_an_earlier_one_leaves_its_verdict_for_ci_too(home: Path, tmp_path: Path) -> None:
+    shutil.copytree(home / "yesterday", tmp_path / "today")
+    reasons = run_exam(exam(), tmp_path / "today", ["moving_collision_rate >= 0", "time_lost > 1e6"], quiet=True)
+    assert cases(tmp_path / "today" / "junit.xml") == {
+        ("vpsci ads-test.exam", "every episode was driven"): [],
+        ("vpsci ads-test.exam", "moving_collision_rate >= 0 @walker"): ["failure"],
+        ("vpsci ads-test.exam", "time_lost > 1e6 @walker"): [],
+        ("vpsci ads-test.walker", "4 episodes, none of which fails"): [],
+    }
+    summary = (tmp_path / "today" / "summary.md").read_text()
+    assert summary.startswith(f"## my_driver:MyDriver: failed\n\n- {reasons[0]}\n")
+    assert "| walker, does not react | 4 | 0 | 0.00 [0.00, 48.99] % | " in summary, "Wilson's interval: z^2 / (4 + z^2)"
+
+
+def test_a_verdict_without_an_earlier_exam_lists_what_fails_and_fails_by_its_criteria_alone(tmp_path: Path) -> None:
+    half = {"value": 0.3, "low": 0.1, "high": 0.6, "n": 10}
+    row = {"collision_rate": half, "moving_collision_rate": half, "conflict_rate": half,
+           "time_lost": {"value": None, "low": None, "high": None, "n": 0}}  # fmt: skip
+    report = {"exam": {"ads": "new.py"}, "failures": [], "criteria": [], "conduct": {"walker": {"failure": ""}},
+              "failure": "moving_collision", "drivers": {"ads": {"walker": {"episodes": 10} | row}}}  # fmt: skip
+    write_verdict(tmp_path, report, rows(1, 4, 9), "view.html")
+    assert cases(tmp_path / "junit.xml") == {
+        ("vpsci ads-test.exam", "every episode was driven"): [],
+        ("vpsci ads-test.walker", "10 episodes, 3 of which fail"): [],
+    }
+    summary = (tmp_path / "summary.md").read_text()
+    share = "30.00 [10.00, 60.00] %"
+    assert f"| walker, does not react | 10 | 3 | {share} | {share} | {share} | - |\n" in summary
+    assert "Failing: [walker 1:1](view.html#a=ads-walker&b=autopilot-walker&episode=1:1), [walker 1:4](" in summary
 
 
 def test_what_cannot_be_compared_is_refused_and_says_why(home: Path, tmp_path: Path) -> None:

@@ -1,10 +1,9 @@
-"""The verdict against an earlier exam: its episodes driven again, and which are fixed, newly broken or unchanged."""
+"""Criteria to fail by, and the comparison with an earlier exam: episodes fixed, newly broken or unchanged."""
 
 import difflib
 import math
 import operator
 import re
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,12 +14,10 @@ from vpsci_ros.data.parquet import read_parquet
 from vpsci_ros.documents import read_json, require_form
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.evaluation import statistics
-from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.measures import COLUMNS, EPISODES
 from vpsci_ros.exam.report import (
     ADS,
-    BASELINE,
     CHANGES,
     COUNTS,
     FAILED_BEFORE,
@@ -31,15 +28,11 @@ from vpsci_ros.exam.report import (
 )
 from vpsci_ros.exam.scores import MEASURES
 from vpsci_ros.policy.config import LEARNED
-from vpsci_ros.runs.files import write_text
 from vpsci_ros.runs.folder import require_same
 from vpsci_ros.view.episode_sources import EXAM
 
 _KEY = ["scenario", "episode"]
 _SAME = ("outcome", "duration", "driven", "impact_speed", "least_curvttc", "hardest_braking")
-_LISTED = 20  # episodes of a kind in the summary
-_SHOWN = ("collision_rate", "moving_collision_rate", "conflict_rate", "time_lost")
-_SUITE = "vpsci ads-test"
 
 
 class Earlier(NamedTuple):
@@ -113,83 +106,6 @@ def compare(table: pl.DataFrame, earlier: Earlier, exam: Exam) -> dict[str, Any]
         }
     facts = {"folder": earlier.folder.name, "ads": earlier.ads, "failure": failure}
     return facts | {"pedestrians": out}
-
-
-def write_summary(path: Path, report: Mapping[str, Any], view: str) -> None:
-    """Write the verdict as Markdown for a merge request, with links to where the episodes play.
-
-    :param view: the page in which they play; empty: there is none.
-    """
-    found = report["against"]
-    text = [f"## {report['exam']['ads']}: {'failed' if report['failures'] else 'passed'}", ""]
-    text += [f"- {reason}" for reason in report["failures"]] + [""] * bool(report["failures"])
-    what = MEASURES[f"{found['failure']}_rate"].title
-    text.append(
-        f"Compared with `{found['ads']}` in {found['folder']}. A failure: {what}. Changes are of the "
-        "same episodes in pairs, new less old, with 95% intervals; bold where the interval leaves out 0.\n"
-    )
-    heads = ["pedestrian", "episodes", "as before", "fixed", "newly broken", "still failing"]
-    heads += [MEASURES[name].title for name in _SHOWN]
-    text += [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    for name, row in found["pedestrians"].items():
-        counts = [len(row[kind]) for kind in ("fixed", "newly_failed", "still_failing")]
-        cells = [title_of(name), row["episodes"], row["same"], *counts]
-        cells += [_change(row["differences"][measure], measure) for measure in _SHOWN]
-        text.append(f"| {' | '.join(map(str, cells))} |")
-    for kind, title in (("newly_failed", "Newly broken"), ("still_failing", "Still failing"), ("fixed", "Fixed")):
-        links = [_link(view, name, key) for name, row in found["pedestrians"].items() for key in row[kind]]
-        more = f" and {len(links) - _LISTED} more" if len(links) > _LISTED else ""
-        text += ["", f"{title}: {', '.join(links[:_LISTED])}{more}"] if links else []
-    write_text(path, "\n".join(text) + "\n")
-
-
-def _change(found: Mapping[str, Any], measure: str) -> str:
-    if found["value"] is None:
-        return "-"
-    scale, unit = (1.0, MEASURES[measure].unit) if MEASURES[measure].unit else (100.0, "points")
-    value, low, high = (scale * found[name] for name in ("value", "low", "high"))
-    bold = "**" if low > 0.0 or high < 0.0 else ""
-    return f"{bold}{value:+.2f} [{low:.2f}, {high:.2f}] {unit}{bold}"
-
-
-def _link(view: str, pedestrian: str, key: str) -> str:
-    target = f"({view}#a={ADS}-{pedestrian}&b={BASELINE}-{pedestrian}&episode={key})"
-    return f"[{pedestrian} {key}]{target}" if view else f"{pedestrian} {key}"
-
-
-def write_junit(path: Path, report: Mapping[str, Any]) -> None:
-    """Write the verdict as JUnit XML: a case for each criterion and for each episode that fails now or failed before.
-
-    What failed before and still does is skipped, and what is newly broken is a failure.
-    """
-    suites = ET.Element("testsuites", name=_SUITE)
-    cases = [("exam", "every episode was driven", *_driven(report))]
-    for row in report["criteria"]:
-        name = row["criterion"] if "@" in row["criterion"] else f"{row['criterion']} @{row['pedestrian']}"
-        cases.append(("exam", name, "failure" if row["failed"] else "", f"it is {row['value']}"))
-    found = report["against"]
-    says = {"fixed": ("", ""), "newly_failed": ("failure", f"{found['failure']}; not so in {found['folder']}"),
-            "still_failing": ("skipped", f"{found['failure']}, as in {found['folder']}")}  # fmt: skip
-    for name, row in found["pedestrians"].items():
-        cases += [(name, key, *says[kind]) for kind in says for key in row[kind]]
-        if not any(row[kind] for kind in says):
-            cases.append((name, f"{row['episodes']} episodes, none of which fails", "", ""))
-    for suite in dict.fromkeys(case[0] for case in cases):
-        mine = [case for case in cases if case[0] == suite]
-        element = ET.SubElement(suites, "testsuite", name=suite, tests=str(len(mine)), errors="0")
-        for head, kind in (("failures", "failure"), ("skipped", "skipped")):
-            element.set(head, str(sum(case[2] == kind for case in mine)))
-        for _, name, kind, message in mine:
-            case = ET.SubElement(element, "testcase", classname=f"{_SUITE}.{suite}", name=name)
-            if kind:
-                ET.SubElement(case, kind, message=message)
-    ET.indent(suites)
-    write_text(path, ET.tostring(suites, "unicode", xml_declaration=True) + "\n")
-
-
-def _driven(report: Mapping[str, Any]) -> tuple[str, str]:
-    reasons = [row["failure"] for row in report["conduct"].values() if row["failure"]]
-    return ("failure", "; ".join(reasons)) if reasons else ("", "")
 
 
 # ---- Criteria such as "collision_rate > 0.05 @learned": parsed without evaluating anything, then checked on a

@@ -1,8 +1,9 @@
 """The exam of a driving system: conducted, scored and reported.
 
 In the output folder: exam.json (what is examined: parameters, hashes, versions), runs/PEDESTRIAN (what a run leaves),
-logs/, autopilot/ (episodes of the baseline), episodes.parquet, report.json, report.html, and view.html, in which the
-episodes play. The same command goes on with an exam that was stopped: runs that are done do not run again.
+logs/, autopilot/ (episodes of the baseline), episodes.parquet, report.json, report.html, summary.md, junit.xml, and
+view.html, in which the episodes play. The same command goes on with an exam that was stopped: runs that are done do
+not run again.
 """
 
 import json
@@ -16,9 +17,10 @@ from vpsci_ros.data.kept import read_kept, write_kept
 from vpsci_ros.data.parquet import read_parquet, write_parquet
 from vpsci_ros.documents import read_json
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.exam.ci import write_verdict
 from vpsci_ros.exam.conduct import driven_episodes, run_with_all
 from vpsci_ros.exam.config import ALONE
-from vpsci_ros.exam.earlier import check, compare, compared_with, parse, sentence, write_junit, write_summary
+from vpsci_ros.exam.earlier import check, compare, compared_with, parse, sentence
 from vpsci_ros.exam.exam import Exam, identity_of, take_folder
 from vpsci_ros.exam.in_process import autopilot_run
 from vpsci_ros.exam.measures import COLUMNS, EPISODES, RunResult, episode_table
@@ -80,9 +82,7 @@ def run_exam(
         sources = exam_sources(table, drivers, LIMIT, report["failure"])
         write_view(folder / view, sources, f"Exam of {exam.config.examined}")
     write_page(folder / REPORT, report, table, {name: run.episodes for name, run in runs[ADS].items()}, view)
-    if earlier is not None:
-        write_summary(folder / "summary.md", report, view)
-        write_junit(folder / "junit.xml", report)
+    write_verdict(folder, report, table, view)
     print_report(report, folder / REPORT)
     return failures
 
