@@ -10,15 +10,19 @@ from vpsci_ros.wire.decoder import known_types
 ODOMETRY = ("/vehicle/odometry", "/pedestrian/odometry")
 
 
-def copied(bag: Path, folder: Path, topics: tuple[str, ...] = ODOMETRY) -> Path:
-    """Record these topics again as `ros2 bag record` does, with receipt times that run twice as fast."""
+def copied(bag: Path, folder: Path, topics: tuple[str, ...] = ODOMETRY, *, untimed: int = 0) -> Path:
+    """Record these topics again as `ros2 bag record` does, with receipt times that run twice as fast.
+
+    :param untimed: so many of the first messages are logged at 0, as before the first `/clock` with `use_sim_time`.
+    """
     store = known_types()
     writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.open()
     connections = {}
-    for raw in Bag(bag).messages(topics, ordered=True):
+    for number, raw in enumerate(Bag(bag).messages(topics, ordered=True)):
         if raw.topic not in connections:
             connections[raw.topic] = writer.add_connection(raw.topic, raw.type, typestore=store)
-        writer.write(connections[raw.topic], 1_700_000_000 * 10**9 + raw.time // 2, raw.data)
+        time = 0 if number < untimed else 1_700_000_000 * 10**9 + raw.time // 2
+        writer.write(connections[raw.topic], time, raw.data)
     writer.close()
     return folder

@@ -11,7 +11,9 @@ import pytest
 from bags.copied import ODOMETRY, copied
 from rosbags.rosbag2 import Reader
 
+from vpsci_ros.bags.episodes import bag_episodes
 from vpsci_ros.bags.info import bag_info
+from vpsci_ros.bags.mcap_file import KEEP_ALL
 from vpsci_ros.bags.reader import Bag, bag_files
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.bags.run_record import bag_run
@@ -134,6 +136,47 @@ def test_odometry_of_another_tool_gives_the_motion_and_curvttc_of_the_graph(own_
     both = np.isfinite(found) & np.isfinite(expected)
     assert both.sum() > 10
     np.testing.assert_allclose(np.array(found)[both], np.array(expected)[both], atol=1e-6)
+
+
+@pytest.mark.parametrize("untimed", [1, 2])
+def test_an_episode_whose_first_messages_came_before_the_clock_begins_with_it(
+    own_bag: Path, foreign: Path, tmp_path: Path, untimed: int
+) -> None:
+    """Both of the first tick are logged at 1.7e18 ns otherwise, and both of the second 25 ms later."""
+    early = copied(own_bag, tmp_path / "early", untimed=untimed)
+    (first, *others), (again, *rest) = (bag_episodes(Bag(bag)) for bag in (foreign, early))
+    late = 25_000_000 if untimed == 2 else 0
+    assert again == replace(first, start_time=first.start_time + late)
+    assert rest == others
+    assert bag_info(early)["episodes"][0]["end"] - bag_info(early)["episodes"][0]["start"] < 10.0
+    times = [raw.time for raw in Bag(early).messages(start=again.start_time, stop=again.start_time)]
+    assert times == [again.start_time] * (4 if untimed == 2 else 2), "they are found by that time, too"
+    assert next(Bag(early).messages(stop=again.start_time - 1), None) is None
+
+
+@pytest.mark.parametrize(
+    ("profiles", "kept"),
+    [
+        ("", 0),
+        ("- durability: volatile\n  depth: 10\n", 0),
+        ("- {history: keep_last, depth: 1, durability: transient_local}\n", 1),
+        ("- {history: 1, depth: 1, durability: 1}\n- {history: 1, depth: 3, durability: 1}\n", 4),  # of two publishers
+        ("- {depth: 1, durability: transient_local}\n- {depth: 5, durability: volatile}\n", 1),
+        ("- {history: keep_all, depth: 0, durability: transient_local}\n", KEEP_ALL),
+        ("- [", 0),
+    ],
+)
+def test_a_topic_is_latched_as_its_publishers_profiles_say(tmp_path: Path, profiles: str, kept: int) -> None:
+    """Recorders of ROS 2 Humble write policies as rmw's numbers."""
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = mcap.writer.Writer(file)
+        writer.start()
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data\n")
+        channel = writer.register_channel("/a", "cdr", schema, {"offered_qos_profiles": profiles})
+        writer.add_message(channel, 1, b"\x00\x01\x00\x00\x01\x00\x00\x00\x00", 1)
+        writer.finish()
+    assert Bag(path).topics()["/a"].latched == kept
 
 
 def test_one_of_the_two_odometry_topics_alone_is_not_enough_and_what_is_missing_is_said(

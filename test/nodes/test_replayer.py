@@ -9,7 +9,9 @@ from nav_msgs.msg import Odometry
 from nodes.stage import Stage, overrides
 from rclpy.context import Context
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from vpsci_msgs.msg import WorldState
@@ -18,7 +20,8 @@ from vpsci_ros.bags.reader import Bag
 from vpsci_ros.bags.writer import BagTopic, BagWriter
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.nodes.replayer import Replayer
-from vpsci_ros.nodes.topics import RECORDING
+from vpsci_ros.nodes.topics import LATCHED, RECORDING
+from vpsci_ros.wire.decoder import describe
 
 TYPES = {"/world/state": WorldState, "/vehicle/odometry": Odometry, "/clock": Clock}
 
@@ -67,6 +70,33 @@ def test_it_begins_with_the_episode_that_is_named(player: Player, own_bag: Path)
     player.play(own_bag, first_episode="6:4")
     player.to_the_end({"/world/state": len(states)})
     assert player.heard["/world/state"] == states
+
+
+def test_from_a_later_episode_on_it_first_gives_what_latched_topics_held_then(
+    player: Player, own_bag: Path, tmp_path: Path
+) -> None:
+    """One profile of depth 1, so the latest of the messages before the episode; the clock never runs backwards."""
+    episode = next(one for one in bag_episodes(Bag(own_bag)) if one.name == "6:4")
+    texts = {at: serialize_message(String(data=f"at {at}")) for at in (0, 10, episode.start_time + 1)}
+    kinds = {"/world/state": "vpsci_msgs/msg/WorldState", "/note": "std_msgs/msg/String"}
+    topics = [BagTopic(name, kind, *describe(kind), latched=name == "/note") for name, kind in kinds.items()]
+    messages = [("/world/state", raw.time, raw.data) for raw in Bag(own_bag).messages(["/world/state"])]
+    messages += [("/note", at, data) for at, data in texts.items()]
+    bag = BagWriter(tmp_path / "bag", topics)
+    for topic, at, data in sorted(messages, key=lambda message: message[1]):
+        bag.write(topic, data, at, 0)
+    bag.close({})
+    notes: list[bytes] = []
+    player.peer.create_subscription(String, "/note", notes.append, LATCHED, raw=True)
+    player.play(tmp_path / "bag", first_episode="6:4")
+    player.to_the_end({"/world/state": len(recorded(own_bag, "/world/state", episode.start_time))})
+    player.spin_until(lambda: len(notes) == 2)
+    assert notes == [texts[10], texts[episode.start_time + 1]]
+    times = [deserialize_message(data, Clock).clock for data in player.heard["/clock"]]
+    stamps = [time.sec * 10**9 + time.nanosec for time in times]
+    assert stamps[0] == episode.start_time
+    assert stamps == sorted(stamps)
+    assert player.replayer.figures()["messages_published"] == len(player.heard["/world/state"]) + 2
 
 
 def test_paused_it_goes_on_tick_by_tick_and_then_by_itself(player: Player, own_bag: Path) -> None:

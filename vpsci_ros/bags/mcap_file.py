@@ -11,7 +11,7 @@ import contextlib
 import io
 import struct
 import zlib
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -25,6 +25,7 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from zstandard import ZstdError, frame_content_size
 
+from vpsci_ros.documents import parse_yaml
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage
 
@@ -32,12 +33,14 @@ from vpsci_ros.wire.decoder import RawMessage
 
 
 DAY = 86_400 * 10**9  # [ns]
+KEEP_ALL = 2**31  # messages: more than any topic has
 
 
 @dataclass(frozen=True)
 class TopicInfo:
     """One topic of a file or bag: `first` and `last` are log times [ns], 0 where it has no message.
 
+    `latched` is how many messages its publishers keep for subscribers that come later, 0 where they keep none.
     Recorders on simulated time log what comes before the first `/clock` at time 0: where that is more than a `DAY`
     before the rest, `first` is that of the rest.
     """
@@ -47,7 +50,7 @@ class TopicInfo:
     messages: int = 0
     first: int = 0
     last: int = 0
-    latched: bool = False
+    latched: int = 0
 
     def joined(self, other: TopicInfo) -> TopicInfo:
         """Return this topic over two files."""
@@ -55,7 +58,8 @@ class TopicInfo:
             return self if self.messages else other
         firsts, last = (self.first, other.first), max(self.last, other.last)
         first = max(firsts) if min(firsts) == 0 and last > DAY else min(firsts)
-        return TopicInfo(self.name, self.type, self.messages + other.messages, first, last, self.latched)
+        latched = max(self.latched, other.latched)
+        return TopicInfo(self.name, self.type, self.messages + other.messages, first, last, latched)
 
     @property
     def rate(self) -> float:
@@ -329,8 +333,29 @@ def _reason(error: BaseException) -> str:
 
 
 def _topic(channel: Channel, schema: Schema | None, count: int, first: int, last: int) -> TopicInfo:
-    latched = "transient_local" in channel.metadata.get("offered_qos_profiles", "")
-    return TopicInfo(channel.topic, schema.name if schema else "", count, first, last, latched)
+    return TopicInfo(channel.topic, schema.name if schema else "", count, first, last, latched(channel))
+
+
+def latched(channel: Channel) -> int:
+    """Return how many messages the publishers of a recorded topic keep for subscribers that come later.
+
+    A bag has a profile for each publisher; older recorders write the durability as rmw's number, 1.
+    """
+    text = channel.metadata.get("offered_qos_profiles", "")
+    try:
+        profiles = parse_yaml(text, channel.topic)
+    except InvalidInput:
+        return 0  # a recorder that says nothing of it
+    rows = [row for row in profiles if isinstance(row, dict)] if isinstance(profiles, list) else []
+    return sum(_depth(row) for row in rows if row.get("durability") in ("transient_local", 1))
+
+
+def _depth(profile: Mapping[str, object]) -> int:
+    """Return how many messages a publisher with this profile keeps."""
+    if profile.get("history") in ("keep_all", 2):
+        return KEEP_ALL
+    depth = profile.get("depth")
+    return depth if isinstance(depth, int) and depth > 0 else 1
 
 
 def _raw(schema: Schema | None, channel: Channel, message: Message) -> RawMessage:

@@ -65,13 +65,16 @@ def odometry_ticks(bag: Bag) -> Iterator[RecordedTick]:
             state["episode"], state["frame"] = number, row - first
             state["status"] = ENDED if row == after - 1 else RUNNING
             curvttc, distance, _ = assess(state)
-            time = int(vehicle[row, 6])
+            time = bag.begin + int(vehicle[row, 6])
             yield RecordedTick(number=tick, period=period, state=state, curvttc=curvttc, distance=distance, time=time)
             tick += 1
 
 
 def _tracks(bag: Bag) -> list[Floats]:
-    """Return of each float64[n, 7]: stamp [s], x, y [m], course [rad], speed [m/s], yaw rate [rad/s], log time."""
+    """Return of each float64[n, 7]: stamp [s], x, y [m], course [rad], speed [m/s], yaw rate [rad/s], log time.
+
+    Log times are [ns] since `Bag.begin`: float64 does not hold those since 1970 to the nanosecond.
+    """
     rows: dict[str, list[tuple[float, ...]]] = {topic: [] for topic in ODOMETRY}
     decode = Decoder()
     for raw in bag.messages(ODOMETRY):
@@ -80,7 +83,7 @@ def _tracks(bag: Bag) -> list[Floats]:
         message = decode(raw, bag.path)
         stamp = message.header.stamp
         moved = motion(message, raw.topic.split("/")[1])
-        rows[raw.topic].append((stamp.sec + 1e-9 * stamp.nanosec, *moved, float(raw.time)))
+        rows[raw.topic].append((stamp.sec + 1e-9 * stamp.nanosec, *moved, float(raw.time - bag.begin)))
     tracks = [np.array(sorted(rows[topic]), np.float64).reshape(-1, 7) for topic in ODOMETRY]
     return [track[np.isfinite(track).all(axis=1)] for track in tracks]
 

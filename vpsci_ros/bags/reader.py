@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from vpsci_ros.bags.mcap_file import McapFile, TopicInfo, by_name
+from vpsci_ros.bags.mcap_file import McapFile, TopicInfo, by_name, extent
 from vpsci_ros.documents import read_yaml, require_regular
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.wire.decoder import RawMessage
@@ -75,6 +75,12 @@ class Bag:
             raise InvalidInput(f"{self.path}: no topic below {self._prefix}; it has {', '.join(self._named) or 'none'}")
         return names | {name: name for name in self._named.keys() - names.keys() - set(names.values())}
 
+    @cached_property
+    def begin(self) -> int:
+        """The first log time [ns] at which the clock ran; 0 for a bag without a message."""
+        recorded = [topic for topic in self._named.values() if topic.messages]
+        return extent(recorded)[0] if recorded else 0
+
     def require_complete(self, written: Mapping[str, int]) -> None:
         """Refuse a folder that holds fewer messages of a topic than its recorder or metadata.yaml has counted.
 
@@ -109,6 +115,9 @@ class Bag:
     ) -> Iterator[RawMessage]:
         """Yield the messages of these topics (None: all) with log times from `start` to `stop` [ns], both included.
 
+        Messages that a recorder on simulated time logged at 0, before the first `/clock`, have the first time of the
+        bag.
+
         :param ordered: by log time within each file; else in the order of writing.
         :raises InvalidInput: see `topics`.
         """
@@ -117,9 +126,11 @@ class Bag:
             raise InvalidInput(
                 f"{self.path}: its messages are compressed one by one; have `ros2 bag convert` unpack them"
             )
+        begin = 0 if start <= self.begin else start
         for file in self.files:
-            for raw in file.select(chosen, start, stop, ordered=ordered):
-                yield raw._replace(topic=self._plain[raw.topic])
+            for raw in file.select(chosen, begin, stop, ordered=ordered):
+                if (time := raw.time or self.begin) <= stop:
+                    yield raw._replace(topic=self._plain[raw.topic], time=time)
 
 
 def opened(bag: str | Path | Bag) -> Bag:

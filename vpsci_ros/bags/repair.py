@@ -8,7 +8,7 @@ from pathlib import Path
 from mcap.writer import Writer
 
 from vpsci_ros import __version__
-from vpsci_ros.bags.mcap_file import McapFile
+from vpsci_ros.bags.mcap_file import McapFile, latched
 from vpsci_ros.bags.reader import bag_files, lost_files
 from vpsci_ros.bags.writer import CHUNK_SIZE, RUN, TOTALS, BagFile, BagTopic, write_metadata
 from vpsci_ros.errors import InvalidInput
@@ -65,9 +65,8 @@ def _repaired(folder: Path, paths: list[Path]) -> Repair:
         for schema, channel, message in file.messages():
             if channel.topic not in topics:
                 details = channel.metadata
-                latched = "transient_local" in details.get("offered_qos_profiles", "")
                 type_hash, text = details.get("topic_type_hash", ""), schema.data.decode(errors="replace")
-                topics[channel.topic] = BagTopic(channel.topic, schema.name, text, type_hash, latched)
+                topics[channel.topic] = BagTopic(channel.topic, schema.name, text, type_hash, bool(latched(channel)))
             counts[channel.topic] += 1
             part.count(message.log_time)
         damage += [f"{path.name}: {text}" for text in file.damage]

@@ -2,12 +2,13 @@
 
 import importlib
 import time
+from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
@@ -26,6 +27,7 @@ PERIOD = 0.001  # [s] between looks at what is due
 SLICE = 0.02  # [s] of publishing at a stretch, so that services are answered
 FLUSH = Duration(seconds=4.0)  # for readers to acknowledge the last messages: one heartbeat of the middleware
 SETTLED = 1.0  # [s] without a new reader: those that run already have been found
+MOST_LATCHED = 1000  # messages of a topic that are kept for late subscribers, whatever its recorded profile says
 REPLAY = QoSProfile(history=HistoryPolicy.KEEP_ALL, depth=1, reliability=ReliabilityPolicy.RELIABLE)
 """A reader that must see every message is waited for, however fast the replay would be."""
 
@@ -34,6 +36,7 @@ class Replayer(GraphNode):
     """A bag in, its topics and `/clock` out; `/replayer/pause` (SetBool) and `/replayer/step` (Trigger) steer it.
 
     It begins when the readers among `peers` are there and, for the others, when no new one has come for a while.
+    From a later episode on, it first publishes what latched topics held at its beginning, such as `/tf_static`.
     Messages are not deserialised. A bag without `/clock`, of another tool say, gets one from its log times.
     """
 
@@ -52,6 +55,7 @@ class Replayer(GraphNode):
         if self._makes_clock:
             self._outlets[CLOCK] = self.create_publisher(Clock, "clock", REPLAY)
         start = chosen_episode(bag_episodes(bag), config.first_episode).start_time if config.first_episode else 0
+        self._held = self._publish_held(bag, {topic.name: depth for topic in chosen if (depth := _kept(topic))}, start)
         self._messages = self._read(bag, start)
         self._next: RawMessage | None = next(self._messages, None)
         if self._next is None:
@@ -80,7 +84,21 @@ class Replayer(GraphNode):
             return None
         shared = topic.name in TOPICS and TOPICS[topic.name].shared
         name = topic.name if shared else topic.name.removeprefix("/")
-        return self.create_publisher(kind, name, LATCHED if topic.latched else REPLAY)
+        return self.create_publisher(kind, name, _latched(depth) if (depth := _kept(topic)) else REPLAY)
+
+    def _publish_held(self, bag: Bag, depths: dict[str, int], start: int) -> int:
+        """Publish what a subscriber that joined at log time `start` [ns] would get of latched topics; return how much.
+
+        :param depths: topic -> how many messages its publishers keep.
+        """
+        held = {topic: deque[RawMessage](maxlen=depth) for topic, depth in depths.items() if topic in self._outlets}
+        if start and held:
+            for raw in bag.messages(held, stop=start - 1, ordered=True):
+                held[raw.topic].append(raw)
+        messages = sorted((raw for rows in held.values() for raw in rows), key=lambda raw: raw.time)
+        for raw in messages:
+            self._outlets[raw.topic].publish(raw.data)
+        return len(messages)
 
     def _read(self, bag: Bag, start: int) -> Iterator[RawMessage]:
         return bag.messages(self._outlets, start, ordered=True)
@@ -143,8 +161,6 @@ class Replayer(GraphNode):
         self._outlets[message.topic].publish(message.data)
         self._sent += 1
         self._next = next(self._messages, None)
-        if message.time == 0:
-            self._restart_pace()  # what was recorded before the first /clock waits for nobody
 
     # ---- services
 
@@ -173,14 +189,27 @@ class Replayer(GraphNode):
 
     def figures(self) -> dict[str, Any]:
         """Return how many messages were published, and the recorded time [s] of the last one."""
-        return {"messages_published": self._sent, "time": f"{self._at * 1e-9:.3f}"}
+        return {"messages_published": self._held + self._sent, "time": f"{self._at * 1e-9:.3f}"}
 
     def close(self) -> None:
         """Say how much was published, and wait until every reader has it."""
         if self._sent:
             for publisher in self._outlets.values():
                 publisher.wait_for_all_acked(FLUSH)
-        self.get_logger().info(f"published {self._sent} messages, to {self._at * 1e-9:.3f} s")
+        self.get_logger().info(f"published {self._held + self._sent} messages, to {self._at * 1e-9:.3f} s")
+
+
+def _kept(topic: TopicInfo) -> int:
+    """Return how many messages of a topic are kept for subscribers that come later; 0: it is not latched.
+
+    Where a bag does not say, topics that ROS latches by convention are, of however many publishers.
+    """
+    by_convention = topic.name in TOPICS and TOPICS[topic.name].qos is LATCHED
+    return min(topic.latched or (topic.messages if by_convention else 0), MOST_LATCHED)
+
+
+def _latched(depth: int) -> QoSProfile:
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def _names(topics: list[TopicInfo]) -> str:
