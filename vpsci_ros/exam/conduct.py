@@ -12,7 +12,6 @@ import itertools
 import os
 import shutil
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -74,7 +73,7 @@ def run_with_all(
     """
     parts = exam.parts()
     runs = [Run(name, number) for name in pedestrians for number in range(len(parts))]
-    waiting, found, begun = iter(runs), dict[Run, RunResult](), time.monotonic()
+    waiting, found = iter(runs), dict[Run, RunResult]()
     alone = workers == 1
     titles = {run: f"{what}{n} of {len(runs)}" for n, run in enumerate(runs, 1)} if alone and not quiet else {}
 
@@ -87,8 +86,7 @@ def run_with_all(
             found[run] = result
             done, wanted = sum(parts[each.part].run.total for each in found), len(exam.episodes) * len(pedestrians)
             bars.bar(f"{what}episodes", done, wanted, note=f"last: {title_of(run.pedestrian)}")
-            left = (time.monotonic() - begun) / 60.0 * (wanted - done) / done
-            bars.line(f"{what}{done:,} of {wanted:,} episodes, {left:.1f} min left", now=True)
+            bars.line(f"{what}{done:,} of {wanted:,} episodes", now=done == wanted)
     empty = next((n for n, run in enumerate(runs) if run in found and not found[run].episodes), len(runs))
     taken = {name: [found[run] for run in runs[: empty + 1] if run.pedestrian == name] for name in pedestrians}
     return {name: joined(results, len(exam.episodes)) for name, results in taken.items() if results}

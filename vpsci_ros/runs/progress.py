@@ -1,6 +1,7 @@
 """What is seen of a run on standard error while it runs, and where a stage of learning may be interrupted."""
 
 import contextlib
+import math
 import sys
 import threading
 import time
@@ -16,19 +17,21 @@ from rich.table import Table
 
 from vpsci_ros.runs.stop_request import stop_requested_by_signals
 
-LINE_EVERY = 10.0  # [s] between lines where there is no terminal
+LINE_EVERY = 10.0  # [s] between lines where there is no terminal, at first
+LATER = 0.1  # share of the time gone that passes between lines at least: every line says another time
 _WORTH = ("closed_loop_ade", "held_out_closed_loop_ade", "collision_rate", "goal_rate")
 _STAGE_1, _STAGE_2 = ("episode", "episodes"), ("simulated", "episodes_wanted")  # names of done and total
 
 
 class Bars:
-    """Progress bars; without a terminal a line at once and every `interval` from then on. Use it in a `with` block.
+    """Progress bars; without a terminal a line at once and others from then on. Use it in a `with` block.
 
-    Each line says how long the work has taken and, once a share of it is done, how long the rest takes.
+    Each line says how long the work has taken and, once a share of it is done, how long the rest takes. The remaining
+    time that is said never grows: where the rest takes longer than was said, it is "at least" that long.
 
     :param title: what is being done, until `line` says more.
     :param quiet: show nothing.
-    :param interval: seconds between lines.
+    :param interval: seconds between lines; later `LATER` of the time gone.
     """
 
     def __init__(self, title: str = "", *, quiet: bool = False, interval: float = LINE_EVERY) -> None:
@@ -38,6 +41,7 @@ class Bars:
         self._tasks: dict[str, TaskID] = {}
         self._shares: dict[str, tuple[float, float, float]] = {}  # done at first and now, wanted, by name
         self._lasts = 0.0  # [s] in all, by the share that was done when it last grew; 0: not known
+        self._left = math.inf  # [s] as said last
         self._text, self._over = title, threading.Event()
         self._progress = Progress(
             TextColumn("{task.description}"),
@@ -52,7 +56,7 @@ class Bars:
     def __enter__(self) -> "Bars":
         self._progress.start()
         if self._lines:
-            self._say(f"{self._text or 'begun'}; a line every {self._interval:g} s says how long it still takes")
+            self._say(f"{self._text or 'begun'}; a line follows every {self._interval:g} s, later less often")
             threading.Thread(target=self._tell, daemon=True).start()
         return self
 
@@ -70,9 +74,17 @@ class Bars:
         print(f"  {text}", file=sys.stderr, flush=True)
 
     def _times(self) -> str:
+        """Say how long the work has taken and, where it can be told, how long it still takes."""
         gone = time.monotonic() - self._begun
-        left = f", some {_duration(self._lasts - gone)} left" if self._lasts > gone else ""
-        return f"{_duration(gone)} gone{left}"
+        left, said = self._lasts - gone, self._left
+        if left <= 0.0:
+            return f"{_duration(gone)} gone"
+        self._left = min(left, said)
+        return f"{_duration(gone)} gone, {'at least' if left > said else 'some'} {_duration(self._left)} left"
+
+    def _done(self) -> str:
+        """Say how much of each bar is done."""
+        return ", ".join(f"{name} {done:,.0f} of {total:,.0f}" for name, (_, done, total) in self._shares.items())
 
     def bar(self, name: str, done: float, total: float | None, note: str = "") -> None:
         """Bring a bar up to date; the first call of a name adds it. None: the total is not known."""
@@ -87,21 +99,29 @@ class Bars:
         self._progress.update(self._tasks[name], completed=done, total=total, **fields)
 
     def clear(self) -> None:
-        """Take all bars away."""
+        """Take all bars away: other work begins."""
         self._shares.clear()
+        self._begun, self._lasts, self._left = time.monotonic(), 0.0, math.inf
         while self._tasks:
             self._progress.remove_task(self._tasks.popitem()[1])
 
     def line(self, text: str, *, now: bool = False) -> None:
-        """Where there is no terminal, say this if the last line is `interval` ago, or `now`."""
+        """Where there is no terminal, say this if the last line is long enough ago, or `now`.
+
+        :param text: empty: how much of each bar is done.
+        """
         self._text = text
-        if self._lines and (now or time.monotonic() - self._said >= self._interval):
+        at = time.monotonic()
+        pause = max(self._interval, LATER * (at - self._begun))
+        if self._lines and (now or at - self._said >= pause):
+            text = text or self._done()
             self._say(f"{text}; {self._times()}" if text else self._times())
 
 
 def _duration(seconds: float) -> str:
-    unit, name = next((pair for pair in ((3600.0, "h"), (60.0, "min")) if seconds >= 2.0 * pair[0]), (1.0, "s"))
-    return f"{seconds / unit:.0f} {name}"
+    if seconds < 600.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
 
 
 class StageBar(Bars):
