@@ -9,11 +9,12 @@ import mcap.writer
 import numpy as np
 import pytest
 from bags.copied import ODOMETRY, copied
+from mcap.writer import IndexType
 from rosbags.rosbag2 import Reader
 
 from vpsci_ros.bags.episodes import bag_episodes
 from vpsci_ros.bags.info import bag_info
-from vpsci_ros.bags.mcap_file import KEEP_ALL
+from vpsci_ros.bags.mcap_file import KEEP_ALL, McapFile
 from vpsci_ros.bags.reader import Bag, bag_files
 from vpsci_ros.bags.repair import repair_bag
 from vpsci_ros.bags.run_record import bag_run
@@ -177,6 +178,40 @@ def test_a_topic_is_latched_as_its_publishers_profiles_say(tmp_path: Path, profi
         writer.add_message(channel, 1, b"\x00\x01\x00\x00\x01\x00\x00\x00\x00", 1)
         writer.finish()
     assert Bag(path).topics()["/a"].latched == kept
+
+
+_WITHOUT = {
+    "text records": {"index_types": IndexType.CHUNK | IndexType.MESSAGE},
+    "chunks": {"index_types": IndexType.MESSAGE | IndexType.METADATA},
+    "messages": {"index_types": IndexType.CHUNK | IndexType.METADATA},
+    "topics": {"repeat_channels": False},
+    "types": {"repeat_schemas": False},
+    "counts": {"use_statistics": False},
+    "anything": {"index_types": IndexType.NONE},
+}
+
+
+@pytest.mark.parametrize("without", _WITHOUT)
+def test_what_is_not_in_the_index_of_a_file_is_read_all_the_same(own_bag: Path, tmp_path: Path, without: str) -> None:
+    """As `mcap` and other recorders may write it."""
+    again = tmp_path / "again.mcap"
+    with again.open("wb") as file:
+        writer = mcap.writer.Writer(file, chunk_size=64 * 1024, **_WITHOUT[without])
+        writer.start(profile="ros2")
+        for name, values in Bag(own_bag).records():
+            writer.add_metadata(name, values)
+        ids: dict[str, int] = {}
+        (path,) = own_bag.glob("*.mcap")
+        for schema, channel, message in McapFile(path, strict=True).messages():
+            if channel.topic not in ids:
+                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.topic] = writer.register_channel(channel.topic, "cdr", schema_id, channel.metadata)
+            writer.add_message(ids[channel.topic], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    assert Bag(again).records() == Bag(own_bag).records()
+    held = {name: topic for name, topic in Bag(own_bag).topics().items() if topic.messages}
+    assert Bag(again).topics() == held
+    assert list(Bag(again).messages()) == list(Bag(own_bag).messages())
 
 
 def test_one_of_the_two_odometry_topics_alone_is_not_enough_and_what_is_missing_is_said(

@@ -20,7 +20,7 @@ from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
+from mcap.reader import SeekingReader, Summary
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from zstandard import ZstdError, frame_content_size
@@ -156,7 +156,10 @@ class McapFile:
 
     @contextlib.contextmanager
     def _indexed(self) -> Iterator[SeekingReader | None]:
-        """Give a reader that uses the file's index, or None where there is none or (not strict) it is not trusted."""
+        """Give a reader that uses the file's index, or None where it is not complete or (not strict) not trusted.
+
+        Recorders may leave parts of the index out: what is not listed may be in the file all the same.
+        """
         with self.path.open("rb") as file:
             try:
                 reader = None
@@ -165,7 +168,7 @@ class McapFile:
                     file.seek(0)
                     reader = SeekingReader(file, validate_crcs=True)
                     summary = reader.get_summary()
-                    if summary is None or summary.statistics is None or not summary.chunk_indexes:
+                    if summary is None or not _covers(summary):
                         reader = None
                     for index in summary.chunk_indexes if summary is not None else ():
                         file.seek(index.chunk_start_offset + _HEAD.size)
@@ -287,6 +290,21 @@ class McapFile:
                 "complete the bag with `vpsci bag repair`, or read what is whole with --recover"
             )
         self.damage.append(text)
+
+
+def _covers(summary: Summary) -> bool:
+    """Whether a file's index lists all types, topics, chunks, messages of chunks and text records of the file."""
+    counts, chunks = summary.statistics, summary.chunk_indexes
+    if counts is None or not chunks:
+        return False
+    listed = len(summary.channels), len(chunks), len(summary.metadata_indexes)
+    messages = sum(counts.channel_message_counts.values())
+    return (
+        listed == (counts.channel_count, counts.chunk_count, counts.metadata_count)
+        and messages == counts.message_count
+        and all(chunk.message_index_offsets for chunk in chunks)
+        and {channel.schema_id for channel in summary.channels.values()} <= {0, *summary.schemas}
+    )
 
 
 def _require_modest(chunk: Chunk) -> None:

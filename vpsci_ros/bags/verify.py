@@ -118,7 +118,8 @@ class _Simulation:
             )
         if world is None:
             raise InvalidInput(
-                f"{self._where}: it does not hold the parameters of the nodes, so no recorder of vpsci_ros wrote it"
+                f"{self._where}: it does not hold the parameters of the nodes, which the recorder of vpsci_ros writes: "
+                "another recorder wrote it, or the text records were lost when it was converted or filtered"
             )
         simulator = pick(SimulatorConfig, world, "world_simulator")
         if simulator.engine != "vpsci":
