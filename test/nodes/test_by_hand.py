@@ -35,6 +35,7 @@ def test_two_graphs_in_two_namespaces_do_not_see_each_other_and_follow_the_param
         assert not [node for node in each.running if re.search("refused|second publisher", each.log(node))]
         states = {at: messages for (topic, at), messages in held.items() if topic == "/world/state"}
         assert {len(messages) for messages in states.values()} == {1}
+        assert "ready: answers " in each.log("safety_monitor" if each is left else "world_simulator")
         assert ("/safety/state", 0) in held
         assert (("/markers", 0) in held) == (batch == 1)
         ticks.append(len(states))

@@ -55,6 +55,9 @@ class AgentPolicy(GraphNode):
         self.input("/world/state", read_world_state, self._on_state, raw=True)
         self._monitored = self.input("/safety/state", _safety_state, self._on_safety, raw=True)
         self._monitor_found = False
+        if self._can_act:
+            by = f"weights {config.weights}" if config.weights else f"agent {config.agent}"
+            self.ready("/world/state", self._topic, by)
         self.wall_timer(OFFER_PERIOD, self._offer)
 
     @property
@@ -77,10 +80,14 @@ class AgentPolicy(GraphNode):
         agent.load(weights, version)
         self._version = version
 
+    @property
+    def _can_act(self) -> bool:
+        """Whether it needs no weights, or has them."""
+        return not isinstance(self._agent, PolicyAgent) or self._version > 0
+
     def _offer(self) -> None:
         """Offer the actions, for which the world waits, once there are weights and the monitor knows this reader."""
-        can_act = not isinstance(self._agent, PolicyAgent) or self._version > 0
-        if self._actions is None and can_act and self._monitor_found:
+        if self._actions is None and self._can_act and self._monitor_found:
             self._actions = self.output(self._topic)
         self._monitor_found = self._monitored.get_publisher_count() > 0
 
@@ -124,6 +131,7 @@ class AgentPolicy(GraphNode):
         if message is not None:
             self._actions.publish(message)
             self._meter.answered(arrived)
+            self.acts(tick.number)
 
     def _act(self, header: WireHeader, tick: Tick, safety: SerializedSafety) -> bytes | None:
         """Take one tick in; return the answer, or None where none is wanted."""

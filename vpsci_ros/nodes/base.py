@@ -85,6 +85,7 @@ class GraphNode(Node, metaclass=_Destroying):
         self._values = self._declare()
         self.peers = self.config(PeerConfig).peers or list(self.essential_peers)
         self.finished = False
+        self._acted_at: int | None = None  # the latest tick
         self.stop = StopRequest()
         namespace = self.get_namespace().strip("/")
         self.frame_prefix = f"{namespace}/" if namespace else ""
@@ -128,6 +129,21 @@ class GraphNode(Node, metaclass=_Destroying):
     def client(self, name: str) -> Client:
         """Return a client of a service of the table."""
         return self.create_client(SERVICES[name].type, name.removeprefix("/"))
+
+    def ready(self, topic: str, answer: str, by: str = "") -> None:
+        """Log that the node answers messages on one topic with messages on another one.
+
+        :param by: what the answers depend on.
+        """
+        self.get_logger().info(
+            f"ready: answers {self.full_name(topic)} on {self.full_name(answer)}" + f", {by}" * bool(by)
+        )
+
+    def acts(self, tick: int) -> None:
+        """Take note of a tick that the node answers, and log the first one of each world."""
+        if self._acted_at is None or tick < self._acted_at:
+            self.get_logger().info(f"answers from tick {tick} on")
+        self._acted_at = tick
 
     def full_name(self, topic: str) -> str:
         """Return the name under which a topic of the table is found: with this node's namespace."""

@@ -33,7 +33,7 @@ from vpsci_ros.resources import weights_path
 from vpsci_ros.runs.config import RunConfig, Sections
 from vpsci_ros.runs.files import require_empty_folder, sha256
 from vpsci_ros.runs.folder import RECORD, Claim, write_record
-from vpsci_ros.runs.processes import ChildProcess, stop
+from vpsci_ros.runs.processes import ChildProcess, CoreTime, core_time, stop
 from vpsci_ros.runs.stop_request import StopRequest, stop_requested_by_signals
 from vpsci_ros.world import WorldConfig
 
@@ -192,6 +192,7 @@ class NodeProcesses:
         self._arguments += ["-r", f"__ns:={namespace}"] if namespace else []
         self.running: dict[str, ChildProcess] = {}
         self._pipes: dict[str, StatusPipe] = {}
+        self._core_times: dict[ChildProcess, CoreTime] = {}
 
     def __enter__(self) -> "NodeProcesses":
         self.logs.mkdir(mode=0o700)
@@ -237,6 +238,21 @@ class NodeProcesses:
             if left <= 0.0:
                 return {node: pipe.latest for node, pipe in self._pipes.items() if pipe.latest}
 
+    def hindered(self) -> float:
+        """Return for how many of the seconds since the last call a process could not go on: the longest one of any.
+
+        It waited for a core; or, before the first report of each of its nodes, it imported and compiled. A process that
+        stands still uses no core, and a node that reports and then computes for ever does not go on.
+        """
+        longest = 0.0
+        for process in set(self.running.values()):
+            before, now = self._core_times.get(process, CoreTime()), core_time(str(process.pid))
+            self._core_times[process] = now
+            starts = any(not self._pipes[node].latest for node, own in self.running.items() if own is process)
+            computed = now.computed - before.computed if starts else 0.0
+            longest = max(longest, computed + now.waited - before.waited)
+        return longest
+
     def stop(self) -> dict[str, int]:
         """Stop all processes, the recorder last; return their exit statuses. Those that do not end are killed."""
         stop([process for node, process in self.running.items() if node != "recorder"], STOP_STEPS)
@@ -256,6 +272,7 @@ def _follow(
     while True:
         statuses = processes.statuses(POLL)
         watch.take(statuses)
+        watch.excuse(processes.hindered())
         if requested.is_set():
             return "stopped on request"
         ended = processes.ended()

@@ -9,9 +9,10 @@ from rclpy.node import Node
 
 from vpsci_ros.errors import VpsciError
 from vpsci_ros.nodes.topics import LATCHED, TOPICS
+from vpsci_ros.runs.processes import unhindered_time
 
 STRANGER_PATIENCE = 1.0  # [s] for readers that are known of but not expected; some never match, by their QoS
-PEER_TIMEOUT = 60.0  # [s] for expected readers and peers to appear, before a node gives up
+PEER_TIMEOUT = 60.0  # [s], less what this node waits for a core, for expected readers to appear before it gives up
 
 
 class Output:
@@ -72,8 +73,8 @@ class Output:
 
         :raises VpsciError: they did not appear within `PEER_TIMEOUT` of the first time.
         """
-        self._waiting_since = self._waiting_since or time.monotonic()
-        if not self.matched and time.monotonic() - self._waiting_since > PEER_TIMEOUT:
+        self._waiting_since = self._waiting_since or unhindered_time()
+        if not self.matched and unhindered_time() - self._waiting_since > PEER_TIMEOUT:
             raise self._no_reader()
         return self.matched
 
@@ -102,14 +103,13 @@ class Output:
         return self._publisher.wait_for_all_acked(Duration(seconds=timeout_sec))
 
     def _wait(self) -> None:
-        begun = time.monotonic()
-        last_notice = begun
+        begun, last_notice, patience_from = time.monotonic(), time.monotonic(), unhindered_time()
         # Matching goes on in the middleware's threads while this callback waits.
         while not self.complete and not self._stopping():
             now = time.monotonic()
             if self.matched and now - begun > STRANGER_PATIENCE:
                 break
-            if now - begun > PEER_TIMEOUT:
+            if unhindered_time() - patience_from > PEER_TIMEOUT:
                 raise self._no_reader()
             if now - last_notice > 5.0:
                 self._node.get_logger().info(f"waiting for {' and '.join(self.missing())} on {self.full_name}")

@@ -47,6 +47,7 @@ class Perception(GraphNode):
         self._world = PeerParameters(self, ["world_simulator"], self._on_parameters)
         self.input(WORLD, _shown, self._on_state, raw=True)
         self.wall_timer(REPEAT_AFTER / 4, self._repeat_first)
+        self.ready(WORLD, "/perception/objects")
 
     def figures(self) -> dict[str, Any]:
         """Return rate and lag of the lists, and how many objects they had."""
@@ -88,6 +89,7 @@ class Perception(GraphNode):
         self._listed += objects["status"].tobytes().count(SEEN)
         self.simulated_at = header.at
         self._meter.tick(tick.number)
+        self.acts(tick.number)
 
     def _repeat_first(self) -> None:
         if self._first is not None and time.perf_counter() - self._first_at > REPEAT_AFTER:

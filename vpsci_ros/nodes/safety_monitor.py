@@ -20,6 +20,7 @@ class SafetyMonitor(GraphNode):
         self._meter = Meter()
         self._safety = self.output("/safety/state")
         self.input("/world/state", read_world_state, self._on_state, raw=True)
+        self.ready("/world/state", "/safety/state")
 
     def figures(self) -> dict[str, Any]:
         """Return rate and lag of the answers."""
@@ -32,3 +33,4 @@ class SafetyMonitor(GraphNode):
         self.simulated_at = header.at
         self._meter.tick(tick.number)
         self._meter.answered(self.intake.arrived)
+        self.acts(tick.number)

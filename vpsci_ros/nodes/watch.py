@@ -23,6 +23,7 @@ class Watch:
         learner = resolved.values.get("learner", {})
         self._total = resolved.get(RunConfig, "world_simulator").total if self._world else learner.get("episodes", 0)
         self._last = time.monotonic()
+        self._excused = 0.0  # [s] of the time since
         self._seen: dict[str, Any] = {}
         self._bars = Bars(quiet=quiet)
 
@@ -35,8 +36,12 @@ class Watch:
         self._bars.__exit__(*given)
 
     def idle_time(self) -> float:
-        """Return for how long nothing has happened [s]; a world that a service call paused is not idle."""
-        return time.monotonic() - self._last
+        """Return for how long nothing has happened [s], less `excuse`; a world that a service paused is not idle."""
+        return time.monotonic() - self._last - self._excused
+
+    def excuse(self, seconds: float) -> None:
+        """Leave time out of account in which a node could not go on, or was still starting."""
+        self._excused += seconds
 
     def take(self, statuses: dict[str, NodeStatus]) -> None:
         """Take the nodes' latest reports."""
@@ -44,7 +49,7 @@ class Watch:
             seen = status.state, status.figures, status.counts
             # The recorder goes on writing diagnostics, its own among them, however long nothing happens.
             if status.state == "paused" or (seen != self._seen.get(node) and node != "recorder"):
-                self._last = time.monotonic()
+                self._last, self._excused = time.monotonic(), 0.0
             self._seen[node] = seen
         self._show(statuses)
 

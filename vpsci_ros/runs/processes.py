@@ -8,11 +8,35 @@ import subprocess
 import time
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from vpsci_ros.runs.files import inherited_claims
 from vpsci_ros.runs.stop_request import REQUESTS
 
 STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # sent, and given so long [s]
+
+
+class CoreTime(NamedTuple):
+    """Seconds that a thread has computed, and that it has waited for a core; 0 where the system does not say."""
+
+    computed: float = 0.0
+    waited: float = 0.0
+
+
+def core_time(thread: str = "thread-self") -> CoreTime:
+    """Return the core time of a thread, that of a process being its main thread's.
+
+    :param thread: as /proc names it, such as a process's number.
+    """
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        computed, waited, *_ = (1e-9 * int(number) for number in Path(f"/proc/{thread}/schedstat").read_text().split())
+        return CoreTime(computed, waited)
+    return CoreTime()
+
+
+def unhindered_time() -> float:
+    """Return monotonic time [s] less what this thread has waited for a core: patience is counted in it."""
+    return time.monotonic() - core_time().waited
 
 
 class ChildProcess:
