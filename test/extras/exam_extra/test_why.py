@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -161,7 +162,37 @@ def explained(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / "drivers_of_why.py").write_text(CARELESS + "\n")
         with pytest.raises(InvalidInput, match="ads_files_sha256"):
             explain_exam(folder / "exam", 1, workers=1, quiet=True)
+        (folder / "drivers_of_why.py").write_text(CARELESS)
     return folder / "exam"
+
+
+def test_at_the_limit_the_worst_failure_is_looked_at_first_and_the_rest_is_said_to_be_left_out(
+    explained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first run comes to its end whatever the limit, and none follows it; the runs that are done count as any."""
+    monkeypatch.syspath_prepend(explained.parent)
+    exam = shutil.copytree(explained, tmp_path / "exam", ignore=shutil.ignore_patterns("why"))
+    with seated_here():
+        page = explain_exam(exam, 3, workers=1, quiet=True, limit=0.0).read_text()
+        cut = json.loads((exam / "why" / "report.json").read_text())
+        explain_exam(exam, 1, workers=1, quiet=True)
+    whole = json.loads((exam / "why" / "report.json").read_text())
+    found, (worst,) = cut["pedestrians"]["walker"], whole["pedestrians"]["walker"]["analysed"]
+    assert (cut["budget"]["limit_reached"], cut["budget"]["drives"]) == (True, 1)
+    assert [each["episode"] for each in found["analysed"]] == [worst["episode"]]
+    assert len(found["not_reached"]) == min(3, found["failures"]) - 1
+    for factor in ("full", "slower"):
+        each = found["analysed"][0]["factors"][factor]
+        assert (each["tried"], each["complete"]) == ({}, False)
+        assert each["reason"] == "no amount that was tried avoids it, the limit of time was reached"
+    assert f"Not driven again with walker, does not react:\n{', '.join(found['not_reached'])}." in page
+    assert not whole["budget"]["limit_reached"]
+    assert (
+        worst["factors"]
+        == json.loads((explained / "why" / "report.json").read_text())["pedestrians"]["walker"]["analysed"][0][
+            "factors"
+        ]
+    )
 
 
 def test_failures_are_explained_and_grouped(explained: Path) -> None:

@@ -1,5 +1,6 @@
 """The commands of this branch: `vpsci ads-search`, `ads-why`, `ads-protocol` and `ads-socket`."""
 
+import math
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -47,6 +48,9 @@ def ads_search(
 def ads_why(
     exam: Annotated[Path, typer.Argument(metavar="EXAM", help="Folder of an exam of `vpsci ads-test` that is over.")],
     failures: Annotated[int, typer.Option("-n", min=1, help="Worst failures with each pedestrian to drive again.")] = 3,
+    minutes: Annotated[
+        float, typer.Option(min=0.0, help="No run begins later; the same command goes on. 0: without a limit.")
+    ] = 10.0,
     workers: Workers = 1,
     quiet: Quiet = False,
 ) -> None:
@@ -57,7 +61,8 @@ def ads_why(
     from vpsci_ros.extras.exam_extra.explain import explain_exam
 
     with stoppable(exam):
-        page = explain_exam(exam, failures, workers=workers, quiet=quiet)
+        limit = 60.0 * minutes or math.inf
+        page = explain_exam(exam, failures, workers=workers, quiet=quiet, limit=limit)
     print(f"report: {page}")
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,10 +32,11 @@ FOLDER = "why"
 _TEMPLATE = Path(__file__).resolve().parent / "templates" / "why.html"
 
 
-def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool) -> Path:
+def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool, limit: float = math.inf) -> Path:
     """Drive the worst failures of an exam again, and return the page that says what avoids each.
 
     :param failures: with each pedestrian, at most.
+    :param limit: seconds after which no further run begins.
     :raises InvalidInput: no exam that is over, or its driving system is another one now.
     :raises VpsciError: a node has failed.
     """
@@ -53,7 +55,7 @@ def explain_exam(folder: Path, failures: int, *, workers: int, quiet: bool) -> P
         for name in exam.config.opponents
     }
     own.mkdir(exist_ok=True)
-    why, searches = explain(exam, own, runs, table, failures, workers=workers, quiet=quiet)
+    why, searches = explain(exam, own, runs, table, failures, workers=workers, limit=limit, quiet=quiet)
     why["groups"] = groups_of(exam, runs, table)
     write_text(own / "report.json", json.dumps(why, indent=2, allow_nan=False) + "\n")
     driven = {ADS: lambda name: runs[name].episodes}

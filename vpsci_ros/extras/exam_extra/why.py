@@ -3,11 +3,16 @@
 Four amounts of a factor are tried first, evenly spaced, then a few halvings between the least that avoids the failure
 and the next less one. So what is found is *a* boundary: below it a smaller change might do, too, where the four amounts
 miss it; and where a larger amount fails again, that is said.
+
+The worst failure with each pedestrian comes first, then the others. At a limit of time no further run begins: what was
+not tried by then is said to be so, and the same command goes on from there.
 """
 
 import contextlib
 import dataclasses
+import hashlib
 import math
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -17,7 +22,6 @@ import polars as pl
 
 from vpsci_ros.data.episode import Episode, Key
 from vpsci_ros.exam.conduct import run_with
-from vpsci_ros.exam.config import title_of
 from vpsci_ros.exam.exam import Exam
 from vpsci_ros.exam.in_graph import domain_of
 from vpsci_ros.exam.measures import RunResult, episode_table, worst_first
@@ -35,6 +39,7 @@ class Search:
     """The amounts of one factor that were tried in one case, with one pedestrian.
 
     :ivar failed: amount -> whether the episode failed with it, 0 for as it was.
+    :ivar cut: whether the limit of time came before all amounts were tried.
     :ivar episodes: amount -> the episode that came of it.
     """
 
@@ -43,6 +48,7 @@ class Search:
     factor: str
     span: Span
     failed: dict[float, bool] = dataclasses.field(default_factory=dict)
+    cut: bool = False
     episodes: dict[float, Episode] = dataclasses.field(default_factory=dict)
 
     def wanted(self, halving: int) -> list[float]:
@@ -84,12 +90,46 @@ class Search:
             },
             "fails_again_at": again,
             "most": self.span.most,
-            "reason": self.span.reason or ("" if least is not None else "no amount that was tried avoids it"),
+            "complete": not self.cut,
+            "reason": self.span.reason or self._reason(),
         }
 
+    def _reason(self) -> str:
+        found = "" if self.least is not None else "no amount that was tried avoids it"
+        return ", ".join(part for part in (found, "the limit of time was reached" if self.cut else "") if part)
 
-Unit = tuple[int, str, tuple[tuple[Key, float], ...]]
-"""A run in which cases are driven again: number, factor (empty: as they were), and each case's amount of it."""
+
+Unit = tuple[str, tuple[tuple[Key, float], ...]]
+"""A run in which cases are driven again: factor (empty: as they were), and each case's amount of it."""
+
+
+class Budget:
+    """The runs of an explanation: how many there may be, how long they take, and whether another one may begin.
+
+    :param limit: seconds after which no run begins; the first one does in any case.
+    """
+
+    def __init__(self, limit: float, bars: Bars) -> None:
+        self.most, self.runs, self.drives, self.reached = 0, 0, 0, False
+        self._limit, self._bars, self._begun = limit, bars, time.monotonic()
+
+    @property
+    def open(self) -> bool:
+        """Whether another run may begin."""
+        self.reached = self.reached or (self.runs > 0 and time.monotonic() - self._begun >= self._limit)
+        return not self.reached
+
+    def count(self, drives: int) -> None:
+        """Take note of a run that is done; after the first one say how long all may take."""
+        self.runs += 1
+        self.drives += drives
+        self._bars.bar("runs", self.runs, max(self.runs, self.most), note=f"{self.drives} episodes driven again")
+        if self.runs == 1:
+            took = time.monotonic() - self._begun
+            minutes = took * self.most / 60.0
+            text = f"the first run took {took:.0f} s, so all take at most {minutes:.0f} min one after the other"
+            self._bars.line(text, now=True)
+        self._bars.line("")
 
 
 def explain(
@@ -100,6 +140,7 @@ def explain(
     failures: int,
     *,
     workers: int = 1,
+    limit: float = math.inf,
     quiet: bool = False,
 ) -> tuple[dict[str, Any], list[Search]]:
     """Drive the worst failures of an exam again, and return what avoids each, and every search with its episodes.
@@ -108,78 +149,99 @@ def explain(
     :param runs: pedestrian -> the system's run with it.
     :param table: a row an episode.
     :param failures: with each pedestrian, at most: the worst of them.
+    :param limit: seconds after which no further run begins.
     :raises VpsciError: a node has failed.
     """
     kind = exam.config.failure
-    found: dict[str, Any] = {}
+    failed = table.filter((pl.col("driver") == ADS) & pl.col("pedestrian").is_in(list(runs)) & pl.col(kind))
+    chosen = {name: _cases(failed.filter(pl.col("pedestrian") == name), runs[name], failures) for name in runs}
+    chosen = {name: cases for name, cases in chosen.items() if cases}
+    parts = [(name, cases[:1]) for name, cases in chosen.items()]
+    parts += [(name, cases[1:]) for name, cases in chosen.items() if cases[1:]]
     searches: list[Search] = []
-    drives = 0
-    for name in exam.config.opponents:
-        rows = table.filter((pl.col("driver") == ADS) & (pl.col("pedestrian") == name) & pl.col(kind))
-        chosen = worst_first(rows).head(failures)
-        episodes = {episode.key: episode for episode in runs[name].episodes} if name in runs else {}
-        keys = [(int(s), int(e)) for s, e in chosen.select("scenario", "episode").iter_rows()]
-        cases = [case_of(episodes[key]) for key in keys if key in episodes]
-        if not cases:
-            continue
-        again = _Again(exam, folder / name, name, workers=workers, quiet=quiet)
-        mine, repeats = again.searched(cases)
-        searches += mine
-        drives += again.drives
-        found[name] = {
-            "failures": rows.height,
+    repeats: dict[tuple[str, Key], bool] = {}
+    with Bars(quiet=quiet) as bars:
+        budget = Budget(limit, bars)
+        groups = [_Again(exam, folder / name, name, cases, budget, workers) for name, cases in parts]
+        budget.most = sum(group.most for group in groups)
+        if groups:
+            until = f"; none begins after {limit / 60.0:g} min" if math.isfinite(limit) else ""
+            bars.line(f"{sum(map(len, chosen.values()))} failures, in at most {budget.most} runs{until}", now=True)
+        for group in groups:
+            if budget.open:
+                mine, again = group.searched()
+                searches += mine
+                repeats |= {(group.pedestrian, key): known for key, known in again.items()}
+    found = {
+        name: {
+            "failures": failed.filter(pl.col("pedestrian") == name).height,
             "analysed": [
-                {"episode": case.name, "repeats": repeats[case.key],
-                 "factors": {search.factor: search.as_json() for search in mine if search.case is case}}
-                for case in cases
+                {"episode": case.name, "repeats": repeats[name, case.key],
+                 "factors": {search.factor: search.as_json() for search in searches
+                             if search.case is case}}
+                for case in cases if (name, case.key) in repeats
             ],
-        }  # fmt: skip
+            "not_reached": [case.name for case in cases if (name, case.key) not in repeats],
+        }
+        for name, cases in chosen.items()
+    }  # fmt: skip
     definitions = {name: {"title": each.title, "unit": each.unit, "definition": each.definition}
                    for name, each in FACTORS.items()}  # fmt: skip
-    budget = {"failures": failures, "first": GRID, "halvings": HALVINGS, "drives": drives}
-    return {"failure": kind, "budget": budget, "factors": definitions, "pedestrians": found}, searches
+    spent = {"failures": failures, "first": GRID, "halvings": HALVINGS, "drives": budget.drives,
+             "minutes": limit / 60.0 if math.isfinite(limit) else None, "limit_reached": budget.reached}  # fmt: skip
+    return {"failure": kind, "budget": spent, "factors": definitions, "pedestrians": found}, searches
+
+
+def _cases(failed: pl.DataFrame, run: RunResult, most: int) -> list[Case]:
+    """Return the worst failures with a pedestrian, the worst first."""
+    episodes = {episode.key: episode for episode in run.episodes}
+    keys = worst_first(failed).head(most).select("scenario", "episode").iter_rows()
+    return [case_of(episodes[int(s), int(e)]) for s, e in keys if (int(s), int(e)) in episodes]
 
 
 class _Again:
-    """Runs with one pedestrian in which failures are driven again.
+    """Runs with one pedestrian in which some failures are driven again.
 
-    :ivar drives: episodes that were driven.
+    :ivar most: how many runs there may be.
     """
 
-    def __init__(self, exam: Exam, folder: Path, pedestrian: str, *, workers: int, quiet: bool) -> None:
-        self._exam, self._folder, self._pedestrian = exam, folder, pedestrian
-        self._workers, self._quiet = workers, quiet
-        self._units = 0
-        self.drives = 0
+    def __init__(
+        self, exam: Exam, folder: Path, pedestrian: str, cases: Sequence[Case], budget: Budget, workers: int
+    ) -> None:
+        self._exam, self._folder, self.pedestrian = exam, folder, pedestrian
+        self._budget, self._workers = budget, workers
+        self._known = {case.key: case for case in cases}
+        self._searches = [Search(pedestrian, case, name, factor.span(case, exam)) for case in cases
+                          for name, factor in FACTORS.items()]  # fmt: skip
+        varied = {(s.factor, s.case.key if FACTORS[s.factor].shared else None) for s in self._searches if s.span.most}
+        self.most = 1 + (GRID + HALVINGS) * len(varied)
         self._pool: Workers[Unit, RunResult]
 
-    def searched(self, cases: Sequence[Case]) -> tuple[list[Search], dict[Key, bool]]:
-        """Return a search for each case and factor, and whether each case failed again when nothing was changed."""
-        searches = [Search(self._pedestrian, case, name, factor.span(case, self._exam)) for case in cases
-                    for name, factor in FACTORS.items()]  # fmt: skip
-        known = {case.key: case for case in cases}
-        job = partial(_conductor, self._exam, self._folder, self._pedestrian, known)
+    def searched(self) -> tuple[list[Search], dict[Key, bool]]:
+        """Return a search for each case and factor, and whether each case failed again when nothing was changed.
+
+        Cases for which not even that is known, since the limit came first, are not among the latter.
+        """
+        job = partial(_conductor, self._exam, self._folder, self.pedestrian, self._known)
         self._pool = local_workers(job, min(self._workers, GRID * len(FACTORS)))
-        with contextlib.closing(self._pool), Bars(quiet=self._quiet) as bars:
-            control = self._unit("", [(case.key, 0.0) for case in cases])
+        with contextlib.closing(self._pool):
+            control = self._unit("", [(key, 0.0) for key in self._known])
             as_it_was = {key: (fails, episode) for _, key, _, fails, episode in self._driven([control])}
-            repeats = {key: key in as_it_was and as_it_was[key][0] for key in known}
+            repeats = {key: key in as_it_was and as_it_was[key][0] for key in self._known}
+            searches = [search for search in self._searches if search.span.most and repeats[search.case.key]]
             for search in searches:
-                if search.span.most and repeats[search.case.key]:
-                    search.failed[0.0], search.episodes[0.0] = as_it_was[search.case.key]
+                search.failed[0.0], search.episodes[0.0] = as_it_was[search.case.key]
             for halving in range(1 + HALVINGS):
-                wanted = [(search, amount) for search in searches if repeats[search.case.key]
-                          for amount in search.wanted(halving)]  # fmt: skip
+                wanted = [(search, amount) for search in searches for amount in search.wanted(halving)]
                 by = {(search.factor, search.case.key): search for search, _ in wanted}
                 for factor, key, amount, fails, episode in self._driven(list(self._units_of(wanted))):
                     by[factor, key].failed[amount], by[factor, key].episodes[amount] = fails, episode
-                what = f"why, {title_of(self._pedestrian)}"
-                bars.bar(what, halving + 1, 1 + HALVINGS, note=f"{self.drives} episodes driven again")
-        return searches, repeats
+                for search, amount in wanted:
+                    search.cut = search.cut or (self._budget.reached and amount not in search.failed)
+        return self._searches, repeats
 
     def _unit(self, factor: str, amounts: Sequence[tuple[Key, float]]) -> Unit:
-        self._units += 1
-        return self._units, factor, tuple(sorted(amounts, key=lambda each: (each[0][1], each[0][0])))
+        return factor, tuple(sorted(amounts, key=lambda each: (each[0][1], each[0][0])))
 
     def _units_of(self, wanted: Sequence[tuple[Search, float]]) -> Iterator[Unit]:
         """Yield runs in which each episode comes once, and with one amount where a factor has it in common."""
@@ -197,12 +259,16 @@ class _Again:
     def _driven(self, units: Sequence[Unit]) -> Iterator[tuple[str, Key, float, bool, Episode]]:
         """Yield factor, episode, amount, whether it failed, and the episode that came of it."""
         waiting = iter(units)
-        for (_, factor, changed), result in computed(self._pool, lambda: next(waiting, None), ahead=0):
-            rows = episode_table(result, [], self._exam.config, driver=ADS, pedestrian=self._pedestrian)
+
+        def following() -> Unit | None:
+            return next((unit for unit in waiting if self._budget.open), None)
+
+        for (factor, changed), result in computed(self._pool, following, ahead=0):
+            rows = episode_table(result, [], self._exam.config, driver=ADS, pedestrian=self.pedestrian)
             failed = dict(zip(rows.select("scenario", "episode").iter_rows(),
                               rows[self._exam.config.failure], strict=True))  # fmt: skip
             amounts = dict(changed)
-            self.drives += len(result.episodes)
+            self._budget.count(len(result.episodes))
             for episode in result.episodes:
                 yield factor, episode.key, amounts[episode.key], bool(failed[episode.key]), episode
 
@@ -211,11 +277,17 @@ def _conductor(exam: Exam, folder: Path, pedestrian: str, cases: Mapping[Key, Ca
     """Return what conducts a run of changed episodes, in a process of its own or not."""
 
     def conduct(unit: Unit) -> RunResult:
-        number, factor, amounts = unit
+        factor, amounts = unit
         changed = exam.only([key for key, _ in amounts])
         if factor:
             changed = FACTORS[factor].change(changed, {key: (cases[key], amount) for key, amount in amounts})
         with domain_of(exam):
-            return run_with(changed, pedestrian, folder / f"{number}-{factor or 'as_it_was'}", "", quiet=True)
+            return run_with(changed, pedestrian, folder / _name(unit), "", quiet=True)
 
     return conduct
+
+
+def _name(unit: Unit) -> str:
+    """Return the name of a run's folder: equal for equal runs, however many others there are."""
+    digest = hashlib.sha256(repr(unit).encode()).hexdigest()[:12]
+    return f"{unit[0] or 'as_it_was'}-{digest}"
