@@ -31,7 +31,11 @@ class GraphConfig:
 
     nodes: list[str] = parameter([*NODES[:4], "recorder"], "nodes that make up the graph", choices=NODES)
     progress_timeout: float = parameter(
-        60.0, "without progress for so long, the run is stopped with an error", unit="s", low=1.0, high=86400.0
+        60.0,
+        "without progress for so long, the run is stopped with an error; starting and waiting for a core do not count",
+        unit="s",
+        low=1.0,
+        high=86400.0,
     )
     namespace: str = parameter("", "namespace of all nodes, such as /left; empty: none")
     composed: bool = parameter(
