@@ -62,14 +62,15 @@ def _data_dir(package: Path, folder: str, what: str) -> Path:
     )
 
 
-def weights_path(name: str, package: Path = _PACKAGE) -> Path:
+def weights_path(name: str, package: Path = _PACKAGE, *, made_by: str = "vpsci people") -> Path:
     """Return the file of the policy that `name` means: a path, or the name of one shipped with the package ("people").
 
+    :param made_by: the command that makes such a file, named where a path leads nowhere.
     :raises InvalidInput: there is no such file.
     """
     if name.endswith(".safetensors"):
         if not Path(name).is_file():
-            raise InvalidInput(f"weights {name}: no such file; make one with 'vpsci people', or name a shipped one")
+            raise InvalidInput(f"weights {name}: no such file; make one with '{made_by}', or name a shipped one")
         return Path(name)
     shipped = {path.stem: path for path in (package / "models").glob("*.safetensors")}
     if name not in shipped:

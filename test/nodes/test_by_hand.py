@@ -5,10 +5,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
 from nodes.by_hand import ByHand, content
 from nodes.stage import PATIENCE
+from synthetic import synthetic_near_misses
 
 from vpsci_ros.bags.reader import Bag
+from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.cli.stages import stage_2_inputs
+from vpsci_ros.data.near_misses import write_near_misses
+from vpsci_ros.errors import InvalidInput
+from vpsci_ros.learning.config import LearnerConfig
+from vpsci_ros.nodes.graph import resolve, run_graph
 from vpsci_ros.parameters import read_parameter_file
 from vpsci_ros.resources import params_dir
 from vpsci_ros.runs.config import Sections
@@ -53,3 +61,37 @@ def test_a_stages_nodes_in_one_process_started_by_hand_with_its_file_reach_its_e
     extra = tuple(word for name, value in small.items() for word in ("-p", f"{name}:={value}"))
     graph.start(",".join(read_parameter_file(file)["graph"]["nodes"]), extra=extra)
     assert "/diagnostics" in Bag(graph.finish()).topics()
+
+
+def test_a_learner_started_by_hand_writes_where_the_parameter_file_of_stage_two_reads(
+    domain: int, tmp_path: Path, closed: Callable[[Any], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both files as they are shipped; the smallest networks, one iteration and a small table make it short."""
+    monkeypatch.chdir(tmp_path)
+    write_near_misses(synthetic_near_misses(8).table, tmp_path / "near.parquet")
+    small = {"episodes": 1, "hidden": 8, "layers": 1, "held_out_fraction": 0.0, "near_misses": "[near.parquet]"}
+    learner = closed(ByHand(tmp_path, params_dir() / "stage1_pretrain.yaml"))
+    learner.start("learner", extra=tuple(word for name, value in small.items() for word in ("-p", f"{name}:={value}")))
+    assert learner.running["learner"].wait(PATIENCE) == 0, learner.log("learner")
+    start = stage_2_inputs(load("stage2_online", ["learner.near_misses=[near.parquet]"]))[3]
+    assert (start.facts["stage"], start.facts["data"]["interactions"]) == ("pretrained", 8)
+
+
+def test_a_graph_and_a_command_given_the_folder_of_the_parameter_file_write_where_a_node_by_hand_does() -> None:
+    for stage in ("stage1_pretrain", "stage2_online"):
+        sections = load(stage, [])
+        by_hand = sections.get(LearnerConfig, "learner").output
+        assert f"-o {by_hand}\n" in (params_dir() / f"{stage}.yaml").read_text(), "the command that the file names"
+        assert resolve(sections, Path(by_hand)).get(LearnerConfig, "learner").output == by_hand
+
+
+def test_stage_two_without_the_weights_of_stage_one_names_the_command_that_makes_them(
+    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    sections = load("stage2_online", [])
+    hint = "out/stage1/pretrained.safetensors: no such file; make one with 'vpsci pretrain', or name a shipped one"
+    with pytest.raises(InvalidInput, match=hint):
+        stage_2_inputs(sections)
+    with pytest.raises(InvalidInput, match=hint):
+        run_graph(sections, tmp_path / "graph", quiet=True)

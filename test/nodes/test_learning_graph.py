@@ -31,8 +31,8 @@ def stage_one(folder: Path, near_misses: str) -> GraphResult:
     assert (parameters["stage"], parameters["replay.batch_size"]) == ("pretrain", 16)
     with pytest.raises(InvalidInput, match="of stage 1, in which a learner reads a table and nothing is simulated"):
         verify_bag(first.bag)
-    assert pl.read_csv(first.folder / "learner" / "log.csv").height == 2
-    assert (first.folder / "learner" / "learning.png").exists()
+    assert pl.read_csv(first.folder / "log.csv").height == 2
+    assert (first.folder / "learning.png").exists()
     return first
 
 
@@ -41,7 +41,7 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
 ) -> None:
     write_near_misses(synthetic_near_misses(8).table, tmp_path / "near.parquet")
     near_misses = f"near_misses=[{tmp_path / 'near.parquet'}]"
-    pretrained = stage_one(tmp_path / "stage1", near_misses).folder / "learner" / "pretrained.safetensors"
+    pretrained = stage_one(tmp_path / "stage1", near_misses).folder / "pretrained.safetensors"
     assert load_weights(pretrained).facts["stage"] == "pretrained"
 
     world: dict[str, Any] = {"scenarios": [1, 6], "episodes": 3, "batch": 2}
@@ -51,9 +51,9 @@ def test_stage_one_writes_weights_from_which_stage_two_learns_on_while_the_graph
     assert second.error == ""
     learner = {name: float(value) for name, value in second.nodes["learner"].figures.items()}
     assert learner["lost"] == 0
-    assert load_weights(second.folder / "learner" / "refined.safetensors").facts["stage"] == "refined"
-    rows = pl.read_csv(second.folder / "learner" / "refine_log.csv")
-    rewards = pl.read_csv(second.folder / "learner" / "refine_episodes.csv")
+    assert load_weights(second.folder / "refined.safetensors").facts["stage"] == "refined"
+    rows = pl.read_csv(second.folder / "refine_log.csv")
+    rewards = pl.read_csv(second.folder / "refine_episodes.csv")
     assert rows["updates"][-1] >= learner["updates"] >= 2  # it may go on after its last report
     assert rewards["episode"].to_list() == list(range(1, rows["episodes"][-1] + 1)), "a row for every episode"
 

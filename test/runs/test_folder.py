@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from vpsci_ros.cli.parameter_file import load
+from vpsci_ros.documents import dump_yaml
 from vpsci_ros.errors import InvalidInput, Stopped
+from vpsci_ros.parameters import as_ros_parameters
 from vpsci_ros.runs import folder
 from vpsci_ros.runs.config import Sections
 from vpsci_ros.runs.files import sha256
@@ -56,6 +58,18 @@ def test_a_folder_of_other_parameters_or_of_something_else_is_refused(tmp_path: 
     with pytest.raises(InvalidInput, match="the output folder is not empty"):
         RunFolder(tmp_path / "photos", SECTIONS)
     assert [path.name for path in (tmp_path / "photos").iterdir()] == ["cat.jpg"]
+
+
+def test_a_command_goes_on_from_the_checkpoint_of_a_graph_and_refuses_a_graphs_folder_without_one(tmp_path) -> None:
+    learner = SECTIONS.values["learner"] | {"peers": ["learner"]}
+    graph = Sections({"graph": {"nodes": ["learner"]}, "learner": learner})
+    (tmp_path / "params.yaml").write_text(dump_yaml(as_ros_parameters(graph.values)))
+    with pytest.raises(InvalidInput, match=r"params.yaml: holds a run with graph = "):
+        RunFolder(tmp_path, SECTIONS)
+    (tmp_path / "checkpoint.safetensors").write_bytes(b"state")
+    with RunFolder(tmp_path, SECTIONS) as run:
+        assert not run.done
+        assert load(tmp_path / "params.yaml").values["learner"] == {"seed": 1, "episodes": 600}, "without peers"
 
 
 def test_a_folder_knows_whether_it_holds_this_run_finished_from_the_same_inputs(tmp_path: Path) -> None:

@@ -155,7 +155,7 @@ def _stage(folder: Path, stage: int, changes: dict[str, dict[str, Any]]) -> tupl
         raise VpsciError(f"stage {stage}: {result.error}")
     learner = result.nodes.get("learner")
     weights = ("pretrained.safetensors", "refined.safetensors", "")[stage - 1]
-    return dict(learner.figures) if learner else {}, str(result.folder / "learner" / weights), sections
+    return dict(learner.figures) if learner else {}, str(result.folder / weights), sections
 
 
 def _beside(people: Sequence[Shown], trained: Sequence[Shown]) -> Table:

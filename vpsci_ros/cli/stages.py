@@ -160,7 +160,7 @@ def stage_2_inputs(sections: Sections) -> Stage2Inputs:
     :raises InvalidInput: a parameter, the weights or the near misses are refused, or the section is of stage 1.
     """
     learner, config, simulation = stage_2_parameters(sections)
-    start = weights_path(learner.weights)
+    start = learner.start()
     resolved = {
         "learner": _without_output(learner, config),
         "world_simulator": settings_of(sections.get(RunConfig, "world_simulator"), simulation.world),

@@ -5,9 +5,11 @@ The paper's Table 8 and section 3.2 give most of them; a description says where 
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 from vpsci_ros.errors import InvalidInput
 from vpsci_ros.parameters import constant, parameter
+from vpsci_ros.resources import weights_path
 from vpsci_ros.world.config import WorldConfig
 from vpsci_ros.world.observation import AGENTS
 
@@ -29,6 +31,13 @@ class LearnerConfig:
     def __post_init__(self) -> None:
         if self.stage == "pretrain" and self.weights:
             raise InvalidInput(f"weights = {self.weights}: stage 1 starts without weights; stage 2 starts from them")
+
+    def start(self) -> Path:
+        """Return the file of the weights that stage 2 starts from.
+
+        :raises InvalidInput: there is no such file.
+        """
+        return weights_path(self.weights, made_by="vpsci pretrain")
 
 
 # ---- both stages (Table 8)

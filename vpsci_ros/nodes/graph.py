@@ -73,7 +73,7 @@ def run_graph(
     `vpsci_ros.nodes.failures`, and docs/promises.md lists them.
 
     :param sections: as `vpsci_ros.cli.parameter_file.load` returns them.
-    :param folder: output folder, empty or new: bag/, learner/, log/, params.yaml (resolved), run.json.
+    :param folder: output folder, empty or new: bag/, log/, params.yaml (resolved), run.json, and what a learner writes.
     :param stop_when: called about ten times a second with the nodes' latest reports and for how long nothing has
         happened [s]; an answer ends the run, and is its `error`.
     :raises InvalidInput: a parameter is refused, there are no such weights, another graph runs in this ROS domain,
@@ -81,8 +81,7 @@ def run_graph(
     """
     require_security()
     resolved = resolve(sections, Path(folder))
-    weights = sorted({values["weights"] for values in resolved.values.values() if values.get("weights")})
-    hashes = {name: sha256(weights_path(name)) for name in weights}
+    hashes = {name: sha256(path) for name, path in sorted(_weights(resolved).items())}
     chosen = resolved.get(GraphConfig, "graph")
     begun = time.monotonic()
     with contextlib.ExitStack() as stack:
@@ -116,6 +115,18 @@ def run_graph(
                 inputs=hashes | {str(path): sha256(path) for path in near_misses if path.is_file()},
             )
     return result
+
+
+def _weights(resolved: Sections) -> dict[str, Path]:
+    """Return the files of all weights that the nodes begin with, by their names in the parameters.
+
+    :raises InvalidInput: there is no such file.
+    """
+    found = {}
+    for node, values in resolved.values.items():
+        if name := values.get("weights"):
+            found[name] = resolved.get(LearnerConfig, node).start() if node == "learner" else weights_path(name)
+    return found
 
 
 def _taken_away(claim: Claim, stop_when: StopWhen | None) -> StopWhen:
@@ -168,7 +179,7 @@ def resolve(sections: Sections, folder: Path) -> Sections:
         if node == "recorder":
             values["bag"] = str(folder / "bag")
         if node == "learner":
-            values["output"] = str(folder / "learner")
+            values["output"] = str(folder)
         kinds = section_classes(node, values)
         refuse_unknown(values, {row.name: row for kind in kinds for row in table(kind)}, node)
         resolved[node] = settings_of(*(pick(kind, values, node) for kind in kinds))
@@ -297,7 +308,7 @@ def _settle(result: GraphResult, processes: NodeProcesses) -> None:
         from vpsci_ros.report.learning import save_learning  # with torch, which no other graph needs here
 
         with _collecting_errors(result):
-            save_learning(result.folder / "learner")
+            save_learning(result.folder)
 
 
 @contextlib.contextmanager
@@ -321,7 +332,7 @@ def _incomplete(result: GraphResult, processes: NodeProcesses, resolved: Section
     if "world_simulator" in nodes:
         requested = resolved.get(RunConfig, "world_simulator").total
     if "learner" in nodes:
-        weights = result.folder / "learner" / WEIGHTS_OF_STAGE[resolved.get(LearnerConfig, "learner").stage]
+        weights = result.folder / WEIGHTS_OF_STAGE[resolved.get(LearnerConfig, "learner").stage]
         missing += [] if weights.is_file() else [f"the learner ended without {weights}"]
     try:
         recorded = _recorded(result.bag) if "recorder" in nodes else None

@@ -22,7 +22,6 @@ from vpsci_ros.nodes.base import GraphNode
 from vpsci_ros.nodes.topics import RECORDING
 from vpsci_ros.policy.config import NetworkConfig
 from vpsci_ros.policy.weights import load_weights
-from vpsci_ros.resources import weights_path
 from vpsci_ros.wire import layout
 
 REPORT_PERIOD = 0.5  # [s] between diagnostics
@@ -97,7 +96,7 @@ class Learner(GraphNode):
     # ---- stage 2
 
     def _begin_refining(self) -> Refiner:
-        weights = load_weights(weights_path(self.config(LearnerConfig).weights))
+        weights = load_weights(self._config.start())
         config = self.config(RefineConfig)
         refiner = Refiner(config, weights, self._near_misses, seed=self._config.seed, out_dir=self._folder)
         self._log = RefineLog(refiner, self._folder)

@@ -130,7 +130,8 @@ _GOES_ON = "checkpoint.safetensors"  # how the files end that a stopped run goes
 class RunFolder:
     """The output folder of one run; use it in a `with` block, which writes the record however the run ends.
 
-    :param folder: new, empty, of the same run, or holding a checkpoint that a graph of nodes left.
+    :param folder: new, empty, of the same run, or holding the checkpoint of a node. A graph's `params.yaml` beside it
+        is replaced; whether the checkpoint is of the same run is for its reader to check.
     :param sections: resolved parameters.
     :param inputs: files that the run reads; their hashes go into the record.
     :param facts: further JSON values for the record.
@@ -147,10 +148,11 @@ class RunFolder:
         """What the run came to, or had come to where it is done; JSON values that go into the record."""
         parameters = folder / PARAMETERS
         text = dump_yaml(as_ros_parameters(sections.values))
-        if parameters.exists():
-            found = _values(parameters)
+        resumable = any(folder.glob(f"*{_GOES_ON}"))
+        found = _values(parameters) if parameters.exists() else None
+        if found is not None and not (resumable and "graph" in found):
             require_same(parameters, found, dict.fromkeys(found) | _flat(parse_yaml(text, str(parameters))))
-        elif not any(folder.glob(f"*{_GOES_ON}")):
+        elif not resumable:
             require_empty_folder(folder)
         self.inputs = {str(path): sha256(path) for path in inputs}
         """SHA-256 of the files that the run reads, by path."""
