@@ -1,9 +1,18 @@
 """Distances between distributions are those worked out by hand, and clips, not interactions, are resampled."""
 
+import math
+
 import polars as pl
 import pytest
 
-from vpsci_ros.extras.paper.section_4.comparison import SCHEMA, describe, distance_between, onset_weights
+from vpsci_ros.extras.paper.section_4.bins import LEAST_IN_BIN, QUESTIONS, by_bins
+from vpsci_ros.extras.paper.section_4.comparison import (
+    SCHEMA,
+    between_halves,
+    describe,
+    distance_between,
+    onset_weights,
+)
 
 
 def encounters(least: list[float], onset: list[float] | None = None, groups: list[str] | None = None) -> pl.DataFrame:
@@ -41,3 +50,40 @@ def test_intervals_of_a_few_clips_are_wide_however_many_interactions_these_have(
     assert clips["value"] == rows["value"] == 0.5
     assert (clips["low"], clips["high"]) == pytest.approx((0.0, 1.0))
     assert 0.45 < rows["low"] < 0.48 < 0.52 < rows["high"] < 0.55
+
+
+def test_two_clips_differ_by_the_distance_between_them_and_one_clip_by_nothing_known():
+    """Either clip is one half: 1, 1 and 2, 2 differ by the whole distribution function and by 1 s, in every draw."""
+    found = between_halves(encounters([1.0, 1.0, 2.0, 2.0], groups=["a", "a", "b", "b"]))
+    assert found == {name: {"value": 1.0, "low": 1.0, "high": 1.0} for name in ("ks", "wasserstein")}
+    alone = between_halves(encounters([1.0, 2.0], groups=["a", "a"]))
+    assert all(math.isnan(value) for estimate in alone.values() for value in estimate.values())
+
+
+def of_speed(speeds: list[float], conflict: list[bool], groups: list[str] | None = None) -> pl.DataFrame:
+    """Encounters in which the vehicle drives at these speeds [m/s]."""
+    least = [1.0 if each else 3.0 for each in conflict]
+    return encounters(least, groups=groups).with_columns(vehicle_speed=pl.Series(speeds))
+
+
+CONFLICTS_BY_VEHICLE = QUESTIONS[0].name  # below 1, 2, 3, 4 m/s, above
+
+
+def test_a_share_by_speed_counts_the_interactions_of_its_bin_and_says_nothing_of_a_few():
+    """15 of 60 at 0.5 m/s, all of 20 at 1 m/s, which belongs to the next bin, and nine at 5 m/s, too few to tell."""
+    speeds = [0.5] * 60 + [1.0] * 20 + [5.0] * (LEAST_IN_BIN - 1)
+    conflict = [True] * 15 + [False] * 45 + [True] * 20 + [True] * (LEAST_IN_BIN - 1)
+    slow, next_, *_, fast = by_bins(of_speed(speeds, conflict), clustered=False)[CONFLICTS_BY_VEHICLE]
+    assert (slow["n"], slow["value"]) == (60, 0.25)
+    assert 0.10 < slow["low"] < 0.20 < 0.30 < slow["high"] < 0.40  # 0.25 +- 2 sqrt(0.25 * 0.75 / 60) = 0.14 to 0.36
+    assert (next_["n"], next_["value"], next_["high"]) == (20, 1.0, 1.0)
+    assert next_["low"] == pytest.approx(20 / (20 + 1.96**2), abs=1e-3)  # Wilson's: n / (n + z^2)
+    assert fast == {"n": LEAST_IN_BIN - 1, "value": None, "low": None, "high": None}
+
+
+def test_the_interval_of_a_share_by_speed_is_that_of_clips_where_these_are_resampled():
+    """Two clips of 50, one of conflicts only: a resample has 0, half or all of them."""
+    table = of_speed([0.5] * 100, [True] * 50 + [False] * 50, groups=["a"] * 50 + ["b"] * 50)
+    clips, rows = (by_bins(table, clustered=c)[CONFLICTS_BY_VEHICLE][0] for c in (True, False))
+    assert (clips["low"], clips["high"]) == pytest.approx((0.0, 1.0))
+    assert 0.38 < rows["low"] < 0.45 < 0.55 < rows["high"] < 0.62

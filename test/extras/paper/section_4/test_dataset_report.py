@@ -11,7 +11,7 @@ from synthetic import synthetic_near_misses
 
 from vpsci_ros.data.near_misses import write_near_misses
 from vpsci_ros.errors import InvalidInput
-from vpsci_ros.extras.paper.section_4.page import NUMBERS, PAGE, write_report
+from vpsci_ros.extras.paper.section_4.page import NUMBERS, PAGE, TABLE, write_report
 
 Written = tuple[Path, dict[str, Any]]
 PICTURES = ("trajectories", "nearness", "conflicts", "pedestrian_yields", "vehicle_yields")
@@ -65,6 +65,25 @@ def test_a_report_compares_every_source_with_recorded_people(written: Written) -
     assert report["sources"]["recorded_tgsim"]["interactions"] == 8
     assert set(report["distance"]) == {"generated", "beside", "between_halves_of_recorded"}
     assert report["distance"]["generated"] == report["distance"]["beside"]
+
+
+def test_the_table_has_recordings_their_halves_each_dataset_and_the_paper_side_by_side(
+    written: Written, dataset: Path
+) -> None:
+    folder, report = written
+    heads, _, *rows = [line.strip("| ").split(" | ") for line in (folder / TABLE).read_text("utf-8").splitlines()]
+    name = str(dataset)  # twice the same folder, so that its name would not tell the two apart
+    assert heads == ["recorded", "halves of it", name, name, "paper"]
+    table = {name: cells for name, *cells in rows}
+    ks = report["distance"]["generated"]["ks"]
+    cell = f"{ks['value']:.3f} [{ks['low']:.3f}, {ks['high']:.3f}]"
+    assert table["KS distance to recorded"][2:] == [cell, cell, "0.015"]
+    assert table["interactions"][0] == "20"
+    conflicts = table["conflicts: walking speed below 0.5, 1, 1.5 m/s, above [%]"]
+    assert conflicts[2] == "-, -, -, -", "six episodes are too few for any share"
+    assert conflicts[-1] == "rise"
+    page = (folder / PAGE).read_text(encoding="utf-8")
+    assert "<td>conflicts: walking speed below 0.5, 1, 1.5 m/s, above [%]" in page
 
 
 def test_a_dataset_without_a_kept_episode_is_refused_before_anything_is_written(

@@ -39,13 +39,14 @@ def report(
 
     Figures 7 to 9 and 11 to 13 and Table 10, beside recorded people and
     another dataset, with intervals. Writes report.html (needs no other file),
-    report.json and the pictures. A dataset of the rule-based pair:
+    report.md (sections 4.3, 4.5 and 4.6 as one table of numbers), report.json
+    and the pictures. A dataset of the rule-based pair:
 
       vpsci generate -o OUT
         --set world_simulator.vehicle_driver=autopilot
         --set world_simulator.pedestrian_driver=autopilot
     """
-    from vpsci_ros.extras.paper.section_4.page import PAGE, VIEW, sources_of_report, write_report
+    from vpsci_ros.extras.paper.section_4.page import PAGE, TABLE, VIEW, sources_of_report, write_report
     from vpsci_ros.runs.folder import output_folder
     from vpsci_ros.runs.progress import Bars
     from vpsci_ros.view.page import write_view
@@ -58,7 +59,8 @@ def report(
         inputs = sources_of_report(folder, near_misses, beside)
         shown = [replace(read_source(path), key=key, title=title) for key, title, path in inputs]
         write_view(folder_of_report / VIEW, shown, f"Episodes of {folder}")
-    print(f"written: {folder_of_report / PAGE} and {VIEW}, in which the episodes play; report.json and the pictures")
+    print((folder_of_report / TABLE).read_text(encoding="utf-8"))
+    print(f"written: {folder_of_report / PAGE} and {VIEW}, in which the episodes play; {TABLE}, report.json, pictures")
 
 
 @safety_app.callback()

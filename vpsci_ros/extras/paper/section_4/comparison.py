@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, batches, yields
@@ -41,7 +41,7 @@ def describe(encounters: pl.DataFrame, *, clustered: bool, seed: int = 0) -> dic
     """
     table = encounters.sort("least_curvttc")
     least = table["least_curvttc"].to_numpy()
-    draws = list(_weights(table, clustered, seed))
+    draws = list(weights(table, clustered, seed))
     found: dict[str, Any] = {"interactions": table.height, "groups": table["group"].n_unique()}
     found["least_curvttc"] = [
         _estimate(float(np.quantile(least, q)), [_quantile(least, w, q) for w in draws]) for q in QUARTILES
@@ -60,7 +60,7 @@ def distance_between(recorded: pl.DataFrame, generated: pl.DataFrame, seed: int 
     """
     grid = _Grid(recorded["least_curvttc"].to_numpy(), generated["least_curvttc"].to_numpy())
     value = grid.apart()
-    pairs = zip(_weights(recorded, True, seed), _weights(generated, False, seed + 1), strict=True)
+    pairs = zip(weights(recorded, True, seed), weights(generated, False, seed + 1), strict=True)
     drawn = [grid.apart(first, second) for first, second in pairs]
     onset = grid.apart(onset_weights(recorded, generated))
     found: dict[str, Any] = {}
@@ -69,8 +69,8 @@ def distance_between(recorded: pl.DataFrame, generated: pl.DataFrame, seed: int 
     return found
 
 
-def between_halves(recorded: pl.DataFrame, seed: int = 0) -> dict[str, float]:
-    """Return medians, over random halves of the recorded clips, of `ks` and `wasserstein` [s] between the halves.
+def between_halves(recorded: pl.DataFrame, seed: int = 0) -> dict[str, dict[str, float]]:
+    """Return `ks` and `wasserstein` [s] between random halves of the recorded clips: median and 95% of the draws.
 
     NaN where there is a single clip.
     """
@@ -80,8 +80,8 @@ def between_halves(recorded: pl.DataFrame, seed: int = 0) -> dict[str, float]:
     if count > 1:
         chosen = [np.isin(owner, rng.permutation(count)[: count // 2]) for _ in range(RESAMPLES)]
         found = [_Grid(least[half], least[~half]).apart() for half in chosen]
-    ks, wasserstein = np.median(np.array(found), axis=0)
-    return {"ks": float(ks), "wasserstein": float(wasserstein)}
+    draws = np.array(found)
+    return {name: _estimate(np.median(draws[:, i]), draws[:, i]) for i, name in enumerate(("ks", "wasserstein"))}
 
 
 def onset_weights(recorded: pl.DataFrame, generated: pl.DataFrame) -> Floats:
@@ -114,8 +114,8 @@ class _Grid:
         return float(np.abs(difference * apart).max(initial=0.0)), float(np.abs(difference) @ self._gap)
 
 
-def _weights(table: pl.DataFrame, clustered: bool, seed: int) -> Iterator[Floats]:
-    """Yield a weight for each row, of sum 1, in `RESAMPLES` resamples of rows or of whole groups."""
+def weights(table: pl.DataFrame, clustered: bool, seed: int) -> Iterator[Floats]:
+    """Yield a weight for each row, float64[N] of sum 1, in `RESAMPLES` resamples of rows or of whole groups."""
     owner = _owners(table) if clustered else np.arange(table.height)
     count = int(owner.max()) + 1
     for drawn in resamples(count, seed, RESAMPLES):
@@ -131,7 +131,7 @@ def _quantile(ordered: Floats, weight: Floats, q: float) -> float:
     return float(ordered[min(int(np.searchsorted(np.cumsum(weight), q)), len(ordered) - 1)])
 
 
-def _estimate(value: float, draws: list[float]) -> dict[str, float]:
+def _estimate(value: float, draws: ArrayLike) -> dict[str, float]:
     low, high = interval(draws)
     return {"value": float(value), "low": low, "high": high}
 

@@ -19,12 +19,12 @@ from scipy.ndimage import gaussian_filter
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.episode import Episode, yields
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.paper.section_4.bins import LEAST_IN_BIN
 from vpsci_ros.report.canvas import new_figure, save_png
 from vpsci_ros.report.world_figures import GROUND, PEDESTRIAN, VEHICLE, draw_ground, outlines
 from vpsci_ros.safety import CRITICAL_TTC, Yielded
 
 Floats = NDArray[np.float64]
-LEAST_IN_BIN = 10  # interactions; a share of fewer says nothing and is not drawn
 SHARES = Normalize(0.0, 100.0)
 WARM = "YlOrRd"  # the warmer, the likelier
 CONTOURS = (20.0, 40.0, 60.0, 80.0)  # [%]

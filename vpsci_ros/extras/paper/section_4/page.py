@@ -1,4 +1,4 @@
-"""The report of a dataset: numbers as JSON, pictures as PNG, and one HTML page that holds all of it."""
+"""The report of a dataset: numbers as JSON and as a table, pictures as PNG, and one HTML page that holds all of it."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -10,9 +10,10 @@ import polars as pl
 from vpsci_ros.data.dataset_reader import Dataset
 from vpsci_ros.data.near_misses import read_near_misses
 from vpsci_ros.data.parquet import read_metadata
-from vpsci_ros.data.published import CRITICAL_SHARES, LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10
+from vpsci_ros.data.published import CRITICAL_SHARES, KS, LEAST_CURVTTC, REAL_LEAST_CURVTTC, TABLE_10, WASSERSTEIN
 from vpsci_ros.data.reference import clean
 from vpsci_ros.errors import InvalidInput
+from vpsci_ros.extras.paper.section_4.bins import LEAST_IN_BIN, by_bins
 from vpsci_ros.extras.paper.section_4.comparison import (
     SHARES,
     between_halves,
@@ -22,13 +23,14 @@ from vpsci_ros.extras.paper.section_4.comparison import (
     recorded_encounters,
 )
 from vpsci_ros.extras.paper.section_4.figures import save_conflicts, save_nearness, save_yielding, typical_episodes
+from vpsci_ros.extras.paper.section_4.table import markdown, rows_of
 from vpsci_ros.report import html
 from vpsci_ros.report.trajectories import save_trajectories
 from vpsci_ros.resources import near_misses_path
 from vpsci_ros.runs.files import sha256, write_text
 from vpsci_ros.runs.provenance import software_versions
 
-PAGE, NUMBERS, VIEW = "report.html", "report.json", "view.html"
+PAGE, NUMBERS, TABLE, VIEW = "report.html", "report.json", "report.md", "view.html"
 GENERATED, RECORDED, CLEAN, BESIDE = "generated", "recorded", "recorded_clean", "beside"
 TITLES = {
     GENERATED: "generated",
@@ -82,6 +84,9 @@ def write_report(
     notify("drawing")
     pictures = _draw(data, {name: table for name, table in sources.items() if name in TITLES}, output)
     write_text(output / NUMBERS, json.dumps(report, indent=1) + "\n")
+    given = {GENERATED: folder} | ({} if beside is None else {BESIDE: beside})
+    heads, rows = rows_of(report, RECORDED if RECORDED in sources else None, _heads(given))
+    write_text(output / TABLE, markdown(heads, rows))
     html.write_page(
         output / PAGE,
         Path(__file__).resolve().parent / "templates" / "report.html",
@@ -93,6 +98,11 @@ def write_report(
         shares=SHARES,
         published=LEAST_CURVTTC,
         published_real=REAL_LEAST_CURVTTC,
+        published_ks=KS,
+        published_wasserstein=WASSERSTEIN,
+        heads=heads,
+        rows=rows,
+        least_in_bin=LEAST_IN_BIN,
         table_10=TABLE_10,
         published_shares=CRITICAL_SHARES,
         numbers=NUMBERS,
@@ -118,10 +128,17 @@ def sources_of_report(folder: Path, near_misses: Path | None, beside: Path | Non
     return [(key, TITLES[key], path) for key, path in given.items() if path is not None]
 
 
+def _heads(folders: Mapping[str, Path]) -> dict[str, str]:
+    """Return what a table calls these datasets: the names of their folders, or their paths where two are alike."""
+    names = {key: path.resolve().name for key, path in folders.items()}
+    return names if len(set(names.values())) == len(names) else {key: str(path) for key, path in folders.items()}
+
+
 def _numbers(data: Dataset, sources: Mapping[str, pl.DataFrame]) -> dict[str, Any]:
     report: dict[str, Any] = {
         "scenarios": {name: {key: row[key] for key in _COUNTS} for name, row in data.scenarios.items()},
         "sources": {name: describe(table, clustered=name.startswith(RECORDED)) for name, table in sources.items()},
+        "bins": {name: by_bins(table, clustered=name.startswith(RECORDED)) for name, table in sources.items()},
         "distance": {},
     }
     if RECORDED in sources:
