@@ -3,7 +3,7 @@
     python benchmarks/search.py [--pools 5] [--size 20000] [--budget 1000] [-o search.json]
 
 The driver is in this process, a rule as `example_ads` has it but with eyes 0.4 s late, a nearer horizon and a higher
-speed, so that it hits the learned pedestrian in some of a thousand episodes. It drives every episode of each pool,
+speed, so that it hits the default pedestrian in some of a thousand episodes. It drives every episode of each pool,
 which is the truth, and then the search has its budget of them. Control: how many failures a budget drawn at random
 would hold, and how many episodes at random an interval as narrow takes. Some ten minutes a pool of 20,000 on two cores.
 """

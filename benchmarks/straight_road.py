@@ -1,4 +1,4 @@
-"""A car that never brakes on a straight road: how often it touches the learned pedestrian, and one who walks on.
+"""A car that never brakes on a straight road: how often it touches the default pedestrian, and one who walks on.
 
     python benchmarks/straight_road.py [--episodes 200] [--speeds 2 5 8] [--leads -1 0 1]
 

@@ -1,4 +1,4 @@
-"""A driving system in front of the learned pedestrian, without the exam: ros2 launch vpsci_ros ads.launch.py.
+"""A driving system in front of the default pedestrian, without the exam: ros2 launch vpsci_ros ads.launch.py.
 
 It starts the package's example; with `ads:=none` the world waits for yours. docs/ads.md says what it has to answer.
 """

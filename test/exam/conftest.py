@@ -16,7 +16,7 @@ EXAMPLE = "vpsci_ros.nodes.example_driver:ExampleDriver"
 
 
 def small(ads_class: str = EXAMPLE, *, bags: bool = False, recorded: str = "", **world: Any) -> Exam:
-    """Return an exam of four episodes with the learned pedestrian and the walker, without the baseline."""
+    """Return an exam of four episodes with the default pedestrian and the walker, without the baseline."""
     short = {"scenarios": [1, 104], "episodes": 2, "episode_time": 3.0} | world
     chosen = {"pedestrians": ["learned", "walker"], "baseline": False, "bags": bags, "recorded": recorded}
     sections = load(params_dir() / "ads_test.yaml").changed("world_simulator", short).changed("ads_test", chosen)

@@ -49,7 +49,7 @@ def page(tmp_path_factory):
 
 def test_the_first_paragraph_counts_the_contacts_with_the_learned_pedestrian(page):
     text = re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", page[0]))
-    assert "With the learned pedestrian, 2 of 12 episodes end in a contact: 16.7% [4.7, 44.8]" in text
+    assert "With the default pedestrian, 2 of 12 episodes end in a contact: 16.7% [4.7, 44.8]" in text
     assert "The rule-based autopilot has a contact in 8.3% [1.5, 35.4] of these episodes. Of the critical" in text
 
 

@@ -1,4 +1,4 @@
-"""One agent for your own engine: the learned pedestrian, or the learned driver, without ROS and torch.
+"""One agent for your own engine: the default pedestrian, or the default driver, without ROS and torch.
 
 At each step your engine gives `Pedestrian` or `Driver` the states of all road users (`Vehicle`, `Walker`); it returns
 its motion to the next step. The same seed, episode and inputs give the same bits as in our world, whose code both run.

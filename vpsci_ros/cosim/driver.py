@@ -1,4 +1,4 @@
-"""The learned driver as one object for your own engine."""
+"""The default driver as one object for your own engine."""
 
 import math
 from collections.abc import Hashable, Mapping
@@ -39,7 +39,7 @@ class Drive(NamedTuple):
     :ivar steer, throttle, brake: of the last tick, -1 (right) to 1 (left), 0 to 1, 0 to 1, of a Model 3.
     :ivar curvttc: [s] to the pedestrian that it faces, at the beginning of the step; infinity without a contact.
     :ivar faces: key of that pedestrian; None without one.
-    :ivar controlled: whether the learned policy drives, rather than the autopilot.
+    :ivar controlled: whether the policy drives, rather than the autopilot.
     :ivar arrived: whether it has reached the goal of its lane; it drives on.
     """
 
@@ -59,9 +59,9 @@ class Drive(NamedTuple):
 
 
 class Driver:
-    """One learned driver of a Model 3 in its lane; give exactly one of `scenario` and `lane`.
+    """One default driver of a Model 3 in its lane; give exactly one of `scenario` and `lane`.
 
-    The autopilot drives until CurvTTC of a visible pedestrian falls below 5 s. Then the learned policy sets the speed,
+    The autopilot drives until CurvTTC of a visible pedestrian falls below 5 s. Then the policy sets the speed,
     until 3 s after the last critical tick. The driver keeps its lane and does not see other vehicles.
 
     :param weights: a file, a name shipped with the package, or `Weights`.

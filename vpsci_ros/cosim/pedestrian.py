@@ -1,4 +1,4 @@
-"""The learned pedestrian as one object for your own engine."""
+"""The default pedestrian as one object for your own engine."""
 
 import math
 from collections.abc import Hashable, Mapping
@@ -43,7 +43,7 @@ class Walk(NamedTuple):
     :ivar ax, ay: [m/s2] mean acceleration over the step.
     :ivar curvttc: [s] to the vehicle that it faces, at the beginning of the step; infinity without a contact.
     :ivar faces: key of that vehicle; None without one.
-    :ivar controlled: whether the learned policy moves it, rather than the rule-based walker.
+    :ivar controlled: whether the policy moves it, rather than the rule-based walker.
     :ivar arrived: whether it has reached the end of its route.
     """
 
@@ -60,9 +60,9 @@ class Walk(NamedTuple):
 
 
 class Pedestrian:
-    """One learned pedestrian; give exactly one of `scenario`, `route` and `goal`.
+    """One default pedestrian; give exactly one of `scenario`, `route` and `goal`.
 
-    It walks its route until CurvTTC of a visible vehicle falls below 5 s. From the next policy frame the learned
+    It walks its route until CurvTTC of a visible vehicle falls below 5 s. From the next policy frame the
     policy moves it, until 3 s after the last critical tick. Policy frames come every 0.1 s from the first step.
 
     :param weights: a file, a name shipped with the package, or `Weights`.

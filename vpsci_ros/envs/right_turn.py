@@ -31,7 +31,7 @@ class RightTurnEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     :param scenarios: numbers, names or files; episodes take them in turn.
     :param pedestrian: "policy", or a reference pedestrian: "autopilot", "constant_velocity", "social_force".
-    :param weights: of the learned pedestrian: a file, a name shipped with the package, or `Weights`.
+    :param weights: of the default pedestrian: a file, a name shipped with the package, or `Weights`.
     :param render_mode: "rgb_array" or None.
     :param config: of the world; of several `pedestrians` the one with the least CurvTTC is observed.
     :raises InvalidInput: an unknown scenario, pedestrian, weights file or render mode.

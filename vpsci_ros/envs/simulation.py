@@ -1,4 +1,4 @@
-"""A batch of episodes with world, monitor and learned pedestrian, advanced by the environment's actions."""
+"""A batch of episodes with world, monitor and default pedestrian, advanced by the environment's actions."""
 
 import dataclasses
 import operator
@@ -45,7 +45,7 @@ class Simulation:
     :param scenarios: numbers, names or files, taken in turn by each slot's episodes.
     :param pedestrian: "policy" (needs `weights`), or a reference pedestrian: "autopilot", "constant_velocity",
         "social_force"; "external" to give its actions to `step`; or an agent that another distribution adds.
-    :param weights: of the learned pedestrian: a file, a name shipped with the package, or `Weights`.
+    :param weights: of the default pedestrian: a file, a name shipped with the package, or `Weights`.
     :param always_critical: policies act from the first frame, critical or not.
     :raises InvalidInput: an unknown driver, scenario or weights file.
     """

@@ -26,7 +26,7 @@ DRIVERS = {
 """Pedestrian -> the world's `pedestrian_driver`."""
 
 TITLES = {
-    LEARNED: "learned pedestrian",
+    LEARNED: "default pedestrian",
     "recorded": "recorded people",
     "walker": "walker, does not react",
     "constant_velocity": "constant velocity",
@@ -100,6 +100,6 @@ class ExamConfig:
 
     @property
     def opponents(self) -> list[str]:
-        """The pedestrians to meet, recorded people after the learned one."""
+        """The pedestrians to meet, recorded people after the default one."""
         names = {*self.pedestrians, *(["recorded"] if self.recorded else [])}
         return [name for name in (*DRIVERS, *added_pedestrians()) if name in names]

@@ -156,7 +156,7 @@ def parse(text: str, opponents: Sequence[str], *, compared: bool = False) -> Cri
     if pedestrian is not None and pedestrian not in opponents:
         raise InvalidInput(f"{where}: no pedestrian {pedestrian!r} in this exam; it has {', '.join(opponents)}")
     if measure in INCREASES and (LEARNED not in opponents or pedestrian == LEARNED or len(opponents) < 2):
-        raise InvalidInput(f"{where}: {measure} compares another pedestrian with the learned one; the exam needs both")
+        raise InvalidInput(f"{where}: {measure} compares another pedestrian with {LEARNED}; the exam needs both")
     if measure in COMPARED and not compared:
         raise InvalidInput(f"{where}: {measure} compares with an earlier exam; name its folder by --baseline")
     return Criterion(" ".join(text.split()), measure, sign, float(number), pedestrian)

@@ -111,11 +111,11 @@ class Exam:
 
     @property
     def weights(self) -> Path:
-        """Weights of the learned pedestrian."""
+        """Weights of the default pedestrian."""
         return weights_path(self.sections.get(PolicyConfig, "pedestrian_policy").weights)
 
     def policy(self, pedestrian: str) -> PolicyConfig:
-        """Return the parameters of a pedestrian that acts from the hand-over on, learned or added."""
+        """Return the parameters of a pedestrian that acts from the hand-over on, by its weights or added."""
         return dataclasses.replace(self.sections.get(PolicyConfig, "pedestrian_policy"), agent=pedestrian)
 
     def with_pedestrian(self, pedestrian: str, vehicle: str) -> WorldConfig:

@@ -198,7 +198,7 @@ def write_page(
 
 
 def _summary(report: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the first paragraph is about: the learned pedestrian where the exam has it, else the first one."""
+    """Return what the first paragraph is about: the default pedestrian where the exam has it, else the first one."""
     scores = report["drivers"][ADS]
     first = LEARNED if LEARNED in scores else next(iter(scores))
     reliance = report["reliance"].get(ADS)

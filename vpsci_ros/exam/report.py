@@ -137,7 +137,7 @@ def differences(rows: pl.DataFrame, others: pl.DataFrame) -> dict[str, Any]:
 def _reliance(table: pl.DataFrame) -> dict[str, Any]:
     """Return how much each driver lives off the pedestrian's yielding.
 
-    `left_to_pedestrian`: of the critical episodes with the learned pedestrian that end without a contact, the share in
+    `left_to_pedestrian`: of the critical episodes with the default pedestrian that end without a contact, the share in
     which only the pedestrian yielded. `of_those_collide`: of these very episodes, the share that ends in a contact with
     a moving vehicle when the same pedestrian walks on. `moving_collision_increase`: by how much the share of such
     contacts grows over all episodes when the pedestrian walks on.

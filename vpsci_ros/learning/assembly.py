@@ -1,4 +1,4 @@
-"""Transitions that came by `/replay` become histories: rows from the hand-over to where control is given back."""
+"""Transitions that came by `/replay` become histories: rows from the first hand-over to the end of the episode."""
 
 import numpy as np
 from numpy.typing import NDArray

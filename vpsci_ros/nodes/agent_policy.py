@@ -1,4 +1,4 @@
-"""A learned policy as a node: answers WorldState and SafetyState of a policy tick with one agent's accelerations."""
+"""A policy as a node: answers WorldState and SafetyState of a policy tick with one agent's accelerations."""
 
 import time
 from functools import partial

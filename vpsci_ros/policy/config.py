@@ -49,7 +49,7 @@ class NoiseConfig:
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """One agent's learned policy."""
+    """One agent's policy."""
 
     agent: str = parameter(
         LEARNED, "who acts: learned, by the weights; or an agent that another distribution adds (docs/extending.md)"

@@ -26,7 +26,7 @@ from vpsci_ros.world.state import IDLE
 
 # ---- Kinds of pedestrian: walking speed, firmness at setting off, and reaction.
 #
-# An adult is the learned pedestrian. The other kinds differ by the numbers below; docs/world.md names the source of
+# An adult acts as its policy does. The other kinds differ by the numbers below; docs/world.md names the source of
 # each and which are assumed. Draws of the kind have a stream of their own, so adults are bit-identical to pedestrians
 # without kinds.
 

@@ -7,8 +7,8 @@ critical and has no hold left. So neither a flicker of CurvTTC nor a critical ti
 control to and fro.
 
 The danger is over when the two have passed each other, not when one of them has begun to give way: then the rule-based
-pair, which knows nothing of it, would take up its speed and its way into the same conflict, with less room than before.
-How long to wait was decided by measurement: docs/results.md.
+pair, which knows nothing of it, would go on at its speed and on its way into the same conflict, with less room than
+before. The benchmark `benchmarks/outcomes.py --world release_time=...` shows what a shorter wait costs.
 """
 
 import numpy as np

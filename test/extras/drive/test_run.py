@@ -129,7 +129,7 @@ def test_who_finishes_early_gets_a_report_of_what_was_driven_and_the_same_comman
         return [{"finish": True}] if message["type"] == "result" else at_once(message)
 
     failures, seen = driven(tmp_path / "drive", finishes)
-    why = "learned pedestrian: the ADS did not drive 5:0 to the end: at 0.00 s the person has finished (log: "
+    why = "default pedestrian: the ADS did not drive 5:0 to the end: at 0.00 s the person has finished (log: "
     assert [each.startswith(why) for each in failures] == [True]
     assert seen[-1] == {"type": "end", "driven": 1, "text": seen[-1]["text"]}
     kept = (tmp_path / "drive" / "runs" / "learned" / "run.json").stat().st_mtime_ns

@@ -93,7 +93,7 @@ class EngineWorld(World):
 CARLA = Engine(LiveServer, EngineWorld)
 
 
-# ---- The learned pedestrian as a `carla.Walker` in anybody's synchronous world.
+# ---- The default pedestrian as a `carla.Walker` in anybody's synchronous world.
 
 
 class LearnedWalker:
