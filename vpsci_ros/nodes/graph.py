@@ -122,7 +122,7 @@ def _weights(resolved: Sections) -> dict[str, Path]:
 
     :raises InvalidInput: there is no such file.
     """
-    found = {}
+    found: dict[str, Path] = {}
     for node, values in resolved.values.items():
         if name := values.get("weights"):
             found[name] = resolved.get(LearnerConfig, node).start() if node == "learner" else weights_path(name)

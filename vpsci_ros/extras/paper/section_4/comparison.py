@@ -81,7 +81,7 @@ def between_halves(recorded: pl.DataFrame, seed: int = 0) -> dict[str, dict[str,
         chosen = [np.isin(owner, rng.permutation(count)[: count // 2]) for _ in range(RESAMPLES)]
         found = [_Grid(least[half], least[~half]).apart() for half in chosen]
     draws = np.array(found)
-    return {name: _estimate(np.median(draws[:, i]), draws[:, i]) for i, name in enumerate(("ks", "wasserstein"))}
+    return {name: _estimate(float(np.median(draws[:, i])), draws[:, i]) for i, name in enumerate(("ks", "wasserstein"))}
 
 
 def onset_weights(recorded: pl.DataFrame, generated: pl.DataFrame) -> Floats:
